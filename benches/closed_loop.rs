@@ -1,8 +1,8 @@
-//! The gateway's loop, free-running, beside a blocking socket that exchanges the same bytes.
+//! Benchmark of the free-running loop of the gateway against a blocking socket that exchanges the same bytes.
 //!
-//! One loop reads eight input registers, steps the axis and writes one holding register, verified by its echo. Both
-//! sides and their server are pinned to one processor; otherwise the scheduler is measured. The limit: the gateway makes
-//! at least 0.80 of the blocking socket's loops.
+//! One loop reads eight input registers, steps the axis and writes one holding register, which its echo verifies. Both
+//! clients and their server are pinned to one processor; otherwise the result depends on the scheduler. Limit: the
+//! gateway makes at least 0.80 of the loops of the blocking socket.
 
 #![allow(clippy::unwrap_used, clippy::cast_precision_loss, reason = "a bench may stop where it stands")]
 
@@ -17,13 +17,13 @@ use criterion::{Criterion, Throughput};
 use isotherm::clock::Clock;
 use isotherm::gateway::{Gateway, Options, Pace};
 
-/// The gateway's loops per loop of the blocking socket, at least.
+/// Minimum ratio of the gateway's loops to the loops of the blocking socket.
 const LIMIT: f64 = 0.80;
 
-/// Shorter than any loop.
+/// Period of the axis that is shorter than any loop.
 const STEP_EACH_LOOP: Duration = Duration::from_micros(1);
 
-/// The eight registers: two temperatures, a position, and neighbours that fill the gaps.
+/// Profile with eight registers: two temperatures, a position, and registers that fill the gaps between them.
 const PROFILE: &str = r#"
 [machine]
 name = "bench"
@@ -80,7 +80,7 @@ scale = 0.01
 verify = "echo"
 "#;
 
-/// A Modbus server that does as little as one can: eight registers read, one written, any number of connections.
+/// Minimal Modbus server: it reads eight registers, writes one, and accepts any number of connections.
 struct Server {
     address: SocketAddr,
     loops: Arc<AtomicU64>,
@@ -130,7 +130,7 @@ fn answer(mut stream: TcpStream, loops: &AtomicU64) {
     }
 }
 
-/// Loops of a blocking client with the same bytes.
+/// Blocking client that exchanges the same bytes.
 struct PingPong {
     stream: TcpStream,
     transaction: u16,
@@ -157,7 +157,7 @@ impl PingPong {
     }
 }
 
-/// The gateway, running freely until it is dropped.
+/// A gateway that runs without pauses until it is dropped.
 struct Running {
     stop: Option<tokio::sync::oneshot::Sender<()>>,
     thread: Option<std::thread::JoinHandle<()>>,
@@ -168,7 +168,7 @@ impl Running {
         let text = PROFILE.replace("ADDRESS", &server.address.to_string());
         let loaded = isotherm_profile::parse(Path::new("bench.toml"), &text, &[], &[]);
         let profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
-        // Without a pause, and each loop with a step.
+        // Poll without a pause, and step the axis as often as `axis_every` says.
         let pace = Some(Pace { polls: Duration::from_micros(1), axes: axis_every });
         let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
         let thread = std::thread::spawn(move || {
@@ -197,7 +197,7 @@ impl Drop for Running {
     }
 }
 
-/// How long the server takes to see this many more loops.
+/// Measures how long the server takes for this number of further loops.
 fn time_for(server: &Server, clock: &Clock, loops: u64) -> Duration {
     let begun = (clock.now(), server.loops());
     while server.loops() < begun.1 + loops {
@@ -215,7 +215,7 @@ fn loops_per_second(server: &Server, clock: &Clock, span: Duration) -> f64 {
 
 fn main() {
     if let Some(cores) = core_affinity::get_core_ids() {
-        // Threads inherit it.
+        // New threads inherit the processor.
         core_affinity::set_for_current(cores[0]);
     }
     let server = Server::start();
@@ -237,7 +237,7 @@ fn main() {
     compare(&server, &clock);
 }
 
-/// The two in turn, so that the machine's mood meets both.
+/// Compares both clients in alternating turns, so that changes of the computer's speed affect both.
 fn compare(server: &Server, clock: &Clock) {
     let span = Duration::from_millis(500);
     let mut ratios = Vec::new();

@@ -1,8 +1,10 @@
-//! What identifying costs: 43 runs of six hours, 24 sensors through the usual lags, two axes, every run held out in turn and
-//! every choice made on inner folds, by each linear method that is compared; what stands in for the sensors beside; and a
-//! network of 24 days. Prints seconds and the peak of the memory, each with its limit and reached or MISSED.
+//! Benchmark of identification: 43 runs of six hours, 24 sensors with the usual lags, and two axes.
 //!
-//! `cargo bench --bench identify`; progress goes to stderr.
+//! Every run is held out in turn, and every choice is made on inner folds. The benchmark measures each linear method
+//! that is compared, the default method with substitutes for the sensors, and a network on 24 days. It prints seconds
+//! and peak memory, each with its limit and reached or MISSED.
+//!
+//! Run it with `cargo bench --bench identify`; progress goes to stderr.
 
 #![allow(clippy::unwrap_used, reason = "a bench that cannot go on fails")]
 
@@ -21,11 +23,11 @@ use rand::{RngExt, SeedableRng};
 const RUNS: u64 = 43;
 const MINUTES: u64 = 6 * 60;
 const SENSORS: usize = 24;
-/// By the clock on two cores: all linear methods, both axes; and a network of 24 of the days, one axis.
+/// Limits of elapsed time on two cores: all linear methods with both axes; a network on 24 of the days with one axis.
 const LINEAR_SECONDS: f64 = 5.0;
 const NETWORK_SECONDS: f64 = 20.0;
 const NETWORK_DAYS: usize = 24;
-/// Of processor time: the default, one axis; the same with what stands in for each sensor.
+/// Limits of processor time: the default method for one axis; the same with the substitutes of each sensor.
 const DEFAULT_SECONDS: f64 = 5.0;
 const WHOLE_SECONDS: f64 = 20.0;
 const MEGABYTES: f64 = 500.0;
@@ -36,7 +38,7 @@ fn main() {
     let profile = machine();
     let mut dataset = campaign();
     let clock = Clock::wall();
-    // By the clock, and of processor time.
+    // Returns elapsed time and processor time.
     let spent = |what: &mut dyn FnMut()| {
         let (begun, before) = (clock.now(), processor_seconds());
         what();
@@ -110,7 +112,7 @@ fn reached(figure: f64, most: f64) -> &'static str {
     if figure <= most { "reached" } else { "MISSED" }
 }
 
-/// A profile with the signals, and two axes whose models are still to be found.
+/// Profile with the signals, and two axes whose models are not known yet.
 fn machine() -> Profile {
     let mut text = "[machine]\nname = \"bench\"\nsettle = \"3min\"\n[bus.cell]\ntype = \"modbus-tcp\"\n\
                     address = \"127.0.0.1:1502\"\ntimeout = \"300ms\"\n[device.module]\nbus = \"cell\"\nunit = 1\n\
@@ -134,7 +136,8 @@ fn machine() -> Profile {
         .profile
 }
 
-/// Sensors that follow three sources of heat, each with its own pace; errors that follow some of them, late.
+/// Simulated data: sensors that follow three sources of heat, each with its own time constant, and errors that follow
+/// some of them with a delay.
 fn campaign() -> Dataset {
     let mut chance = rand_pcg::Pcg64::seed_from_u64(43);
     let mut runs = Vec::new();
@@ -170,7 +173,7 @@ fn campaign() -> Dataset {
     Dataset { columns: sensors.chain(errors).collect(), unread: Vec::new(), runs, remarks: Vec::new() }
 }
 
-/// The most memory that this process ever had.
+/// Peak memory of this process, in MB.
 fn peak_megabytes() -> f64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
@@ -178,7 +181,7 @@ fn peak_megabytes() -> f64 {
     kilobytes.unwrap_or(f64::NAN) / 1000.0
 }
 
-/// Over all threads: what remains comparable on a busy computer.
+/// Processor time of all threads, in seconds. It stays comparable on a busy computer.
 fn processor_seconds() -> f64 {
     const TICKS_PER_SECOND: f64 = 100.0;
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();

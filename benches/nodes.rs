@@ -1,10 +1,12 @@
-//! Five hundred values ten times a second, from nodes of OPC UA and from registers of Modbus: what the gateway takes of the processor and
-//! of memory for each.
+//! Benchmark of 500 values, ten times per second, from OPC UA nodes and from Modbus registers: processor time and
+//! memory of the gateway.
 //!
-//! `isotherm run` is a process of its own here, as on a machine; so are its devices, a server of asyncua and `isotherm virtual`. The limit:
-//! what is asked for comes ten times a second, for at most three times the processor time that Modbus takes, and 20 MB more.
+//! `isotherm run` is a separate process here, as on a machine. So are its devices: a server of asyncua, and
+//! `isotherm virtual`. The limits: the values arrive ten times per second. OPC UA takes at most three times the
+//! processor time of Modbus, and 20 MB more.
 //!
-//! `cargo bench --features opcua --bench nodes`; the seconds of a measurement may be given. Wants asyncua (`tests/run opcua`).
+//! Run it with `cargo bench --features opcua --bench nodes`. An argument sets the seconds of a measurement. It requires
+//! asyncua (`tests/run opcua`).
 
 #![allow(clippy::unwrap_used, reason = "a bench may stop where it stands")]
 
@@ -23,7 +25,7 @@ mod process;
 use process::Process;
 
 const VALUES: usize = 500;
-/// Polls in a second.
+/// Polls per second.
 const RATE: f64 = 10.0;
 const WARM_UP: Duration = Duration::from_secs(5);
 const MOST_TIMES: f64 = 3.0;
@@ -65,7 +67,7 @@ fn main() {
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_isotherm");
 
-/// A verb, with a state of its own.
+/// Command line of a verb; verbs other than `virtual` get a state directory.
 fn isotherm(verb: &str, profile: &Path) -> Command {
     let mut command = Command::new(PROGRAM);
     command.arg(verb).arg(profile).stderr(Stdio::null());
@@ -79,7 +81,7 @@ fn free() -> u16 {
     TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
 }
 
-/// asyncua; its port.
+/// Starts a server of asyncua, and returns its process and port.
 fn server(changing: bool) -> (Process, u16) {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let target = Path::new(PROGRAM).parent().unwrap().parent().unwrap();
@@ -90,7 +92,7 @@ fn server(changing: bool) -> (Process, u16) {
     if changing {
         command.arg("--changing");
     }
-    // What it is told, nothing: it lives as long as this.
+    // The server ends when its input closes. Nothing is ever written to the input.
     let (hears, said) = std::io::pipe().unwrap();
     let (told, tells) = std::io::pipe().unwrap();
     let process = Process::start(command.stdin(told).stdout(said));
@@ -118,7 +120,7 @@ fn measure(name: &str, profile: &Path, span: Duration) -> Found {
     found
 }
 
-/// How often the values have been taken so far. All of them must be good.
+/// Number of polls so far. All values must be good.
 fn polls(profile: &Path) -> f64 {
     let said = isotherm("status", profile).arg("--json").output().unwrap().stdout;
     let status: serde_json::Value = serde_json::from_slice(&said).unwrap();

@@ -1,8 +1,10 @@
-//! What placing costs: columns of about 7,000 and 26,444 nodes, from the FE input files of six load cases to the sensors; beside
-//! it CalculiX on the same files. Prints seconds by the clock and of processor time, the peak of the memory, and for each limit
-//! reached or MISSED.
+//! Benchmark of sensor placement: columns of about 7,000 and 26,444 nodes, from the FE input files of six load cases to
+//! the sensors.
 //!
-//! `cargo bench --bench place`; add `-- 20` for a column of cells of 20 mm (about 200,000 nodes) as well.
+//! For comparison, it runs CalculiX on the same files. It prints elapsed time, processor time, peak memory, and for
+//! each limit reached or MISSED.
+//!
+//! Run it with `cargo bench --bench place`. Add `-- 20` for a column with cells of 20 mm, about 200,000 nodes.
 
 #![allow(clippy::unwrap_used, reason = "a bench that cannot go on fails")]
 
@@ -29,15 +31,16 @@ mod bodies;
 
 use bodies::{Column, Warming};
 
-/// Cells in mm; the second column has 26,444 nodes.
+/// Cell sizes in mm; the second column has 26,444 nodes.
 const CELLS: [f64; 2] = [80.0, 45.0];
-/// From the FE input files to the sensors, by the clock on two cores; and as much from one file to the temperatures of its case,
-/// and to all of P, of which CalculiX is asked one column.
+/// Limit of elapsed time on two cores from the FE input files to the sensors. The same limit holds from one file to the
+/// temperatures of its case, and to the whole matrix P. CalculiX computes one column of P.
 const SECONDS: f64 = 2.0;
-/// Of what CalculiX takes for one case and one column of P: the same on a computer on which those take 1.6 and 3.4 s.
+/// Limit as a share of the time of CalculiX for one case and one column of P. It equals [`SECONDS`] on a computer on
+/// which these take 1.6 and 3.4 s.
 const SHARE: f64 = 0.4;
 
-/// As many guideway nodes as two rails of fourteen.
+/// Number of guideway nodes, as of two rails with fourteen nodes each.
 const GUIDE: usize = 28;
 
 fn main() {
@@ -49,7 +52,7 @@ fn main() {
             parts_alone(home.path());
             if let Some(ccx) = referee(home.path()) {
                 let share = seconds / ccx;
-                // That was asked of the fine column.
+                // The limit applies to the columns of `CELLS`.
                 let verdict = match share <= SHARE {
                     _ if cell > CELLS[1] => String::new(),
                     true => format!(", at most {SHARE}: reached"),
@@ -67,7 +70,7 @@ fn inputs(home: &Path) -> Vec<FeInput> {
     inputs.map(|input| input.unwrap_or_else(|faults| panic!("{faults}"))).collect()
 }
 
-/// By the clock and of processor time since it began.
+/// Elapsed time and processor time since the begin.
 struct Spent {
     clock: Clock,
     begun: Moment,
@@ -80,7 +83,7 @@ impl Spent {
         Spent { begun: clock.now(), clock, processor: processor_seconds() }
     }
 
-    /// And begins anew; the seconds by the clock.
+    /// Prints and returns the elapsed seconds, and restarts the measurement.
     fn say(&mut self, what: &str, most: Option<f64>) -> f64 {
         let seconds = self.clock.now().since(self.begun).as_secs_f64();
         let judged = most.map_or_else(String::new, |most| {
@@ -93,7 +96,7 @@ impl Spent {
     }
 }
 
-/// With the own elements, from the FE input files to the sensors, s.
+/// Runs the project's own solver from the FE input files to the sensors. Returns the elapsed seconds.
 fn own(cell: f64, home: &Path) -> f64 {
     let column = Column::new(cell, Kind::Tet10);
     let structure = write::mesh(&column.mesh) + &write::materials(&column.mesh, &column.materials);
@@ -143,7 +146,7 @@ fn guide(mesh: &Mesh) -> Vec<usize> {
     mesh.node_sets["GUIDE"].iter().copied().take(GUIDE).collect()
 }
 
-/// What CalculiX is asked, too: reading included, as it reads its own file.
+/// Measures the part that CalculiX computes too. Reading is included, because CalculiX reads its own file.
 fn parts_alone(home: &Path) {
     let path = home.join(Warming::EACH[0].name()).with_extension("inp");
     let read = || fe_input::read(&path).unwrap_or_else(|faults| panic!("{faults}"));
@@ -162,7 +165,8 @@ fn parts_alone(home: &Path) {
     println!("  the factor {} MB", structure.stored() * 8 / 1_000_000);
 }
 
-/// CalculiX on the same files: one steady case and one column of P, which it repeats for every further one. Both, s.
+/// Runs CalculiX on the same files, for one steady case and one column of P. It would repeat the latter for every
+/// further column. Returns the seconds of both together; `None` if CalculiX is missing.
 fn referee(home: &Path) -> Option<f64> {
     let inputs = inputs(home);
     let FeInput { mesh, materials, load, .. } = &inputs[0];
@@ -184,7 +188,7 @@ fn referee(home: &Path) -> Option<f64> {
     Some(case + column)
 }
 
-/// The most memory that this process ever had.
+/// Peak memory of this process, in MB.
 fn peak_megabytes() -> f64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
@@ -192,7 +196,7 @@ fn peak_megabytes() -> f64 {
     kilobytes.unwrap_or(f64::NAN) / 1000.0
 }
 
-/// Over all threads: what remains comparable on a busy computer.
+/// Processor time of all threads, in seconds. It stays comparable on a busy computer.
 fn processor_seconds() -> f64 {
     const TICKS_PER_SECOND: f64 = 100.0;
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();

@@ -1,5 +1,8 @@
-//! What it costs to plan the reads of a device (120 signals in four tables, some neighbours, some far apart), and to check
-//! a profile of 20,000 signals on 500 lines with an axis each: limit 2 s, and at most five times what a quarter of it takes.
+//! Benchmark of planning and checking.
+//!
+//! - Planning the reads of a device: 120 signals in four tables, some adjacent, some far apart.
+//! - Checking a profile of 20,000 signals on 500 lines with an axis each. Limits: 2 s, and five times the time for a
+//!   quarter of it.
 
 #![allow(clippy::unwrap_used, reason = "a bench may stop where it stands")]
 
@@ -14,7 +17,7 @@ use isotherm_profile::Profile;
 use isotherm_profile::plan::plan;
 use isotherm_profile::preview::Preview;
 
-/// A device with many signals, one axis that uses one of them.
+/// Profile with one device of many signals, and an axis that uses one of them.
 fn profile() -> Profile {
     let mut text = String::from(
         r#"
@@ -67,7 +70,7 @@ fn plan_reads(criterion: &mut Criterion) {
     });
 }
 
-/// A device of forty signals on a line of its own, with an axis and an output of its own, as often as it takes.
+/// Profile with this number of signals. Each forty signals are one device, with its own line, axis and output.
 fn large(signals: usize) -> String {
     let mut text = String::from("[machine]\nname = \"large\"\n");
     for place in 0..signals {
@@ -96,7 +99,7 @@ fn large(signals: usize) -> String {
     text
 }
 
-/// What `isotherm check` does, printed text and warnings included.
+/// Does the work of `isotherm check`, with the printed text and the warnings.
 fn check(text: &str) -> usize {
     let loaded = isotherm_profile::parse(Path::new("large.toml"), text, &[], &[])
         .unwrap_or_else(|errors| panic!("{errors}"));

@@ -1,7 +1,7 @@
-//! What one update costs: decoding a reply, and stepping an axis.
+//! Benchmark of one update: decoding a reply, and stepping an axis.
 //!
-//! Where a step has a limit it is printed with the figure. The figure against the limit is that of the fastest of many
-//! batches: what a step costs while nothing else wants the processor.
+//! If a step has a limit, the benchmark prints it with the figure. The compared figure is that of the fastest of many
+//! batches, in which no other process needed the processor.
 
 use std::cell::RefCell;
 use std::hint::black_box;
@@ -66,7 +66,7 @@ fn compensation(kind: &Kind, signals: usize, axes: usize) -> Compensation {
     Compensation::new(machine, vec![axis; axes], Remembered::default())
 }
 
-/// A limit that was looked at: what, the figure and the limit in µs.
+/// A measured limit: name, and figure and limit in µs.
 struct Looked {
     name: String,
     found: f64,
@@ -80,7 +80,7 @@ thread_local! {
 const BATCH: u32 = 500;
 const BATCHES: usize = 200;
 
-/// The mean of the fastest batch, µs.
+/// Mean time of a step in the fastest batch, µs.
 fn fastest(mut step: impl FnMut()) -> f64 {
     let clock = Clock::wall();
     let mut batch = || {
@@ -96,7 +96,7 @@ fn step(criterion: &mut Criterion, name: &str, kind: &Kind, limit: Option<f64>) 
     stepped::<SIGNALS, 1>(criterion, name, kind, limit);
 }
 
-/// Steps axes of this kind whose signals all get warmer together.
+/// Measures steps of axes of this kind. All their signals become warmer together.
 fn stepped<const SIGNALS: usize, const AXES: usize>(
     criterion: &mut Criterion,
     name: &str,
@@ -141,7 +141,7 @@ fn steps(criterion: &mut Criterion) {
     }
 }
 
-/// Three axes of thirty terms over thirty signals, each term with its lag, ten of them in a slope.
+/// Measures three axes of thirty terms over thirty signals. Each term has a lag, and ten are in a slope.
 fn three_axes(criterion: &mut Criterion) {
     const SIGNALS: usize = 31;
     let input = |place: usize| {
@@ -157,17 +157,17 @@ fn three_axes(criterion: &mut Criterion) {
     stepped::<SIGNALS, 3>(criterion, name, &Kind::Linear(linear), Some(1.0));
 }
 
-/// A number as the quantity that is asked for; nothing of it where it is no number.
+/// Converts a number to the required quantity; zero if it is not finite.
 fn of<Quantity: TryFrom<f64> + Default>(value: f64) -> Quantity {
     Quantity::try_from(value).unwrap_or_default()
 }
 
-/// Every other term is measured from the machine's start.
+/// Reference of a term: every other term is relative to its value at machine start.
 fn reference(place: usize) -> Reference {
     if place.is_multiple_of(2) { Reference::Start } else { Reference::Fixed(of(20.0)) }
 }
 
-/// Not all the same, and the same every time.
+/// Weight that differs from place to place, and is the same in every run.
 fn weight(place: usize) -> f64 {
     f64::from(u8::try_from(place * 37 % 101).unwrap_or_default()) / 101.0 - 0.5
 }
@@ -176,7 +176,8 @@ fn inputs(count: usize) -> Vec<Input> {
     (0..count).map(|place| Input::of(SignalId(place), Reference::Fixed(of(20.0)), None)).collect()
 }
 
-/// What is in files: 64 blocks and 8 points of a guideway, which is a matrix of 24 rows; networks of 30-16-1.
+/// Measures models that are in files: a matrix of 64 blocks and 8 guideway points, which has 24 rows, and networks of
+/// 30-16-1.
 fn files(criterion: &mut Criterion) {
     let guide = (0..8u8).map(|point| of(f64::from(point) * 5.0)).collect();
     let gains = (0..8 * 64).map(|place| of(weight(place))).collect();

@@ -1,4 +1,4 @@
-//! The verbs: one small file each. Results go to stdout, diagnostics to stderr.
+//! The verbs, one module each. Results go to stdout, diagnostics to stderr.
 
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
@@ -81,10 +81,10 @@ mod volume;
 use sparing::Sparing;
 use values::key_and_value;
 
-/// Holds a machine tool to its cold geometry.
+/// Compensates the thermal error of a machine tool.
 ///
-/// isotherm polls thermocouple modules, computes the thermal compensation Cz of each axis and writes the offset to the
-/// CNC, or the corrected position to a readout. It is not a safety function.
+/// isotherm polls thermocouple modules and computes the thermal compensation Cz of each axis. It writes Cz as an offset
+/// to the CNC, or the corrected position to a readout. It is not a safety function.
 #[derive(Debug, Parser)]
 #[command(
     version,
@@ -92,118 +92,118 @@ use values::key_and_value;
     after_help = "Try it without hardware:  isotherm demo\nCheck a profile:          isotherm check my-machine.toml"
 )]
 pub struct Arguments {
-    /// What is logged to stderr: error, warn, info, debug, or a filter such as `isotherm=debug`
+    /// Log filter for stderr: error, warn, info, debug, or a filter such as `isotherm=debug`
     #[arg(long, global = true, value_name = "FILTER", env = "ISOTHERM_LOG", value_parser = values::log_filter)]
     log: Option<String>,
-    /// The verb.
+    /// Verb with its arguments.
     #[command(subcommand)]
     verb: Verb,
 }
 
 #[derive(Debug, Subcommand)]
 enum Verb {
-    /// The whole job without hardware: a virtual machine on real loopback sockets, compensated live
+    /// Run the gateway with a virtual machine on real loopback sockets, without hardware
     Demo(demo::Arguments),
-    /// The gateway
+    /// Run the gateway
     Run(run::Arguments),
-    /// A first profile, from a few answers
+    /// Write a first profile from a few answers
     Init(Box<init::Arguments>),
-    /// Every error of a profile with its place; then what would be read and written
+    /// Show every error of a profile with its place, then everything that would be read and written
     Check(check::Arguments),
-    /// One reading of every signal, with its quality; or of one register, without a signal
+    /// Read every signal once and show its quality, or read one register without a signal
     Read(Box<read::Arguments>),
-    /// Which units of a line answer
+    /// List the units of a line that answer
     Scan(scan::Arguments),
-    /// The devices of a profile as virtual hardware
+    /// Serve the devices of a profile as virtual hardware
     Virtual(simulate::Arguments),
-    /// Readings into a log, for a later identification; writes to no device
+    /// Log readings for a later identification, without writing to a device
     Record(record::Arguments),
-    /// The gateway's own step over a recorded log
+    /// Compute the decisions of a recorded log again with the code of the gateway
     Replay(replay::Arguments),
-    /// The model of an axis from logs with its measured error, judged on runs it never saw
+    /// Identify the model of an axis from logs with its measured error, validated on runs that were held out
     #[cfg(feature = "identify")]
     Identify(Box<identify::Arguments>),
-    /// Which temperature points to keep, from logs with a measured error
+    /// Select the temperature points to keep, from logs with a measured error
     #[cfg(feature = "identify")]
     Select(select::Arguments),
-    /// Where the temperature sensors of a structure belong, from FE input files of its load cases
+    /// Place the temperature sensors of a structure, from FE input files of its load cases
     #[cfg(feature = "place")]
     Place(Box<place::Arguments>),
-    /// What logs say about drift, in the terms of ISO 230-3
+    /// Report the drift in logs, in the terms of ISO 230-3
     #[cfg(feature = "identify")]
     Report(report::Arguments),
-    /// Another program or profile in the place of the running gateway, without moving anything
+    /// Replace the running gateway by another program or profile, without moving an axis
     Restart(restart::Arguments),
-    /// What belongs to a machine in one file: profile, models, templates, state and ledger
+    /// Save the files of a machine in one file: profile, models, templates, state and ledger
     Backup(backup::Arguments),
-    /// A machine out of such a file; no axis moves before a person arms it
+    /// Restore a machine from its backup; no axis moves before an operator arms it
     Restore(restore::Arguments),
     /// Let the running gateway write
     #[command(
         after_help = "Examples:\n  isotherm arm my-machine.toml\n  isotherm arm my-machine.toml --axis z --no-wait"
     )]
     Arm(command::ArmArguments),
-    /// Let the running gateway write no more; what stands in the registers stays
+    /// Stop the running gateway from writing; the registers keep their values
     #[command(after_help = "Example:\n  isotherm disarm my-machine.toml --axis z")]
     Disarm(command::Arguments),
     /// Capture the "zero" references in the running gateway
     #[command(after_help = "Example:\n  isotherm zero my-machine.toml")]
     Zero(command::Arguments),
-    /// A guided check with a dial gauge: does an axis move the way it must?
+    /// Check with a dial gauge, step by step, that an axis moves in the right direction
     Sign(sign::Arguments),
-    /// An axis's measured error, for the running gateway to learn from
+    /// Report the measured error of an axis to the running gateway, which learns from it
     Measured(measured::Arguments),
-    /// Accept a device of the running gateway that a person has looked at
+    /// Accept a device of the running gateway that an operator has checked
     Confirm(confirm::Arguments),
-    /// Take the register of an output that was moved or removed back to its base
+    /// Return the register of a moved or removed output to its base
     Release(release::Arguments),
-    /// The frames of a device of the running gateway, as they pass
+    /// Show the frames of a device of the running gateway as they pass
     Trace(trace::Arguments),
-    /// What happened at a machine, before the last restart too
+    /// Show the events of a machine, including those before the last restart
     Events(events::Arguments),
-    /// Logs and events as Parquet, a file a day, for a year of many machines in one query
+    /// Export logs and events as Parquet, one file a day, to query many machines at once
     #[cfg(feature = "parquet")]
     Export(export::Arguments),
-    /// What the running gateway does: the content of its page
+    /// Show the state of the running gateway, as its page does
     Status(status::Arguments),
-    /// The certificates of an OPC UA line: made, shown, trusted
+    /// Make, show and trust the certificates of an OPC UA line
     #[cfg(feature = "opcua")]
     #[command(name = "opcua")]
     OpcUa(opcua::Arguments),
-    /// A token for the page: who has it may look, or command
+    /// Make a token for the page, for viewing or for commands
     Token(token::Arguments),
-    /// The JSON Schema of the profile, for editors
+    /// Print the JSON Schema of the profile, for editors
     #[command(after_help = "Example:\n  isotherm schema > isotherm.schema.json")]
     Schema,
-    /// Completions for a shell
+    /// Print completions for a shell
     #[command(
         after_help = "Example:\n  isotherm completions bash > ~/.local/share/bash-completion/completions/isotherm"
     )]
     Completions {
-        /// bash, zsh, fish, elvish, powershell
+        /// Shell: bash, zsh, fish, elvish or powershell
         shell: clap_complete::Shell,
     },
     Man(man::Arguments),
 }
 
-/// A profile and what is laid over it.
+/// A profile and the keys that override its own.
 #[derive(Args, Clone, Debug)]
 struct ProfileArguments {
     /// The machine's profile, or the name of a shipped one
     #[arg(value_name = "PROFILE")]
     path: PathBuf,
-    /// Overrides one key, as often as needed: `--set bus.cell.address=10.0.0.7:502`
+    /// Overrides one key, may be repeated: `--set bus.cell.address=10.0.0.7:502`
     #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
     set: Vec<(String, String)>,
 }
 
-/// The profile is wrong; everything about it has been printed.
+/// The profile is wrong. All its errors have been printed.
 #[derive(Debug, thiserror::Error)]
 #[error("the profile is wrong")]
 struct WrongProfile;
 
 impl Arguments {
-    /// What is logged where nothing is said.
+    /// Log filter of `--log`, or the default filter of the verb.
     pub fn log_filter(&self) -> &str {
         match (&self.log, &self.verb) {
             (Some(filter), _) => filter,
@@ -214,7 +214,7 @@ impl Arguments {
     }
 }
 
-/// The feature that builds in each verb that some builds lack.
+/// Verbs that some builds lack, each with the feature that adds it.
 const FEATURE_OF_VERB: [(&str, &str); 6] = [
     ("identify", "identify"),
     ("select", "identify"),
@@ -224,7 +224,8 @@ const FEATURE_OF_VERB: [(&str, &str); 6] = [
     ("opcua", "opcua"),
 ];
 
-/// What is wrong with the arguments, quoting them so that nothing in them steers a terminal or begins a line.
+/// Makes the error for wrong arguments, with their control characters escaped. Otherwise an argument could control the
+/// terminal or begin a new line. The error for a verb that this build lacks names its feature.
 #[must_use]
 pub fn escaped(refused: clap::Error) -> clap::Error {
     if let Some(ContextValue::String(verb)) = refused.get(ContextKind::InvalidSubcommand)
@@ -240,7 +241,7 @@ pub fn escaped(refused: clap::Error) -> clap::Error {
     Arguments::try_parse_from(shown).err().unwrap_or(refused)
 }
 
-/// Carries out the arguments.
+/// Executes the verb, and returns the exit code.
 pub fn run(arguments: Arguments) -> ExitCode {
     let log = start_log(arguments.log_filter());
     let mut replacement = None;
@@ -288,7 +289,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         }
         Verb::Man(arguments) => man::run(&arguments),
     };
-    // What has been logged stands before what is said last.
+    // Pending log lines are written before the last message.
     let done = match replacement {
         Some(replacement) => Err(replacement.take_over(log)),
         None => {
@@ -311,18 +312,19 @@ pub fn run(arguments: Arguments) -> ExitCode {
     }
 }
 
-/// `isotherm check … | head` is no failure.
+/// Returns whether the reader of stdout has closed the pipe, as in `isotherm check … | head`. This is not a failure.
 fn is_closed_pipe(error: &anyhow::Error) -> bool {
     error.downcast_ref::<std::io::Error>().is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
 }
 
-/// Lines of the log that wait for a slow reader; more are lost.
+/// Maximum number of log lines that wait for a slow reader. Further lines are dropped.
 const UNREAD: usize = 2048;
-/// What the OPC UA library says is said in words of ours; in its own it may name what is secret.
+/// Filter that disables the log of the OPC UA library, which may contain secrets. The gateway logs its own messages
+/// instead.
 const SILENT: &str = "opcua_client=off,opcua_core=off,opcua_crypto=off,opcua_types=off";
 
-/// Starts the log on stderr, in the journal's form where that is the journal. A thread of its own writes it, so that nobody
-/// waits for a reader who does not read; what it has not written is written when the guard is dropped.
+/// Starts the log on stderr, in the format of the journal if stderr is the journal. A separate thread writes it, so
+/// that a reader that does not read blocks nothing. Dropping the guard writes the pending lines.
 fn start_log(filter: &str) -> WorkerGuard {
     use tracing_subscriber::field::MakeExt;
     use tracing_subscriber::filter::{FilterExt, Targets};
@@ -333,7 +335,7 @@ fn start_log(filter: &str) -> WorkerGuard {
     let filter = targets(filter).or_else(|_| targets("info")).unwrap_or_default();
     let (writer, guard) =
         NonBlockingBuilder::default().buffered_lines_limit(UNREAD).finish(std::io::stderr());
-    // What others wrote ends no line and steers no terminal. Any other value than the sentence is quoted.
+    // Text from outside must not end a line or control the terminal. All values except the message are quoted.
     let fields = debug_fn(|writer, field, value| match field.name() {
         "message" => write!(writer, "{}", one_line(&format!("{value:?}"))),
         name => write!(writer, "{name}={}", one_line(&format!("{value:?}"))),
@@ -347,17 +349,17 @@ fn start_log(filter: &str) -> WorkerGuard {
         true => lines.event_format(journal_stream::Prioritised::new()).boxed(),
         false => lines.boxed(),
     };
-    // A second start in one process, as tests make, keeps the first.
+    // If this process has started a log already, as in tests, that log remains.
     let _ = tracing_subscriber::registry().with(lines.with_filter(filter.and(Sparing::begin()))).try_init();
     guard
 }
 
-/// Refuses arguments that are wrong together, as clap refuses single ones.
+/// Reports arguments that exclude or require each other as clap reports single ones, and ends the program.
 fn refuse(why: &str) -> ! {
     Arguments::command().error(clap::error::ErrorKind::MissingRequiredArgument, why).exit()
 }
 
-/// Loads a profile, or prints everything that is wrong with it.
+/// Loads a profile, or prints all its errors.
 fn load(arguments: &ProfileArguments, json: bool) -> anyhow::Result<Profile> {
     load_with(&arguments.path, &arguments.set, json)
 }
@@ -366,7 +368,7 @@ fn load_with(path: &Path, set: &[(String, String)], json: bool) -> anyhow::Resul
     Ok(load_quietly(path, set, json)?.profile)
 }
 
-/// The profile, its warnings printed: by the verbs that are about the profile, `check` and `run`.
+/// Prints the warnings of a profile and returns it. Only the verbs about the profile do this: `check` and `run`.
 fn warned(loaded: Loaded) -> Profile {
     for warning in &loaded.warnings {
         say_beside!("warning: {warning}");
@@ -374,13 +376,13 @@ fn warned(loaded: Loaded) -> Profile {
     loaded.profile
 }
 
-/// A profile with a model for one of its axes at least: one in the making is recorded and identified, but nothing can
-/// follow it.
+/// Loads a profile that has a model for at least one axis. Without a model, a profile can be recorded and identified,
+/// but not run.
 fn load_modelled(arguments: &ProfileArguments, json: bool) -> anyhow::Result<Loaded> {
     modelled(&arguments.path, load_quietly(&arguments.path, &arguments.set, json)?)
 }
 
-/// The profile of this path, if it has such a model.
+/// Returns the profile of this path if at least one of its axes has a model.
 fn modelled(path: &Path, loaded: Loaded) -> anyhow::Result<Loaded> {
     let axes = &loaded.profile.axes;
     let unmodelled: Vec<&str> = axes.iter().map(|axis| axis.settings.name.as_str()).collect();
@@ -395,7 +397,7 @@ fn modelled(path: &Path, loaded: Loaded) -> anyhow::Result<Loaded> {
     )
 }
 
-/// A profile, its warnings left to the caller.
+/// Loads a profile without printing its warnings.
 fn load_quietly(path: &Path, set: &[(String, String)], json: bool) -> anyhow::Result<Loaded> {
     let environment = isotherm_profile::environment();
     load_by(path, json, || match shipped(path) {
@@ -404,14 +406,14 @@ fn load_quietly(path: &Path, set: &[(String, String)], json: bool) -> anyhow::Re
     })
 }
 
-/// A shipped machine may be named without having its file.
+/// Path and text of a shipped profile; `None` if a file with this name exists.
 fn shipped(path: &Path) -> Option<(PathBuf, &'static str)> {
     path.to_str().filter(|_| !path.exists()).and_then(machines::text)
 }
 
-/// The profile that `load` gives, with everything checked that only this program can.
+/// Loads a profile with `load`, and makes the checks that need this program: TLS files, OPC UA and MQTT.
 fn load_by(path: &Path, json: bool, load: impl FnOnce() -> Result<Loaded, Errors>) -> anyhow::Result<Loaded> {
-    // A file that a profile names may be large.
+    // A file that a profile names may be large, so that the check takes long.
     #[cfg(any(feature = "identify", feature = "place"))]
     let _checking = progress::Progress::begin("checking the profile");
     let loaded = load();
@@ -427,7 +429,7 @@ fn load_by(path: &Path, json: bool, load: impl FnOnce() -> Result<Loaded, Errors
     reported(loaded, json)
 }
 
-/// What is loaded; where it is wrong, everything about that is printed.
+/// Returns the loaded profile, or prints all its errors.
 fn reported(loaded: Result<Loaded, Errors>, json: bool) -> anyhow::Result<Loaded> {
     loaded.or_else(|errors| {
         if json {
@@ -443,7 +445,7 @@ fn print_json(document: &impl serde::Serialize) -> anyhow::Result<()> {
     Ok(say!("{}", serde_json::to_string_pretty(document)?)?)
 }
 
-/// What a verb that talks to devices runs on.
+/// Runtime for the verbs that connect to devices.
 fn runtime() -> std::io::Result<tokio::runtime::Runtime> {
     tokio::runtime::Builder::new_current_thread().enable_all().build()
 }

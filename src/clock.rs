@@ -1,13 +1,14 @@
-//! Time: the wall's, or a virtual one. The only place that knows which.
+//! Clocks of the program: wall-clock time, or virtual time in tests and in the demo.
 //!
-//! Every task that acts by the clock holds a [`Sleeper`]. The virtual clock advances only when every sleeper sleeps,
-//! and then wakes exactly one: the earliest, and of those due at the same moment the one that joined first. So real
-//! sockets are waited for, protocol timeouts stay wall time, and one seed gives the same run at any speed.
-//! (tokio's paused clock cannot do this: it runs ahead while a real socket waits.)
+//! Every task that acts by the clock owns a [`Sleeper`]. The virtual clock advances only while every sleeper sleeps. It
+//! then wakes exactly one sleeper: the one with the earliest deadline. Among equal deadlines, it wakes the one that
+//! joined first. The virtual clock therefore waits for real sockets, and protocol timeouts stay in wall-clock time. One
+//! seed gives the same run at any speed. (The paused clock of tokio cannot do this: it advances while a real socket
+//! waits.)
 //!
-//! Whatever makes a sleeper's task act before its time goes through its [`Wakeup`]; a message that a sleeping task
-//! would have to notice by itself could be overtaken by the clock. A message that comes through
-//! the kernel and that no task answers has no sender to wake the sleeper: its reader keeps an [`Inlet`].
+//! Code that needs a sleeping task to act early calls the [`Wakeup`] of its sleeper. Without that call, the clock could
+//! advance before the task notices its message. A message that comes through the kernel and gets no reply has no sender
+//! that could wake the sleeper. The reader of such messages keeps an [`Inlet`].
 
 use std::pin::pin;
 use std::sync::Arc;
@@ -40,12 +41,12 @@ use simulated::Simulated;
 use stamp::Followed;
 use wall::Wall;
 
-/// A clock that tasks share.
+/// Clock that several tasks share.
 #[derive(Clone, Debug)]
 pub struct Clock {
     source: Source,
     followed: Arc<Followed>,
-    /// How far the time of day of a virtual clock is from what it counts.
+    /// Difference between the set time of day of a virtual clock and its counted time.
     set_to: Arc<Followed>,
 }
 
@@ -55,7 +56,7 @@ enum Source {
     Simulated(Arc<Simulated>),
 }
 
-/// One task's hold on the clock.
+/// Registration of one task with the clock.
 #[derive(Debug)]
 pub struct Sleeper {
     clock: Clock,
@@ -64,7 +65,7 @@ pub struct Sleeper {
 
 #[derive(Debug)]
 enum Place {
-    /// What wakes it before its time, and what wakes it at one that is far away, once there was one.
+    /// Notification that wakes the sleeper early, and its kernel timer, once a distant deadline has needed one.
     Wall(Arc<tokio::sync::Notify>, Option<Alarm>),
     Simulated(simulated::Membership),
 }
@@ -86,20 +87,21 @@ pub struct Hold {
 }
 
 impl Clock {
-    /// The wall's time. Anchored once; from there it counts what passes, a computer's suspension included.
+    /// Returns a clock of wall-clock time. It reads the time of day once, and then counts elapsed time. Suspension of
+    /// the computer is included.
     pub fn wall() -> Clock {
         Clock::wall_by(Passing::default(), TimeOfDay::default())
     }
 
-    /// The wall's time as these count it, and say it.
+    /// Returns a clock of wall-clock time with these sources of elapsed time and time of day.
     pub fn wall_by(passing: Passing, time_of_day: TimeOfDay) -> Clock {
         let clock = Clock::of(Source::Wall(Arc::new(Wall::start(passing, time_of_day))));
-        // How far apart the two begin is no correction.
+        // The first comparison sets the shift. Its difference is not a correction.
         clock.look_at_the_time_of_day();
         clock
     }
 
-    /// A wall's time that is `anchor` now, right or wrong, and goes on as this counts it.
+    /// Returns a wall clock that is at `anchor` now, correct or not, and continues as `passing` counts.
     pub fn set_to(anchor: Moment, passing: Passing) -> Clock {
         let (started, day) = (passing.passed(), passing.clone());
         let time_of_day = move || anchor.after(day.passed().saturating_sub(started));
@@ -110,22 +112,23 @@ impl Clock {
         Clock { source, followed: Arc::default(), set_to: Arc::default() }
     }
 
-    /// What brings a counted moment to the time of day, as that was when it was looked at last.
+    /// Returns the shift from counted time to the time of day, as of the last check.
     pub fn shift(&self) -> Shift {
         self.followed.shift()
     }
 
-    /// A moment as people read it.
+    /// Converts a counted moment to the time of day, for display.
     pub fn stamp(&self, moment: Moment) -> Moment {
         moment.shifted(self.shift())
     }
 
-    /// The present moment as people read it.
+    /// Returns the present moment as time of day, for display.
     pub fn time_of_day(&self) -> Moment {
         self.stamp(self.now())
     }
 
-    /// Looks whether the computer's clock says what it should. Stamps follow it.
+    /// Compares counted time with the computer's time of day. Stamps follow the time of day. Returns the correction if
+    /// the computer's clock was set since the last check.
     pub fn look_at_the_time_of_day(&self) -> Option<Correction> {
         match &self.source {
             Source::Wall(wall) => self.followed.look(wall.now(), wall.time_of_day.now()),
@@ -136,25 +139,26 @@ impl Clock {
         }
     }
 
-    /// Sets the time of day of a virtual clock, as a person or a network sets a computer's.
+    /// Sets the time of day of a virtual clock, as a user or a network time service sets a computer's clock.
     pub fn set_time_of_day(&self, time_of_day: Moment) {
         if let Source::Simulated(_) = &self.source {
             self.set_to.follow(Shift::between(self.now(), time_of_day));
         }
     }
 
-    /// Its time passes only as its sleepers sleep: it never stands still, and nothing comes too late.
+    /// Returns whether this clock is virtual. Virtual time passes only while all sleepers sleep. A busy computer
+    /// therefore makes no task late.
     pub fn is_virtual(&self) -> bool {
         matches!(self.source, Source::Simulated(_))
     }
 
-    /// A virtual time that begins at `start` and runs at most `speed` times as fast as the wall; `None`: as fast as
-    /// its sleepers allow.
+    /// Returns a virtual clock that begins at `start`. It runs at most `speed` times as fast as wall-clock time. With
+    /// `None`, it runs as fast as its sleepers allow.
     pub fn simulated(start: Moment, speed: Option<f64>) -> Clock {
         Clock::of(Source::Simulated(Simulated::start(start, speed)))
     }
 
-    /// The present moment.
+    /// Returns the present moment.
     pub fn now(&self) -> Moment {
         match &self.source {
             Source::Wall(wall) => wall.now(),
@@ -162,8 +166,8 @@ impl Clock {
         }
     }
 
-    /// A hold for one more task. Join before the task is started, in the order in which simultaneous sleepers shall
-    /// act.
+    /// Registers one more task. Call it before the task starts. Sleepers with equal deadlines act in the order in which
+    /// they joined.
     pub fn join(&self) -> Sleeper {
         let place = match &self.source {
             Source::Wall(_) => Place::Wall(Arc::default(), None),
@@ -180,7 +184,7 @@ impl Clock {
         }
     }
 
-    /// Moves a virtual clock ahead at once, as a suspended computer finds it on waking. The wall's is not moved.
+    /// Moves a virtual clock ahead at once, as after a suspension of the computer. A wall clock is not moved.
     pub fn skip(&self, span: Duration) {
         if let Source::Simulated(simulated) = &self.source {
             simulated.skip(span);
@@ -189,17 +193,17 @@ impl Clock {
 }
 
 impl Sleeper {
-    /// The present moment.
+    /// Returns the present moment.
     pub fn now(&self) -> Moment {
         self.clock.now()
     }
 
-    /// The clock it belongs to.
+    /// Returns the clock of this sleeper.
     pub fn clock(&self) -> &Clock {
         &self.clock
     }
 
-    /// What wakes this sleeper before its time.
+    /// Returns a handle that wakes this sleeper early.
     pub fn wakeup(&self) -> Wakeup {
         Wakeup(match &self.place {
             Place::Wall(notify, _) => WakeupOf::Wall(notify.clone()),
@@ -207,8 +211,8 @@ impl Sleeper {
         })
     }
 
-    /// What has woken it so far is known, and does not keep it from its next sleep; by a virtual clock, which nothing is
-    /// gained by, it still does.
+    /// Discards the wakeups so far, so that they do not end the next sleep. Under a virtual clock this does nothing:
+    /// such wakeups still end the next sleep.
     pub fn forget_wakeups(&mut self) {
         if let Place::Wall(notify, _) = &self.place {
             pin!(notify.notified()).enable();
@@ -221,7 +225,7 @@ impl Sleeper {
         self.sleep_from(self.now(), deadline).await
     }
 
-    /// The same for whoever has just looked at the clock.
+    /// Sleeps like [`Sleeper::sleep_until`], for a caller that has just read the clock. `now` is that reading.
     pub async fn sleep_from(&mut self, now: Moment, deadline: Moment) -> Moment {
         match &mut self.place {
             Place::Wall(notify, alarm) => {
@@ -248,7 +252,7 @@ impl Sleeper {
         self.clock.now()
     }
 
-    /// Returns after `span`, or as soon as it is woken.
+    /// Sleeps for `span`, or until the next wakeup. Returns the present moment.
     pub async fn sleep(&mut self, span: Duration) -> Moment {
         let now = self.now();
         self.sleep_from(now, now.after(span)).await
@@ -256,7 +260,7 @@ impl Sleeper {
 }
 
 impl Wakeup {
-    /// Wakes the sleeper, or keeps it from its next sleep.
+    /// Wakes the sleeper. If it is awake, its next sleep ends at once.
     pub fn wake(&self) {
         match &self.0 {
             WakeupOf::Wall(notify) => notify.notify_one(),

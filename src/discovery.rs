@@ -1,14 +1,14 @@
-//! A line looked at without a profile: which units answer, what stands in a register. Reads, and never writes.
+//! Discovery on a line without a profile: which units answer, and which values their registers hold. It only reads.
 //!
-//! - [`bus`] — a line in one word: `tcp://192.168.0.10:502`.
-//! - [`ask`] — one question at a time, on the same [`crate::fieldbus::line`] that the gateway uses.
-//! - [`can`] — the interface of a CAN line, as the kernel has it.
-//! - [`sysfs`] — the sensors of this computer: which there are, and which of a profile there are not.
-//! - `opcua` — an OPC UA server, by feature: what it offers, its certificate, its nodes.
-//! - [`mod@pipeline`] — whether a device bears two questions at a time.
-//! - [`scan`] — which units answer; [`walk`] — which registers a unit has.
-//! - [`values`] — what registers mean, in each order where none was given.
-//! - [`remedy`] — what to do about a fault.
+//! - [`bus`] — address of a line as one word: `tcp://192.168.0.10:502`.
+//! - [`ask`] — one request at a time, on the same [`crate::fieldbus::line`] that the gateway uses.
+//! - [`can`] — state of a CAN interface, as the kernel reports it.
+//! - [`sysfs`] — temperature sensors of this computer, and sensors of a profile that are missing.
+//! - `opcua` — an OPC UA server, by feature: its endpoints, its certificate, its nodes.
+//! - [`mod@pipeline`] — whether a device supports two requests at a time.
+//! - [`scan`] — units that answer; [`walk`] — registers of a unit.
+//! - [`values`] — decoded values of registers, in each word order if none is given.
+//! - [`remedy`] — advice for a fault.
 
 pub mod ask;
 pub mod bus;

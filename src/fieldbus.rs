@@ -1,19 +1,20 @@
-//! The fieldbus: one owner per physical line, reads and writes in one order, every fault by its blame.
+//! Communication with devices. One task owns each physical line, reads and writes have one order, and faults are
+//! classified by their cause.
 //!
-//! - [`wire`] — the border behind which a transport lives; [`connection`] — any of them, open, and what opens one.
-//! - [`modbus`] — frames of Modbus TCP; [`rtu`] — frames of a serial line, on a port ([`serial`]) or through TCP; what both
-//!   carry is made and compared in one place, by the Modbus library.
-//! - [`trace`] — the wire log: every frame, while somebody listens.
-//! - [`canopen`] — what a CANopen master needs, frames in and frames out.
-//! - [`can`] — one CAN interface: frames, error frames, its state, what is asked and written there.
-//! - `opcua` — an OPC UA server, by feature; [`namespaces`] — those that a profile names by index; [`opcua_fault`] — why none can be spoken to;
-//!   [`opcua_check`] — what is wrong with such a line in a profile.
-//! - [`sysfs`] — the sensors of this computer, each read on a thread of its own.
-//! - [`tcp`] — sockets that keep nothing back, and Modbus TCP on them; [`tls`] — the same inside TLS.
-//! - [`mod@error`] — what can be wrong, by who is to blame; [`mod@explain`] — what to do about it, in the words that people read.
-//! - [`owed`] — what a unit may still say after a miss on a serial line, and what it may be asked meanwhile.
-//! - `pipeline` — whether two questions go out together, and when that is given up.
-//! - [`mod@line`] — the one way to ask a device: one request at a time, timeout, last moment, breaker, reconnection.
+//! - [`wire`] — interface of a transport; [`connection`] — an open connection of any transport, and how it is opened.
+//! - [`modbus`] — frames of Modbus TCP; [`rtu`] — frames of a serial line, on a port ([`serial`]) or through TCP. The
+//!   private module `pdu` builds and checks the content of both.
+//! - [`trace`] — log of the frames on a line, while there is a listener.
+//! - [`canopen`] — CANopen master, without input or output: frames in and frames out.
+//! - [`can`] — one CAN interface: frames, error frames, its state, requests and writes.
+//! - `opcua` — OPC UA server, by feature; [`namespaces`] — namespaces that a profile names by index.
+//! - [`opcua_fault`] — faults of a connection to an OPC UA server; [`opcua_check`] — check of such a line in a profile.
+//! - [`sysfs`] — sensors of this computer, each read on a separate thread.
+//! - [`tcp`] — sockets without send delay, and Modbus TCP on them; [`tls`] — Modbus TCP inside TLS.
+//! - [`mod@error`] — faults, by their cause; [`mod@explain`] — their explanations and advice for users.
+//! - [`owed`] — late replies that a serial unit may still send after a timeout, and requests that are safe meanwhile.
+//! - `pipeline` — whether two requests are sent together, and when the line stops doing so.
+//! - [`mod@line`] — sends requests to devices: one at a time, with timeout, send deadline, back-off and reconnection.
 
 pub mod backoff;
 pub mod can;
@@ -45,8 +46,8 @@ pub mod wire;
 
 use isotherm_profile::{Bus, Transport};
 
-/// What opens the connections of a Modbus line, to an OPC UA server or to the sensors of this computer, by what the line is made of. `None` for a CAN
-/// interface: it is listened to before anything is asked there, and who listens opens it.
+/// Returns the object that opens connections of this bus: Modbus, OPC UA, or the sensors of this computer. Returns
+/// `None` for a CAN interface, because the task that receives its frames opens it.
 pub fn dial(bus: &Bus) -> Option<Box<dyn connection::Dial>> {
     if bus.transport == Transport::OpcUa {
         #[cfg(feature = "opcua")]

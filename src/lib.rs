@@ -1,24 +1,25 @@
-//! isotherm holds a machine tool to its cold geometry.
+//! Thermal compensation gateway for machine tools.
 //!
-//! # The map
-//! What decides lives in crates of its own, so that Cargo holds the arrows: `isotherm-core` knows nobody,
-//! `isotherm-profile` knows core, and neither knows tokio, rustls or clap. `isotherm-identify` and `isotherm-placement`
-//! work offline, on logs and meshes, and draw with `isotherm-html`. The rooms of this crate, from the wire up:
+//! # Modules
+//! The decisions are in separate crates, so that Cargo enforces their dependencies. `isotherm-core` depends on no other
+//! crate of the project, and `isotherm-profile` on core. No crate in `crates` depends on tokio, rustls or clap.
+//! `isotherm-identify` and `isotherm-placement` work offline, on logs and meshes, and draw with `isotherm-html`.
+//! `isotherm-plant` converts between the state and MQTT messages. The modules of this crate:
 //!
-//! - [`clock`] — the only one who knows what time it is: the wall's, or a virtual one that tests and the demo turn.
-//! - [`tls`] — what is wrong with the other end's certificate, or with ours, in words.
-//! - [`fieldbus`] — one task owns a line; one way to ask a device, over Modbus or CAN.
-//! - [`gateway`] — polls, hands readings to the pure steps, carries out what they want, keeps state and logs.
-//! - [`observe`] — events, status, metrics and the page: what people and programs see of a running gateway.
-//! - [`discovery`] — a line without a profile: which units answer, and what stands in a register.
-//! - [`virtual_machine`] — the hardware that is not there: devices, plants and faults by script.
-//! - [`cli`] — the verbs, one small file each.
+//! - [`clock`] — the only source of time: wall-clock time, or virtual time in tests and in the demo.
+//! - [`tls`] — causes of failed TLS handshakes.
+//! - [`fieldbus`] — communication with devices over Modbus, CAN or OPC UA. One task owns each line.
+//! - [`gateway`] — polls devices, passes readings to the pure steps, executes their actions, keeps state and logs.
+//! - [`observe`] — events, status, metrics and the page, for users and programs.
+//! - [`discovery`] — a line without a profile: which units answer, and the values of registers.
+//! - [`virtual_machine`] — virtual hardware: devices, plants, and faults by script.
+//! - [`cli`] — the verbs, one file each.
 //!
-//! Further left knows nothing of further right; `tests/rules/main.rs` holds what Cargo cannot:
+//! An arrow points from a module to one that it uses. `tests/rules/main.rs` checks these dependencies.
 //!
 //! ```text
-//! clock ← fieldbus ← gateway ← cli        clock, fieldbus's socket of CAN and faults ← virtual_machine ← cli
-//! clock ← observe ← cli                   observe's events, askers and status ← gateway
+//! clock ← fieldbus ← gateway ← cli        clock, the CAN socket and faults of fieldbus ← virtual_machine ← cli
+//! clock ← observe ← cli                   events, askers and status of observe ← gateway
 //! fieldbus ← discovery ← cli              tls ← { fieldbus, observe }
 //! ```
 //!

@@ -1,4 +1,4 @@
-//! The isotherm command line: arguments → verb → exit code.
+//! Command line of isotherm: arguments → verb → exit code.
 
 use std::process::ExitCode;
 

@@ -1,4 +1,4 @@
-//! What people and programs see: events, the state of everything, the page, metrics. Never awaited by the loop.
+//! Output for people and programs: events, status, the page, metrics and messages. The line tasks never wait for it.
 
 pub mod asker;
 pub mod events;

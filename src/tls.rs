@@ -1,60 +1,60 @@
-//! What comes of a TLS handshake that fails, in words: what the two ends hold against each other's certificates, whoever is spoken to. What
-//! to do about it depends on whom the profile names there, and is added by whoever connects.
+//! Causes of a failed TLS handshake: what either end rejects. The remedy depends on the keys of the profile, and is
+//! added by the module that connects.
 
 use std::io::{self, ErrorKind};
 
 use tokio_rustls::rustls::{AlertDescription, CertificateError, Error};
 
-/// Why a connection cannot be secured. "Its" is the other end's.
+/// Cause of a failed TLS connection. In the messages, "its" means the other end's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum TlsFault {
-    /// Its certificate is too old.
+    /// The certificate of the other end has expired.
     #[error("its certificate has expired, or this computer's clock is wrong")]
     Expired,
-    /// It will be valid later.
+    /// The certificate of the other end is not valid yet.
     #[error("its certificate is not valid yet, or this computer's clock is wrong")]
     NotYetValid,
-    /// It is for another name.
+    /// The certificate of the other end is for another name.
     #[error("its certificate is for another name")]
     OtherName,
-    /// Nobody whom we trust has signed it.
+    /// No trusted authority has signed the certificate.
     #[error("nobody who is trusted has signed its certificate")]
     UnknownAuthority,
-    /// It is wrong in another way.
+    /// The certificate is invalid for another reason.
     #[error("its certificate is of no use as a server's")]
     BadCertificate,
-    /// It wants a certificate, and has been shown none.
+    /// The other end requires a certificate, and received none.
     #[error("it wants to see a certificate of the gateway")]
     OursMissing,
-    /// It finds the gateway's certificate too old.
+    /// The gateway's certificate has expired.
     #[error("it finds that the gateway's certificate has expired")]
     OursExpired,
-    /// It does not take the gateway's certificate.
+    /// The other end rejects the gateway's certificate.
     #[error("it does not take the gateway's certificate")]
     OursRefused,
-    /// No version, cipher or signature that both ends know.
+    /// The two ends have no TLS version, cipher or signature in common.
     #[error("no TLS version or cipher in common: this end speaks 1.2 with ECDHE, and 1.3")]
     NothingInCommon,
-    /// Whoever listens there does not speak TLS.
+    /// The other end does not support TLS.
     #[error("whoever listens there does not speak TLS")]
     NoTls,
-    /// It closed the connection in the middle of the handshake, without a word.
+    /// The other end closed the connection during the handshake, without a reason.
     #[error("closed in the middle of the TLS handshake")]
     Silent,
-    /// It closed the connection after the handshake, before its first answer.
+    /// The other end closed the connection after the handshake, before its first answer.
     #[error("closed before the first answer")]
     TurnedAway,
-    /// It ended the handshake for another reason.
+    /// The other end ended the handshake for another reason.
     #[error("it has ended the TLS handshake")]
     Refused,
-    /// What the profile names for the gateway's own end is of no use.
+    /// The files of the profile for the gateway's end are unusable.
     #[error("the files in `tls` are of no use")]
     OurFiles,
 }
 
 impl TlsFault {
-    /// What TLS itself says of an error, if it has a word in it. With TLS 1.3 the other end's judgement of the gateway's
-    /// certificate comes only after the handshake, in place of the first answer.
+    /// Returns the cause if the error is an error of TLS. With TLS 1.3, the other end checks the gateway's certificate
+    /// only after the handshake. Its alert then arrives in place of the first answer.
     pub fn of(error: &io::Error) -> Option<TlsFault> {
         Some(match error.get_ref()?.downcast_ref::<Error>()? {
             Error::InvalidCertificate(why) => match why {
@@ -65,7 +65,7 @@ impl TlsFault {
                 CertificateError::NotValidForName | CertificateError::NotValidForNameContext { .. } => {
                     TlsFault::OtherName
                 }
-                // Signed by somebody of the same name.
+                // Signed by another authority of the same name.
                 CertificateError::UnknownIssuer | CertificateError::BadSignature => {
                     TlsFault::UnknownAuthority
                 }
@@ -93,7 +93,7 @@ impl TlsFault {
         })
     }
 
-    /// The same of an error in the handshake, where an end without a word says something as well.
+    /// Returns the cause of an error in the handshake, where an end without an alert is a cause as well.
     pub fn in_handshake(error: &io::Error) -> Option<TlsFault> {
         let is_end = matches!(
             error.kind(),
@@ -102,7 +102,7 @@ impl TlsFault {
         TlsFault::of(error).or(is_end.then_some(TlsFault::Silent))
     }
 
-    /// What is wrong, and what to do.
+    /// Returns the cause with its remedy.
     pub fn advised(self, remedy: Option<&str>) -> String {
         remedy.map_or(self.to_string(), |remedy| format!("{self}: {remedy}"))
     }

@@ -1,24 +1,25 @@
-//! The virtual machine: the hardware that is not there.
+//! The virtual machine: simulated hardware for a profile.
 //!
-//! The Modbus servers of a profile on real sockets and pseudo-terminals and its CAN nodes on their interface, in front of a thermal plant that warms up, drifts
-//! and bends by its own laws, and that knows its true error. Written offsets act on it as they would on a machine, so
-//! a run ends with what the compensation was worth. A fault script breaks answers, sensors, connections and memories.
+//! It serves the Modbus servers of a profile on real sockets and pseudo-terminals, and its CAN nodes on their
+//! interface. A thermal plant warms up, drifts and bends by its own model, and knows its true error. Written offsets
+//! act on it as on a machine, so that a run shows the effect of the compensation. A fault script causes faults of
+//! answers, sensors, connections and memories.
 //!
 //! # Layout
 //! ```text
-//! plant     a thermal network with sensors, pure          wander    values for signals no plant knows
+//! plant     a thermal network with sensors, pure          wander    values for signals without a plant
 //! registers the tables of a device                        modbus    bytes ↔ frames, requests and answers, pure
-//! fault     what goes wrong, when, for how long           hardware  plant + registers + faults
-//! server    sockets, and the conversation on a line       truth     error, Cz, residual, and their ranges
-//! port      serial ports
-//! journal   what came over the wire, for tests            control   strobes, acknowledges, sets taken whole
-//! probing   the control's probing cycle, of the axes that have a probe
-//! can       nodes of a CAN interface                       gate      the plant's task, closing listeners
+//! fault     faults with their times                       hardware  plant + registers + faults
+//! server    sockets, and requests on a line               truth     error, Cz, residual, and their ranges
+//! port      serial ports                                  gate      the plant's task, closed listeners
+//! journal   recorded requests, for tests                  control   strobes, acknowledges, sets accepted as a whole
+//! probing   the control's probing cycle, of the axes with a probe
+//! can       nodes of a CAN interface
 //! ```
 //!
 //! # Time
-//! Everything acts by the clock it is given. On a virtual clock one seed gives one run, byte for byte, at any speed:
-//! the plant moves on its own grid, and requests are answered while the clock stands.
+//! All tasks use the clock that they are given. On a virtual clock, one seed gives one run, byte for byte, at any
+//! speed. The plant advances on its own time grid, and requests are answered while the clock stands.
 
 use std::net::SocketAddr;
 use std::path::Path;
@@ -68,79 +69,79 @@ use probing::Cycle;
 use serial_side::SerialSide;
 use server::{Line, OpenOrClose, Shared};
 
-/// How often the truth is sampled and faults that come by themselves are looked for.
+/// Interval at which the truth is sampled and spontaneous faults are checked.
 pub const TICK: Duration = Duration::from_secs(1);
 
-/// How often its probing cycle measures an axis that has a probe.
+/// Interval of the probing cycle of an axis with a probe.
 const PROBED_EVERY: Duration = Duration::from_secs(3600);
 
-/// What a virtual machine is made of besides its profile.
+/// Settings of a virtual machine in addition to its profile.
 #[derive(Clone, Debug, Default)]
 pub struct Setup {
-    /// Without one, signals wander plausibly and there is no true error.
+    /// The plant. Without one, signals vary in a plausible way, and there is no true error.
     pub plant: Option<PlantSpec>,
-    /// The day.
+    /// Seed of the simulated day.
     pub seed: u64,
-    /// What goes wrong.
+    /// Script of faults.
     pub faults: FaultScript,
-    /// Where to listen.
+    /// Addresses to listen at.
     pub ports: Ports,
-    /// What is answered for a unit that is not there, on lines over TCP; a serial line is silent.
+    /// Answer for a unit that does not exist, on lines over TCP. A serial line is silent.
     pub unknown_unit: UnknownUnit,
-    /// How far into the plant's day the machine is met.
+    /// Time in the plant's day at which the machine starts.
     pub lived: Duration,
-    /// How often it probes; `None`: once an hour.
+    /// Interval of the probing cycle; `None` means once an hour.
     pub probe_every: Option<Duration>,
-    /// Keep every request that reaches a device, for [`Window::requests`].
+    /// Records every request that reaches a device, for [`Window::requests`].
     pub journal: bool,
 }
 
 impl Setup {
-    /// This plant on this day, beside whatever else listens on this computer.
+    /// Settings for this plant and seed, with free ports.
     pub fn on_free_ports(plant: PlantSpec, seed: u64) -> Setup {
         Setup { plant: Some(plant), seed, ports: Ports::Free, ..Setup::default() }
     }
 }
 
-/// Where the devices listen.
+/// Addresses at which the devices listen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Ports {
-    /// At the addresses of the profile.
+    /// The addresses of the profile.
     #[default]
     AsInProfile,
-    /// At any free port of the loopback; serial ports at paths of their own.
+    /// Any free ports of the loopback; serial ports at their own paths.
     Free,
 }
 
-/// What a line does with a request to a unit that is not there.
+/// Answer of a line to a request for a unit that does not exist.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum UnknownUnit {
-    /// Exception 0x0B, as gateways do.
+    /// Exception 0x0B, as gateways send it.
     #[default]
     Exception,
-    /// Nothing, as a serial line does.
+    /// No answer, as on a serial line.
     Silence,
 }
 
-/// Why a virtual machine does not run.
+/// Reason why a virtual machine does not run.
 #[derive(Debug, thiserror::Error)]
 pub enum VirtualMachineError {
-    /// An address cannot be listened at.
+    /// The virtual machine cannot listen at an address.
     #[error("cannot listen at {address} (bus `{bus}`)")]
     Listen {
-        /// The bus of the profile.
+        /// Bus of the profile.
         bus: String,
-        /// Its address.
+        /// Address of the bus.
         address: String,
-        /// What the system says.
+        /// Error of the system.
         source: std::io::Error,
     },
-    /// One of its tasks has failed.
+    /// A task of the virtual machine has failed.
     #[error("the virtual machine has failed: {0}")]
     Failed(String),
 }
 
-/// A running virtual machine. Dropped, it ends at once.
+/// A running virtual machine. Dropping it ends it at once.
 #[derive(Debug)]
 pub struct VirtualMachine {
     addresses: Vec<(BusId, String)>,
@@ -149,49 +150,49 @@ pub struct VirtualMachine {
     tasks: JoinSet<Result<(), String>>,
 }
 
-/// A look at the truth of a running machine, from any thread.
+/// Access to the truth of a running machine, from any thread.
 #[derive(Clone, Debug)]
 pub struct Window(Shared);
 
 impl Window {
-    /// The run so far.
+    /// Summary of the run so far.
     pub fn summary(&self) -> Summary {
         self.0.hardware().observer.summary.clone()
     }
 
-    /// Every request that has reached a device, in its order; none unless [`Setup::journal`] asks for them.
+    /// Every request that has reached a device, in order; empty without [`Setup::journal`].
     pub fn requests(&self) -> Vec<Seen> {
         self.0.hardware().journal.clone().unwrap_or_default()
     }
 
-    /// What controls took of their sets, in its order; nothing unless [`Setup::journal`] asks for it.
+    /// Values that controls have accepted from their sets, in order; empty without [`Setup::journal`].
     pub fn taken(&self) -> Vec<Taken> {
         self.0.hardware().taken.clone()
     }
 
-    /// A real control moves this axis, instead of the virtual one: from now on by this, µm.
+    /// Sets the offset in µm that a real control applies to this axis, in place of the virtual one.
     pub fn applies_elsewhere(&self, axis: AxisId, cz_um: f64) {
         self.0.hardware().applies_elsewhere(axis, cz_um);
     }
 
-    /// The truth at the last tick; `None` before the first, and without a plant.
+    /// Truth at the last tick; `None` before the first one, and without a plant.
     pub fn latest_truth(&self) -> Option<TruthRow> {
         self.0.hardware().observer.latest.clone()
     }
 
-    /// The truth every ten seconds since this was asked last; not more than the first day of it where that is long ago.
+    /// Truth every ten seconds since the last call. If that is long ago, only its first day.
     pub fn take_course(&self) -> Vec<TruthRow> {
         std::mem::take(&mut self.0.hardware().observer.course)
     }
 }
 
 impl VirtualMachine {
-    /// Binds the listeners and starts the tasks on the current runtime. Start it before whatever shall talk to it: its
-    /// hold on the clock is taken first, so that at equal moments the plant moves first. Keep a virtual clock on
-    /// [`Clock::hold`] until everybody has joined: alone, the plant would run ahead.
+    /// Binds the listeners and starts the tasks on the current runtime. Start the virtual machine before its clients:
+    /// it joins the clock first, so that at equal times the plant advances first. Keep a virtual clock on
+    /// [`Clock::hold`] until all clients have joined. Otherwise the plant would run ahead.
     ///
     /// # Errors
-    /// An address cannot be listened at.
+    /// The virtual machine cannot listen at an address.
     pub async fn start(
         profile: &Profile,
         setup: Setup,
@@ -237,7 +238,7 @@ impl VirtualMachine {
                     machine.keep(path.clone(), port::serve(name, serial, line, switched, stop));
                     (path, gate)
                 }
-                // No server of OPC UA is played, and no sensor of this computer: their devices are left out.
+                // OPC UA servers and sensors of this computer are not simulated. Their devices are left out.
                 Transport::OpcUa | Transport::Sysfs => continue,
                 Transport::Can => {
                     let line = machine.can_line(profile, index, begin);
@@ -293,12 +294,12 @@ impl VirtualMachine {
         self.tasks.spawn(async move { serving.await.map_err(|error| format!("{address}: {error}")) });
     }
 
-    /// Where each bus of the profile really is: host and port, or the path of a serial port.
+    /// Actual address of each bus: host and port, or the path of a serial port.
     pub fn addresses(&self) -> &[(BusId, String)] {
         &self.addresses
     }
 
-    /// The profile with the addresses at which the devices really listen.
+    /// The profile with the actual addresses of the devices.
     pub fn serving(&self, mut profile: Profile) -> Profile {
         for (bus, address) in &self.addresses {
             if let Some(bus) = profile.buses.get_mut(bus.0) {
@@ -308,17 +309,17 @@ impl VirtualMachine {
         profile
     }
 
-    /// Where one bus over TCP really is.
+    /// Actual address of a bus over TCP.
     pub fn address(&self, bus: BusId) -> Option<SocketAddr> {
         self.addresses.iter().find(|(id, _)| *id == bus).and_then(|(_, address)| address.parse().ok())
     }
 
-    /// Its truth.
+    /// Access to the truth of this machine.
     pub fn window(&self) -> Window {
         Window(self.shared.clone())
     }
 
-    /// Returns only when a task has failed. To be awaited beside whatever the machine is for.
+    /// Returns only when a task has failed. Await it in parallel to the use of the machine.
     pub async fn failure(&mut self) -> VirtualMachineError {
         match self.tasks.join_next().await {
             Some(Ok(Ok(()))) => VirtualMachineError::Failed("a task ended by itself".to_owned()),
@@ -328,10 +329,10 @@ impl VirtualMachine {
         }
     }
 
-    /// Ends it: listeners and connections are closed.
+    /// Ends the machine, and closes listeners and connections.
     ///
     /// # Errors
-    /// A task had failed.
+    /// A task has failed.
     pub async fn stop(mut self) -> Result<Summary, VirtualMachineError> {
         let _ = self.stop.send(true);
         while let Some(ended) = self.tasks.join_next().await {
@@ -343,7 +344,7 @@ impl VirtualMachine {
     }
 }
 
-/// The devices that share the address of a bus, each with its unit.
+/// Devices that share the address of a bus, each with its unit.
 fn on_line(profile: &Profile, bus: usize) -> impl Iterator<Item = (u8, DeviceId)> {
     let address = &profile.buses[bus].address;
     let devices = profile.devices.iter().enumerate();
@@ -359,7 +360,7 @@ async fn listen(bus: &isotherm_profile::Bus, ports: Ports) -> Result<TcpListener
     TcpListener::bind(address).await.map_err(|source| refused(bus, source))
 }
 
-/// The name of a serial port: the profile's, where it is free to be taken; else one of its own.
+/// Name of a serial port: the path in the profile if it is free, otherwise another one.
 fn name(bus: &isotherm_profile::Bus, ports: Ports) -> std::io::Result<port::Name> {
     let wanted = match ports {
         Ports::AsInProfile => port::Name::wanted(Path::new(&bus.address)),

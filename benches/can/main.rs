@@ -1,13 +1,13 @@
-//! The gateway on a CAN bus of a real kernel; `tests/vcan/run bench` runs it.
+//! Benchmark of the gateway on a CAN bus of a real kernel. `tests/vcan/run bench` runs it.
 //!
-//! `isotherm run` is a process of its own here, as on a machine.
+//! `isotherm run` is a separate process here, as on a machine. The benchmark measures:
 //!
-//! - From a position on the wire to the corrected one on the wire: the kernel's time stamps of the two frames. The limit:
-//!   the median is under 200 µs.
-//! - The gateway's processor time while 20,000 foreign frames a second pass, beside its bus without them, second by second
-//!   in turns, and how often it sleeps. The limit of both: 5 % more. The sender needs the same processor, if there is only
-//!   one, and what it leaves of the caches is no matter of the bus: for the comparison it sends as many to another bus.
-//!   What the gateway needs while it does not send at all is told, too.
+//! - Latency from a position frame to the corrected position frame, by the kernel's time stamps of both frames. Limit:
+//!   the median is below 200 µs.
+//! - Processor time and sleeps of the gateway with 20,000 foreign frames per second on its bus, compared with the same
+//!   traffic on another bus. The seconds alternate. Limit of both: 5 % more. The comparison uses another bus because
+//!   the sender may share the processor and its caches with the gateway. The benchmark also prints the figures without
+//!   foreign traffic.
 
 #![allow(
     clippy::unwrap_used,
@@ -30,21 +30,21 @@ use tempfile::TempDir;
 
 use meter::Meter;
 
-/// From wire to wire.
+/// Limit of the median latency from position frame to corrected position frame.
 const LATENCY: Duration = Duration::from_micros(200);
-/// Processor time, and sleeps, with foreign traffic per those without.
+/// Limit of processor time and of sleeps with foreign traffic on this bus, as a ratio to traffic on another bus.
 const SHARE: f64 = 1.05;
-/// Seconds of each.
+/// Measured seconds for each kind of traffic.
 const ROUNDS: u32 = 40;
-/// A bus that the gateway has nothing to do with.
+/// CAN interface that the gateway does not use.
 const OTHER: &str = "vcan1";
-/// Foreign frames a second.
+/// Foreign frames per second.
 const FOREIGN: u32 = 20_000;
 
 const POSITION: u16 = 0x300;
 const CORRECTED: u16 = 0x20c;
 
-/// What the axis comes to at 25 °C, in counts of the position.
+/// Cz of the axis at 25 °C, in counts of the position.
 const CZ: i32 = 5;
 
 const PROFILE: &str = r#"
@@ -93,10 +93,10 @@ pdo = { cob_id = 0x20C, start = 0, length = 32, signed = true }
 scale = 0.001
 "#;
 
-/// A running gateway.
+/// A running gateway process.
 struct Running {
     child: Child,
-    /// Its profile, its state and its log.
+    /// Directory of profile, state and log.
     directory: TempDir,
     meter: Meter,
 }
@@ -130,7 +130,7 @@ fn frame(id: u16, data: &[u8]) -> CanFrame {
     CanFrame::new(StandardId::new(id).unwrap(), data).unwrap()
 }
 
-/// Positions and temperatures, and what the gateway makes of them.
+/// Simulated machine: sends positions and temperatures, and receives the corrected positions.
 struct Machine {
     socket: CanSocket,
     wire: CanSocket,
@@ -158,14 +158,15 @@ impl Machine {
         self.socket.write_frame(&frame(POSITION, &self.sent.to_le_bytes())).unwrap();
     }
 
-    /// The latest corrected position, if the gateway has sent any since it was asked last.
+    /// Returns the last corrected position received since the previous call; `None` if there was none.
     fn corrected(&self) -> Option<i32> {
         let heard = std::iter::from_fn(|| self.wire.read_frame().ok());
         let corrected = heard.filter(|frame| frame.raw_id() == u32::from(CORRECTED)).last()?;
         Some(i32::from_le_bytes(corrected.data().try_into().unwrap()))
     }
 
-    /// From the position to its correction, both as the kernel has stamped them. Nobody else runs meanwhile.
+    /// Sends one position, and returns the time until its correction by the kernel's time stamps. Meanwhile this thread
+    /// sleeps, so that it does not compete for the processor.
     fn once(&mut self) -> Option<Duration> {
         self.position();
         std::thread::sleep(Duration::from_millis(2));
@@ -213,7 +214,7 @@ fn latency(running: &Running, machine: &mut Machine) -> bool {
     median < LATENCY
 }
 
-/// Where foreign frames go.
+/// Bus that carries the foreign frames.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Traffic {
     None,
@@ -223,7 +224,8 @@ enum Traffic {
 
 const TURNS: [Traffic; 3] = [Traffic::None, Traffic::Elsewhere, Traffic::Here];
 
-/// Sends foreign frames where it is told, at most [`FOREIGN`] a second, until nobody tells it any more; gives how many.
+/// Sends at most [`FOREIGN`] foreign frames per second to the bus that the channel names, until the channel closes.
+/// Returns the number of sent frames.
 fn babble(interface: &str, reported: &Receiver<Traffic>) -> u64 {
     let [here, elsewhere] = [interface, OTHER].map(|name| {
         let socket = CanSocket::open(name).unwrap();
@@ -245,7 +247,7 @@ fn babble(interface: &str, reported: &Receiver<Traffic>) -> u64 {
             Traffic::Elsewhere => &elsewhere,
             Traffic::Here => &here,
         };
-        // As different as foreign frames are.
+        // Foreign frames have different identifiers and different content.
         for number in 0..(due as u16).min(1000) {
             let foreign = frame(0x400 + number % 0x100, &number.to_le_bytes());
             sent += u64::from(socket.write_frame(&foreign).is_ok());
@@ -253,7 +255,8 @@ fn babble(interface: &str, reported: &Receiver<Traffic>) -> u64 {
     }
 }
 
-/// What 200 positions cost the gateway, one every 5 ms, with a temperature every 100 ms: processor time in ms, and sleeps.
+/// Measures one second of the gateway: 200 positions, one every 5 ms, and a temperature every 100 ms. Returns processor
+/// time in ms and the number of sleeps.
 fn second(running: &mut Running, machine: &mut Machine) -> [f64; 2] {
     let clock = Clock::wall();
     let before = (running.meter.busy(), running.meter.sleeps());
@@ -288,7 +291,7 @@ fn foreign(interface: &str, running: &mut Running, machine: &mut Machine) -> boo
         drop(tell);
         sender.join().unwrap()
     });
-    // What this computer did for others in between falls on few of them.
+    // The median ignores the few seconds that other processes of the computer disturbed.
     let median = |seconds: &[[f64; 2]], of: usize| {
         let mut values: Vec<f64> = seconds.iter().map(|second| second[of]).collect();
         values.sort_by(f64::total_cmp);

@@ -1,25 +1,26 @@
-//! What a process costs: processor time, and how often it sleeps.
+//! Processor time and number of sleeps of a process.
 //!
-//! Processor time is what the kernel's scheduler has counted for the process, in nanoseconds. The user-mode kernel counts
-//! its processes in steps of 10 ms, which is too coarse; but each of them runs in a process of the machine around it,
-//! with the kernel's own work in another. There the runner of these benches looks it up (`ISOTHERM_METER`, a directory that
-//! both see): an empty file `ask.N` is answered by `answer.N`, a line `process nanoseconds` for each that there is.
+//! Processor time is the time in nanoseconds that the kernel's scheduler has counted for the process. A user-mode
+//! kernel counts in steps of 10 ms, which is too coarse. However, it runs each of its processes as a process of the
+//! host, and its own kernel work in another one. On a user-mode kernel, the runner of these benchmarks therefore reads
+//! the times on the host. Both exchange files in the directory `ISOTHERM_METER`: an empty file `ask.N` is the request,
+//! and `answer.N` the reply. The reply has one line `process nanoseconds` for each process on the host.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Child;
 use std::time::Duration;
 
-/// A process that is measured.
+/// A process whose processor time and sleeps are measured.
 pub(crate) struct Meter {
-    /// Here.
+    /// Process id here.
     process: u32,
-    /// In the machine around the user-mode kernel.
+    /// Process id on the host of the user-mode kernel; `None` without one.
     around: Option<(Around, u32)>,
 }
 
 impl Meter {
-    /// Starts a process; nothing else may start or end meanwhile.
+    /// Starts a process. No other process may start or end during the call.
     pub(crate) fn on(start: impl FnOnce() -> Child) -> (Child, Meter) {
         let Some(directory) = std::env::var_os("ISOTHERM_METER") else {
             let child = start();
@@ -29,7 +30,7 @@ impl Meter {
         let mut around = Around { directory: directory.into(), asked: 0 };
         let before = around.ask();
         let child = start();
-        // Between its fork and its exec it has two.
+        // Between fork and exec, the new process has two processes on the host.
         std::thread::sleep(Duration::from_secs(1));
         let new: Vec<u32> =
             around.ask().into_keys().filter(|process| !before.contains_key(process)).collect();
@@ -38,7 +39,7 @@ impl Meter {
         (child, Meter { process, around: Some((around, outside)) })
     }
 
-    /// Processor time so far, without the kernel's own where it is the user-mode kernel.
+    /// Returns the processor time so far. On a user-mode kernel it does not include the time of the kernel.
     pub(crate) fn busy(&mut self) -> Duration {
         let nanoseconds = match &mut self.around {
             Some((around, outside)) => around.ask()[outside],
@@ -50,7 +51,7 @@ impl Meter {
         Duration::from_nanos(nanoseconds)
     }
 
-    /// How often it has gone to sleep so far.
+    /// Returns how often the process has gone to sleep so far.
     pub(crate) fn sleeps(&self) -> u64 {
         let text = std::fs::read_to_string(format!("/proc/{}/status", self.process)).unwrap();
         let line = text.lines().find_map(|line| line.strip_prefix("voluntary_ctxt_switches:"));

@@ -1,4 +1,4 @@
-//! Bare loops of tokio-modbus, as its examples have them.
+//! Bare loops of tokio-modbus, as in its examples.
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::time::Duration;
@@ -49,7 +49,7 @@ async fn connected(device: u16, port: u16) -> Context {
     tcp::attach_slave(stream, Slave(1))
 }
 
-/// Cz = 2.4 µm/°C · (bed − wheelhead), in counts of 0.1 µm.
+/// Executes one loop: Cz = 2.4 µm/°C · (bed − wheelhead), in counts of 0.1 µm.
 async fn one_loop(device: &mut Context, reads_only: bool) {
     let registers = device.read_input_registers(0, 8).await.unwrap().unwrap();
     if !reads_only {

@@ -1,4 +1,4 @@
-//! The devices: servers that do as little as one can, and count.
+//! Devices: minimal servers that count reads and writes.
 
 use std::io::{BufRead, Read, Write};
 use std::sync::Arc;
@@ -11,7 +11,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
 const REQUEST: usize = 12;
 
-/// Reaction times are counted in steps of this, up to a millisecond.
+/// Resolution of reaction times, which are counted up to a millisecond.
 const STEP: Duration = Duration::from_nanos(250);
 const STEPS: usize = 4000;
 
@@ -19,7 +19,7 @@ const STEPS: usize = 4000;
 struct Counts {
     reads: AtomicU64,
     writes: AtomicU64,
-    /// From the count that was read to the value that was written for it, since they were last asked for.
+    /// Histogram of the time between a read and the write that follows it, since the last request.
     reactions: Vec<AtomicU64>,
 }
 
@@ -34,7 +34,7 @@ impl Counts {
         self.reactions[step as usize].fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Reads, writes, and how long half and 99 of 100 reactions took at most, in nanoseconds.
+    /// Reads, writes, and the median and the 99th percentile of the reaction time in nanoseconds.
     fn line(&self) -> String {
         let counted: Vec<u64> = self.reactions.iter().map(|step| step.swap(0, Ordering::Relaxed)).collect();
         let all: u64 = counted.iter().sum();
@@ -51,15 +51,15 @@ impl Counts {
     }
 }
 
-/// What a device knows of itself.
+/// State of one device.
 struct Device {
     begun: Moment,
-    /// What the register holds that is written.
+    /// Value of the register that clients write.
     stands: [u8; 2],
     read_at: Option<Moment>,
 }
 
-/// Prints the port, then, for each line that comes in, what was counted so far.
+/// Prints the port, then for each line of input the counts so far.
 pub(super) fn serve(delay: Duration) {
     let counts = Arc::new(Counts::new());
     let counted = counts.clone();
@@ -74,7 +74,7 @@ pub(super) fn serve(delay: Duration) {
     if delay.is_zero() { at_once(&listener, &counts) } else { late(listener, delay, &counts) }
 }
 
-/// A thread for each connection: what has come together is answered together.
+/// Serves each connection in a thread. Requests that arrive together are answered together.
 fn at_once(listener: &std::net::TcpListener, counts: &Arc<Counts>) {
     let begun = Clock::wall().now();
     for stream in listener.incoming() {
@@ -96,7 +96,7 @@ fn at_once(listener: &std::net::TcpListener, counts: &Arc<Counts>) {
     }
 }
 
-/// A task for each connection, which takes its time.
+/// Serves each connection in a task that answers after the delay.
 fn late(listener: std::net::TcpListener, delay: Duration, counts: &Arc<Counts>) {
     let begun = Clock::wall().now();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
@@ -141,10 +141,10 @@ fn answer(request: &[u8], counts: &Counts, device: &mut Device, replies: &mut Ve
     device.read_at = Some(now);
     counts.reads.fetch_add(1, Ordering::Relaxed);
     replies.extend_from_slice(&[request[0], request[1], 0, 0, 0, 19, request[6], 4, 16]);
-    // The first is a temperature that rises and falls by 0.1 K in a tenth of a second, 4 K about 27.5 °C.
+    // The first register is a temperature that rises or falls by 0.1 °C per 0.1 s, between 25.5 and 29.5 °C.
     let phase = now.since(device.begun).as_millis() % 8_000;
     let tenths = u16::try_from(phase.min(8_000 - phase) / 100).unwrap();
     replies.extend_from_slice(&(255 + tenths).to_be_bytes());
-    // The second one stays; the last is a position.
+    // The second register is constant; the last one is a position.
     replies.extend_from_slice(&[0, 240, 0, 1, 0, 2, 0, 3, 0, 4, 0, 5, 4, 210]);
 }

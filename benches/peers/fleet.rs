@@ -1,4 +1,4 @@
-//! Many devices, each on a connection of its own: what of a core the contenders take, and how much memory.
+//! Many devices, each on a separate connection: processor time and memory of the contenders.
 
 use std::path::Path;
 use std::time::Duration;
@@ -7,30 +7,34 @@ use isotherm::clock::Clock;
 
 use super::{Counts, Devices, Work, contender};
 
-/// Connections and the first decisions are not counted, nor the memory that reading a profile needed.
+/// Time before the measurement. It excludes connections, the first decisions, and the memory for reading the profile.
 const WARM_UP: Duration = Duration::from_secs(5);
-/// Turns that the contenders take, as a computer's mood changes from minute to minute; each half as long as a measurement.
+/// Turns of each contender, because the speed of a computer changes from minute to minute. Each turn takes half as long
+/// as a measurement.
 const TURNS: usize = 3;
 
-/// What of a core it may take.
+/// Limit of processor time.
 enum Most {
     Percent(f64),
-    /// So many times what the limit in C takes in the same turns.
+    /// Multiple of what the reference program in C takes in the same turns.
     Times(f64),
 }
 
-/// What a contender took in one turn.
+/// Results of a contender in one turn.
 struct Turn {
     percent: f64,
     memory_mb: f64,
     wakes: f64,
-    /// Of those wanted.
+    /// Reads as a share of the expected number; `writes` likewise.
     reads: f64,
     writes: f64,
 }
 
-/// With an axis each; how many times the limit in C it may cost, what of a core or both, and how much memory. Computers differ by more
-/// than what is judged here, and one from itself within an hour: 14 % and 8 % were wanted where the limit took 4.0 and 3.8.
+/// Measures fleets of devices with an axis each, and prints the limits.
+///
+/// A limit is a multiple of the cost of the reference program in C, or a share of a core, and a size of memory. A share
+/// of a core alone is not a useful limit. Computers differ by more than the quantity that is judged, and so does one
+/// computer within an hour.
 pub(super) fn fleets(own: &Path, loops: &Path, span: Duration) {
     println!(
         "\n{:<44}{:>12}{:>12}{:>14}{:>12}",
@@ -97,7 +101,7 @@ fn say(name: &str, turns: &[Vec<Turn>; 4], most: Option<(Most, f64)>) {
             format!("at most {most} % of a core: {}", reached(percent[3] <= most))
         }
         Most::Times(most) => {
-            // Of the limit's own turn just before.
+            // Ratio to the turn of the reference program directly before.
             let times = median(isotherm.iter().zip(limit).map(|(own, limit)| own.percent / limit.percent));
             format!("at most {most} times the limit in C: {times:.2}, {}", reached(times <= most))
         }

@@ -1,4 +1,4 @@
-//! The gateway, with everything that it does: quality, model, guard, the echo of each write.
+//! The gateway with all its functions: quality, model, guard, and the echo of each write.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -9,7 +9,7 @@ use isotherm::gateway::{Gateway, Options, Pace};
 
 use super::Work;
 
-/// Without a pause, and with a step of the axis each time; so many questions under way together.
+/// Runs the gateway without pauses, with a step of the axis in each loop, and up to `pipeline` requests under way.
 pub(super) fn closed_loop(port: u16, pipeline: u8) {
     let work = Work { devices: 1, period: Duration::from_secs(1), reads_only: false };
     let polls = Duration::from_micros(1);
@@ -25,7 +25,7 @@ pub(super) fn fleet(port: u16, work: &Work) {
 
 fn run(text: String, options: Options) {
     let loaded = isotherm_profile::parse(Path::new("peers.toml"), &text, &[], &[]);
-    // As `run` does, which reads it from a file.
+    // The verb `run` reads the profile from a file, and does not keep its text either.
     drop(text);
     let profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
@@ -35,7 +35,8 @@ fn run(text: String, options: Options) {
     });
 }
 
-/// Each device has a line, an axis and an output of its own: a corrected position is written after each read.
+/// Profile in which each device has its own bus, axis and output: each read is followed by the write of a corrected
+/// position.
 fn profile(port: u16, work: &Work, pipeline: u8) -> String {
     let period = humantime::format_duration(work.period);
     let timeout = humantime::format_duration(work.period.mul_f64(0.9).min(Duration::from_millis(300)));

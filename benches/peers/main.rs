@@ -1,10 +1,12 @@
-//! The gateway beside bare loops, for this machine: what of README's claim anybody can check.
+//! Benchmark of the gateway against bare loops on this computer. It reproduces performance claims of the manual.
 //!
-//! Each contender is a process of its own that reads eight input registers of a device, computes, and writes one; the devices
-//! live in one more process, which counts. The limit is a loop of system calls in C; beside it stand libmodbus, as its manual
-//! has it, and tokio-modbus, which check less: no quality, no model, no guard, and no echo of what was written.
+//! Each contender is a separate process that reads eight input registers of a device, computes, and writes one
+//! register. The devices run in one more process, which counts. The reference is a loop of system calls in C. The
+//! others are libmodbus, as in its manual, and tokio-modbus. They have no quality, no model, no guard, and no
+//! verification of writes.
 //!
-//! `cargo bench --bench peers`; the seconds of a measurement may be given. Wants a C compiler and libmodbus-dev.
+//! Run it with `cargo bench --bench peers`. An argument sets the seconds of a measurement. It requires a C compiler and
+//! libmodbus-dev.
 
 #![allow(clippy::unwrap_used, clippy::cast_precision_loss, reason = "a bench may stop where it stands")]
 
@@ -24,7 +26,8 @@ mod process;
 
 use process::Process;
 
-/// Turns that the contenders of the closed loop take: many and short ones, as a computer's mood changes within seconds.
+/// Turns of the contenders of the closed loop. They are many and short, because the speed of a computer changes within
+/// seconds.
 const TURNS: usize = 40;
 const TURN: Duration = Duration::from_millis(500);
 const STARTS: usize = 15;
@@ -49,7 +52,7 @@ fn main() {
     }
 }
 
-/// What many devices are asked for.
+/// Work with many devices.
 struct Work {
     devices: u16,
     period: Duration,
@@ -77,7 +80,7 @@ fn compare(seconds: u64) {
     fleet::fleets(&own, &loops, span);
 }
 
-/// From the start of the process to its first write, read and decided before.
+/// Measures the time from the start of the process to its first write, which a read and a decision precede.
 fn start(own: &Path) {
     let mut took = [0; STARTS].map(|_| {
         let mut devices = Devices::start(own, 0);
@@ -94,11 +97,11 @@ fn start(own: &Path) {
     );
 }
 
-/// Loops in a second on one processor, each contender in turn, so that the machine's mood meets all; and how long after
-/// the device has sent a count the value for it arrives.
+/// Measures the loops per second of each contender on one processor, in alternating turns. Measures also the time from
+/// the answer of the device to the arrival of the value that depends on it.
 fn closed_loops(own: &Path, loops: &Path, span: Duration) {
     if let Some(cores) = core_affinity::get_core_ids() {
-        // What is started from here inherits it.
+        // Processes that are started from here inherit the processor.
         core_affinity::set_for_current(cores[0]);
     }
     let contenders = [
@@ -129,7 +132,7 @@ fn closed_loops(own: &Path, loops: &Path, span: Duration) {
     };
     for ((name, .., least), taken) in contenders.iter().zip(&turns) {
         let [rate, half, most] = [0, 1, 2].map(|of| median(taken, of));
-        // Of the limit's own turn just before.
+        // Ratio to the turn of the reference program directly before.
         let shares: Vec<[f64; 3]> =
             taken.iter().zip(&turns[0]).map(|(one, limit)| [one[0] / limit[0], 0.0, 0.0]).collect();
         let share = median(&shares, 0);
@@ -145,7 +148,7 @@ fn closed_loops(own: &Path, loops: &Path, span: Duration) {
     }
 }
 
-/// The loops in C, compiled.
+/// Compiles the loops in C, and returns the path of the program.
 fn compiled() -> PathBuf {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/peers/loops.c");
     let program = std::env::current_exe().unwrap().with_file_name("peers-loops");
@@ -156,7 +159,7 @@ fn compiled() -> PathBuf {
     program
 }
 
-/// A contender.
+/// Starts a contender.
 fn contender(program: &Path, mode: &str, port: u16, more: &[String]) -> Process {
     Process::start(Command::new(program).arg(mode).arg(port.to_string()).args(more))
 }
@@ -197,7 +200,7 @@ impl Devices {
     }
 }
 
-/// Reads and writes so far; what half and 99 of 100 reactions took at most since they were last asked for.
+/// Reads and writes so far, and the median and the 99th percentile of the reaction time since the last request.
 struct Counts {
     reads: u64,
     writes: u64,

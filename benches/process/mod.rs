@@ -1,8 +1,8 @@
-//! A process that is measured.
+//! A measured process.
 
 use std::process::{Child, Command};
 
-/// Killed at the end.
+/// Process that is killed when this value is dropped.
 pub(crate) struct Process(Child);
 
 impl Process {
@@ -10,13 +10,13 @@ impl Process {
         Process(command.spawn().unwrap())
     }
 
-    /// Seconds of the processor, user and system, of all its threads: those that are still there.
+    /// Processor time, user and system, of all threads that still exist, in seconds.
     pub(crate) fn busy(&self) -> f64 {
         let spent = |text: &str| -> Option<f64> { text.split_whitespace().next()?.parse().ok() };
         1e-9 * self.of_threads("schedstat", spent).sum::<f64>()
     }
 
-    /// How often its threads have waited for something, and were woken.
+    /// Number of times that its threads have waited and have been woken.
     #[allow(dead_code, reason = "one of the benches counts them")]
     pub(crate) fn wakes(&self) -> u64 {
         let waited = |text: &str| -> Option<u64> {
@@ -26,7 +26,7 @@ impl Process {
         self.of_threads("status", waited).sum()
     }
 
-    /// What this file says of each of its threads.
+    /// Figure from this file in `/proc`, for each thread.
     fn of_threads<T>(&self, file: &str, figure: impl Fn(&str) -> Option<T>) -> impl Iterator<Item = T> {
         let tasks = std::fs::read_dir(format!("/proc/{}/task", self.0.id())).unwrap();
         tasks.flatten().filter_map(move |task| figure(&std::fs::read_to_string(task.path().join(file)).ok()?))

@@ -1,4 +1,4 @@
-//! Finds the shipped device templates: each file of `profiles/devices` becomes part of the program.
+//! Embeds the shipped device templates: the TOML and DBC files in `profiles/devices`.
 
 use std::error::Error;
 use std::fmt::Write;

@@ -1,4 +1,4 @@
-//! `isotherm backup`: what belongs to a machine in one file. `restore` is the way back.
+//! `isotherm backup`: saves the files of a machine in one file. `restore` is the inverse.
 
 use std::collections::BTreeSet;
 use std::io::{ErrorKind, Write};
@@ -16,24 +16,26 @@ use crate::gateway;
 use isotherm_core::quantity::time;
 use isotherm_profile::{Profile, regular, sha256};
 
-/// A backup is no larger than this, in bytes: it is taken and put back in memory, and what is larger is none.
+/// Largest size of a backup in bytes. Backup and restore keep the archive in memory, and reject a larger one.
 pub(super) const LARGEST: u64 = 128 * 1024 * 1024;
-/// The form of the file.
+/// Version of the archive format.
 pub(super) const FORM: u32 = 1;
 pub(super) const MANIFEST: &str = "manifest.json";
-/// Below these, in the archive, lie the profile with its files, and the state directory.
+/// Directory of the profile and its files in the archive. [`STATE`] is that of the state directory.
 pub(super) const PROFILE: &str = "profile";
 pub(super) const STATE: &str = "state";
-/// Of an archive that holds a token or a key, and of these.
+/// File mode of an archive with secrets, and of the files with tokens and keys in it.
 pub(super) const SECRET_MODE: u32 = 0o600;
 pub(super) const MODE: u32 = 0o640;
-/// What is no secret beside a profile may be read by whoever runs the gateway.
+/// File mode of the other profile files. Any user may read them, so that the user of the gateway can.
 pub(super) const PROFILE_MODE: u32 = 0o644;
 
-/// Writes what belongs to a machine into one file, a tar archive: the profile and its .local.toml, the models, device templates,
-/// DBC files and certificates that they name, state and ledger, and a list with the SHA-256 of each. The gateway may run meanwhile.
+/// Writes the files of a machine into one tar archive: the profile and its .local.toml, the files that they name, state
+/// and ledger. The named files are models, device templates, DBC files and certificates. A list contains the SHA-256 of
+/// each file. The gateway may run meanwhile.
 ///
-/// Logs and events are not in it: copy them out of the state directory. Nor are settings by --set and the environment.
+/// Logs and events are not included: copy them from the state directory. Settings by --set and by the environment are
+/// not included either.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm backup my-machine.toml my-machine.tar\n  isotherm backup my-machine.toml my-machine.tar --secrets"
@@ -42,13 +44,13 @@ pub(super) struct Arguments {
     /// The machine's profile
     #[arg(value_name = "PROFILE")]
     profile: PathBuf,
-    /// The file to write; one that is there already is not touched
+    /// The file to write; an existing file is not overwritten
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// Overrides one key, as often as needed: `--set bus.cell.address=10.0.0.7:502`
+    /// Overrides one key, may be repeated: `--set bus.cell.address=10.0.0.7:502`
     #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
     set: Vec<(String, String)>,
-    /// With tokens, passwords and private keys; nobody else may read the file then (0600)
+    /// Includes tokens, passwords and private keys; only its owner may then read the archive (0600)
     #[arg(long)]
     secrets: bool,
     /// The state directory that the gateway was started with
@@ -56,7 +58,7 @@ pub(super) struct Arguments {
     state: Option<PathBuf>,
 }
 
-/// What stands first in the archive: the rest follows in this order, and nothing else.
+/// Manifest, the first file of the archive. The files of `files` follow in this order, and no other file.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Manifest {
@@ -65,9 +67,9 @@ pub(super) struct Manifest {
     pub(super) machine: String,
     pub(super) time: String,
     pub(super) secrets: bool,
-    /// The name of the profile's file.
+    /// File name of the profile.
     pub(super) profile: String,
-    /// What `[history] directory` says.
+    /// Value of `directory` in `[history]` of the profile.
     pub(super) state_directory: Option<PathBuf>,
     pub(super) files: Vec<Entry>,
 }
@@ -170,7 +172,7 @@ fn archive(manifest: &Manifest, files: &[(String, u32, Vec<u8>)]) -> anyhow::Res
     Ok(archive.into_inner()?)
 }
 
-/// The tokens, passwords and private keys that a profile names, as it names them.
+/// Files with tokens, passwords and private keys, with the names that the profile uses.
 fn secrets(profile: &Profile, beside: &Path) -> BTreeSet<String> {
     let web = profile.web.as_ref();
     let tokens = web
@@ -189,7 +191,7 @@ fn secrets(profile: &Profile, beside: &Path) -> BTreeSet<String> {
     secrets
 }
 
-/// The page's certificate, which is read when it is served.
+/// File of the page's certificate; `None` without TLS. The profile reader does not read it.
 fn certificate(profile: &Profile, beside: &Path) -> Option<String> {
     let tls = profile.web.as_ref()?.tls.as_ref()?;
     Some(name_in(&tls.cert, beside))
@@ -199,12 +201,13 @@ fn name_in(path: &Path, beside: &Path) -> String {
     path.strip_prefix(beside).unwrap_or(path).display().to_string()
 }
 
-/// A name that leads nowhere but below the directory it is joined to.
+/// Returns whether a relative path stays below the directory to which it is joined.
 pub(super) fn is_below(path: &Path) -> bool {
     path.components().next().is_some() && path.components().all(|part| matches!(part, Component::Normal(_)))
 }
 
-/// Writes a file that is not there yet, for this user and group where they are given: it is on disk when this returns.
+/// Writes a new file, with this user and group as its owner if given. The file is on disk when this function returns.
+/// An existing file is an error.
 pub(super) fn write_new(
     path: &Path,
     bytes: &[u8],

@@ -1,4 +1,4 @@
-//! The broker of `[mqtt]`: what keeps the gateway from speaking to it, and whether it is there.
+//! The broker of `[mqtt]`: checks of its files, a test connection, and the start of publishing.
 
 use isotherm_profile::{Errors, Profile};
 #[cfg(feature = "mqtt")]
@@ -12,10 +12,10 @@ use {
     std::sync::Arc,
 };
 
-/// What is wrong with `[mqtt]` that only whoever connects can tell.
+/// Checks the TLS files of `[mqtt]`, which the profile reader does not check.
 ///
 /// # Errors
-/// All of it, in the order of the file.
+/// All errors, in the order of the file.
 #[cfg(feature = "mqtt")]
 pub(super) fn check(profile: &Profile) -> Result<(), Errors> {
     let Some(Err(mut wrong)) = profile.mqtt.as_ref().map(tls::broker) else { return Ok(()) };
@@ -23,10 +23,10 @@ pub(super) fn check(profile: &Profile) -> Result<(), Errors> {
     Err(Errors(wrong))
 }
 
-/// That there is an `[mqtt]` at all.
+/// Rejects a profile with `[mqtt]`.
 ///
 /// # Errors
-/// This program cannot.
+/// This program was built without MQTT.
 #[cfg(not(feature = "mqtt"))]
 pub(super) fn check(profile: &Profile) -> Result<(), Errors> {
     let help = "take a packaged program, or build it in: `cargo build --release --features mqtt`";
@@ -34,7 +34,7 @@ pub(super) fn check(profile: &Profile) -> Result<(), Errors> {
     profile.mqtt.as_ref().map_or(Ok(()), |mqtt| Err(Errors(vec![wrong(mqtt)])))
 }
 
-/// Begins to publish; `None` where nothing is to be.
+/// Starts publishing; `None` if the profile has no `[mqtt]`.
 ///
 /// # Errors
 /// The system has no thread for it.
@@ -46,18 +46,18 @@ pub(super) fn publish(
     state: &Path,
 ) -> std::io::Result<Option<Publishing>> {
     let Some((mqtt, figures)) = profile.mqtt.as_ref().zip(figures) else { return Ok(None) };
-    // Where it cannot be made, that is reported when something is to be kept there.
+    // If the directory cannot be made, the error is reported when something is to be kept in it.
     let _ = make_directory(&kept_in(state, &profile.name));
-    // What is wrong with its files has been reported.
+    // Errors in these files have been reported already.
     let trust = tls::broker(mqtt).unwrap_or_default();
     Publishing::start((profile, mqtt), trust, source, figures, state).map(Some)
 }
 
-/// What the broker says to the gateway; `None` where nothing is published. Nothing is now either.
+/// Connects to the broker without publishing, and returns the result; `None` if the profile has no `[mqtt]`.
 #[cfg(feature = "mqtt")]
 pub(super) async fn look(profile: &Profile) -> Option<Looked> {
     let mqtt = profile.mqtt.as_ref()?;
-    // What is wrong with its files has been reported.
+    // Errors in these files have been reported already.
     let trust = tls::broker(mqtt).unwrap_or_default();
     let fault = probe(profile, mqtt, trust).await.err();
     let well = "takes the gateway; nothing was published";

@@ -1,4 +1,4 @@
-//! The page's certificate: read from its files, and read again when they change.
+//! The certificate of the page: read from its files, and read again when they change.
 
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
@@ -13,11 +13,11 @@ use crate::fieldbus::tls;
 use crate::observe::http::Shown;
 use isotherm_profile::{WebTls, regular};
 
-/// How often it is looked whether the files have changed. What has is read when it has stayed so from one look to the next:
-/// two files cannot be changed at once.
+/// Interval of the check whether the files have changed. Changed files are read when two checks in a row find the same
+/// state, because certificate and key cannot be replaced at once.
 const LOOK_EVERY: Duration = Duration::from_secs(2);
 
-/// What is shown, and the files that it comes from.
+/// Server configuration of the page with its certificate, and the files that contain certificate and key.
 #[derive(Debug)]
 pub(super) struct Certificate {
     files: WebTls,
@@ -25,31 +25,31 @@ pub(super) struct Certificate {
     show: watch::Sender<Arc<ServerConfig>>,
 }
 
-/// By what the two files are known to be others than before.
+/// Identity of the two files, from their metadata. Another value means that a file was replaced or changed.
 type Stamp = [Option<(u64, u64, i64, i64)>; 2];
 
 impl Certificate {
     /// Reads the files.
     ///
     /// # Errors
-    /// A sentence that names the file, and says what is wrong with it.
+    /// A sentence that names the file and the error in it.
     pub(super) fn open(files: &WebTls) -> anyhow::Result<Certificate> {
         let read = stamp(files);
         Ok(Certificate { files: files.clone(), read, show: watch::Sender::new(Arc::new(config(files)?)) })
     }
 
-    /// What is shown from now on.
+    /// Receiver of the current server configuration.
     pub(super) fn shown(&self) -> Shown {
         self.show.subscribe()
     }
 
-    /// Reads the files again whenever they change. Where there is something wrong with the new ones, the old are still shown.
+    /// Reads the files again when they change. If the new files have an error, the page keeps the old certificate.
     pub(super) async fn keep(mut self) {
         let mut last = self.read;
         loop {
             tokio::time::sleep(LOOK_EVERY).await;
             let files = self.files.clone();
-            // A file may lie on a network that is gone; nobody else waits for it.
+            // A file may be on a network that is gone. Only this thread then waits for it.
             let Ok(found) = tokio::task::spawn_blocking(move || stamp(&files)).await else { return };
             if found != self.read && found == last {
                 self.read = found;

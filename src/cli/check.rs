@@ -1,4 +1,4 @@
-//! `isotherm check`: what a profile says, and what is wrong with it.
+//! `isotherm check`: shows the content of a profile and its errors.
 
 use std::path::{Path, PathBuf};
 
@@ -20,8 +20,8 @@ use crate::observe::http::Admission;
 use isotherm_profile::Profile;
 use isotherm_profile::preview::{self, Preview};
 
-/// Every error of the profile with its place; then what would happen: the read plan, each register in both notations,
-/// the write list, the signs in words.
+/// Shows every error of the profile with its place. Without errors it shows the read plan, each register in both
+/// notations, everything that would be written, and the sign of each model in words.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm check my-machine.toml\n  isotherm check my-machine.toml --online     asks the \
@@ -30,20 +30,20 @@ use isotherm_profile::preview::{self, Preview};
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// Ask the devices as well: reads every signal and every output register once, writes nothing; connects to the broker of [mqtt]
-    /// and the servers of [[notify]], and publishes and posts nothing
+    /// Also reads every signal and every output register once, and writes nothing. Connects to the broker of [mqtt] and
+    /// the servers of [[notify]], and sends them no message
     #[arg(long)]
     online: bool,
-    /// The state directory that the gateway is started with, for what a template was in its last run and, with --online, where its
-    /// outputs and signals were
+    /// The state directory that the gateway is started with. The check compares templates with those of the last run
+    /// and, with --online, the places of outputs and signals
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
-    /// One JSON document
+    /// Prints one JSON document
     #[arg(long)]
     json: bool,
 }
 
-/// More of a kind nobody reads.
+/// Maximum number of warnings about lines that are printed one by one.
 const MOST_WARNINGS: usize = 50;
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -64,7 +64,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         if arguments.json {
             return print_json(&preview);
         }
-        // Whoever looks at its beginning only, as `head` does, has closed the pipe by the end.
+        // A reader such as `head` may have closed the pipe before the end.
         return Ok(say_all!("{preview}")?);
     }
     let (lines, sensors) = (can::inspect(&profile), sysfs::inspect(&profile));
@@ -134,7 +134,7 @@ fn expiring(profile: &Profile) -> impl Iterator<Item = String> {
     certificates::expiring(profile, now).into_iter().map(|expiry| expiry.sentence())
 }
 
-/// The document with one more part.
+/// Adds one part to the document.
 #[cfg(any(feature = "opcua", feature = "mqtt"))]
 fn with(
     mut document: serde_json::Value,
@@ -156,7 +156,7 @@ fn tell(node: &opcua::Inspected) -> std::io::Result<()> {
     node.advice.iter().try_for_each(|advice| say!("    warning: {advice}"))
 }
 
-/// What does not fit is a failure of the verb.
+/// Fails if a node does not fit its output or signal.
 #[cfg(feature = "opcua")]
 fn judge(nodes: &[opcua::Inspected]) -> anyhow::Result<()> {
     let mut unfit = nodes.iter().filter_map(|node| Some((node, node.advice.first()?)));
@@ -169,7 +169,8 @@ fn judge(nodes: &[opcua::Inspected]) -> anyhow::Result<()> {
     anyhow::bail!("{}{at}: {advice}{more}", node.of)
 }
 
-/// What keeps this profile from being run on this computer as it is.
+/// Warnings about this computer and state directory: files that the gateway cannot use, and templates that have
+/// changed.
 fn unlike_run(profile: &Profile, state: Option<&Path>) -> Vec<String> {
     let directory = known_directory(state.or(profile.history.directory.as_deref()));
     let changed = templates::changed(&directory, profile).into_iter();

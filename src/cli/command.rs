@@ -13,22 +13,22 @@ use isotherm_profile::Profile;
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// Only this axis; all of them where nothing is said
+    /// Only this axis [default: all axes]
     #[arg(long, value_name = "AXIS")]
     axis: Option<String>,
     #[command(flatten)]
     gateway: RunningGateway,
 }
 
-/// Asks the gateway that runs this profile on this computer to let the axes write.
+/// Asks the gateway that runs this profile on this computer to arm the axes.
 ///
-/// Where something is missing it stays, and says what is waited for, until the axes are armed, or the request is refused, is
-/// cancelled (by Ctrl-C too), or expires after `arm_timeout` of the profile.
+/// If a condition is not met yet, the verb shows it and waits until the axes are armed. It also ends when the request
+/// is refused, is cancelled (also by Ctrl-C), or expires after `arm_timeout` of the profile.
 #[derive(clap::Args, Debug)]
 pub(super) struct ArmArguments {
     #[command(flatten)]
     command: Arguments,
-    /// Leave the request waiting, with exit code 1, where it cannot be served at once
+    /// Leaves the request pending, with exit code 1, if it cannot be granted at once
     #[arg(long)]
     no_wait: bool,
 }
@@ -36,26 +36,27 @@ pub(super) struct ArmArguments {
 /// The gateway that runs a profile on this computer.
 #[derive(clap::Args, Debug)]
 pub(super) struct RunningGateway {
-    /// The state directory that the gateway was started with, where several of one machine run on this computer
+    /// The state directory that the gateway was started with; needed if several gateways of one machine run on this
+    /// computer
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
-    /// One JSON document
+    /// Prints one JSON document
     #[arg(long)]
     pub(super) json: bool,
 }
 
 impl RunningGateway {
-    /// Its command socket.
+    /// Finds the command socket of the gateway.
     pub(super) fn socket(&self, profile: &Profile) -> anyhow::Result<PathBuf> {
         running::socket(self.state.as_deref(), profile)
     }
 
-    /// The state directory that was named.
+    /// State directory given as `--state`.
     pub(super) fn state(&self) -> Option<&Path> {
         self.state.as_deref()
     }
 
-    /// Prints what it answered. What is not done yet is a failure.
+    /// Prints the answer of the gateway. An answer other than "done" is an error.
     pub(super) fn print(&self, answer: Result<Answer, Failure>) -> anyhow::Result<()> {
         let answer = answer?;
         if self.json {

@@ -1,4 +1,4 @@
-//! `isotherm demo`: the main job with no hardware.
+//! `isotherm demo`: the gateway with a virtual machine, without hardware.
 
 use std::cell::Cell;
 use std::io::IsTerminal;
@@ -29,40 +29,41 @@ use logs::{Forgetful, Logs};
 use table::Table;
 use truth::WithTruth;
 
-/// The main job with no hardware: starts the virtual machine's devices on real loopback sockets, runs the gateway
-/// against them, serves the page, and ends with what the compensation was worth.
+/// Demonstrates isotherm without hardware. The demo starts the devices of a virtual machine on real loopback sockets,
+/// runs the gateway with them, and serves the page. At the end it prints the error without and with compensation.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  isotherm demo\n  isotherm demo sinker-edm --for 12h\n  \
                   isotherm demo --speed 3600 --for 8h --seed 7 --json\n  isotherm demo linuxcnc-mill --for 1h")]
 pub(super) struct Arguments {
-    /// A shipped machine: surface-grinder, sinker-edm, xc100-lathe, xc100-lathe-can, ram-mc, parts-vmc, spindle-hmc, jcs018a-vmc, screw-axis, column-hmc, linuxcnc-mill
+    /// A shipped machine: surface-grinder, sinker-edm, xc100-lathe, xc100-lathe-can, ram-mc, parts-vmc, spindle-hmc,
+    /// jcs018a-vmc, screw-axis, column-hmc, linuxcnc-mill
     #[arg(default_value = "surface-grinder")]
     machine: String,
-    /// Overrides one key of its profile, as often as needed: `--set bus.field.interface=vcan1`
+    /// Overrides one key of its profile, may be repeated: `--set bus.field.interface=vcan1`
     #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
     set: Vec<(String, String)>,
-    /// How many times faster than the wall the machine's time runs, at most. Default 600; 60 beside LinuxCNC, which moves
-    /// in the wall's time
+    /// Highest ratio of machine time to wall-clock time. Default 600; with LinuxCNC, which moves in wall-clock time, 60
     #[arg(long, value_name = "FACTOR", value_parser = positive)]
     speed: Option<f64>,
-    /// How much machine time is shown
+    /// Duration of the demo in machine time
     #[arg(long = "for", default_value = "8h", value_name = "SPAN", value_parser = humantime::parse_duration)]
     span: Duration,
-    /// The day: duty cycle, ambient and noise follow from it
+    /// The simulated day: duty cycle, ambient temperature and noise depend on it
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Where the page listens; port 0 takes any free one. Default 127.0.0.1:8080, or any free one where that is taken
+    /// Address of the page; port 0 selects any free port. Default 127.0.0.1:8080, or any free port if that one is in
+    /// use
     #[arg(long, value_name = "ADDR")]
     listen: Option<String>,
-    /// The page stays open after the day, which stands still then, until Enter or Ctrl-C
+    /// Keeps the page open after the day, with its time stopped, until Enter or Ctrl-C
     #[arg(long)]
     stay: bool,
-    /// One JSON document at the end, nothing else on stdout
+    /// Prints one JSON document at the end, and nothing else on stdout
     #[arg(long)]
     json: bool,
 }
 
-/// What a demo ends with.
+/// Result of a demo.
 #[derive(Debug, Serialize)]
 struct Report {
     machine: String,
@@ -78,8 +79,8 @@ fn positive(text: &str) -> Result<f64, String> {
 }
 
 impl Arguments {
-    /// The log would run through the table, whose list of events has it. Elsewhere only what failed is logged: that the
-    /// axes go to zero at the end of every demo is no news.
+    /// Default log filter. On a terminal the log is off, because it would destroy the table, which shows the events.
+    /// Otherwise only errors are logged: every demo ends with the return to zero, which needs no log lines.
     pub(super) fn quiet_log(&self) -> &'static str {
         if std::io::stdout().is_terminal() && !self.json { "off" } else { "error" }
     }
@@ -112,7 +113,7 @@ async fn show(
     let speed = arguments.speed.unwrap_or(if mill.is_some() { 60.0 } else { 600.0 });
     let clock = Clock::simulated(plant.start(), Some(speed));
     let begun = clock.now();
-    // Nobody may run ahead before everybody sits at the table.
+    // The clock must not advance before all tasks have joined it.
     let hold = clock.hold();
     let mut machine =
         VirtualMachine::start(&profile, Setup::on_free_ports(plant, arguments.seed), &clock).await?;
@@ -138,7 +139,7 @@ async fn show(
             _ = last.sleep_until(begun.after(arguments.span)) => true,
             () = signals.next() => false,
         };
-        // Before the fault actions take Cz away again.
+        // Stops the clock before the fault actions of the stop return Cz to zero.
         let _still = (is_whole && arguments.stay).then(|| clock.hold());
         is_over.set(true);
         with_truth.keep(&clock);
@@ -169,7 +170,7 @@ async fn show(
     Ok(outcome)
 }
 
-/// Returns when somebody has pressed Enter. Where nobody can, never.
+/// Waits until Enter is pressed. If standard input ends or fails, it waits forever.
 async fn enter() {
     let (tell, pressed) = tokio::sync::oneshot::channel();
     std::thread::spawn(move || {
@@ -182,7 +183,7 @@ async fn enter() {
     }
 }
 
-/// The devices on CAN need an interface of the kernel, which nobody can make for them.
+/// Checks that the CAN interfaces of a profile are up. A demo cannot create them.
 fn usable(profile: &Profile) -> anyhow::Result<()> {
     let Some(down) = can::inspect(profile).into_iter().find(|interface| !interface.is_up) else {
         return Ok(());
@@ -196,9 +197,10 @@ fn usable(profile: &Profile) -> anyhow::Result<()> {
     )
 }
 
-/// The page is worth having, but no reason to refuse a demo: where its port is taken, any other will do.
+/// Opens the page and returns its address. Without `--listen`, a demo uses any free port if the usual one cannot be
+/// opened.
 fn open_page(sockets: &mut Sockets, listen: Option<&str>, web: Option<&Web>) -> anyhow::Result<String> {
-    // No machine moves by it.
+    // Commands need no token, because a demo moves no real machine.
     let at = |listen: &str| Web { listen: listen.to_owned(), commands: Commands::Local, ..Web::default() };
     if let Some(listen) = listen {
         return sockets.open_page(&at(listen));
@@ -207,7 +209,7 @@ fn open_page(sockets: &mut Sockets, listen: Option<&str>, web: Option<&Web>) -> 
     sockets.open_page(&at(usual)).or_else(|_| sockets.open_page(&at("127.0.0.1:0")))
 }
 
-/// Draws until the demo is over, or nobody reads it.
+/// Draws the table until the demo is over. Returns the error if the table cannot be written.
 async fn draw(
     arguments: &Arguments,
     (source, clock): (&WithTruth, &Clock),
@@ -225,7 +227,7 @@ async fn draw(
     }
 }
 
-/// What was seen until the end of the span, or until a person ended it.
+/// Prints the result of the demo.
 fn report(
     arguments: &Arguments,
     summary: &Summary,
@@ -265,7 +267,7 @@ fn report(
     Ok(())
 }
 
-/// The figures that the publication on a machine gives, one line per axis.
+/// Figures of the publication about this machine, one line for each axis.
 fn source_lines(published: &Published) -> Vec<String> {
     let micron = |value: Option<f64>| value.map_or("not published".to_owned(), |value| format!("{value} µm"));
     let mut lines = vec![format!("Its source: {}", published.text)];
@@ -276,7 +278,7 @@ fn source_lines(published: &Published) -> Vec<String> {
     lines
 }
 
-/// Nanometres are below what means anything here.
+/// Rounds to three decimals. For values in µm these are nanometres.
 fn round(value: f64) -> f64 {
     (value * 1000.0).round() / 1000.0
 }

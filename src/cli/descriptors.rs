@@ -1,16 +1,16 @@
-//! What page and command socket may take of the program's file descriptors. The rest belongs to the lines and to what is kept
-//! on disk: they are what the program is for.
+//! Limits on the file descriptors of page and command socket. The others are reserved for lines, logs and state, which
+//! have priority.
 
 use rustix::process::{Resource, getrlimit};
 
-/// What the program itself has open, beside its lines: its streams, its runtimes, listeners, logs, state, ledger.
+/// Descriptors of the program itself: its streams, runtimes, listeners, logs, state and ledger.
 const OWN: u64 = 32;
-/// What a line may have open for a moment: a connection that ends, its successor, and the answer where its device is.
+/// Maximum number of descriptors of a line at one time: a closing connection, its successor, and a name lookup.
 const OF_A_LINE: u64 = 3;
-/// A connection of the command socket, and its twin by which it is known to be there.
+/// Descriptors of a connection of the command socket: the connection, and a copy that detects its end.
 const OF_A_COMMAND: u64 = 2;
 
-/// How many connections each may have at once.
+/// Maximum number of simultaneous connections of page and command socket.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Shares {
     pub(super) page: usize,
@@ -18,16 +18,16 @@ pub(super) struct Shares {
 }
 
 impl Shares {
-    /// Of this process, which has so many lines.
+    /// Limits of this process if it has so many lines.
     pub(super) fn now(lines: usize) -> Shares {
         Shares::of(getrlimit(Resource::Nofile).current, lines)
     }
 
-    /// `limit` is how many descriptors there may be (`ulimit -n`); `None`: as many as one wants.
+    /// Computes the limits. `limit` is the maximum number of descriptors (`ulimit -n`); `None` means no limit.
     fn of(limit: Option<u64>, lines: usize) -> Shares {
         let taken = OWN.saturating_add(OF_A_LINE.saturating_mul(lines as u64));
         let left = limit.unwrap_or(u64::MAX).saturating_sub(taken);
-        // Both are always there.
+        // At least two connections of each kind are always allowed.
         let commands = (left / (4 * OF_A_COMMAND)).clamp(2, 32);
         let page = left.saturating_sub(OF_A_COMMAND * commands).clamp(2, 64);
         let [page, commands] = [page, commands].map(|share| usize::try_from(share).unwrap_or(2));

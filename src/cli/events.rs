@@ -1,4 +1,4 @@
-//! `isotherm events`: what happened, read from the state directory; nothing has to run.
+//! `isotherm events`: events from the state directory. No gateway needs to run.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -12,28 +12,28 @@ use crate::observe::events::Entry;
 use crate::observe::events::file::{self, Found, begin};
 use isotherm_profile::one_line;
 
-/// Shows the events that are kept in the state directory, oldest first: a gateway need not run. Times are UTC.
+/// Shows the events that are kept in the state directory, oldest first. No gateway needs to run. Times are UTC.
 ///
-/// Lines that were changed, cut or taken out are reported on stderr.
+/// Lines that were changed, cut or removed are reported on stderr.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm events my-machine.toml --since 12h\n  isotherm events --since 2026-01-31T18:00:00Z \
                   --state /var/lib/isotherm --json"
 )]
 pub(super) struct Arguments {
-    /// The machine's profile, or the name of a shipped one; else the one machine of the state directory
+    /// The machine's profile, or the name of a shipped one [default: the only machine in the state directory]
     #[arg(value_name = "PROFILE")]
     profile: Option<PathBuf>,
-    /// Overrides one key, as often as needed: `--set bus.cell.address=10.0.0.7:502`
+    /// Overrides one key, may be repeated: `--set bus.cell.address=10.0.0.7:502`
     #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value, requires = "profile")]
     set: Vec<(String, String)>,
-    /// Since when: a span, or a moment
+    /// First time to show: a span before now, or a point in time
     #[arg(long, value_name = "SPAN", default_value = "12h")]
     since: String,
     /// The state directory that the gateway was started with
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
-    /// One JSON document a line
+    /// Prints one JSON document on each line
     #[arg(long)]
     json: bool,
 }
@@ -70,7 +70,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The machine whose events lie there.
+/// Finds the only machine with events in this directory.
 fn only_machine(directory: &Path) -> anyhow::Result<String> {
     let shown = directory.display();
     let machines = file::machines(directory).map_err(|error| {

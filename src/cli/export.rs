@@ -1,4 +1,4 @@
-//! `isotherm export`: what a gateway has logged, for engines that read Parquet.
+//! `isotherm export`: logs and events of a gateway as Parquet files.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -19,11 +19,12 @@ mod decisions;
 mod events;
 mod table;
 
-/// Writes the logs of decisions and the events as Parquet: DIR/decisions/NAME-2026-01-31.parquet and DIR/events/…, one file a day, with the
-/// machine's name in each row. Times are moments, whatever the zone of whoever reads them; days are those of UTC.
+/// Writes the logs of decisions and the events as Parquet, one file for each day. The files are
+/// DIR/decisions/NAME-2026-01-31.parquet and DIR/events/…. Each row has the machine's name. Times and days are UTC.
 ///
-/// A day that has not changed since is left alone, so that it may run every night, of many machines into one directory. Nothing that
-/// lies there is deleted: what [history] keep deletes of the logs stays there. The gateway may run meanwhile.
+/// A day that has not changed since the last export is skipped. The verb may therefore run every night, for many
+/// machines with one directory. It deletes no existing day, including days that [history] keep has deleted from the
+/// logs. The gateway may run meanwhile.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm export my-machine.toml --parquet fleet\n  isotherm export my-machine.toml --parquet /mnt/fleet \
@@ -33,26 +34,26 @@ pub(super) struct Arguments {
     /// The machine's profile, or the name of a shipped one
     #[arg(value_name = "PROFILE")]
     profile: PathBuf,
-    /// Overrides one key, as often as needed: `--set bus.cell.address=10.0.0.7:502`
+    /// Overrides one key, may be repeated: `--set bus.cell.address=10.0.0.7:502`
     #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
     set: Vec<(String, String)>,
-    /// Where to; it is made where it is not there
+    /// The directory to write to; it is created if it does not exist
     #[arg(long, value_name = "DIR")]
     parquet: PathBuf,
     /// The state directory that the gateway was started with
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
-    /// One JSON document
+    /// Prints one JSON document
     #[arg(long)]
     json: bool,
 }
 
-/// How many days of one kind.
+/// Number of days of one kind, by result.
 #[derive(Debug, Default, Serialize)]
 struct Days {
     written: u64,
     unchanged: u64,
-    /// Not written: what is wrong has been said.
+    /// Days that could not be written. Their errors have been printed.
     failed: u64,
 }
 
@@ -103,21 +104,23 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 impl Days {
-    /// Writes a day where its logs have changed since. The file bears the time of the newest of them: whatever is logged while it is
-    /// written makes another one of it the next time. A day that cannot be read is said, and keeps no other.
+    /// Writes a day if its logs have changed since the last export. The file gets the modification time of the newest
+    /// log. Rows that are logged during the export thus cause another export next time. An error in one day is printed,
+    /// and does not stop the others.
     fn take(
         &mut self,
         logs: &[PathBuf],
         to: &Path,
         write: impl FnOnce(&mut std::fs::File) -> anyhow::Result<Vec<String>>,
     ) -> anyhow::Result<()> {
-        // In microseconds: a file server keeps less of a time than the disk of the logs.
+        // Times are compared in microseconds, because a file server may store them less exactly than the disk of the
+        // logs.
         let changed = |path: &Path| {
             let modified = path.metadata().and_then(|about| about.modified()).ok()?;
             Timestamp::try_from(modified).ok().map(Timestamp::as_microsecond)
         };
         let newest = logs.iter().filter_map(|log| changed(log)).max();
-        // It was deleted a moment ago.
+        // The log was deleted a moment ago.
         let Some(newest) = newest else { return Ok(()) };
         if changed(to) == Some(newest) {
             self.unchanged += 1;
@@ -125,7 +128,7 @@ impl Days {
         }
         let part = to.with_extension("parquet.part");
         let shown = || format!("{} cannot be written", part.display());
-        // One that a run left which was killed; and nothing is written through a link that somebody put there.
+        // The file may remain from an export that was killed, or may be a link that another user made.
         let _ = std::fs::remove_file(&part);
         let mut file = std::fs::File::create_new(&part).with_context(shown)?;
         let warnings = match write(&mut file) {

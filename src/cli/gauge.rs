@@ -1,4 +1,4 @@
-//! One look at every device, reading only: the gateway in a dry run, until each signal has been read or has failed.
+//! One reading of every device: the gateway in a dry run, until each signal has been read or has failed.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -13,10 +13,11 @@ use crate::observe::status::{Source, Status};
 use isotherm_profile::Profile;
 use isotherm_profile::counted;
 
-/// The longest that a frame is waited for which comes by itself.
+/// Longest wait for a frame that a node sends by itself.
 const LONGEST_PERIOD: Duration = Duration::from_secs(10);
 
-/// Reads everything once. `directory`: of the gateway that runs there, which knows the namespaces of servers.
+/// Reads every device once, and returns the state. `directory` is the state directory of the machine's gateway. It
+/// contains the known OPC UA namespaces.
 pub(super) fn once(profile: Profile, directory: PathBuf) -> anyhow::Result<Status> {
     let mut last = None;
     watch(profile, directory, |status| {
@@ -26,7 +27,8 @@ pub(super) fn once(profile: Profile, directory: PathBuf) -> anyhow::Result<Statu
     last.context("the devices could not be asked")
 }
 
-/// Reads everything, and goes on each second as long as `look` says so.
+/// Reads every device continuously. Calls `look` when all signals are read or their time is over, and then each second
+/// until it returns `false`.
 pub(super) fn watch(
     profile: Profile,
     directory: PathBuf,
@@ -35,7 +37,7 @@ pub(super) fn watch(
     let patience = profile.buses.iter().map(|bus| bus.timeout * 3).max().unwrap_or_default();
     let devices = u32::try_from(profile.devices.len()).unwrap_or(u32::MAX);
     let patience = patience * devices.max(1) + Duration::from_millis(500);
-    // What comes by itself comes when it comes.
+    // The gateway cannot request these frames: it waits for the next one.
     let comes = profile.signals.iter().filter(|signal| signal.address.is_in_frames());
     let patience = comes.map(|signal| signal.max_age.min(LONGEST_PERIOD)).fold(patience, Duration::max);
     super::runtime()?.block_on(async {
@@ -58,7 +60,7 @@ pub(super) fn watch(
     Ok(())
 }
 
-/// Every signal has a value or a reason, and every output register has been tried.
+/// Returns whether every signal has a value or a reason, and every requested device and offset register has been tried.
 fn is_complete(source: &Arc<dyn Source>) -> bool {
     let status = source.status();
     status.signals.iter().all(|signal| signal.quality != "never-read")
@@ -66,7 +68,7 @@ fn is_complete(source: &Arc<dyn Source>) -> bool {
         && status.outputs.iter().all(|output| output.writes != "offset" || output.value.is_some())
 }
 
-/// A device that cannot be read is a failure of the verb.
+/// Fails if a signal cannot be used. The error lists the signals by reason.
 pub(super) fn judge(status: &Status) -> anyhow::Result<()> {
     let bad = status.signals.iter().filter(|signal| signal.quality != "good");
     let mut of_reason: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
@@ -82,7 +84,7 @@ pub(super) fn judge(status: &Status) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The signals, a line for each.
+/// Formats the signals, one line each.
 pub(super) fn signals(status: &Status) -> String {
     let width = status.signals.iter().map(|signal| signal.name.len()).max().unwrap_or(0).max(6);
     let lines = status.signals.iter().map(|signal| {
@@ -93,10 +95,10 @@ pub(super) fn signals(status: &Status) -> String {
     lines.collect()
 }
 
-/// The buses, devices and output registers, a line for each.
+/// Formats the buses, devices and offset registers, one line each.
 pub(super) fn fieldbus(status: &Status) -> String {
     let buses = status.buses.iter().map(|bus| {
-        // Whether there is a connection is noted at the end of a turn, which may not have come yet.
+        // `connected` is set at the end of a turn, which may not have come yet.
         let answers = status.devices.iter().any(|device| device.bus == bus.name && device.state == "ok");
         let link = if bus.connected || answers { "connected" } else { "not connected" };
         format!("  bus {} ({}): {link}\n", bus.name, bus.address)

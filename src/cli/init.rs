@@ -1,4 +1,4 @@
-//! `isotherm init`: a first profile, from a few answers.
+//! `isotherm init`: writes a first profile from a few answers.
 
 use std::io::{BufRead, Write};
 use std::path::PathBuf;
@@ -16,10 +16,11 @@ mod text;
 use answers::{Answers, Line, Module, Target};
 use questions::Questions;
 
-/// Asks for machine, bus, thermocouple module, axis and output, and writes a commented profile, which `check` takes.
+/// Asks for machine, bus, thermocouple module, axis and output, and writes a profile with comments, which `check`
+/// accepts.
 ///
-/// What is given as an option is not asked for. The coefficients of the axis come later: `isotherm record` and `isotherm
-/// identify` find them.
+/// Values that are given as options are not asked for. The coefficients of the axis come later: `isotherm record` and
+/// `isotherm identify` find them.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm init\n  isotherm init press-7.toml --yes --machine press-7 --bus 192.168.0.10:502 --module \
@@ -32,37 +33,37 @@ pub(super) struct Arguments {
     /// The machine's name, in file names and on the page
     #[arg(long, value_name = "NAME")]
     machine: Option<String>,
-    /// Where the thermocouple module is: 192.168.0.10:502, or a serial port: /dev/ttyUSB0
+    /// Address of the thermocouple module: 192.168.0.10:502, or a serial port: /dev/ttyUSB0
     #[arg(long, value_name = "ADDRESS|PORT")]
     bus: Option<String>,
-    /// The module's device template, or `none`: its registers are spelled out
+    /// The module's device template, or `none` to write its registers in the profile
     #[arg(long, value_name = "TEMPLATE")]
     module: Option<String>,
-    /// The variant of the module's template, such as the type of thermocouple
+    /// The variant of the module's template, for example the type of thermocouple
     #[arg(long, value_name = "VARIANT")]
     variant: Option<String>,
     /// The module's unit
     #[arg(long, value_name = "N")]
     unit: Option<String>,
-    /// The names of what is measured, in the order of the module's channels
+    /// Names of the measured temperatures, in the order of the module's channels
     #[arg(long, value_name = "NAMES")]
     signals: Option<String>,
-    /// The axis that grows
+    /// The axis to compensate
     #[arg(long, value_name = "AXIS")]
     axis: Option<String>,
-    /// The most that Cz may ever be, µm
+    /// Largest absolute value of Cz, µm
     #[arg(long, value_name = "UM")]
     limit: Option<String>,
-    /// Where Cz goes: the control's device template, or a register as holding:104
+    /// Target of Cz: the control's device template, or a register, for example holding:104
     #[arg(long, value_name = "TEMPLATE|REGISTER")]
     output: Option<String>,
-    /// Where the control is, if not on the module's line
+    /// Address of the control, if it is not on the module's line
     #[arg(long, value_name = "ADDRESS|PORT")]
     control: Option<String>,
     /// The control's unit
     #[arg(long, value_name = "N")]
     control_unit: Option<String>,
-    /// Asks nothing: what is not given has its default
+    /// Asks nothing: values that are not given get their defaults
     #[arg(long, short)]
     yes: bool,
 }

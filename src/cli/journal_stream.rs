@@ -1,5 +1,5 @@
-//! Where standard error is the journal of the system: each line begins with its priority (`<4>`), as sd-daemon(3) has it, and
-//! without a time, which stands beside it there.
+//! Log format for the system journal on standard error. Each line begins with its priority (`<4>`) as in sd-daemon(3),
+//! and has no time, because the journal adds it.
 
 use std::fmt;
 
@@ -11,14 +11,14 @@ use tracing_subscriber::registry::LookupSpan;
 const ERROR: u8 = 3;
 const WARNING: u8 = 4;
 
-/// Standard error is the stream that the service manager gave this process, and not a file or a pipe in its place.
+/// Returns whether standard error is the stream that the service manager gave to this process, not a file or a pipe.
 pub(super) fn is_stderr() -> bool {
     let Ok(stream) = std::env::var("JOURNAL_STREAM") else { return false };
     let Ok(stderr) = rustix::fs::fstat(std::io::stderr()) else { return false };
     stream == format!("{}:{}", stderr.st_dev, stderr.st_ino)
 }
 
-/// A line of the log with its priority before it.
+/// Format of a log line with its priority in front.
 pub(super) struct Prioritised(Format<Full, ()>);
 
 impl Prioritised {
@@ -43,7 +43,7 @@ where
     }
 }
 
-/// The lines of what a verb says beside its result, each with its priority.
+/// Puts the priority in front of each line of a message on stderr.
 pub(super) fn prioritised(text: &str) -> String {
     let priority = if text.starts_with("warning") { WARNING } else { ERROR };
     text.split('\n').map(|line| format!("<{priority}>{line}")).collect::<Vec<_>>().join("\n")

@@ -1,12 +1,12 @@
-//! Whose clock the times of a log are of.
+//! Time zone of the times in a log.
 
 use jiff::tz::TimeZone;
 
-/// The zone of times without one.
+/// Time zone of times that have none.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct LogZone {
-    /// The zone of times that have none, as 05.01.2026 06:00:10: a name as Europe/Berlin, UTC, or +01:00 for a clock that is
-    /// never put forward [default: this computer's]
+    /// Time zone of times that have none, such as 05.01.2026 06:00:10. A name such as Europe/Berlin, UTC, or +01:00 for
+    /// a clock without daylight saving time [default: this computer's]
     #[arg(long, value_name = "ZONE", value_parser = zone)]
     zone: Option<TimeZone>,
 }

@@ -1,14 +1,14 @@
-//! What came of a look at somebody who is to be told of the machine: a broker, a server of messages.
+//! Result of a test connection to a broker or to a server of messages.
 
 use serde::Serialize;
 
-/// Whether somebody is there.
+/// Result of a test connection.
 #[derive(Debug, Serialize)]
 pub(super) struct Looked {
-    /// What the profile calls it.
+    /// Name in the profile.
     name: String,
     to: String,
-    /// What is said where nothing is in the way.
+    /// Text if the connection succeeded.
     #[serde(skip)]
     well: &'static str,
     fault: Option<String>,
@@ -19,12 +19,12 @@ impl Looked {
         Looked { name: name.to_owned(), to, well, fault }
     }
 
-    /// The line of `check --online`.
+    /// Line in the output of `check --online`.
     pub(super) fn line(&self) -> String {
         format!("  {} ({}): {}", self.name, self.to, self.fault.as_deref().unwrap_or(self.well))
     }
 
-    /// Whoever cannot be told is a failure of the verb.
+    /// Fails if the connection failed.
     pub(super) fn judge(&self) -> anyhow::Result<()> {
         let Looked { name, to, fault, .. } = self;
         fault.as_ref().map_or(Ok(()), |fault| Err(anyhow::anyhow!("{name} ({to}): {fault}")))

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::virtual_machine::PlantSpec;
 use isotherm_profile::Profile;
 
-/// Name and text of each, the default first.
+/// Name and text of each profile, the default first.
 const SHIPPED: [(&str, &str); 11] = [
     ("surface-grinder", include_str!("../../profiles/surface-grinder.toml")),
     ("sinker-edm", include_str!("../../profiles/sinker-edm.toml")),
@@ -20,28 +20,28 @@ const SHIPPED: [(&str, &str); 11] = [
     ("linuxcnc-mill", include_str!("../../profiles/linuxcnc-mill.toml")),
 ];
 
-/// The matrices, networks and envelopes that the shipped profiles name, by those names.
+/// Files that the shipped profiles name, such as matrices, by these names.
 pub(super) const FILES: [(&str, &[u8]); 1] =
     [("column-hmc.matrix.json", include_bytes!("../../profiles/column-hmc.matrix.json"))];
 
-/// The names, for help and errors.
+/// Names of the shipped machines.
 pub(super) fn names() -> impl Iterator<Item = &'static str> {
     SHIPPED.iter().map(|(name, _)| *name)
 }
 
-/// The text of a shipped profile, and the path that its errors name.
+/// Text of a shipped profile, and the path that its errors name.
 pub(super) fn text(name: &str) -> Option<(PathBuf, &'static str)> {
     let (name, text) = SHIPPED.iter().find(|(shipped, _)| *shipped == name)?;
     Some((Path::new("profiles").join(format!("{name}.toml")), text))
 }
 
-/// The shipped machine whose name was probably meant by what is no file.
+/// Shipped machine with a similar name, if no file has this path.
 pub(super) fn meant(path: &Path) -> Option<&'static str> {
     let name = path.to_str().filter(|_| !path.exists())?;
     isotherm_profile::nearest(name, &names().collect::<Vec<_>>())
 }
 
-/// A shipped machine, with these keys overridden, and its plant.
+/// Loads a shipped machine with these keys overridden, and its plant.
 pub(super) fn with_plant(name: &str, set: &[(String, String)]) -> anyhow::Result<(Profile, PlantSpec)> {
     let Some((path, text)) = text(name) else {
         anyhow::bail!("there is no machine `{name}`; {}", isotherm_profile::allowed(name, names()));

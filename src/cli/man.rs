@@ -1,4 +1,4 @@
-//! `isotherm man`: the manual pages, that of the program and one of each verb.
+//! `isotherm man`: manual pages of the program and of each verb.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -9,11 +9,11 @@ use clap::CommandFactory;
 use super::Arguments as Program;
 use super::say::Out;
 
-/// The manual pages: that of the program on standard output, or all of them in a directory
+/// Prints the manual page of the program, or writes all manual pages to a directory
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:\n  isotherm man | man -l -\n  isotherm man --dir /usr/local/share/man/man1")]
 pub(super) struct Arguments {
-    /// Writes isotherm.1 there, and a page of each verb: isotherm-run.1, …
+    /// Writes isotherm.1 to this directory, and a page for each verb: isotherm-run.1, …
     #[arg(long, value_name = "DIR")]
     dir: Option<PathBuf>,
 }

@@ -1,4 +1,4 @@
-//! `isotherm measured`: an axis's measured error for the running gateway.
+//! `isotherm measured`: reports the measured error of an axis to the running gateway.
 
 use super::command::RunningGateway;
 use super::{ProfileArguments, load, values};
@@ -6,12 +6,12 @@ use crate::gateway::control;
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::quantity::Moment;
 
-/// Hands an axis's measured error to the gateway that runs this profile on this computer, or takes back what such errors
-/// have taught.
+/// Reports the measured error of an axis to the gateway that runs this profile on this computer, or discards what it
+/// learned from such errors.
 ///
-/// The error is what remains while the compensation acts, actual minus commanded. Measure with the machine at rest and
-/// send it at once: it is held against the Cz that stands in the machine now. A script that may send it twice gives it a
-/// `--time` or an `--id`: the same measurement counts once.
+/// The error is the one that remains with active compensation, actual minus commanded. Measure with the machine at rest
+/// and send the error at once, because it is compared with the Cz that is active now. If a script may send it twice, it
+/// must add `--time` or `--id`: the same measurement then counts once.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm measured my-machine.toml --axis z --error 3.2\n  isotherm measured my-machine.toml \
@@ -23,16 +23,16 @@ pub(super) struct Arguments {
     /// The axis
     #[arg(long, value_name = "AXIS")]
     axis: String,
-    /// The measured error in µm; of the diameter where the axis acts on one
+    /// The measured error in µm; of the diameter if the axis acts on the diameter
     #[arg(long, value_name = "UM", allow_negative_numbers = true, value_parser = finite, required_unless_present = "clear")]
     error: Option<f64>,
-    /// The time of the measurement, RFC 3339 with a zone: a measurement of before the axis's datum is refused
+    /// The time of the measurement, RFC 3339 with a zone; a measurement before the datum of the axis is rejected
     #[arg(long, value_name = "TIME", value_parser = MeasuredReport::time, conflicts_with = "clear")]
     time: Option<Moment>,
-    /// A name of this measurement, of up to 64 characters
+    /// Identifier of this measurement, at most 64 characters
     #[arg(long, value_name = "ID", value_parser = MeasuredReport::id, conflicts_with = "clear")]
     id: Option<String>,
-    /// Take back what measured errors have taught
+    /// Discards what the gateway learned from measured errors
     #[arg(long, conflicts_with = "error")]
     clear: bool,
     #[command(flatten)]

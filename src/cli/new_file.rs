@@ -1,4 +1,4 @@
-//! New files of a verb. None is overwritten; if one cannot be written, the error names it and says what to do.
+//! New files of a verb. Existing files are never overwritten. The error of a failed write names the file and a remedy.
 
 use std::fs::File;
 use std::io::{Error, ErrorKind, Write};
@@ -7,7 +7,7 @@ use std::path::Path;
 use crate::fieldbus::explain::system;
 use isotherm_profile::regular::without_numbers;
 
-/// Makes a file that begins with this text, and leaves none behind if that fails.
+/// Creates a file with this text, and returns it. The function removes the file if the text cannot be written.
 pub(super) fn create(path: &Path, text: &str) -> anyhow::Result<File> {
     let mut file = File::create_new(path).map_err(|error| cannot_be_written(path, &error))?;
     file.write_all(text.as_bytes()).map_err(|error| {

@@ -1,4 +1,4 @@
-//! What is posted to the servers of `[[notify]]`: whom they are trusted by, and whether they are there.
+//! The servers of `[[notify]]`: their trust roots, checks of their files, and test connections.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -8,15 +8,15 @@ use crate::fieldbus::tls;
 use crate::observe::notify::{Server, Trust, read_token};
 use isotherm_profile::{Notify, Profile};
 
-/// How long a server is waited for that is only looked at.
+/// Timeout of a test connection.
 const WITHIN: Duration = Duration::from_secs(10);
 
-/// Whom the server's certificate is compared with.
+/// Certificates with which the server's certificate is verified.
 pub(super) fn trust(notify: &Notify) -> Trust {
     tls::visitor(notify.ca.as_ref().map(|ca| ca.bytes.as_slice())).map(Arc::new)
 }
 
-/// What keeps messages from being posted from this computer as it is.
+/// Reasons why this computer cannot send messages as the profile says.
 pub(super) fn hindered(profile: &Profile) -> Vec<String> {
     let of = |notify: &Notify| {
         let token = notify.token_file.as_ref().and_then(|path| read_token(path).err());
@@ -27,7 +27,7 @@ pub(super) fn hindered(profile: &Profile) -> Vec<String> {
     profile.notify.iter().flat_map(of).collect()
 }
 
-/// Connects to each server, to all at once, as far as to the end of a TLS handshake; nothing is posted.
+/// Connects to all servers at once, up to the end of the TLS handshake, and sends no message.
 pub(super) fn look(profile: &Profile) -> anyhow::Result<Vec<Looked>> {
     if profile.notify.is_empty() {
         return Ok(Vec::new());
@@ -47,7 +47,7 @@ pub(super) fn look(profile: &Profile) -> anyhow::Result<Vec<Looked>> {
         }
         anyhow::Ok(looked)
     });
-    // A name that is still looked up is not waited for.
+    // A name lookup that has not ended must not delay the end.
     runtime.shutdown_background();
     looked
 }

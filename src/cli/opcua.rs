@@ -1,4 +1,4 @@
-//! `isotherm opcua`: the certificates of an OPC UA line, made, shown and trusted.
+//! `isotherm opcua`: makes, shows and trusts the certificates of an OPC UA line.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ use isotherm_profile::{Bus, NamedFile, OpcUa, Profile};
 mod own;
 mod trust;
 
-/// The certificates of an OPC UA line: the gateway's own is made and shown, the server's is looked at and trusted.
+/// Makes and shows the gateway's own certificate of an OPC UA line, or shows and trusts the server's certificate.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm opcua certificate my-machine.toml     makes it where there is none, and shows it\n  \
@@ -26,26 +26,26 @@ pub(super) struct Arguments {
 
 #[derive(Debug, clap::Subcommand)]
 enum What {
-    /// The gateway's own certificate: made with its key where there is none, and shown
+    /// Shows the gateway's own certificate; makes it and its key if there are none
     Certificate(own::Arguments),
-    /// The server's certificate: shown, and trusted when you say so
+    /// Shows the server's certificate, and trusts it after your confirmation
     Trust(trust::Arguments),
 }
 
-/// Which line is meant.
+/// Selects an OPC UA line of a profile.
 #[derive(clap::Args, Debug)]
 struct LineArguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// The bus; needed where several are OPC UA
+    /// The bus; needed if several are OPC UA
     #[arg(long, value_name = "BUS")]
     bus: Option<String>,
-    /// One JSON document
+    /// Prints one JSON document
     #[arg(long)]
     json: bool,
 }
 
-/// A line that is secured, and the files that its profile names for it.
+/// A line with security, and the certificate files that its profile names.
 struct SecuredLine {
     bus: Bus,
     machine: String,
@@ -63,7 +63,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 impl LineArguments {
-    /// The line, whose certificates may not be there yet.
+    /// Finds the line. Its certificate files need not exist.
     fn find(&self) -> anyhow::Result<SecuredLine> {
         let ProfileArguments { path, set } = &self.profile;
         let loaded = isotherm_profile::load_before_certificates(path, set, &isotherm_profile::environment());
@@ -106,7 +106,7 @@ impl LineArguments {
     }
 }
 
-/// What a certificate says, a line for each.
+/// Formats the content of a certificate, one item on each line.
 pub(super) fn shown(certificate: &Certificate) -> String {
     let Certificate { subject, application, thumbprint, sha256, .. } = certificate;
     let mut text = format!("  subject      {subject}\n");
@@ -119,7 +119,7 @@ pub(super) fn shown(certificate: &Certificate) -> String {
     text
 }
 
-/// From when to when, and how long that is from now.
+/// Formats the dates of validity, and the days that are left.
 fn validity(certificate: &Certificate) -> String {
     const DAY: Duration = Duration::from_hours(24);
     let day =

@@ -1,4 +1,4 @@
-//! `isotherm place`: where the temperature sensors of a structure belong.
+//! `isotherm place`: finds the places of the temperature sensors of a structure.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -22,11 +22,13 @@ mod text;
 
 use text::Text;
 
-/// Says where the temperature sensors of a structure belong, and what they leave of its displacement.
+/// Finds the places of the temperature sensors of a structure, and the error of its displacement that remains with
+/// them.
 ///
-/// From one heat-transfer FE input file (Abaqus, CalculiX) per load case over one mesh. The structure is divided into blocks with one
-/// sensor each; the displacement of the guideway is P·ΔT of their temperatures. Out come the sensors' nodes, what is
-/// left of each case, whether sensors or blocks limit, and with --write P and the model's block for the profile.
+/// The input is one heat-transfer FE input file (Abaqus, CalculiX) for each load case, all with one mesh. The structure
+/// is divided into blocks with one sensor each. The displacement of the guideway is P·ΔT of the temperatures of the
+/// blocks. The output lists the nodes of the sensors, the residual error of each case, and whether sensors or blocks
+/// limit it. With --write it also contains P and the model's block for the profile.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm place spindle.inp ambient.inp --report sensors.html\n  isotherm place spindle.inp \
@@ -34,77 +36,79 @@ use text::Text;
                   isotherm place --example DIR\n\nUnits of the files: mm, N, s, t, K (N/mm², mW/(mm·K))."
 )]
 pub(super) struct Arguments {
-    /// The FE input files, one per load case
+    /// The FE input files, one for each load case
     #[arg(value_name = "CASE.inp", required_unless_present = "example")]
     inputs: Vec<PathBuf>,
-    /// Node sets whose names begin so are the blocks
+    /// Prefix of the names of the node sets that are the blocks
     #[arg(long, value_name = "PREFIX", default_value = "BLK")]
     blocks: String,
-    /// The node set of the guideway, whose displacement is compensated
+    /// The node set of the guideway with the displacement to compensate
     #[arg(long, value_name = "SET", default_value = "GUIDE")]
     guide: String,
-    /// The node set that stands still in x, y and z
+    /// The node set that is fixed in x, y and z
     #[arg(long, value_name = "SET", default_value = "BASE")]
     fixed: String,
-    /// A plane that divides the blocks it goes through, or only the one behind the colon: `z=450`, `x=0:BLK3`; as often as
-    /// needed
+    /// A plane that divides all blocks that it crosses, or only the block after the colon: `z=450`, `x=0:BLK3`; may be
+    /// repeated
     #[arg(long, value_name = "PLANE")]
     cut: Vec<Cut>,
-    /// The node set that sensors may sit on [default: what can be seen from outside]
+    /// The node set of the possible sensor places [default: the outer surface]
     #[arg(long, value_name = "SET")]
     candidates: Option<String>,
-    /// Sensors keep this far from other blocks, mm
+    /// Minimum distance of sensors from other blocks, mm
     #[arg(long, value_name = "MM", default_value_t = 20.0, value_parser = not_negative)]
     margin: f64,
-    /// The direction of the displacement that is judged; several, as in `y,z`, are judged together
+    /// The direction of displacement that is judged; several, such as `y,z`, are judged together
     #[arg(long, value_name = "AXIS", default_value = "z", value_delimiter = ',')]
     component: Vec<AxisWord>,
-    /// The direction of the guideway [default: the longest of its nodes]
+    /// The direction of the guideway [default: that of its largest extent]
     #[arg(long, value_name = "AXIS")]
     along: Option<AxisWord>,
-    /// What computes temperatures, displacements and P: isotherm itself, or the program ccx
+    /// Program that computes temperatures, displacements and P: isotherm itself, or ccx
     #[arg(long, value_name = "ENGINE", default_value = "own")]
     engine: Engine,
-    /// How nodes are chosen
+    /// Method that selects the nodes
     #[arg(long, value_name = "METHOD", default_value = "multi-case")]
     method: MethodWord,
-    /// The load case that `patent` and `bounded` are placed by [default: the one that moves the guideway most]
+    /// The load case from which `patent` and `bounded` select the places [default: the one with the largest
+    /// displacement of the guideway]
     #[arg(long, value_name = "NAME")]
     case: Option<String>,
     /// Noise of a sensor, K
     #[arg(long, value_name = "K", default_value_t = 0.1, value_parser = not_negative)]
     noise: f64,
-    /// How far sensors may sit from their places, mm
+    /// Largest distance of a sensor from its intended place, mm
     #[arg(long, value_name = "MM", default_value_t = 20.0, value_parser = not_negative)]
     misplaced: f64,
-    /// The patent's iteration ends below this, µm RMS
+    /// The patent's iteration ends below this residual error, µm RMS
     #[arg(long, value_name = "UM", default_value_t = 1.0, value_parser = not_negative)]
     enough: f64,
-    /// A part that rides on the guideway and grows by itself, by its sensor's signal, in µm/K: `head:z=-4.95`,
-    /// `head:y=1.2/z=-4.95`; P gets a column for it
+    /// A part that moves on the guideway and expands by itself, with the signal of its sensor, in µm/K: `head:z=-4.95`,
+    /// `head:y=1.2/z=-4.95`. P gets a column for it
     #[arg(long, value_name = "SIGNAL:AXIS=UM")]
     rider: Vec<Rider>,
-    /// Writes the model's block for a profile, and P beside it
+    /// Writes the model's block for a profile, and P next to it
     #[arg(long, value_name = "MODEL.toml")]
     write: Option<PathBuf>,
-    /// Writes a page with pictures: one file, to be opened anywhere
+    /// Writes a page with pictures in one file, for any browser
     #[arg(long, value_name = "OUT.html")]
     report: Option<PathBuf>,
-    /// An FE input file that says where heat comes in and goes out while the machine runs: its fluxes are ports, its films sinks
+    /// An FE input file with the heat sources and sinks of the running machine: its fluxes are ports, its films are
+    /// sinks
     #[arg(long, value_name = "PLANT.inp", requires = "modes")]
     plant: Option<PathBuf>,
-    /// Writes the structure of --plant reduced to modes, for the thermal plant of a virtual machine
+    /// Writes the structure of --plant, reduced to modes, for the thermal plant of a virtual machine
     #[arg(long, value_name = "MODES.json", requires = "plant")]
     modes: Option<PathBuf>,
-    /// Writes a column's mesh and load cases into this directory, to begin with, and does nothing else
+    /// Writes mesh and load cases of an example column into this directory, and does nothing else
     #[arg(long, value_name = "DIR", conflicts_with = "inputs")]
     example: Option<PathBuf>,
-    /// One JSON document
+    /// Prints one JSON document
     #[arg(long)]
     json: bool,
 }
 
-/// A direction.
+/// Direction of a coordinate axis.
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
 enum AxisWord {
     X,
@@ -112,7 +116,7 @@ enum AxisWord {
     Z,
 }
 
-/// What computes.
+/// Program that computes temperatures and displacements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Engine {
     /// isotherm's own finite elements

@@ -15,12 +15,12 @@ use crate::observe::status::Source;
 use isotherm_core::explained::Cause;
 use isotherm_profile::{PLAIN, Web, host_and_port};
 
-/// Another cause is reported when it was found so often in a row.
+/// Another cause is reported after this many failures with it in a row.
 const CHANGED_AFTER: u32 = 2;
-/// How often a port that is taken is tried.
+/// Interval between attempts to open the port.
 const AGAIN: Duration = Duration::from_secs(10);
 
-/// Where the page listens, and what it asks and shows there.
+/// Listening address of the page, with its admission rules and its certificate.
 #[derive(Debug)]
 pub(super) struct Port {
     listen: String,
@@ -30,11 +30,11 @@ pub(super) struct Port {
     opened: Result<TcpListener, String>,
 }
 
-/// What a page is served by: its listener, whom it lets in, its certificate.
+/// An open page: its listener, its admission rules, and its certificate.
 type Opened = (tokio::net::TcpListener, Admission, Option<Certificate>);
 
 impl Port {
-    /// Reads what it asks and shows; nothing is opened.
+    /// Reads the tokens and the certificate of the page. Opens nothing.
     pub(super) fn new(web: &Web) -> anyhow::Result<Port> {
         let admission = Admission::of(web).map_err(anyhow::Error::msg)?;
         let place = host_and_port(&web.listen);
@@ -62,12 +62,13 @@ impl Port {
         Ok(Port { listen: web.listen.clone(), addresses, admission, certificate, opened })
     }
 
-    /// The port of a page as soon as everything can be read that it asks and shows, opened if nobody else has it.
+    /// Waits until tokens and certificate of the page can be read. Returns the port, and opens it if that is possible
+    /// now.
     pub(super) async fn found(web: &Web, source: &dyn Source) -> Port {
         let mut reported = None;
         loop {
             let settings = web.clone();
-            // A name server may be silent; commands are answered meanwhile.
+            // A name server may not answer. Commands are answered meanwhile.
             let read = tokio::task::spawn_blocking(move || Port::new(&settings)).await;
             match read.map_err(anyhow::Error::from).flatten() {
                 Ok(mut port) => {
@@ -87,9 +88,9 @@ impl Port {
         }
     }
 
-    /// Prints where the page is. `source` gets the event if it has an earlier one that says that the page is closed.
+    /// Prints the address of the page. `source` gets the event if an earlier event reported that the page is closed.
     fn announce(&self, source: Option<&dyn Source>) {
-        // A machine does not stand still because nobody reads this.
+        // A closed stdout must not stop the machine.
         let _ = say!("page {}", self.url());
         if let Some(source) = source {
             source.report(&Event::Page(PagePort::Open { listen: self.listen.clone() }));
@@ -113,18 +114,19 @@ impl Port {
         }
     }
 
-    /// It is not wrong for ever: a program that has the port ends, an address comes with its network.
+    /// Returns whether the port may open later: the program that has it may end, or the network of the address may come
+    /// up.
     pub(super) fn may_open_later(error: &Error) -> bool {
         matches!(error.kind(), ErrorKind::AddrInUse | ErrorKind::AddrNotAvailable)
     }
 
-    /// What is said of a port that cannot be opened.
+    /// Message about a port that cannot be opened.
     pub(super) fn closed(&self, error: &Error) -> String {
         let why = explain::system(error);
         format!("the page cannot listen on {} (another address: --listen): {why}", self.listen)
     }
 
-    /// What a person opens.
+    /// Address of the page for a browser.
     pub(super) fn url(&self) -> String {
         let scheme = if self.certificate.is_some() { "https" } else { "http" };
         let address = self.opened.as_ref().ok().and_then(|listener| listener.local_addr().ok());
@@ -134,7 +136,7 @@ impl Port {
         }
     }
 
-    /// Its listener, as soon as there is one.
+    /// Waits until the port is open, and returns its listener.
     pub(super) async fn listen(mut self, source: &dyn Source) -> std::io::Result<Opened> {
         let mut reported = None;
         while let Err(why) = &self.opened {
@@ -152,7 +154,7 @@ impl Port {
     }
 }
 
-/// What a person can open: a page that listens on every address of this computer has its name.
+/// Address for a browser. A page that listens on every address gets the name of this computer.
 fn to_open(address: SocketAddr, hostname: &str) -> String {
     match address.ip().is_unspecified() {
         true => format!("{hostname}:{}", address.port()),
@@ -160,7 +162,7 @@ fn to_open(address: SocketAddr, hostname: &str) -> String {
     }
 }
 
-/// The name of this computer.
+/// Name of this computer.
 pub(super) fn hostname() -> String {
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let name = name.trim();

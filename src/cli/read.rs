@@ -12,7 +12,7 @@ use crate::observe::status::Status;
 mod nodes;
 mod register;
 
-/// One reading of every signal with its quality; with --register, of one register without a signal. Reads only.
+/// Reads every signal once and shows its quality; with --register, reads one register without a signal. Writes nothing.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm read my-machine.toml\n  isotherm read my-machine.toml --watch\n  \
@@ -28,10 +28,10 @@ pub(super) struct Arguments {
     #[cfg(feature = "opcua")]
     #[command(flatten)]
     nodes: nodes::Nodes,
-    /// Keep going, each second, until Ctrl-C
+    /// Reads again each second until Ctrl-C
     #[arg(long)]
     watch: bool,
-    /// One JSON document (with --watch one a line)
+    /// Prints one JSON document; with --watch one on each line
     #[arg(long)]
     json: bool,
 }
@@ -71,7 +71,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         } else {
             format!("{}\n{}", status.now, gauge::signals(&status))
         };
-        // A reader that went away ends it.
+        // A closed stdout ends it.
         (!redraws || clear().is_ok()) && say_all!("{text}").is_ok()
     })
 }

@@ -1,7 +1,8 @@
-//! `isotherm record`: logs readings for identification. Writes nothing to any device.
+//! `isotherm record`: logs readings for identification. It writes to no device.
 //!
-//! A run is one file: `time`, then every signal in its unit, empty where it could not be used. A displacement probe is one
-//! more signal of the profile. On a virtual machine its true error stands beside them, as `<axis>_error_um`.
+//! A run is one file. It has the column `time`, then every signal in its unit, empty if it could not be used. A
+//! displacement sensor is another signal of the profile. On a virtual machine, columns `<axis>_error_um` contain the
+//! true error.
 
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
@@ -22,13 +23,13 @@ mod recording;
 use isotherm_profile::{counted, duration_text};
 use recording::Recording;
 
-/// How often progress is shown where no terminal redraws it.
+/// Interval of the progress lines if stderr is no terminal.
 const SHOWN_EVERY: Duration = Duration::from_secs(600);
 
-/// Logs readings, and displacement signals among them, for `identify` and `select`. Reads only.
+/// Logs readings, including displacement signals, for `identify` and `select`. Writes to no device.
 ///
 /// Start it on a cold machine, let the machine warm up and cool down, and end it with Ctrl-C: that is one run. Several
-/// runs, on other days and with other speeds, make a campaign; with a directory as --out each gets a name of its own.
+/// runs, on other days and at other speeds, make a campaign. If --out is a directory, each run gets its own file name.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm record my-machine.toml --out campaign/\n  isotherm record my-machine.toml \
@@ -38,22 +39,23 @@ const SHOWN_EVERY: Duration = Duration::from_secs(600);
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// The log, or a directory that gets a log named by machine and time; nothing is ever overwritten
+    /// The log, or a directory for logs that are named by machine and time; existing files are never overwritten
     #[arg(long, value_name = "LOG.csv")]
     out: PathBuf,
-    /// A row this often
+    /// Interval between rows
     #[arg(long, default_value = "10s", value_name = "SPAN", value_parser = positive)]
     every: Duration,
-    /// Ends by itself after this long
+    /// Duration of the recording [default: until Ctrl-C]
     #[arg(long = "for", value_name = "SPAN", value_parser = positive)]
     span: Option<Duration>,
-    /// A new file, which is a run of its own, after this long
+    /// Begins a new file, which is a separate run, after this time
     #[arg(long, default_value = "24h", value_name = "SPAN", value_parser = positive)]
     rotate: Duration,
-    /// A shipped machine's plant instead of devices, as fast as it goes, with its true error as <axis>_error_um
+    /// Uses the plant of a shipped machine instead of devices, as fast as possible, and logs its true error as
+    /// <axis>_error_um
     #[arg(long = "virtual", requires = "span")]
     on_plant: bool,
-    /// The virtual machine's day
+    /// The simulated day of the virtual machine
     #[arg(long, default_value_t = 1, requires = "on_plant")]
     seed: u64,
 }
@@ -87,7 +89,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Records until the span is over or a person ends it. `ready` is dropped once everybody may begin.
+/// Records until the span is over or Ctrl-C. `ready` is dropped when all tasks have joined the clock.
 async fn record(
     arguments: &Arguments,
     profile: Profile,
@@ -97,7 +99,7 @@ async fn record(
 ) -> anyhow::Result<Recording> {
     let axes = window.map(|window| window.summary().axes).unwrap_or_default();
     let mut recording = Recording::begin(&arguments.out, &profile, &axes, clock.time_of_day())?;
-    // Whatever becomes of the computer's clock: the spans in a recording are the counted ones.
+    // Times in a recording are counted from its start. They ignore later changes of the computer's clock.
     let shift = clock.shift();
     let signals = counted(profile.signals.len(), "signal");
     say_beside!("recording {signals} into {}; end it with Ctrl-C", recording.path());
@@ -135,7 +137,7 @@ async fn record(
     done.map(|()| recording)
 }
 
-/// What a person sees meanwhile, on stderr. `shown` is when that was last, where no terminal redraws it.
+/// Shows the progress on stderr. `shown` is the time of the last line if stderr is no terminal.
 fn show_progress(shown: &mut Duration, spent: Duration, span: Option<Duration>, recording: &Recording) {
     let of = span.map_or(String::new(), |span| format!(" of {}", duration_text(span)));
     let whole = duration_text(Duration::from_secs(spent.as_secs()));
@@ -143,7 +145,7 @@ fn show_progress(shown: &mut Duration, spent: Duration, span: Option<Duration>, 
     let missing =
         if missing.is_empty() { String::new() } else { format!(", without {}", missing.join(", ")) };
     let progress = format!("{whole}{of}, {}{missing}", counted(recording.rows(), "row"));
-    // A closed stderr is no reason to lose a run.
+    // A closed stderr must not end the recording.
     let mut stderr = std::io::stderr();
     if stderr.is_terminal() {
         let _ = write!(stderr, "\r\x1b[K{progress}");

@@ -1,4 +1,4 @@
-//! `isotherm release`: a register that is no output's any more goes back to its base.
+//! `isotherm release`: returns the register of a removed output to its base.
 
 use std::io::IsTerminal;
 use std::time::Duration;
@@ -15,15 +15,17 @@ use crate::observe::status::Answer;
 use isotherm_profile::duration_text;
 use isotherm_profile::regular::quoted;
 
-/// The answer to the question.
+/// Answer that confirms the release.
 const YES: &str = "yes";
 
-/// Takes the register of an output that was moved or removed in the profile back to its base: what the gateway left in it goes away in
-/// steps, within the limit, step and rate that the output had. The part of an operator in a shared register stays.
+/// Returns the register of an output that was moved or removed in the profile to its base. The gateway removes its
+/// offset in steps, within the limit, step and rate that the output had. The operator offset in a shared register
+/// stays.
 ///
-/// The gateway is restarted for it as by `isotherm restart --keep`, so the profile as it is now takes effect, and nothing else moves. It
-/// begins only if the register holds the value that is shown here. If the gateway ends before it is over, the register stays where it
-/// is, and a person releases it again. Without a terminal `--yes` is needed.
+/// The gateway is restarted as by `isotherm restart --keep`, so that the current profile takes effect; nothing else
+/// moves. The release begins only if the register holds the value that is shown here. If the gateway ends before the
+/// release is complete, the register keeps its value, and you must release it again. Without a terminal, `--yes` is
+/// needed.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm release my-machine.toml cnc_z\n  isotherm release my-machine.toml cnc_z --yes"
@@ -31,10 +33,10 @@ const YES: &str = "yes";
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// The output that was moved or removed, by the name that it had
+    /// The output that was moved or removed, by its former name
     #[arg(value_name = "OUTPUT")]
     output: String,
-    /// Do not ask
+    /// Releases without a question
     #[arg(long)]
     yes: bool,
     #[command(flatten)]
@@ -82,7 +84,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     gateway.print(Ok(Answer::Done(restart::sentence(&status))))
 }
 
-/// Asks the person at the terminal.
+/// Asks the operator at the terminal for confirmation. Returns whether it was given.
 fn is_wanted() -> anyhow::Result<bool> {
     anyhow::ensure!(
         std::io::stdin().is_terminal(),
@@ -92,7 +94,7 @@ fn is_wanted() -> anyhow::Result<bool> {
     Ok(typed()?.is_some_and(|text| text.trim() == YES))
 }
 
-/// Why there is nothing to release of an output. `is_present`: the gateway still writes to it.
+/// Message why nothing can be released of an output. `is_present`: the gateway still writes to it.
 fn nothing_left(output: &str, is_present: bool, left: &[Value]) -> String {
     let mut names: Vec<&str> = left.iter().map(|one| word(&one["output"])).collect();
     names.dedup();
@@ -112,7 +114,7 @@ fn nothing_left(output: &str, is_present: bool, left: &[Value]) -> String {
     }
 }
 
-/// Why a register of an output that was to be released stays as it is. `None` if each is on its way back, or there.
+/// Reason why a register of the output has not been released. `None` if each one returns to its base or has reached it.
 fn not_released(status: &Value, output: &str) -> Option<String> {
     let mut left = status["left"].as_array()?.iter();
     let left = left.find(|one| one["output"] == output && one["state"] == "left")?;
@@ -126,12 +128,12 @@ fn not_released(status: &Value, output: &str) -> Option<String> {
     Some(left["obstacle"].as_str().map_or_else(holds, str::to_owned))
 }
 
-/// Cz of ours that a person has seen in a register, µm.
+/// Offset of the gateway in a register as the operator has seen it, in µm.
 fn seen(left: &Value) -> f64 {
     left["found_um"].as_f64().or(left["held_um"].as_f64()).unwrap_or_default()
 }
 
-/// Describes what is left in a register, and how it goes back.
+/// Describes the offset that is left in a register, and how it returns to its base.
 fn way(left: &Value) -> String {
     let figure = |key: &str| left[key].as_f64();
     let micron = |key: &str| figure(key).map_or("an unknown part".to_owned(), |um| format!("{um:.1} µm"));

@@ -1,4 +1,4 @@
-//! `isotherm report`: what logs say about drift, in the terms of ISO 230-3.
+//! `isotherm report`: the drift in logs, in the terms of ISO 230-3.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -19,11 +19,13 @@ use isotherm_identify::{report, uses};
 
 mod text;
 
-/// Drift of logs in the terms of ISO 230-3: how far each displacement went, when, and what the machine did meanwhile.
+/// Reports the drift in logs in the terms of ISO 230-3: how far each displacement moved, when, and the state of the
+/// machine meanwhile.
 ///
-/// It describes a log; the durations and limits of the standard are yours to keep. A log is CSV: a column `time`
-/// (seconds, RFC 3339, or `05.01.2026 06:00:10` by the clock of --zone), `time_s` or `time_min`, displacements in columns that end with `_um`, temperatures, and what
-/// turned or moved: speeds (`_rpm`), positions (`_mm`), angles (`_deg`).
+/// The report describes a log. The durations and limits of the standard are your responsibility. A log is CSV with a
+/// column `time`, `time_s` or `time_min`. `time` is in seconds, RFC 3339, or `05.01.2026 06:00:10` by the clock of
+/// --zone. Displacements are in columns that end with `_um`. Other columns are temperatures, speeds (`_rpm`), positions
+/// (`_mm`) and angles (`_deg`).
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm report night.csv\n  isotherm report warm-up.csv --test spindle --displacement z_error_um\n  isotherm report day7.csv --profile surface-grinder --json"
@@ -32,30 +34,30 @@ pub(super) struct Arguments {
     /// The logs; each run is reported separately
     #[arg(value_name = "LOG", required = true)]
     logs: Vec<PathBuf>,
-    /// What the logs are taken for, instead of what their columns say
+    /// Test that the logs represent, instead of the one that their columns indicate
     #[arg(long, value_parser = tests())]
     test: Option<Test>,
     /// The displacements, µm, instead of every column that ends with _um
     #[arg(long, value_name = "COLUMN", value_delimiter = ',')]
     displacement: Vec<String>,
-    /// The column with the Cz that acted on the displacements while they were measured, µm; none: nothing acted [default: as
-    /// a log of the gateway says]
+    /// The column with the Cz that acted on the displacements during the measurement, µm. `none` means that no Cz acted
+    /// [default: as a log of the gateway says]
     #[arg(long, value_name = "COLUMN")]
     cz: Option<String>,
-    /// Writes a page with pictures that can be sent to anyone: one file, opened by any browser
+    /// Writes a page with pictures in one file, for any browser
     #[arg(long, value_name = "OUT.html")]
     report: Option<PathBuf>,
-    /// The machine's profile, which knows the units of its signals
+    /// The machine's profile, for the units of its signals
     #[arg(long, value_name = "PROFILE")]
     profile: Option<PathBuf>,
     #[command(flatten)]
     runs: Runs,
-    /// One JSON document
+    /// Prints one JSON document
     #[arg(long)]
     json: bool,
 }
 
-/// The tests of ISO 230-3, as the command line names them.
+/// Tests of ISO 230-3, with their names on the command line.
 fn tests() -> impl TypedValueParser<Value = Test> {
     one_of([
         (Test::Etve, "etve", "Environmental temperature variation error: nothing turns or moves"),

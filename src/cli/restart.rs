@@ -1,4 +1,4 @@
-//! `isotherm restart --keep`: another program, or another profile, in the place of the running gateway.
+//! `isotherm restart --keep`: replaces the running gateway by another program or profile.
 
 use std::path::Path;
 use std::time::Duration;
@@ -13,23 +13,24 @@ use crate::gateway::control::{self, Failure};
 use crate::observe::status::Answer;
 use isotherm_profile::regular;
 
-/// How long the gateway that has taken over may take until every device has answered and every axis decided.
+/// Time limit for the new gateway until every device has answered and every axis has decided.
 const READY_WITHIN: Duration = Duration::from_secs(15);
 const LOOK_EVERY: Duration = Duration::from_millis(100);
-/// The other program has so long for its check at least, and again for its start; three times as long as this check if that is more.
+/// Minimum time of the other program for its check, and again for its start. Three times the duration of this check
+/// applies if it is longer.
 const SHORTEST: Duration = Duration::from_secs(10);
 
-/// Replaces the gateway that runs this profile on this computer: by the program that lies where it was started from, with the
-/// arguments that it was started with and the profile as it is now. No register moves: each keeps what it holds, an armed axis
-/// resumes from it, and one that is off stays off.
+/// Replaces the gateway that runs this profile on this computer. The new program is the one at the path of the running
+/// one. It gets the same arguments and the current profile. No register changes: an armed axis resumes from the
+/// register value, and an axis that is off stays off.
 ///
-/// The profile is checked first. One that is wrong (exit code 64) leaves the gateway as it is.
+/// This verb first checks the profile. If the profile is wrong (exit code 64), the running gateway continues.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:\n  isotherm restart my-machine.toml --keep")]
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// The registers keep what they hold; there is no other restart than this: for any other, stop the gateway and start it
+    /// Keeps all register values. There is no restart without it: for any other, stop the gateway and start it again
     #[arg(long, required = true)]
     keep: bool,
     #[command(flatten)]
@@ -41,7 +42,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let clock = Passing::default();
     let begun = clock.passed();
     let loaded = load_modelled(profile, gateway.json).inspect_err(|_| {
-        // It is known at the gateway, too, where that can be found.
+        // The gateway also reports that the profile is wrong, if it can be found.
         if let Some(said) = tell_it_is_wrong(&profile.path, gateway) {
             say_beside!("{said}");
         }
@@ -52,10 +53,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     gateway.print(Ok(Answer::Done(sentence(&taken_over(&socket, replaced)?))))
 }
 
-/// State of the gateway that has taken over, once it is ready or has had its time. `replaced`: its first state.
+/// Waits for the new gateway as [`ready`] does, and returns its state. `replaced` is its first state, or the failure of
+/// the replacement.
 ///
 /// # Errors
-/// The profile is wrong, which is said; or nothing has taken over.
+/// The profile is wrong, which this function prints; or the running gateway was not replaced.
 pub(super) fn taken_over(socket: &Path, replaced: Result<String, Failure>) -> anyhow::Result<Value> {
     match replaced {
         Err(Failure::WrongProfile(why)) => {
@@ -66,12 +68,13 @@ pub(super) fn taken_over(socket: &Path, replaced: Result<String, Failure>) -> an
     }
 }
 
-/// Time that the other program has for its check, and again for its start. It makes the check that took this verb so long.
+/// Time limit of the other program for its check, and again for its start. `own_check` is the duration of the same
+/// check in this process.
 pub(super) fn limit(own_check: Duration) -> Duration {
     SHORTEST.max(own_check * 3)
 }
 
-/// The state of the gateway that has taken over, once it is ready or has had its time.
+/// Polls the new gateway until it is complete or its time is over, and returns its last state.
 fn ready(socket: &Path, first: String) -> Value {
     let until = Passing::default().passed() + READY_WITHIN;
     let mut text = first;
@@ -86,7 +89,7 @@ fn ready(socket: &Path, first: String) -> Value {
     }
 }
 
-/// What runs now, and what its axes do.
+/// Makes the sentence that names the running version and the state of each axis.
 pub(super) fn sentence(status: &Value) -> String {
     let word = |value: &Value| value.as_str().unwrap_or_default().to_owned();
     let axis = |axis: &Value| match word(&axis["why"]) {
@@ -102,20 +105,20 @@ pub(super) fn sentence(status: &Value) -> String {
     )
 }
 
-/// What the gateway of a profile that is wrong says to that.
+/// Reports the wrong profile to the gateway that runs it, and returns the answer. `None` if no such gateway is found.
 fn tell_it_is_wrong(profile: &Path, gateway: &RunningGateway) -> Option<String> {
     let text = regular::read_text(profile).unwrap_or_default();
     if let Some(name) = name_in(&text) {
         let socket = running::of_machine(gateway.state(), None, name).ok()?;
         return control::restart_is_wrong(&socket, None).ok();
     }
-    // Each knows whether this is its profile.
+    // Each gateway compares the path with that of its own profile.
     let profile = std::path::absolute(profile).ok()?;
     let sockets = running::all(gateway.state()).ok()?;
     sockets.iter().find_map(|socket| control::restart_is_wrong(socket, Some(&profile)).ok())
 }
 
-/// The machine's name, in a text that may be wrong in any way.
+/// Finds the machine's name in the text of a profile that may contain errors.
 fn name_in(text: &str) -> Option<&str> {
     let machine = text.lines().map(str::trim).skip_while(|line| *line != "[machine]").skip(1);
     let name =

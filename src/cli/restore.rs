@@ -1,5 +1,5 @@
-//! `isotherm restore`: a machine out of the file that `backup` wrote. Nobody knows who had that file: it is read strictly, wholly,
-//! and before anything is written.
+//! `isotherm restore`: restores a machine from the file that `backup` wrote. The file may have been manipulated. The
+//! verb therefore checks all of it before it writes anything.
 
 use std::io::Read;
 use std::os::unix::fs::MetadataExt;
@@ -19,26 +19,27 @@ use crate::gateway::make_directory;
 use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::{one_line, regular, sha256};
 
-/// A list of files is no larger than this, in bytes, and no longer.
+/// Largest size of a manifest in bytes. [`MOST_FILES`] limits its length.
 const LARGEST_MANIFEST: u64 = 1024 * 1024;
 const MOST_FILES: usize = 4096;
 
-/// Puts a backup back: the profile and its files into a directory, state and ledger into the state directory.
+/// Restores a backup: the profile and its files to a directory, state and ledger to the state directory.
 ///
-/// All is checked before anything is written. What is there and newer is not replaced, nor is anything where the gateway of the
-/// machine runs. What was written to the registers since the backup is not known: every axis is off until a person arms it.
+/// The verb checks everything before it writes anything. It does not replace newer files, and it does nothing while the
+/// gateway of the machine runs. What was written to the registers since the backup is not known. Every axis is
+/// therefore off until an operator arms it.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Example:\n  isotherm restore my-machine.tar --to /etc/isotherm --state /var/lib/isotherm"
 )]
 pub(super) struct Arguments {
-    /// What `isotherm backup` wrote
+    /// The backup that `isotherm backup` wrote
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// Where the profile and its files go
+    /// The directory of the profile and its files
     #[arg(long, value_name = "DIR", default_value = ".")]
     to: PathBuf,
-    /// Where state and ledger go; else where the platform keeps such things
+    /// The directory of state and ledger [default: the platform's state directory]
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
 }
@@ -99,10 +100,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     )?)
 }
 
-/// The list of an archive and the bytes of each file in it.
+/// Reads the manifest of an archive, and the bytes of each file in it.
 fn read(bytes: &[u8]) -> anyhow::Result<(Manifest, Vec<Vec<u8>>)> {
     let mut archive = tar::Archive::new(bytes);
-    // Raw: an entry that only says something of the next one (a long name, a size, holes) is no plain file.
+    // With `raw`, entries that only describe the next one (a long name, a size, holes) stay visible, and are rejected.
     let mut entries = archive.entries().context("it is no backup")?.raw(true);
     let first = entries.next().context("it is empty")?;
     let text = plain(first, MANIFEST, LARGEST_MANIFEST).context("it is no backup of isotherm")?;
@@ -129,9 +130,9 @@ fn read(bytes: &[u8]) -> anyhow::Result<(Manifest, Vec<Vec<u8>>)> {
     Ok((manifest, files))
 }
 
-/// The bytes of a plain file of this name.
+/// Reads a regular file with this name.
 fn plain(entry: std::io::Result<tar::Entry<'_, &[u8]>>, name: &str, largest: u64) -> anyhow::Result<Vec<u8>> {
-    // The error would quote what stands there, and that may be a secret.
+    // The original error would quote the content, which may be secret.
     let entry = entry.map_err(|_| anyhow::anyhow!("it is damaged, or no tar archive"))?;
     ensure!(
         entry.header().entry_type() == tar::EntryType::Regular && *entry.path_bytes() == *name.as_bytes(),
@@ -145,7 +146,8 @@ fn plain(entry: std::io::Result<tar::Entry<'_, &[u8]>>, name: &str, largest: u64
     Ok(bytes)
 }
 
-/// Nothing in a list leads anywhere but where it is to go.
+/// Checks a manifest: no path leads outside its directory, no file has another mode than in a backup, and none occurs
+/// twice.
 fn check(manifest: &Manifest) -> anyhow::Result<()> {
     ensure!(manifest.files.len() <= MOST_FILES, "its list is longer than {MOST_FILES} files");
     let is_plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
@@ -182,7 +184,8 @@ fn refuse_beside_a_gateway(directory: &Path, machine: &str) -> anyhow::Result<()
     Ok(())
 }
 
-/// Whether what is there is older, and no link leads elsewhere; not where it is the same already.
+/// Returns whether the file must be written: `false` if it has the same content already. A newer file, or a link in its
+/// path, is an error.
 fn is_to_be_written(to: &Path, name: &str, bytes: &[u8], taken: Moment) -> anyhow::Result<bool> {
     let mut path = to.to_owned();
     for part in Path::new(name).components() {
@@ -203,7 +206,7 @@ fn is_to_be_written(to: &Path, name: &str, bytes: &[u8], taken: Moment) -> anyho
     Ok(true)
 }
 
-/// Puts a file there as a whole. It belongs to whom its directory does: root restores for others.
+/// Writes a complete file, and replaces an existing one. As root, it gives the file the owner of its directory.
 fn put(file: &Planned) -> anyhow::Result<()> {
     let directory = file.path.parent().filter(|directory| !directory.as_os_str().is_empty());
     let directory = directory.unwrap_or(Path::new("."));

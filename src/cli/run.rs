@@ -27,15 +27,15 @@ use crate::observe::notify::{Outboxes, Rules};
 use crate::observe::status::BrokerFigures;
 use isotherm_profile::{DeviceId, Profile, Sources, Web, plan};
 
-/// What the log still has to say when the program gives up.
+/// Time for pending log lines when the gateway gives up.
 const LAST_WORDS: Duration = Duration::from_millis(200);
-/// How long the log may take before another program begins: no line is polled meanwhile.
+/// Longest wait for pending log lines before another program starts. No line is polled meanwhile.
 const LOG_WRITTEN_WITHIN: Duration = Duration::from_millis(50);
 
-/// The gateway: polls, computes, writes, until SIGTERM or Ctrl-C.
+/// Runs the gateway: polls, computes and writes, until SIGTERM or Ctrl-C.
 ///
-/// A stop carries out the axes' fault actions (hold, ramp or zero) before the program ends; a second signal ends it at
-/// once and leaves the registers as they are.
+/// Before it stops, the gateway executes the fault actions of the axes (hold, ramp or zero). A second signal ends it at
+/// once; the registers then keep their values.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  isotherm run my-machine.toml --dry-run      see what it would do\n  \
                   isotherm run my-machine.toml --set bus.cell.address=10.0.0.7:502\n  \
@@ -43,35 +43,36 @@ const LOG_WRITTEN_WITHIN: Duration = Duration::from_millis(50);
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// Where the page listens, instead of the profile's [web]; port 0 takes any free one and prints it
+    /// Address of the page, instead of the one in [web] of the profile; port 0 selects any free port, which is printed
     #[arg(long, value_name = "ADDR")]
     listen: Option<String>,
-    /// Where state and log are kept, instead of the profile's [history]
+    /// Directory of state and logs, instead of the one in [history] of the profile
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
-    /// Read, compute and show; write nothing
+    /// Reads, computes and shows, but writes nothing
     #[arg(long)]
     dry_run: bool,
-    /// Only check what it would be run with, in the place of the gateway of this command socket
+    /// Only checks whether this program could replace the gateway of this command socket
     #[arg(long = CHECK_ONLY, value_name = "SOCKET", hide = true)]
     check_only: Option<PathBuf>,
 }
 
-/// A program that is to take the place of this one, and everything that it is given.
+/// The program that replaces this one, and the data that it gets.
 pub(super) struct Replacement {
     program: Program,
     handover: Handover,
     checked: Option<Checked>,
-    /// The profile of this program, which begins again if the other one cannot be started any more.
+    /// Profile of the running program, which starts again if the other program cannot be started.
     own: Option<KeptProfile>,
-    /// Where the digest of a handover lies.
+    /// File for the digest of the handover.
     digest: PathBuf,
-    /// They answer until the other program begins.
+    /// Page and command socket, which answer until the other program starts.
     _services: Services,
 }
 
 impl Replacement {
-    /// Becomes it; if it cannot be started any more, the program that ran before goes on in its place.
+    /// Starts the other program in this process. If that fails, the previous program starts again. Returns only if both
+    /// fail.
     pub(super) fn take_over(self, log: WorkerGuard) -> anyhow::Error {
         let Replacement { program, handover, checked, own, digest, .. } = self;
         let seal = |prepared: std::io::Result<Prepared>| {
@@ -91,7 +92,7 @@ impl Replacement {
     }
 }
 
-/// Writes what waits to be logged. A reader that does not read holds up nobody.
+/// Writes pending log lines. A reader that does not read delays this by [`LOG_WRITTEN_WITHIN`] at most.
 fn write_log(log: WorkerGuard) {
     let (written, is_written) = channel();
     std::thread::spawn(move || {
@@ -142,18 +143,19 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
     };
     let mut sockets = Sockets::default();
     match web(arguments.listen.as_deref(), &profile) {
-        // The machine does not wait for it: this program has checked the page, and its files may be gone by now.
+        // The gateway must not wait for the page. This program has checked it, but its files may be gone by now.
         Some(web) if takes_over => sockets.open_page_later(web),
         Some(web) => {
             if let Some(url) = sockets.open_page_now_or_later(&web)? {
-                // A machine does not stand still because nobody reads this.
+                // A closed stdout must not stop the machine.
                 let _ = say!("page {url}");
             }
         }
         None => {}
     }
     sockets.open_control(&directory, &profile.name)?;
-    // Not before the socket is this gateway's: another one that runs may just be handing over.
+    // The handover is accepted only when the socket belongs to this gateway: another running gateway may be handing
+    // over.
     let digest = digest_path(&directory, &profile.name);
     options.handover = arrival.accept(&digest);
     for (place, device) in profile.devices.iter().enumerate() {
@@ -166,7 +168,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
     let runtime = super::runtime()?;
     let outcome = runtime.block_on(async {
         let signals = Signals::listen()?.count();
-        // An error would mean that nobody counts any more.
+        // An error would mean that the counting task has ended.
         let after = |times: u32| {
             let mut signals = signals.clone();
             async move { drop(signals.wait_for(|count| *count >= times).await) }
@@ -189,7 +191,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
         let report = Arc::new(move |delivery| source.report(&Event::Delivery(delivery)));
         let posting = outboxes.posted(report, Rules::default(), notices::trust)?;
         let outcome = gateway.run(after(1), after(2)).await;
-        // Nobody holds the machine until the next program does: that one does not wait for messages.
+        // Until the next program starts, no gateway controls the machine. Messages must not delay it.
         let patience = || after(if outcome.handover.is_some() { 0 } else { 2 });
         let posted = async {
             if let Some(posting) = posting {
@@ -208,7 +210,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
         posted.await;
         anyhow::Ok((outcome, successor.and_then(|successor| successor.take_checked()), services))
     });
-    // A name that is still looked up holds up nobody.
+    // A name lookup that has not ended must not delay the end.
     runtime.shutdown_background();
     let (outcome, checked, services) = outcome?;
     anyhow::ensure!(!outcome.failed, "something failed inside (see above); {}", outcome.left);
@@ -221,7 +223,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
     Ok(Some(Replacement { program, handover, checked, own: kept, digest, _services: services }))
 }
 
-/// The profile that the program before this one in the same process has handed over. `None` if there is none that is accepted.
+/// Profile that the previous program in this process has handed over. `None` if there is none, or it is not accepted.
 fn handed_over(arguments: &Arguments, arrival: &Arrival) -> anyhow::Result<Option<RunProfile>> {
     let Some(kept) = arrival.profile() else { return Ok(None) };
     let Some(run_profile) = RunProfile::handed_over(&arguments.profile, kept)? else { return Ok(None) };
@@ -230,7 +232,7 @@ fn handed_over(arguments: &Arguments, arrival: &Arrival) -> anyhow::Result<Optio
     Ok(arrival.is_announced(&digest).then_some(run_profile))
 }
 
-/// What keeps this program from running in the place of the gateway with this command socket.
+/// Checks whether this program could replace the gateway with this command socket. The error is the reason why not.
 fn check(arguments: &Arguments, socket: &Path) -> anyhow::Result<()> {
     let (loaded, sources) = run_profile::read(&arguments.profile, answer_of_check())?;
     let profile = &warned(loaded);
@@ -249,13 +251,13 @@ fn check(arguments: &Arguments, socket: &Path) -> anyhow::Result<()> {
         claims::could_claim(profile, &directory).map_err(anyhow::Error::msg)?;
     }
     web(arguments.listen.as_deref(), profile).map_or(Ok(()), |web| Port::new(&web).map(drop))?;
-    // A script around this program may print something afterwards.
+    // Sealed, because a wrapper script around this program may still write to the file.
     let seal = |sources: Sources| KeptProfile::seal(sources.finish()?.0).map(drop);
     sources.map_or(Ok(()), seal).context("the profile cannot be handed over")
 }
 
-/// Claims what this gateway writes to. Registers that a person has released stay as they are if another gateway writes to one: the
-/// machine does not stand still for them. Returns why other gateways cannot be seen, if they cannot.
+/// Claims the registers to which this gateway writes. If another gateway writes to a released register, all released
+/// registers keep their values, and this gateway runs. Returns the reason if other gateways cannot be detected.
 fn claim(profile: &Profile, directory: &Path, options: &mut Options) -> anyhow::Result<Option<String>> {
     let released = with_releases(directory, profile.clone());
     if released.outputs.len() > profile.outputs.len() {
@@ -265,14 +267,15 @@ fn claim(profile: &Profile, directory: &Path, options: &mut Options) -> anyhow::
     claims::claim(claimed, directory).map_err(anyhow::Error::msg)
 }
 
-/// The page of the profile, at another address where one is given.
+/// Page settings of the profile, with another address if one is given.
 fn web(listen: Option<&str>, profile: &Profile) -> Option<Web> {
     let Some(listen) = listen else { return profile.web.clone() };
     Some(Web { listen: listen.to_owned(), ..profile.web.clone().unwrap_or_default() })
 }
 
-/// The option, the profile, or where the platform keeps such things; made if it is not there. From the root on, so that
-/// others find the command socket by the kernel's list, unless no socket's path may be as long.
+/// Creates the state directory if needed, and returns it. It comes from the option, from the profile, or from the
+/// platform. The path is absolute, so that others find the command socket in the kernel's list, unless such a path is
+/// too long for a socket.
 fn state_directory(option: Option<&Path>, profile: &Profile) -> anyhow::Result<PathBuf> {
     let directory = state_path(option, profile);
     make_directory(&directory).with_context(|| {
@@ -281,7 +284,7 @@ fn state_directory(option: Option<&Path>, profile: &Profile) -> anyhow::Result<P
     Ok(directory)
 }
 
-/// Path of that directory, whether it is there or not.
+/// Path of the state directory, which need not exist.
 fn state_path(option: Option<&Path>, profile: &Profile) -> PathBuf {
     let directory = known_directory(option.or(profile.history.directory.as_deref()));
     let from_root = std::path::absolute(&directory).ok();
@@ -289,7 +292,7 @@ fn state_path(option: Option<&Path>, profile: &Profile) -> PathBuf {
     from_root.unwrap_or(directory)
 }
 
-/// The one that is named, or where the platform keeps such things.
+/// Path of the named directory, or of the platform's state directory.
 pub(super) fn known_directory(named: Option<&Path>) -> PathBuf {
     let home = || std::env::var_os("HOME").map(|home| PathBuf::from(home).join(".local/state"));
     let platform = || {

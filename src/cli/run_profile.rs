@@ -1,5 +1,5 @@
-//! The profile that a gateway runs. It is read from disk, and its sources are kept in memory; or it is the one that the program before
-//! this one in the same process has handed over, because this program has checked it there.
+//! The profile that a gateway runs. It is read from disk, and its sources are kept in memory. Alternatively, the
+//! previous program in this process has handed it over, after this program has checked it there.
 
 use std::fs::File;
 use std::path::Path;
@@ -11,10 +11,10 @@ use crate::observe::events::Event;
 use crate::observe::status::Source;
 use isotherm_profile::{Errors, Loaded, Sources, environment};
 
-/// A profile, and its sources.
+/// A profile and its sources.
 pub(super) struct RunProfile {
     pub(super) loaded: Loaded,
-    /// `None` if the system makes no sealed memory.
+    /// Sources; `None` if the system has no sealed memory.
     pub(super) kept: Option<KeptProfile>,
 }
 
@@ -22,12 +22,12 @@ impl RunProfile {
     /// Reads the profile from disk.
     pub(super) fn from_disk(arguments: &ProfileArguments) -> anyhow::Result<RunProfile> {
         let (loaded, sources) = read(arguments, memory_for_profile())?;
-        // Without them there is no restart, which says why then.
+        // Without sources, a restart is not possible, and reports the reason then.
         let kept = sources.and_then(|sources| KeptProfile::seal(sources.finish().ok()?.0).ok());
         Ok(RunProfile { loaded, kept })
     }
 
-    /// Takes a profile that was handed over. `None` if its sources are in the form of another version.
+    /// Loads a profile that was handed over. `None` if its sources have the format of another version.
     pub(super) fn handed_over(
         arguments: &ProfileArguments,
         kept: &KeptProfile,
@@ -51,7 +51,8 @@ impl RunProfile {
     }
 }
 
-/// Reports what is different on disk now, in a thread of its own: a file may lie on a network that is gone.
+/// Reports files that have changed on disk since. It uses a separate thread, because a file may be on a network that is
+/// gone.
 pub(super) fn report_differences(
     kept: Option<&KeptProfile>,
     arguments: &ProfileArguments,
@@ -66,7 +67,7 @@ pub(super) fn report_differences(
             source.report(&Event::ProfileDiffers { profile, files });
         }
     };
-    // Without a thread nothing is reported, and the gateway runs all the same.
+    // Without a thread, nothing is reported, and the gateway still runs.
     let _ = std::thread::Builder::new().name("profile".to_owned()).spawn(compare);
 }
 

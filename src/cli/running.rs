@@ -1,5 +1,5 @@
-//! Which gateway of this computer is meant: the one with the state directory that is named, or that the profile and the
-//! platform say; else the only one of this machine that runs with another.
+//! Selection of a gateway on this computer. It is the one with the named state directory, or with that of the profile
+//! or of the platform. Otherwise it is the only running gateway of this machine.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -9,15 +9,15 @@ use crate::cli::say::say_beside;
 use crate::gateway::control::{self, Presence};
 use isotherm_profile::Profile;
 
-/// The command socket of the gateway that runs a profile. Where none runs, the one that it would have.
+/// Command socket of the gateway that runs a profile. If none runs, it is the path that the socket would have.
 ///
 /// # Errors
-/// It may be one of several.
+/// Several gateways of the machine run, and none has the expected directory.
 pub(super) fn socket(state: Option<&Path>, profile: &Profile) -> anyhow::Result<PathBuf> {
     of_machine(state, profile.history.directory.as_deref(), &profile.name)
 }
 
-/// The same of a machine of which not more than this is known.
+/// Command socket of a machine with this name. `directory` is the state directory of its profile.
 ///
 /// # Errors
 /// As [`socket`].
@@ -34,7 +34,7 @@ pub(super) fn of_machine(
     let mut others = found.clone();
     others.retain(|socket| control::presence(socket) == Presence::Answers);
     if others.is_empty() {
-        // Asking it says whose it is.
+        // A connection to this socket reports its user.
         let of_another_user = |socket: &PathBuf| control::presence(socket) == Presence::Forbidden;
         return Ok(found.into_iter().find(of_another_user).unwrap_or(usual));
     }
@@ -57,7 +57,7 @@ pub(super) fn of_machine(
     }
 }
 
-/// The state directory of the gateway that runs a profile, or that one would have.
+/// State directory of the gateway that runs a profile, or that would run it.
 ///
 /// # Errors
 /// As [`socket`].
@@ -65,10 +65,10 @@ pub(super) fn directory(state: Option<&Path>, profile: &Profile) -> anyhow::Resu
     Ok(socket(state, profile)?.parent().map(Path::to_owned).unwrap_or_default())
 }
 
-/// The command socket of the only gateway that runs with a state directory.
+/// Command socket of the only gateway that runs with a state directory.
 ///
 /// # Errors
-/// There is none, or several.
+/// No gateway, or more than one, runs with it.
 pub(super) fn only(state: Option<&Path>) -> anyhow::Result<PathBuf> {
     let (sockets, directory) = (all(state)?, known_directory(state));
     let shown = directory.display();
@@ -85,10 +85,10 @@ pub(super) fn only(state: Option<&Path>) -> anyhow::Result<PathBuf> {
     }
 }
 
-/// The command sockets in a state directory.
+/// Command sockets in a state directory.
 ///
 /// # Errors
-/// This user may not look.
+/// This user may not read the directory.
 pub(super) fn all(state: Option<&Path>) -> anyhow::Result<Vec<PathBuf>> {
     let directory = known_directory(state);
     let read = std::fs::read_dir(&directory);

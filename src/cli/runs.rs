@@ -1,4 +1,4 @@
-//! The logs of verbs that learn from them, and how they become runs.
+//! Logs for verbs that identify or report, and how they are divided into runs.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -7,28 +7,28 @@ use super::logs::LogZone;
 use super::progress::Progress;
 use isotherm_identify::dataset::{BadLog, Dataset, Split, Units, Uses};
 
-/// How logs become runs.
+/// Options that divide logs into runs.
 #[derive(clap::Args, Clone, Debug)]
 pub(super) struct Runs {
     /// A new run begins where this column changes
     #[arg(long, value_name = "COLUMN")]
     run_column: Option<String>,
-    /// A new run begins after so long without a row
+    /// A new run begins after a gap of this length
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     gap: Option<Duration>,
     #[command(flatten)]
     zone: LogZone,
-    /// What a dial gauge showed, as a small file with the columns time and error in µm (or error_mm): each reading is put into
-    /// the row of the logs that is nearest in time
+    /// Readings of a dial gauge, as a file with the columns time and error in µm (or error_mm). Each reading is added
+    /// to the log row that is nearest in time
     #[arg(long, value_name = "FILE")]
     gauge: Option<PathBuf>,
-    /// How far that row may be away
+    /// Largest distance in time between a reading of the gauge and its row
     #[arg(long, value_name = "TIME", default_value = "30s", value_parser = humantime::parse_duration, requires = "gauge")]
     within: Duration,
 }
 
 impl Runs {
-    /// Reads of the logs what is used. What a gauge showed becomes the column `error`.
+    /// Reads the used columns of the logs. Readings of a gauge become the column `error`.
     pub(super) fn read(
         &self,
         logs: &[PathBuf],

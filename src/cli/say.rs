@@ -1,5 +1,5 @@
-//! What a verb prints. Nobody may be there to read it, and a disk may be full: that is an error of the verb, never a panic.
-//! What others wrote may stand in it: it steers no terminal.
+//! Output of the verbs. A failed write, for example because the reader is gone or the disk is full, is an error of the
+//! verb, never a panic. Control characters in quoted text are escaped.
 
 use std::fmt::Arguments;
 use std::io::{Error, Result, Write, stdout};
@@ -7,10 +7,10 @@ use std::io::{Error, Result, Write, stdout};
 use super::journal_stream;
 use isotherm_profile::lines;
 
-/// Standard output, which says so where it cannot be written.
+/// Standard output. Its errors name it as the file that cannot be written.
 pub(crate) struct Out;
 
-/// The same for a terminal that is redrawn: what steers it is our own.
+/// Standard output without escaping, for control sequences of a redrawn terminal.
 pub(crate) struct Screen;
 
 impl Write for Out {
@@ -34,26 +34,26 @@ impl Write for Screen {
     }
 }
 
-/// A line of what the verb is for.
+/// Prints a line of the result.
 ///
 /// # Errors
-/// Nobody takes it.
+/// Standard output cannot be written.
 pub(crate) fn line(text: Arguments<'_>) -> Result<()> {
     all(format_args!("{text}\n"))
 }
 
-/// The same without a line break.
+/// Prints text of the result, without a line break.
 ///
 /// # Errors
-/// Nobody takes it.
+/// Standard output cannot be written.
 pub(crate) fn all(text: Arguments<'_>) -> Result<()> {
     Out.write_fmt(text).and_then(|()| Out.flush())
 }
 
-/// Takes away what a terminal shows.
+/// Clears the terminal.
 ///
 /// # Errors
-/// Nobody takes it.
+/// Standard output cannot be written.
 pub(crate) fn clear() -> Result<()> {
     Screen.write_all(b"\x1b[H\x1b[2J")
 }
@@ -62,19 +62,19 @@ fn not_taken(error: Error) -> Error {
     Error::new(error.kind(), format!("what is printed (standard output) cannot be written: {error}"))
 }
 
-/// A line beside that is cut after so many characters: it quotes what a file, or a device, says.
+/// Longest line of a diagnostic, in characters. A longer one is cut, because it quotes a file or a device.
 const LONGEST_LINE: usize = 2000;
-/// What is said beside at once, in bytes.
+/// Longest diagnostic, in bytes.
 const MOST_SAID: usize = 64_000;
 
-/// A line beside that: a warning, or how far something is. It is lost where nobody takes it.
+/// Prints a diagnostic on stderr, for example a warning or a progress line. Errors are ignored.
 pub(crate) fn beside(text: Arguments<'_>) {
     let text = readable(&lines(&text.to_string()));
     let text = if journal_stream::is_stderr() { journal_stream::prioritised(&text) } else { text };
     let _ = std::io::stderr().write_all(format!("{text}\n").as_bytes());
 }
 
-/// As much of a text as a person can read.
+/// Shortens a text to a length that a person can read.
 fn readable(text: &str) -> String {
     let mut said = String::new();
     let mut lines = text.split('\n');
@@ -96,25 +96,25 @@ fn readable(text: &str) -> String {
     said
 }
 
-/// What stands in the last line of a terminal, and is written over by the next.
+/// Prints text without a line break on stderr. The next text overwrites it.
 pub(crate) fn progress(text: Arguments<'_>) {
     let mut err = std::io::stderr();
     let _ = err.write_fmt(text).and_then(|()| err.flush());
 }
 
-/// `println!` that fails instead of panicking.
+/// `println!` that returns an error instead of panicking.
 macro_rules! say {
     ($($text:tt)*) => { $crate::cli::say::line(format_args!($($text)*)) };
 }
-/// `print!` that fails instead of panicking.
+/// `print!` that returns an error instead of panicking.
 macro_rules! say_all {
     ($($text:tt)*) => { $crate::cli::say::all(format_args!($($text)*)) };
 }
-/// Beside what is printed; lost where nobody takes it.
+/// Prints a diagnostic on stderr, and ignores errors.
 macro_rules! say_beside {
     ($($text:tt)*) => { $crate::cli::say::beside(format_args!($($text)*)) };
 }
-/// Written over by the next.
+/// Prints text on stderr that the next text overwrites.
 macro_rules! say_progress {
     ($($text:tt)*) => { $crate::cli::say::progress(format_args!($($text)*)) };
 }

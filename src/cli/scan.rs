@@ -1,4 +1,4 @@
-//! `isotherm scan`: which units of a line answer, and which registers they have.
+//! `isotherm scan`: lists the units of a line that answer, and their registers.
 
 use std::io::{IsTerminal, Write};
 use std::time::Duration;
@@ -21,12 +21,12 @@ mod endpoints;
 mod sensors;
 mod text;
 
-/// Asks every unit of a line once, for one register, and prints which answer. An exception is an answer too. Reads only.
-/// Of an OPC UA server it shows what that offers: security, users, certificate. Of this computer it lists the temperatures that its
-/// kernel reads.
+/// Requests one register from every unit once, and prints the units that answer. An exception is an answer too. Writes
+/// nothing. For an OPC UA server it shows the security, users and certificate that the server offers. For this computer
+/// it lists the temperatures that its kernel reads.
 ///
-/// A device that is there but answers nothing at all for a register it does not have is found only with another
-/// --register.
+/// Some devices do not answer a request for a register that they do not have. Only another --register finds such a
+/// device.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  isotherm scan --bus tcp://192.168.0.10:502\n  isotherm scan --bus \
                   rtu:///dev/ttyUSB0 --baud 1200,9600,19200 --parity none,even --units 1..32\n  isotherm scan --bus \
@@ -35,25 +35,25 @@ mod text;
 pub(super) struct Arguments {
     #[command(flatten)]
     target: Target,
-    /// Which units, both ends included
+    /// Units to scan, both ends included
     #[arg(long, value_name = "FROM..TO", default_value = "1..247", value_parser = target::units)]
     units: (u8, u8),
-    /// What each unit is asked for; several, and the next is tried where nothing comes for the one before
+    /// Register to request from each unit; of several, the next is requested if the one before gets no answer
     #[arg(long, value_name = "REGISTER", value_delimiter = ',', default_value = "holding:0")]
     register: Vec<Register>,
-    /// Bits per second to try on a serial line, one after the other
+    /// Baud rates to try on a serial line, one after the other
     #[arg(long, value_name = "BAUD", value_delimiter = ',', value_parser = baud)]
     baud: Vec<u32>,
     /// Parities to try on a serial line: none, even, odd
     #[arg(long, value_name = "PARITY", value_delimiter = ',')]
     parity: Vec<Parity>,
-    /// Then reads these registers of every unit that answers, in steps of 16, and prints which it has
+    /// Then reads these registers of every unit that answers, in steps of 16, and prints those that exist
     #[arg(long, value_name = "holding:0..99", value_parser = target::range)]
     registers: Option<(Register, u16)>,
-    /// The bytes of each frame, on stderr
+    /// Prints the bytes of each frame on stderr
     #[arg(long)]
     trace: bool,
-    /// One JSON document
+    /// Prints one JSON document
     #[arg(long)]
     json: bool,
 }
@@ -124,7 +124,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
 }
 
-/// The line in every setting that is to be tried.
+/// The line with every setting to try.
 fn settings(line: &LineAddress, bauds: &[u32], parities: &[Parity]) -> Vec<LineAddress> {
     let Transport::Serial(serial) = line.transport else { return vec![line.clone()] };
     let bauds = if bauds.is_empty() { &[serial.baud] } else { bauds };
@@ -133,11 +133,11 @@ fn settings(line: &LineAddress, bauds: &[u32], parities: &[Parity]) -> Vec<LineA
     each.map(|(baud, parity)| line.with_serial(|serial| Serial { baud, parity, ..serial })).collect()
 }
 
-/// What has been seen so far.
+/// Results of the scan so far.
 struct Seen {
     found: Vec<(LineAddress, Responder)>,
     ranges: Vec<(u8, RegisterRange)>,
-    /// Questions put, and all there are.
+    /// Number of requests sent. `questions` is the number of all requests.
     asked: usize,
     questions: usize,
     several: bool,
@@ -181,7 +181,7 @@ impl Seen {
         }
     }
 
-    /// Walks the registers of every unit that has been found.
+    /// Reads the registers of every unit that was found.
     async fn walk(&mut self, scan: &Scan, (from, count): (Register, u16)) {
         for (line, found) in self.found.clone() {
             if matches!(found.how, How::Garbled(_)) {
@@ -199,7 +199,7 @@ impl Seen {
         }
     }
 
-    /// A line of the result. A closed stdout ends the program soon enough.
+    /// Prints a line of the result. A closed stdout soon ends the program anyway.
     fn say(&self, line: &str) {
         clear_line();
         if !self.json {
@@ -207,7 +207,7 @@ impl Seen {
         }
     }
 
-    /// The line that a terminal redraws.
+    /// Redraws the progress line on a terminal.
     fn show(&self) {
         let mut stderr = std::io::stderr();
         if !stderr.is_terminal() {
@@ -232,7 +232,7 @@ fn print_exchange(exchange: &Exchange) {
     say_beside!("{exchange}");
 }
 
-/// Takes away what a terminal shows of the progress.
+/// Clears the progress line of a terminal.
 fn clear_line() {
     if std::io::stderr().is_terminal() {
         say_progress!("\r\x1b[K");

@@ -1,4 +1,4 @@
-//! `isotherm select`: which temperature points are worth keeping.
+//! `isotherm select`: recommends the temperature points to keep.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -16,11 +16,12 @@ use isotherm_identify::{report, uses};
 
 mod text;
 
-/// Says which temperature points to keep, and how much is left with so many of them on a run that was held out.
+/// Recommends the temperature points to keep. It also shows the error that remains with each number of points on a run
+/// that was held out.
 ///
-/// A log is CSV, as for identify; no profile is needed. Each column of temperatures is a point: its
-/// correlation with the error, its grey relational grade, those that say the same, the order in which partial F
-/// tests take points in, and a recommendation from runs that were left out.
+/// A log is CSV, as for identify; no profile is needed. Each column of temperatures is a point. The verb shows its
+/// correlation with the error, its grey relational grade, and groups of points with similar values. It also shows the
+/// order in which partial F tests add points, and a recommendation from runs that were held out.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm select mon.csv tue.csv wed.csv --error z_error_um\n  isotherm select week.csv --gap 2h --error z_error_um --report points.html"
@@ -32,40 +33,40 @@ pub(super) struct Arguments {
     /// The column with the measured error e, µm
     #[arg(long, value_name = "COLUMN")]
     error: String,
-    /// The column with the Cz that acted on the error while it was measured, µm; none: nothing acted [default: as a log of
-    /// the gateway says]
+    /// The column with the Cz that acted on the error during the measurement, µm. `none` means that no Cz acted
+    /// [default: as a log of the gateway says]
     #[arg(long, value_name = "COLUMN")]
     cz: Option<String>,
     /// The points, instead of every column of temperatures
     #[arg(long, value_name = "COLUMN", value_delimiter = ',')]
     inputs: Vec<String>,
-    /// Points that are left out
+    /// Points to leave out
     #[arg(long, value_name = "COLUMN", value_delimiter = ',')]
     without: Vec<String>,
-    /// Points that stay in though they look faulty
+    /// Points to keep although they look faulty
     #[arg(long, value_name = "COLUMN", value_delimiter = ',')]
     keep: Vec<String>,
-    /// Points are grouped where every two are correlated at least so
+    /// Points form a group if every two of them have at least this correlation
     #[arg(long, value_name = "R", value_delimiter = ',', default_value = "0.9,0.7", value_parser = correlation)]
     group: Vec<f64>,
-    /// Most points that are looked at together
+    /// Largest number of points in one model
     #[arg(long, value_name = "K", default_value_t = 8, value_parser = clap::value_parser!(u8).range(1..=32))]
     most: u8,
-    /// Time constants through which each point is looked at [default: 0s,6min,25min,100min]
+    /// Time constants to apply to each point [default: 0s,6min,25min,100min]
     #[arg(long, value_name = "TIME", value_delimiter = ',', value_parser = humantime::parse_duration)]
     lags: Vec<Duration>,
     /// Rows closer than this count as one sample in F tests
     #[arg(long, value_name = "TIME", default_value = "30min", value_parser = humantime::parse_duration)]
     independent: Duration,
-    /// Rows are averaged over this long, after the lags; 0s leaves them as they are
+    /// Rows are averaged over this time, after the lags; 0s switches averaging off
     #[arg(long, value_name = "TIME", default_value = "1min", value_parser = humantime::parse_duration)]
     resample: Duration,
     #[command(flatten)]
     runs: Runs,
-    /// Writes a page with pictures: one file, to be opened anywhere
+    /// Writes a page with pictures in one file, for any browser
     #[arg(long, value_name = "OUT.html")]
     report: Option<PathBuf>,
-    /// One JSON document
+    /// Prints one JSON document
     #[arg(long)]
     json: bool,
 }

@@ -1,4 +1,4 @@
-//! What runs beside the loop, on a thread and a runtime of its own: the page and the command socket.
+//! Services of the gateway on a separate thread and runtime: the page and the command socket.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -14,12 +14,12 @@ use crate::observe::http::{self, Door, Limits};
 use crate::observe::status::Source;
 use isotherm_profile::Web;
 
-/// Sockets that are open and not yet served: whatever is wrong with them is known before the loop starts.
+/// Open sockets that are not served yet. Their errors are thus known before the gateway starts.
 #[derive(Default)]
 pub(super) struct Sockets {
     page: Option<Page>,
     control: Option<(std::os::unix::net::UnixListener, PathBuf)>,
-    /// What can take the place of the gateway.
+    /// Program that can replace this gateway.
     pub(super) successor: Option<Successor>,
 }
 
@@ -27,11 +27,11 @@ pub(super) struct Sockets {
 enum Page {
     /// At this port, which is open or will be.
     At(Box<Port>),
-    /// As soon as everything that it needs can be read.
+    /// At a port that is created when everything that the page needs can be read.
     Later(Web),
 }
 
-/// The running services; dropping them ends them.
+/// The running services. Dropping this ends them.
 pub(super) struct Services {
     stop: Option<watch::Sender<bool>>,
     thread: Option<JoinHandle<()>>,
@@ -39,8 +39,8 @@ pub(super) struct Services {
 }
 
 impl Sockets {
-    /// Opens the page's port; its URL with the name of this computer, where it listens on every address. Port 0 takes any free
-    /// one.
+    /// Opens the port of the page, and returns its address. If the page listens on every address, it has the name of
+    /// this computer. Port 0 selects any free port.
     pub(super) fn open_page(&mut self, web: &Web) -> anyhow::Result<String> {
         let mut port = Port::new(web)?;
         port.open().map_err(|error| anyhow::anyhow!("{}", port.closed(&error)))?;
@@ -49,8 +49,8 @@ impl Sockets {
         Ok(url)
     }
 
-    /// The same; `None` where another program has the port, or this computer does not have the address yet. That does not keep
-    /// a machine from being held: it is tried again while the gateway runs.
+    /// Opens the port of the page, and returns its address. `None` if another program has the port, or this computer
+    /// does not have the address yet. This must not stop the compensation: the gateway tries again while it runs.
     pub(super) fn open_page_now_or_later(&mut self, web: &Web) -> anyhow::Result<Option<String>> {
         let mut port = Port::new(web)?;
         let opened = port.open();
@@ -64,7 +64,7 @@ impl Sockets {
         Ok(url)
     }
 
-    /// Opens the page's port once the services run. Nothing that keeps it closed keeps the gateway from running.
+    /// Opens the port of the page once the services run. Errors of the page do not stop the gateway.
     pub(super) fn open_page_later(&mut self, web: Web) {
         self.page = Some(Page::Later(web));
     }
@@ -76,7 +76,7 @@ impl Sockets {
         Ok(())
     }
 
-    /// Serves what has been opened beside so many lines.
+    /// Starts to serve the open sockets. `lines` is the number of lines, which need file descriptors too.
     pub(super) fn serve(
         self,
         source: &Arc<dyn Source>,
@@ -115,9 +115,9 @@ impl Sockets {
             };
             report("the page", serve_page(port, &source, shares.page, stopped.clone()).await);
         };
-        // A service that fails has said so; the loop goes on without it.
+        // A service that fails has been logged. The gateway runs without it.
         let both = async { tokio::join!(control, page) };
-        // The page ends its open streams by itself, and tells them that the gateway stops; this is how long that may take.
+        // The page ends its open streams itself, and reports in them that the gateway stops. This time is for that.
         let end = async {
             until(stopped.clone()).await;
             tokio::time::sleep(std::time::Duration::from_millis(200)).await;
@@ -129,7 +129,7 @@ impl Sockets {
     }
 }
 
-/// Serves the page, once its port is open.
+/// Serves the page when its port is open.
 async fn serve_page(
     port: Port,
     source: &Arc<dyn Source>,
@@ -171,7 +171,7 @@ impl Drop for Services {
             let _ = thread.join();
         }
         if let Some(path) = self.control.take() {
-            // One that is left behind is replaced by the next gateway.
+            // The next gateway replaces a socket that could not be removed.
             let _ = std::fs::remove_file(path);
         }
     }

@@ -1,4 +1,4 @@
-//! `isotherm sign`: a guided check with a dial gauge, whether an axis moves the way it must.
+//! `isotherm sign`: a guided check with a dial gauge that an axis moves in the right direction.
 
 use super::command::RunningGateway;
 use super::values::typed;
@@ -7,11 +7,11 @@ use crate::cli::say::{say, say_beside};
 use crate::gateway::control;
 use crate::observe::status::{Command, Moved};
 
-/// Checks with a dial gauge that an axis moves the way it must: the running gateway takes its Cz by +5 µm and back, within
-/// the limits of the profile, and you say which way the gauge moved.
+/// Checks with a dial gauge that an axis moves in the right direction. The running gateway moves Cz of the axis by +5
+/// µm and back, within the limits of the profile. You enter the direction in which the gauge moved.
 ///
-/// The axis must be armed and compensating. Until you have answered nothing else moves it; when you do not answer in time, or
-/// leave, the offset goes back.
+/// The axis must be armed and compensating. Nothing else moves it until you have answered. Without an answer in time,
+/// or when you leave, the gateway removes the offset.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm sign my-machine.toml --axis z\n  isotherm sign my-machine.toml --axis z --answer plus"
@@ -19,10 +19,10 @@ use crate::observe::status::{Command, Moved};
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// The axis; needed where there are several
+    /// The axis; needed if there are several
     #[arg(long, value_name = "AXIS")]
     axis: Option<String>,
-    /// Which way the gauge moved, for scripts: it is not asked then
+    /// Direction in which the gauge moved, for scripts; nothing is asked then
     #[arg(long, value_name = "WAY", value_parser = clap::builder::PossibleValuesParser::new(["plus", "minus", "none"]))]
     answer: Option<String>,
     #[command(flatten)]
@@ -64,7 +64,7 @@ fn moved(word: &str) -> Option<Moved> {
     Moved::ALL.into_iter().find(|(name, _)| *name == word).map(|(_, moved)| moved)
 }
 
-/// Asks until the answer is one.
+/// Asks until the answer is valid. `None` if the input ends.
 fn ask() -> anyhow::Result<Option<Moved>> {
     loop {
         let minutes = control::SIGN_ANSWERED_WITHIN.as_secs() / 60;

@@ -1,9 +1,9 @@
-//! SIGTERM, SIGINT and SIGHUP: the first asks for a graceful stop, the second for an end at once.
+//! SIGTERM, SIGINT and SIGHUP. The first requests a graceful stop, the second an immediate end.
 
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::watch;
 
-/// Listens from the moment it is made.
+/// Listener for these signals. It receives them from its creation.
 #[derive(Debug)]
 pub(super) struct Signals {
     term: Signal,
@@ -12,7 +12,7 @@ pub(super) struct Signals {
 }
 
 impl Signals {
-    /// Needs a running runtime.
+    /// Begins to listen. This needs a running runtime.
     pub(super) fn listen() -> std::io::Result<Signals> {
         Ok(Signals {
             term: signal(SignalKind::terminate())?,
@@ -21,7 +21,7 @@ impl Signals {
         })
     }
 
-    /// Counts them from now on. Nobody has to be waiting when one comes: the second may follow the first at once.
+    /// Counts the signals from now on, in a separate task. Signals in quick succession are therefore not missed.
     pub(super) fn count(mut self) -> watch::Receiver<u32> {
         let (counter, count) = watch::channel(0);
         tokio::spawn(async move {
@@ -33,7 +33,7 @@ impl Signals {
         count
     }
 
-    /// The next one.
+    /// Waits for the next signal.
     pub(super) async fn next(&mut self) {
         tokio::select! {
             _ = self.term.recv() => {}

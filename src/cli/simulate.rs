@@ -12,14 +12,15 @@ use crate::clock::Clock;
 use crate::virtual_machine::{FaultScript, PlantSpec, Setup, VirtualMachine};
 use isotherm_profile::{Device, Profile, Transport, regular};
 
-/// The devices of a profile as virtual hardware: Modbus servers at the addresses and serial ports of the profile, nodes
-/// on its CAN interfaces.
+/// Serves the devices of a profile as virtual hardware. These are Modbus servers at the addresses and serial ports of
+/// the profile, and nodes on its CAN interfaces.
 ///
-/// A serial port is a pseudo-terminal under the profile's path, or, where that is taken or cannot be made, under one of
-/// its own, which is printed. A CAN interface must be there: `ip link add dev vcan0 type vcan && ip link set vcan0 up`.
+/// A serial port is a pseudo-terminal at the path in the profile. If that path exists or cannot be made, it gets
+/// another path, which is printed. A CAN interface must exist: `ip link add dev vcan0 type vcan && ip link set vcan0
+/// up`.
 ///
-/// Values come from the plant beside the profile (`<name>.plant.toml`) or of the shipped machine of that name; without
-/// one they wander plausibly.
+/// Values come from the plant next to the profile (`<name>.plant.toml`), or from that of the shipped machine with this
+/// name. Without a plant, the values vary in a plausible way.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm virtual surface-grinder         in one terminal\n  isotherm run \
@@ -28,13 +29,13 @@ use isotherm_profile::{Device, Profile, Transport, regular};
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// What goes wrong, and when
+    /// Script of faults with their times
     #[arg(long, value_name = "FILE")]
     faults: Option<PathBuf>,
-    /// The day: duty cycle, ambient and noise follow from it
+    /// The simulated day: duty cycle, ambient temperature and noise depend on it
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// How long ago the machine's day began: a little into it the shipped machines have been switched on
+    /// Time since the start of the machine's day; the shipped machines are switched on a few minutes after it
     #[arg(long, default_value = "10min", value_name = "SPAN", value_parser = humantime::parse_duration)]
     from: Duration,
 }
@@ -102,7 +103,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     })
 }
 
-/// A device and how it is addressed.
+/// Name and address of a device.
 fn named(device: &Device) -> String {
     let address = match &device.can {
         None => format!("unit {}", device.unit),
@@ -111,7 +112,7 @@ fn named(device: &Device) -> String {
     format!("{} ({address})", device.name)
 }
 
-/// The plant beside the profile, or of the shipped machine of the same name.
+/// Plant next to the profile, or of the shipped machine with this name.
 fn plant(path: &Path, profile: &Profile) -> anyhow::Result<Option<PlantSpec>> {
     let beside = path.with_extension("plant.toml");
     if beside.exists() {

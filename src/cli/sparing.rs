@@ -1,7 +1,8 @@
-//! At most ten lines a second of one kind on stderr; then one that says how many more there were.
+//! Rate limit for the log on stderr: at most ten lines of one kind in a second. One more line then contains the number
+//! of dropped lines.
 //!
-//! A kind is a place in the source; of events, whose lines are all written at one place, each kind is one. Events are kept,
-//! counted and shown all the same: only their lines are left out.
+//! The kind of a line is its place in the source. The lines of all events come from one place, so for them the kind of
+//! event counts as well. Only lines are dropped: events are always kept, counted and shown.
 
 use std::collections::HashMap;
 use std::fmt;
@@ -16,33 +17,33 @@ use tracing_subscriber::layer::{Context, Filter};
 
 use crate::clock::Passing;
 
-/// Lines of one kind in [`SPAN`].
+/// Maximum number of lines of one kind in [`SPAN`].
 const MOST: u32 = 10;
 const SPAN: Duration = Duration::from_secs(1);
 
-/// Of which kind a line is.
+/// Kind of a line: its place in the source, and the kind of event.
 type Kind = (Identifier, String);
 
-/// The second that a kind is in.
+/// The current second of a kind.
 #[derive(Debug)]
 struct Window {
     since: Duration,
     written: u32,
     left_out: u64,
-    /// What the line that tells of those begins with.
+    /// Start of the text in the line that reports the dropped ones.
     name: String,
 }
 
-/// What was written of each kind lately. The time is an argument.
+/// Numbers of recent lines of each kind. The time is an argument.
 #[derive(Debug)]
 struct Budget<K>(HashMap<K, Window>);
 
 impl<K: Eq + Hash> Budget<K> {
-    /// Whether this line is written.
+    /// Counts a line, and returns whether to write it.
     fn take(&mut self, kind: K, name: &str, now: Duration) -> bool {
         let fresh = || Window { since: now, written: 0, left_out: 0, name: name.to_owned() };
         let window = self.0.entry(kind).or_insert_with(fresh);
-        // Those that were left out are told of first.
+        // A window with dropped lines stays until they are reported.
         if now >= window.since + SPAN && window.left_out == 0 {
             *window = fresh();
         }
@@ -55,7 +56,8 @@ impl<K: Eq + Hash> Budget<K> {
         is_written
     }
 
-    /// What is to be told of kinds whose second is over, and whether there is more to come.
+    /// Dropped lines of kinds whose second is over, and whether other kinds have dropped lines. Forgets all kinds whose
+    /// second is over.
     fn due(&mut self, now: Duration) -> (Vec<(String, u64)>, bool) {
         let over = |window: &Window| now >= window.since + SPAN;
         let told = self.0.values().filter(|window| over(window) && window.left_out > 0);
@@ -68,16 +70,16 @@ impl<K: Eq + Hash> Budget<K> {
 #[derive(Debug)]
 struct Shared {
     budget: Budget<Kind>,
-    /// Somebody is about to tell what was left out.
+    /// A thread is running that will report the dropped lines.
     is_telling: bool,
 }
 
-/// Leaves out lines of which there are too many.
+/// Filter that drops lines above the rate limit.
 #[derive(Clone, Debug)]
 pub(super) struct Sparing(Arc<Mutex<Shared>>);
 
 impl Sparing {
-    /// Nothing was written lately.
+    /// Makes a filter without recent lines.
     pub(super) fn begin() -> Sparing {
         Sparing(Arc::new(Mutex::new(Shared { budget: Budget(HashMap::new()), is_telling: false })))
     }
@@ -92,7 +94,8 @@ impl Sparing {
         is_written
     }
 
-    /// A second later, from a thread of its own: whoever writes a line cannot write another one meanwhile.
+    /// Reports dropped lines after a second. It uses a separate thread, because the code that writes a line cannot log
+    /// another one.
     fn tell(&self) {
         let own = self.clone();
         let telling = move || {
@@ -135,7 +138,7 @@ impl<S> Filter<S> for Sparing {
     }
 }
 
-/// The kind of an event, and the beginning of its sentence.
+/// Kind of an event, and the start of its message.
 #[derive(Default)]
 struct Said {
     kind: String,

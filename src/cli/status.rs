@@ -1,4 +1,4 @@
-//! `isotherm status`: what the page shows, in a terminal or for a program.
+//! `isotherm status`: the content of the page, in a terminal or as JSON.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -11,26 +11,26 @@ use crate::gateway::control;
 
 mod text;
 
-/// How often `--watch` looks.
+/// Interval between updates with `--watch`.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 
-/// What the running gateway of this computer does: the content of its page.
+/// Shows the state of the running gateway on this computer: the content of its page.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  isotherm status my-machine.toml\n  isotherm status --healthy\n  \
                         isotherm status --json")]
 pub(super) struct Arguments {
-    /// The profile; without one the only gateway that runs with this state directory
+    /// The machine's profile [default: that of the only gateway with this state directory]
     profile: Option<PathBuf>,
     /// The state directory that the gateway was started with
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
-    /// One JSON document
+    /// Prints one JSON document
     #[arg(long, conflicts_with = "healthy")]
     json: bool,
-    /// Again every second, until Ctrl-C
+    /// Repeats it every second until Ctrl-C
     #[arg(long, conflicts_with = "healthy")]
     watch: bool,
-    /// One line, and exit code 0 where everything holds the machine to its cold geometry but for axes that a person keeps off; else 1
+    /// Prints one line. Exit code 0 if everything works, except for axes that an operator has switched off; otherwise 1
     #[arg(long)]
     healthy: bool,
 }
@@ -70,7 +70,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
 }
 
-/// As programs read it: axes by their names.
+/// Parses the status, and converts the list of axes to an object with their names as keys.
 fn document(text: &str) -> anyhow::Result<Value> {
     let mut status: Value = serde_json::from_str(text)?;
     let axes = status["axes"].take();

@@ -1,4 +1,4 @@
-//! Which line and which unit a verb speaks to: named in a profile, or written out.
+//! Line and unit to which a verb connects: named in a profile, or given as an address.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -9,7 +9,7 @@ use crate::discovery::Register;
 use crate::discovery::bus::LineAddress;
 use isotherm_profile::{Bus, BusId, Profile, Quirks, Transport};
 
-/// How long an answer is waited for where nothing is said.
+/// Timeout of a request if neither option nor profile gives one.
 const TIMEOUT: Duration = Duration::from_millis(500);
 
 /// A line, with a profile or without one.
@@ -18,15 +18,15 @@ pub(super) struct Target {
     /// The machine's profile, or the name of a shipped one
     #[arg(value_name = "PROFILE")]
     pub(super) profile: Option<PathBuf>,
-    /// Overrides one key, as often as needed: `--set bus.cell.address=10.0.0.7:502`
+    /// Overrides one key, may be repeated: `--set bus.cell.address=10.0.0.7:502`
     #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value, requires = "profile")]
     pub(super) set: Vec<(String, String)>,
-    /// The line: tcp://192.168.0.10:502, rtu:///dev/ttyUSB0?baud=9600&parity=none, rtu+tcp://192.168.0.11:4001,
-    /// opc.tcp://192.168.0.12:4840, /sys for the sensors of this computer;
-    /// with a profile the name of one of its buses
+    /// Line; with a profile, the name of one of its buses. Without a profile: tcp://192.168.0.10:502,
+    /// rtu:///dev/ttyUSB0?baud=9600&parity=none, rtu+tcp://192.168.0.11:4001, opc.tcp://192.168.0.12:4840, or /sys for
+    /// the sensors of this computer
     #[arg(long, value_name = "BUS")]
     pub(super) bus: Option<String>,
-    /// Longest wait for one answer; else the profile's, or 500ms
+    /// Timeout of a request [default: that of the profile, or 500ms]
     #[arg(long, value_name = "SPAN", value_parser = timeout)]
     pub(super) timeout: Option<Duration>,
 }
@@ -36,29 +36,29 @@ pub(super) struct Line {
     pub(super) address: LineAddress,
     pub(super) bus: Bus,
     pub(super) quirks: Quirks,
-    /// The bus of the profile, and its name there.
+    /// Profile that contains the line, and its bus there.
     pub(super) known: Option<(Profile, BusId)>,
 }
 
 impl Target {
-    /// The profile, if one is named.
+    /// Loads the profile, if one is named.
     pub(super) fn load(&self, json: bool) -> anyhow::Result<Option<Profile>> {
         self.profile.as_ref().map(|path| load_with(path, &self.set, json)).transpose()
     }
 
-    /// The line is written out, and an OPC UA server.
+    /// Returns whether the line is the address of an OPC UA server.
     pub(super) fn is_at_a_server(&self) -> bool {
         self.profile.is_none() && self.bus.as_ref().is_some_and(|bus| bus.starts_with("opc.tcp://"))
     }
 
-    /// The line.
+    /// Finds the line. A line without registers is an error.
     pub(super) fn find(&self, json: bool) -> anyhow::Result<Line> {
         let line = self.any(json)?;
         line.has_registers()?;
         Ok(line)
     }
 
-    /// The line, whatever it is made of.
+    /// Finds the line, of any type.
     pub(super) fn any(&self, json: bool) -> anyhow::Result<Line> {
         let Some(profile) = self.load(json)? else {
             let address: LineAddress =
@@ -79,7 +79,7 @@ impl Target {
         Ok(Target::of_any(profile, bus, self.timeout))
     }
 
-    /// A bus of a profile that has registers.
+    /// Line of a bus in a profile. A line without registers is an error.
     pub(super) fn of(profile: Profile, id: BusId, timeout: Option<Duration>) -> anyhow::Result<Line> {
         let line = Target::of_any(profile, id, timeout);
         line.has_registers()?;
@@ -94,7 +94,7 @@ impl Target {
 }
 
 impl Line {
-    /// On CAN, at an OPC UA server and in this computer nothing has.
+    /// Fails if devices on the line have no registers: on CAN, on an OPC UA server, and in this computer.
     pub(super) fn has_registers(&self) -> anyhow::Result<()> {
         let (kind, instead) = match self.bus.transport {
             Transport::Can => ("a CAN line", "`isotherm read PROFILE` reads its signals"),
@@ -119,7 +119,7 @@ fn timeout(text: &str) -> Result<Duration, String> {
     values::span(text, Duration::from_secs(60), hint)
 }
 
-/// `3` or `1..247`, both ends included.
+/// Parses `3` or `1..247`, both ends included.
 pub(super) fn units(text: &str) -> Result<(u8, u8), String> {
     let (from, to) = text.split_once("..").unwrap_or((text, text));
     match (from.trim().parse(), to.trim().parse()) {
@@ -128,7 +128,7 @@ pub(super) fn units(text: &str) -> Result<(u8, u8), String> {
     }
 }
 
-/// `holding:0..99` or `40001..40100`, both ends included: the first and how many.
+/// Parses `holding:0..99` or `40001..40100`, both ends included. Returns the first register and the count.
 pub(super) fn range(text: &str) -> Result<(Register, u16), String> {
     const FORM: &str = "write holding:0..99";
     let (from, to) = text.split_once("..").ok_or_else(|| format!("`{text}` is no stretch; {FORM}"))?;
@@ -148,5 +148,5 @@ pub(super) fn range(text: &str) -> Result<(Register, u16), String> {
         .ok_or_else(|| format!("`{text}` is no stretch of 1 to {MOST} registers; {FORM}"))
 }
 
-/// Registers that are walked at once: at 9600 baud, some minutes.
+/// Maximum number of registers of one scan. At 9600 baud it takes some minutes.
 const MOST: u16 = 10_000;

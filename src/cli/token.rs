@@ -1,4 +1,4 @@
-//! `isotherm token`: a token for the page.
+//! `isotherm token`: makes a token for the page.
 
 use std::io::Write;
 use std::os::unix::fs::OpenOptionsExt;
@@ -9,17 +9,18 @@ use anyhow::Context;
 use crate::cli::say::{say, say_beside};
 use crate::observe::http::new_token;
 
-/// A token for page and API, from the kernel's random numbers: 160 bits, as 40 letters and digits.
+/// Makes a token for page and API from the kernel's random numbers: 160 bits, as 40 letters and digits.
 ///
-/// `token_file` below [web] names the file with the operator's, who may command; `viewer_token_file` that of those who look;
-/// `scrape_token_file` that of Prometheus, which reads /metrics and nothing else.
-/// A running gateway reads a file anew when it changes.
+/// Keys in [web] name the files with tokens. `token_file` is that of operators, who may command, and
+/// `viewer_token_file` that of viewers. `scrape_token_file` is that of Prometheus, which may only read /metrics. A
+/// running gateway reads a file again when it changes.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm token --out /etc/isotherm/operator.token\n  isotherm token > operator.token && chmod 600 operator.token"
 )]
 pub(super) struct Arguments {
-    /// Writes it to a file that nobody else may read (0600), instead of to stdout; one that is there already is not touched
+    /// Writes the token to a new file that only its owner may read (0600), instead of to stdout; an existing file is
+    /// not overwritten
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 }

@@ -9,10 +9,10 @@ use super::{command::RunningGateway, new_file};
 use crate::cli::say::{Out, say_beside};
 use crate::gateway::control;
 
-/// Shows what passes between the running gateway and one of its devices: the bytes of each frame, what they mean, how long
-/// the answer took; timeouts and wrong answers too.
+/// Shows the traffic between the running gateway and one of its devices: the bytes and meaning of each frame, and the
+/// response time. Timeouts and invalid answers are included.
 ///
-/// It changes nothing on the wire, and costs nothing before and after. Times are UTC.
+/// A trace changes nothing on the wire, and uses no processor time when it is not active. Times are UTC.
 #[derive(clap::Args, Debug)]
 #[command(
     mut_arg("json", |json| json.help("One JSON document a line")),
@@ -25,10 +25,10 @@ pub(super) struct Arguments {
     /// The device, by its name in the profile
     #[arg(long, value_name = "DEVICE")]
     device: String,
-    /// Ends by itself after this long, at most 24h
+    /// Duration of the trace, at most 24h
     #[arg(long = "for", value_name = "SPAN", default_value = "60s", value_parser = span)]
     span: Duration,
-    /// Into a new file, instead of to stdout
+    /// Writes to a new file instead of stdout
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     #[command(flatten)]

@@ -1,34 +1,35 @@
-//! Values of arguments and answers, and what is said of those that are none.
+//! Parsers for the values of arguments and answers, with their error messages.
 
 use std::io::BufRead;
 use std::time::Duration;
 
-/// What a person answers: a line from stdin; `None` at its end.
+/// Reads a line from stdin; `None` at its end.
 pub(super) fn typed() -> std::io::Result<Option<String>> {
     let mut text = String::new();
     let read = std::io::stdin().lock().read_line(&mut text)?;
     Ok((read > 0).then_some(text))
 }
 
-/// A key and its value, without the blanks around them.
+/// Parses `KEY=VALUE`, without the blanks around key and value.
 pub(super) fn key_and_value(text: &str) -> Result<(String, String), String> {
     let (key, value) = text.split_once('=').ok_or("write it as KEY=VALUE, e.g. bus.cell.timeout=500ms")?;
     Ok((key.trim().to_owned(), value.trim().to_owned()))
 }
 
-/// A finite number that is `allowed`; `hint` says how to write one.
+/// Parses a finite number for which `allowed` returns true. `hint` is the error message.
 pub(super) fn number(text: &str, allowed: impl Fn(f64) -> bool, hint: &str) -> Result<f64, String> {
     let number = text.trim().parse::<f64>().ok().filter(|number| number.is_finite() && allowed(*number));
     number.ok_or_else(|| hint.to_owned())
 }
 
-/// A time above zero and of at most `most`; `hint` says how to write one.
+/// Parses a time above zero and of at most `most`. `hint` is the error message for a time outside this range.
 pub(super) fn span(text: &str, most: Duration, hint: &str) -> Result<Duration, String> {
     let span = humantime::parse_duration(text).map_err(|error| error.to_string())?;
     if span.is_zero() || span > most { Err(hint.to_owned()) } else { Ok(span) }
 }
 
-/// What is logged: a level, or a filter. A word that is neither would be taken for the name of something, and log nothing.
+/// Checks a log filter: a level, or a filter with levels. Any other word would be taken as a target, and the filter
+/// would log nothing.
 pub(super) fn log_filter(text: &str) -> Result<String, String> {
     const LEVELS: [&str; 6] = ["error", "warn", "info", "debug", "trace", "off"];
     let is_level = |text: &str| LEVELS.contains(&text.to_lowercase().as_str());

@@ -1,20 +1,22 @@
-//! Whether what is kept outlives the container that it is kept in.
+//! Check whether state and ledger survive the container in which the gateway runs.
 
 use std::path::Path;
 
-/// What state and ledger go with, in words; `None` where they stay, as far as the kernel says.
+/// Place that is lost with the container and contains this directory, in words. `None` if state and ledger survive, as
+/// far as the mounts show.
 pub(super) fn goes_with(directory: &Path) -> Option<&'static str> {
     let mounts = std::fs::read_to_string("/proc/self/mountinfo").ok()?;
     lost_with(&mounts, &directory.canonicalize().ok()?)
 }
 
-/// By the kernel's list of mounts, whose last one at a place is the one that is seen there.
+/// Finds the answer in the kernel's list of mounts. Of several mounts at one path, the last one is visible.
 fn lost_with(mounts: &str, directory: &Path) -> Option<&'static str> {
     let mount = (mounts.lines().filter_map(Mount::of))
         .filter(|mount| directory.starts_with(mount.at))
         .max_by_key(|mount| mount.at.components().count())?;
     let parts: Vec<&str> = mount.lies_in.split('/').collect();
-    // An engine names what it removes by a number, as long as a SHA-256, and containerd layers by their place.
+    // The name of a removable directory is a number as long as a SHA-256. containerd is detected by the path of its
+    // layers.
     let is_number = |part: &str| part.len() == 64 && part.bytes().all(|byte| byte.is_ascii_hexdigit());
     match parts.iter().position(|part| is_number(part)) {
         Some(place) if place > 0 && parts[place - 1] == "volumes" => {
@@ -31,7 +33,7 @@ const LAYER: &str = "this container's own layer, which the next one does not get
 /// A line of /proc/self/mountinfo (proc_pid_mountinfo(5)).
 struct Mount<'line> {
     at: &'line Path,
-    /// The directory of the host's that is seen there: of an overlay the one that is written to.
+    /// Directory of the host that is mounted; for an overlay, its writable directory.
     lies_in: &'line str,
 }
 
@@ -75,7 +77,7 @@ mod tests {
                 Some("layer"),
             ),
             ("1 0 254:0 / / rw - ext4 /dev/vda rw".to_owned(), None),
-            // A computer that boots so, and no container.
+            // A computer that boots from an overlay, without a container.
             ("1 0 0:1 / / rw - overlay overlayfs:/overlay rw,upperdir=/overlay/upper,workdir=/w".to_owned(), None),
             (String::new(), None),
         ] {

@@ -1,6 +1,8 @@
-//! A timer of the kernel's, for what is far away. Those of tokio lie on wheels: one that is further away than the first wheel
-//! reaches wakes the computer once more, to be moved from the next, and all are rounded to milliseconds. A computer that
-//! was idle pays more for waking up than for what it then does.
+//! Kernel timers for distant deadlines.
+//!
+//! The timers of tokio are on wheels. A timer beyond the range of the first wheel wakes the computer once more, only to
+//! move to the next wheel. All of them are rounded to milliseconds. On an idle computer, such a wake-up costs more than
+//! the work after it.
 
 use std::io::ErrorKind;
 use std::sync::Arc;
@@ -11,20 +13,21 @@ use rustix::time::{
 };
 use tokio::net::unix::pipe::Receiver;
 
-/// As far as the first wheel of tokio's reaches.
+/// Range of the first timer wheel of tokio.
 pub(super) const FAR: Duration = Duration::from_millis(64);
 
-/// So many of a clock's sleepers have one. Where more are busy the computer hardly rests, one timer of tokio's wakes many of them at
-/// once, and each of these would cost two calls of the system a sleep, and a file of the thousand that a process may have.
+/// Maximum number of alarms of one clock. With more busy sleepers the computer is rarely idle, and one timer of tokio
+/// wakes many of them at once. Each further alarm would cost two system calls per sleep, and one of the thousand file
+/// descriptors that a process may have.
 const MOST: usize = 8;
 
-/// Those of a clock that there are.
+/// Counter of the alarms of one clock: each alarm keeps a clone.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Given(Arc<()>);
 
-/// Rings once, when it was set to. It counts as [`super::Passing`] does, a computer's suspension included.
+/// One-shot timer of the kernel. It counts like [`super::Passing`], which includes suspension of the computer.
 ///
-/// The system gives it as a file, which becomes readable.
+/// The kernel provides the timer as a file descriptor that becomes readable.
 #[derive(Debug)]
 pub(super) struct Alarm {
     timer: Receiver,
@@ -32,7 +35,8 @@ pub(super) struct Alarm {
 }
 
 impl Alarm {
-    /// None where there are as many as there may be, or the system has no more of them: tokio's timers ring as well.
+    /// Returns a new alarm. Returns `None` if the clock already has [`MOST`] alarms, or if the kernel provides no more.
+    /// The caller then uses a timer of tokio.
     pub(super) fn new(given: &Given) -> Option<Alarm> {
         if Arc::strong_count(&given.0) > MOST {
             return None;
@@ -42,8 +46,8 @@ impl Alarm {
         Some(Alarm { timer, _is_counted_by_this: given.clone() })
     }
 
-    /// Rings after so long; whatever it was set to before is forgotten. What cannot be set rings at once: whoever waits looks
-    /// at the clock, and waits again.
+    /// Waits for `span`, and discards any earlier setting. Returns at once if the timer cannot be set. The caller
+    /// checks the clock, and waits again.
     pub(super) async fn after(&self, span: Duration) {
         let seconds = i64::try_from(span.as_secs()).unwrap_or(i64::MAX);
         let value = Timespec { tv_sec: seconds, tv_nsec: span.subsec_nanos().into() };
@@ -54,7 +58,7 @@ impl Alarm {
         let mut expirations = [0; 8];
         while self.timer.readable().await.is_ok() {
             match self.timer.try_read(&mut expirations) {
-                // An earlier time's.
+                // Readiness left over from an earlier setting.
                 Err(error) if error.kind() == ErrorKind::WouldBlock => {}
                 _ => return,
             }

@@ -1,7 +1,8 @@
-//! What comes through the kernel and is answered by nobody: virtual time waits until it has been taken.
+//! Sockets whose messages get no reply: virtual time waits until the reader has read them.
 //!
-//! Whoever sends such a message and goes to sleep would else be overtaken by the clock: nothing of ours knows of the
-//! message while it lies in the reader's queue. So the clock looks there before it moves.
+//! The sender of such a message may go to sleep at once. The message is then in the receive queue of the kernel, and no
+//! task of the program knows of it. Without this module, the clock would advance before the message is read. The clock
+//! therefore checks the queue before it advances.
 
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
@@ -12,7 +13,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use super::simulated::Simulated;
 use super::{Clock, Source};
 
-/// The reader's end of a socket, watched by a virtual clock; on the wall's time, nothing.
+/// Registration of the receiving socket with a virtual clock. With a wall clock it has no effect.
 ///
 /// ```text
 /// loop { wait until readable; let taking = inlet.taking(); read until there is no more, act; drop(taking) }
@@ -20,14 +21,14 @@ use super::{Clock, Source};
 #[derive(Debug)]
 pub struct Inlet(Option<(Arc<Simulated>, u64)>);
 
-/// The reader is at it: virtual time stands until this is dropped. To be held from before the first read of a message
-/// until all that follows from the last one has been done, wakeups included.
+/// Guard of a reader at work: virtual time does not advance until it is dropped. Create it before the first read of a
+/// message. Drop it after everything that follows from the last message, wakeups included.
 #[derive(Debug)]
 pub struct Taking<'a>(&'a Inlet);
 
 impl Clock {
-    /// Watches what comes through a socket. Keep it as long as somebody reads there: a virtual clock stands still for
-    /// ever before a message that nobody takes.
+    /// Registers a socket with the clock. Keep the result as long as a task reads from the socket. A virtual clock
+    /// never advances while the socket has a message that no task reads.
     ///
     /// # Errors
     /// The process has no descriptor left.
@@ -39,7 +40,7 @@ impl Clock {
 }
 
 impl Inlet {
-    /// From now on time stands, until what is given is dropped.
+    /// Stops virtual time until the returned guard is dropped.
     pub fn taking(&self) -> Taking<'_> {
         self.tell(true);
         Taking(self)
@@ -66,7 +67,7 @@ impl Drop for Inlet {
     }
 }
 
-/// Whether there is something to be read, be it an error. Where the kernel cannot say, there is not.
+/// Returns whether the socket has data or an error to read; `false` if the kernel cannot say.
 pub(super) fn has_come(socket: &OwnedFd) -> bool {
     let mut polled = [PollFd::new(socket, PollFlags::IN)];
     poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })).is_ok_and(|ready| ready > 0)

@@ -1,39 +1,39 @@
-//! Looks at the clock, and the gaps between them: a computer that was stopped, suspended or starved.
+//! Detection of gaps between clock samples: the computer was stopped, suspended or overloaded.
 
 use std::time::Duration;
 
 use isotherm_core::quantity::Moment;
 
-/// No gap that is shorter than this is worth a word, however little was asked for.
+/// Shortest gap that is reported, unless `max_age` is shorter.
 const SHORTEST: Duration = Duration::from_secs(1);
 
-/// When somebody looked last, and for how long he meant to be away.
+/// Time of the last clock sample, and the planned time until the next one.
 #[derive(Clone, Copy, Debug)]
 pub struct Looks {
-    /// A gap is longer than this.
+    /// Gaps up to this length are not reported.
     shortest: Duration,
     last: Moment,
     meant: Duration,
 }
 
 impl Looks {
-    /// Looks that begin now. Whatever is used is no older than `max_age`: a gap that is longer is one, as is any of a
-    /// second.
+    /// Starts with a first sample at `now`. `max_age` is the greatest age of a reading in use. Only a gap longer than
+    /// `max_age` or one second is reported, whichever is shorter.
     pub fn begin(now: Moment, max_age: Duration) -> Looks {
         Looks { shortest: SHORTEST.min(max_age), last: now, meant: Duration::ZERO }
     }
 
-    /// The last look.
+    /// Returns the time of the last sample.
     pub fn last(&self) -> Moment {
         self.last
     }
 
-    /// What comes next takes as long as this.
+    /// Sets the planned time until the next sample.
     pub fn away_for(&mut self, span: Duration) {
         self.meant = span;
     }
 
-    /// Looks. The moment of the look before, where the time between the two is a gap: more than twice what was meant.
+    /// Takes a sample. Returns the time of the sample before if there was a gap: more than twice the planned time.
     pub fn look(&mut self, now: Moment) -> Option<Moment> {
         let (last, meant) = (self.last, std::mem::take(&mut self.meant));
         self.last = now;

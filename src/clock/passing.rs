@@ -1,5 +1,5 @@
-//! Time that passes. The monotonic clock of a suspended computer stands still while the machine goes on getting warm;
-//! the one that counts from boot does not.
+//! Elapsed time. The monotonic clock stops while the computer is suspended, but the machine continues to warm up. The
+//! clock that counts from boot does not stop.
 
 use std::fmt;
 use std::sync::Arc;
@@ -9,12 +9,12 @@ use rustix::time::{ClockId, clock_gettime};
 
 type Source = Arc<dyn Fn() -> Duration + Send + Sync>;
 
-/// Counts how much time has passed, from a beginning that does not matter.
+/// Counter of elapsed time. Its zero point has no meaning.
 #[derive(Clone, Default)]
 pub struct Passing(Option<Source>);
 
 impl Passing {
-    /// As this counts: what a test takes the place of a computer with that was suspended.
+    /// Returns a counter that uses `source`. Tests simulate a suspended computer with it.
     pub fn by(source: impl Fn() -> Duration + Send + Sync + 'static) -> Passing {
         Passing(Some(Arc::new(source)))
     }
@@ -23,7 +23,7 @@ impl Passing {
         self.0.is_none()
     }
 
-    /// Passed since the computer was started (CLOCK_BOOTTIME), suspension included.
+    /// Returns the time since the computer was started (`CLOCK_BOOTTIME`), suspension included.
     pub fn passed(&self) -> Duration {
         if let Some(source) = &self.0 {
             return source();

@@ -1,11 +1,12 @@
 //! Protocol timeout in wall-clock time, also under a virtual clock, because the answer comes through a real socket.
 //!
-//! A run with a virtual clock has its virtual devices in the same process. If the computer does not run that process for a while, no
-//! device could answer, and the timeout would depend on the load of the computer. There the timeout is cut into [`SLICES`](Patience::SLICES): one that
-//! ends late counts as one, and between two of them the runtime lets every device act.
+//! A run with a virtual clock has its virtual devices in the same process. If the computer does not run that process
+//! for a while, no device can answer. The timeout would then depend on the load of the computer. Such a run divides the
+//! timeout into [`SLICES`](Patience::SLICES). A slice that ends late counts as one, and the runtime lets every device
+//! act between two slices.
 //!
-//! The timer is set once, moved when it fires too early, and put off for as long as a line rests: a request that is answered
-//! in time, as nearly all are, costs no timer at all on a line that is always busy, and no wake-up on one that rests.
+//! The timer is set once, moved if it fires too early, and postponed while a line is idle. Nearly all requests are
+//! answered in time. Such a request costs no timer on a busy line, and no wake-up on an idle one.
 
 #![allow(clippy::disallowed_types, reason = "timeouts are wall time")]
 
@@ -30,30 +31,30 @@ impl Patience {
     /// Slices of a timeout in a run with a virtual clock.
     pub const SLICES: u32 = 10;
 
-    /// A timer that has not been set, in wall-clock time.
+    /// Returns a timer in wall-clock time that is not set yet.
     pub fn new() -> Patience {
         Patience { timer: None, slices: 1 }
     }
 
-    /// A timer that has not been set, for a task that acts by this clock.
+    /// Returns a timer that is not set yet, for a task that acts by this clock.
     pub fn by(clock: &Clock) -> Patience {
         Patience { timer: None, slices: if clock.is_virtual() { Patience::SLICES } else { 1 } }
     }
 
-    /// Nothing is waited for before so long: until that is over the timer wakes nobody.
+    /// Postpones the timer: no timeout can be due within `span`, so the timer wakes no task before.
     pub fn put_off(&mut self, span: Duration) {
         if let Some(timer) = &mut self.timer {
             let deadline = Instant::now() + span;
             if timer.deadline() < deadline {
-                // Another one. The old one, moved, would stay on its wheel until it was due, and wake the computer to be moved
-                // there.
+                // Replace the timer. A timer that is moved stays on its wheel until its old deadline, and then wakes
+                // the computer once more.
                 timer.set(tokio::time::sleep_until(deadline));
             }
         }
     }
 
-    /// Waits for the future, at most for `span`. Returns its output, or `None` on a timeout. A future that is ready at once costs
-    /// nothing.
+    /// Waits for the future, at most for `span`. Returns its output, or `None` on a timeout. A future that is ready at
+    /// once costs nothing.
     pub async fn within<F: Future>(&mut self, span: Duration, future: F) -> Option<F::Output> {
         let mut future = pin!(future);
         let mut left = if span.is_zero() { 1 } else { self.slices };
@@ -68,7 +69,7 @@ impl Patience {
             if timer.deadline() > *limit {
                 timer.as_mut().reset(*limit);
             }
-            // Also where the future has used up the task's turn, as one does whose bytes never end.
+            // Poll without the task's budget: a future that receives an endless stream of bytes may have used it up.
             while pin!(unconstrained(timer.as_mut())).poll(context).is_ready() {
                 let now = Instant::now();
                 if now >= *limit {

@@ -1,4 +1,4 @@
-//! How long something has been quiet: wall time always, because it is a real line that is quiet.
+//! Silence on a real line. Its length is always wall-clock time.
 
 #![allow(clippy::disallowed_types, reason = "silence on a wire is wall time")]
 
@@ -6,24 +6,24 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-/// The end of the last sound.
+/// Start of the silence: the end of the last transmission.
 #[derive(Clone, Copy, Debug)]
 pub struct Silence {
     since: Instant,
 }
 
 impl Silence {
-    /// It begins now.
+    /// Returns a silence that begins now.
     pub fn begin() -> Silence {
         Silence { since: Instant::now() }
     }
 
-    /// It begins when what takes this long is over.
+    /// Returns a silence that begins after `span`, at the end of the present transmission.
     pub fn begin_after(span: Duration) -> Silence {
         Silence { since: Instant::now() + span }
     }
 
-    /// What is missing until it has lasted for `span`.
+    /// Returns the remaining time until the silence has lasted for `span`.
     pub fn left_of(&self, span: Duration) -> Duration {
         (self.since + span).saturating_duration_since(Instant::now())
     }

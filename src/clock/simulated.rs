@@ -1,4 +1,4 @@
-//! The virtual clock: seats around one table, a single guest awake at a time.
+//! Virtual clock. It wakes one task at a time. A sleeping task is a [`Guest`] of its [`Table`].
 
 #![allow(clippy::disallowed_types, reason = "pacing needs the wall's time")]
 
@@ -16,7 +16,7 @@ use isotherm_core::quantity::Moment;
 #[derive(Debug)]
 pub(super) struct Simulated {
     table: Mutex<Table>,
-    /// Tells the pacer that there is something to wait for, or that the clock is gone.
+    /// Signals the pacer that a deadline waits for wall-clock time, or that the clock was dropped.
     pacing: Condvar,
     start: Moment,
     started: Instant,
@@ -28,16 +28,16 @@ struct Table {
     now: Moment,
     seats: BTreeMap<u64, Guest>,
     next_seat: u64,
-    /// What may have something in it that nobody has taken yet.
+    /// Sockets that may have a message that no task has read yet.
     inflows: BTreeMap<u64, Inflow>,
-    /// Everybody sleeps, and the wall has not yet come to the next deadline.
+    /// Every guest sleeps, and wall-clock time has not reached the next deadline yet.
     waits_for_wall: bool,
     closed: bool,
 }
 
 #[derive(Debug, Default)]
 struct Guest {
-    /// `Some` while asleep.
+    /// Deadline; `Some` while the guest sleeps.
     until: Option<Moment>,
     waker: Option<Waker>,
     is_woken: bool,
@@ -46,11 +46,11 @@ struct Guest {
 #[derive(Debug)]
 struct Inflow {
     from: OwnedFd,
-    /// Its reader is at it.
+    /// A reader is at work on this socket.
     is_taken: bool,
 }
 
-/// A sleeper's place; leaving it lets the others go on.
+/// Registration of one sleeper. Dropping it lets the other sleepers continue.
 #[derive(Debug)]
 pub(super) struct Membership {
     clock: Arc<Simulated>,
@@ -105,7 +105,7 @@ impl Simulated {
         Membership { clock: self.clone(), number }
     }
 
-    /// Gives the inflow a number.
+    /// Registers a socket, and returns its number.
     pub(super) fn watch(&self, from: OwnedFd) -> u64 {
         let mut table = self.table();
         let number = table.next_seat;
@@ -114,7 +114,7 @@ impl Simulated {
         number
     }
 
-    /// The reader of an inflow is at it, or has taken all there was.
+    /// Records whether a reader is at work on a socket.
     pub(super) fn take_from(&self, number: u64, is_taken: bool) {
         let mut table = self.table();
         if let Some(inflow) = table.inflows.get_mut(&number) {
@@ -129,19 +129,19 @@ impl Simulated {
         self.advance(&mut table);
     }
 
-    /// A panic elsewhere while the table was locked left it whole: every change to it is a single assignment.
+    /// Locks the table. A panic of another thread leaves it consistent, because every change is a single assignment.
     fn table(&self) -> MutexGuard<'_, Table> {
         self.table.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// How long the wall still has to run until `deadline` may come.
+    /// Returns the remaining wall-clock time until `deadline` is allowed.
     fn wall_wait(&self, deadline: Moment) -> Duration {
         let Some(speed) = self.speed else { return Duration::ZERO };
         let due = Duration::try_from_secs_f64(deadline.since(self.start).as_secs_f64() / speed);
         due.unwrap_or(Duration::MAX).saturating_sub(self.started.elapsed())
     }
 
-    /// If everybody sleeps: wakes the next one, or leaves that to the pacer.
+    /// Wakes the next guest if every guest sleeps, or leaves that to the pacer.
     fn advance(&self, table: &mut Table) {
         table.waits_for_wall = false;
         let Some((number, deadline)) = table.next() else { return };
@@ -155,7 +155,8 @@ impl Simulated {
 }
 
 impl Table {
-    /// Who wakes next, and when; `None` while somebody is awake, or has something to take.
+    /// Returns the number and deadline of the next guest to wake; `None` while a guest is awake or a socket has unread
+    /// data.
     fn next(&self) -> Option<(u64, Moment)> {
         let mut earliest = None;
         for (number, guest) in &self.seats {
@@ -187,7 +188,7 @@ impl Drop for Simulated {
     }
 }
 
-/// Waits for the wall on behalf of a table where everybody sleeps.
+/// Waits for wall-clock time, and wakes the next guest of a table where every guest sleeps.
 fn pace(clock: &Weak<Simulated>) {
     while let Some(clock) = clock.upgrade() {
         let mut table = clock.table();
@@ -205,7 +206,7 @@ fn pace(clock: &Weak<Simulated>) {
             }
             None => Duration::from_millis(20),
         };
-        // Short waits, so that a clock nobody holds any more is noticed and its thread ends.
+        // Short waits let the thread end soon after the last user has dropped the clock.
         let wait = wait.min(Duration::from_millis(20));
         drop(clock.pacing.wait_timeout(table, wait));
     }
@@ -244,7 +245,7 @@ impl Wakeup {
     }
 }
 
-/// One sleep. Dropped early, its task is awake again.
+/// One sleep of a guest. If it is dropped early, the guest counts as awake.
 pub(super) struct Nap<'a> {
     membership: &'a mut Membership,
     deadline: Moment,

@@ -1,4 +1,4 @@
-//! The time of day beside the counted time: where the computer's clock is set, stamps follow, and nothing else.
+//! Time of day as a shift of counted time. If the computer's clock is set, only the stamps follow.
 
 use std::fmt;
 use std::sync::atomic::{AtomicI64, Ordering};
@@ -8,38 +8,38 @@ use serde::{Deserialize, Serialize};
 
 use isotherm_core::quantity::{Moment, Shift, Shifted};
 
-/// Clocks that drift apart by less are not worth a word.
+/// Differences up to this length between two checks are not reported.
 pub const SMALLEST_CORRECTION: Duration = Duration::from_secs(2);
 
-/// How far the time of day is from the counted one, as it was seen last.
+/// Difference between time of day and counted time in nanoseconds, as of the last check.
 #[derive(Debug, Default)]
 pub(super) struct Followed(AtomicI64);
 
-/// The computer's clock was set.
+/// Step of the computer's clock: it was set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Correction {
-    /// What it would say.
+    /// Expected time of day.
     pub from: Moment,
-    /// What it says.
+    /// New time of day.
     pub to: Moment,
 }
 
-/// From when to when.
+/// Both times, with an arrow between them.
 impl fmt::Display for Correction {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} → {}", self.from, self.to)
     }
 }
 
-/// Whether something holds the computer's clock to the right time.
+/// Whether a time service synchronises the computer's clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Synchronised {
-    /// The kernel says so.
+    /// The kernel reports a synchronised clock.
     Yes,
-    /// It says that nobody does: normal where there is no network.
+    /// The kernel reports an unsynchronised clock. This is normal without a network.
     No,
-    /// It does not say.
+    /// The kernel does not answer.
     #[default]
     NotKnown,
 }
@@ -53,7 +53,7 @@ impl Followed {
         self.0.store(shift.as_nanos(), Ordering::Relaxed);
     }
 
-    /// Follows what the time of day is at this counted moment. Whether it was set since the last look.
+    /// Follows the time of day at this counted moment. Returns a correction if the clock was set since the last check.
     pub(super) fn look(&self, now: Moment, time_of_day: Moment) -> Option<Correction> {
         let from = now.shifted(self.shift());
         self.follow(Shift::between(now, time_of_day));
@@ -63,7 +63,7 @@ impl Followed {
 }
 
 impl Synchronised {
-    /// What the kernel says, by adjtimex(2).
+    /// Queries the kernel with `adjtimex(2)`.
     pub fn by_the_kernel() -> Synchronised {
         let mut asked = rtime_clock::adjtime::Timex::new();
         match rtime_clock::adjtime::adjtimex(&mut asked) {
@@ -73,7 +73,7 @@ impl Synchronised {
         }
     }
 
-    /// The words for it.
+    /// Returns the text for display.
     pub fn display(self) -> &'static str {
         match self {
             Synchronised::Yes => "synchronised",

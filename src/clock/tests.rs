@@ -30,7 +30,7 @@ async fn simultaneous_sleepers_wake_one_at_a_time_in_the_order_in_which_they_joi
                 for tick in 1..=3u32 {
                     sleeper.sleep_until(noon().after(SECOND * tick)).await;
                     diary.lock().unwrap().push((tick, name, "wakes"));
-                    // A real wait in between must not let the others overtake.
+                    // A real wait must not let the other sleepers overtake.
                     tokio::time::sleep(Duration::from_millis(2)).await;
                     diary.lock().unwrap().push((tick, name, "sleeps"));
                 }
@@ -119,7 +119,7 @@ async fn patience_ends_also_with_a_future_that_is_ready_again_and_again() {
     let hears = async {
         let mut bytes = [0; 64];
         while tokio::io::AsyncReadExt::read(&mut reader, &mut bytes).await.is_ok() {
-            // What never waits.
+            // A read that never waits.
             tokio::task::coop::consume_budget().await;
         }
     };
@@ -127,7 +127,8 @@ async fn patience_ends_also_with_a_future_that_is_ready_again_and_again() {
     assert!(Patience::new().within(Duration::from_millis(20), both).await.is_none());
 }
 
-/// Waits at most 100 ms for a device in the same process, which answers 1 ms after the computer has stood still for 300 ms.
+/// Waits at most 100 ms for a device in the same process. The device answers 1 ms after the process was blocked for 300
+/// ms.
 async fn waits_over_a_stall(mut patience: Patience) -> Option<()> {
     let (answer, answered) = tokio::sync::oneshot::channel();
     let device = async {
@@ -199,7 +200,7 @@ async fn a_hundred_sleepers_open_no_hundred_files() {
         sleeper.wakeup().wake();
         sleeper.sleep(SECOND).await;
     }
-    // Other tests open some as well.
+    // Other tests open files as well.
     assert!(files() < before + 50);
 }
 
@@ -210,7 +211,7 @@ async fn a_sleeper_that_is_woken_early_sleeps_the_next_time_for_as_long_as_it_is
     let mut sleeper = clock.join();
     let wakeup = sleeper.wakeup();
     for _ in 0..3 {
-        // It rings while nobody waits for it.
+        // The wakeup comes when the sleeper does not wait for it any more.
         let begun = clock.now();
         tokio::join!(sleeper.sleep(70 * MILLI), async { wakeup.wake() });
         tokio::time::sleep(75 * MILLI).await;
@@ -219,7 +220,7 @@ async fn a_sleeper_that_is_woken_early_sleeps_the_next_time_for_as_long_as_it_is
     }
 }
 
-/// Wakes a sleeper for every message, on a thread of its own, until an empty one comes.
+/// Wakes a sleeper for every message, on a separate thread, until an empty message comes.
 async fn hear_and_ring(reader: tokio::net::UnixDatagram, inlet: Inlet, wakeup: Wakeup) {
     while reader.readable().await.is_ok() {
         let _taking = inlet.taking();
@@ -283,7 +284,7 @@ async fn an_inlet_that_is_gone_holds_nobody_up() {
     assert_eq!(clock.now().since(noon()), SECOND);
 }
 
-/// A computer whose monotonic clock and time of day are given, in nanoseconds.
+/// Clock of a computer whose elapsed time and time of day are set by the test, in nanoseconds.
 fn computer() -> (Clock, Arc<AtomicU64>, Arc<AtomicU64>) {
     let (passed, day) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(noon_today())));
     let (counted, said) = (passed.clone(), day.clone());
@@ -292,7 +293,7 @@ fn computer() -> (Clock, Arc<AtomicU64>, Arc<AtomicU64>) {
     (Clock::wall_by(passing, time_of_day), passed, day)
 }
 
-/// 2026-01-31, 12:00.
+/// Noon of 2026-01-31, in nanoseconds since 1970.
 const fn noon_today() -> u64 {
     1_769_860_800_000_000_000
 }

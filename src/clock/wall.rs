@@ -1,5 +1,4 @@
-//! The wall's time: what the computer's clock says, right or wrong, and what has passed since the start, suspension
-//! included.
+//! Wall-clock time: the time of day at the start, correct or not, plus elapsed time, suspension included.
 
 #![allow(clippy::disallowed_types, reason = "this is where time comes from")]
 
@@ -11,18 +10,18 @@ use super::Passing;
 use super::alarm::{Alarm, Given};
 use isotherm_core::quantity::Moment;
 
-/// Counting begins no earlier than 2020, whatever the clock says: a computer without a battery starts in 1970, and what
-/// is remembered of a machine reaches back for longer than that.
+/// Earliest start of counting: 2020. A computer without a clock battery starts in 1970. Remembered state of a machine
+/// may be older than the time since then.
 const EARLIEST: Moment = Moment::from_nanos(1_577_836_800_000_000_000);
 
 type Source = Arc<dyn Fn() -> Moment + Send + Sync>;
 
-/// What says the time of day; it may be set at any moment.
+/// Source of the time of day. The computer's clock may be set at any moment.
 #[derive(Clone, Default)]
 pub struct TimeOfDay(Option<Source>);
 
 impl TimeOfDay {
-    /// As this says: what a test takes the place of a computer with whose clock is wrong.
+    /// Returns a time of day that uses `source`. Tests simulate a wrong computer clock with it.
     pub fn by(source: impl Fn() -> Moment + Send + Sync + 'static) -> TimeOfDay {
         TimeOfDay(Some(Arc::new(source)))
     }
@@ -44,10 +43,10 @@ impl fmt::Debug for TimeOfDay {
     }
 }
 
-/// Counts from the time of day at its start.
+/// Clock that counts from the time of day at its start.
 #[derive(Debug)]
 pub(super) struct Wall {
-    /// When what passes was zero.
+    /// Moment at which elapsed time was zero.
     beginning: Moment,
     passing: Passing,
     pub(super) time_of_day: TimeOfDay,
@@ -60,7 +59,8 @@ impl Wall {
         Wall { beginning, passing, time_of_day, alarms: Given::default() }
     }
 
-    /// None where time is counted by what a test has put in the system's place, which goes at a pace of its own.
+    /// Returns a kernel timer. Returns `None` in tests with their own source of elapsed time, which runs at its own
+    /// pace.
     pub(super) fn alarm(&self) -> Option<Alarm> {
         self.passing.is_of_the_system().then(|| Alarm::new(&self.alarms)).flatten()
     }

@@ -1,8 +1,8 @@
-//! The zone that the computer's clock is shown in.
+//! Time zone of the computer's clock.
 
 use jiff::tz::TimeZone;
 
-/// Its IANA name; `UTC` where the computer does not say, or says it in a way that has no name.
+/// Returns the IANA name of the time zone; `UTC` if the zone is unknown or has no such name.
 pub fn zone() -> String {
     TimeZone::try_system()
         .ok()

@@ -1,4 +1,4 @@
-//! One question at a time, to any unit of one line.
+//! One request at a time, to any unit of one line.
 
 use std::time::Duration;
 
@@ -13,26 +13,26 @@ use crate::fieldbus::wire::{Answer, Request};
 use isotherm_core::codec::Register;
 use isotherm_profile::{Bus, BusId, Device, DeviceId, Functions, Gateway, Quirks, ReadBy};
 
-/// Attempts to connect before a line is given up, with a pause between two.
+/// Attempts to connect before discovery gives up a line.
 const DIALS: u32 = 3;
 const BETWEEN_DIALS: Duration = Duration::from_millis(300);
 
-/// Is given every exchange.
+/// Callback that receives every exchange.
 pub type Trace = fn(&Exchange);
 
-/// Puts questions to the units of a line. Reads only.
+/// Sends read requests to the units of a line.
 pub struct Asker {
-    /// `None` where nothing has registers: a CAN interface.
+    /// `None` for a CAN bus: it has no registers.
     line: Option<DeviceLine>,
     trace: Option<(Listening, Trace)>,
 }
 
 impl Asker {
-    /// The line at this address, with the timeout and quirks of this bus; not connected yet. `trace` is given every
-    /// exchange.
+    /// Returns the line at this address, not connected yet, with the timeout and quirks of this bus. `trace` receives
+    /// every exchange.
     pub fn new(line: &LineAddress, bus: &Bus, quirks: Quirks, trace: Option<Trace>) -> Asker {
         let bus = Bus { transport: line.transport, address: line.address.clone(), ..bus.clone() };
-        // All unit numbers are asked here: their count does not show a gateway.
+        // This line queries all unit numbers, so their number does not indicate a gateway.
         let quirks = match quirks.gateway {
             Gateway::ByUnits => Quirks { gateway: Gateway::Absent, ..quirks },
             _ => quirks,
@@ -66,15 +66,15 @@ impl Asker {
         Asker { line, trace: trace.and_then(|show| Some((tap.listen(None).ok()?, show))) }
     }
 
-    /// Reads registers or bits of a unit. Where the line cannot be connected it is tried three times.
+    /// Reads registers or bits of a unit. If the connection fails, it is attempted three times in total.
     ///
     /// # Errors
-    /// Why there is no answer.
+    /// The fault, if there is no valid answer.
     pub async fn read(&mut self, unit: u8, from: Register, count: u16) -> Result<Answer, Fault> {
         let line = self.line.as_mut().ok_or(Fault::Caller(CallerFault::Function))?;
         let mut dials = 1;
         loop {
-            // Whoever asks here wants to know now.
+            // Skip the back-off: the caller waits for the answer.
             let device = DeviceId(usize::from(unit));
             line.revive(None);
             let request = Request::Read { from, count };

@@ -1,5 +1,6 @@
-//! A line in one word, as people type it: `tcp://192.168.0.10:502`, `rtu:///dev/ttyUSB0?baud=9600&parity=none`,
-//! `rtu+tcp://192.168.0.11:4001`, `opc.tcp://192.168.0.12:4840`; `/sys` is where this computer's own sensors are.
+//! Address of a line as one word, as users type it: `tcp://192.168.0.10:502`,
+//! `rtu:///dev/ttyUSB0?baud=9600&parity=none`, `rtu+tcp://192.168.0.11:4001`, `opc.tcp://192.168.0.12:4840`. `/sys` is
+//! the directory of this computer's own sensors.
 
 use std::fmt;
 use std::str::FromStr;
@@ -9,27 +10,27 @@ use isotherm_profile::{Bus, OpcUa, Quirks, host_and_port, server_url};
 
 pub use isotherm_profile::{Parity, Serial, Transport};
 
-/// The port of Modbus TCP.
+/// Default port of Modbus TCP.
 const PORT: u16 = 502;
-/// Settings of a serial port where nothing else is said: what most modules are shipped with.
+/// Default settings of a serial port: most modules are shipped with these.
 const SHIPPED_WITH: Serial = Serial { baud: 9600, parity: Parity::None, stop_bits: 1 };
 
-/// A line and where it is.
+/// Transport and address of a line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LineAddress {
-    /// What it is made of.
+    /// Transport of the line.
     pub transport: Transport,
-    /// Host and port, the path of the serial port, or the directory of the kernel's sensors.
+    /// Host and port, URL, path of the serial port, CAN interface, or directory of the kernel's sensors.
     pub address: String,
 }
 
 impl LineAddress {
-    /// The line of a profile.
+    /// Returns the line of a bus in a profile.
     pub fn of(bus: &Bus) -> LineAddress {
         LineAddress { transport: bus.transport, address: bus.address.clone() }
     }
 
-    /// The same line with other settings of its serial port, where it has one.
+    /// Returns this line with changed settings of its serial port, if it has one.
     pub fn with_serial(&self, change: impl FnOnce(Serial) -> Serial) -> LineAddress {
         let transport = match self.transport {
             Transport::Serial(serial) => Transport::Serial(change(serial)),
@@ -38,7 +39,7 @@ impl LineAddress {
         LineAddress { transport, address: self.address.clone() }
     }
 
-    /// A bus of this line alone.
+    /// Returns a bus of this line with default settings.
     pub fn bus(&self, timeout: Duration) -> Bus {
         Bus {
             name: "line".to_owned(),
@@ -54,7 +55,7 @@ impl LineAddress {
         }
     }
 
-    /// What a profile says of it, without the name of a bus.
+    /// Returns the lines of a profile that describe this line, without the name of a bus.
     pub fn profile_lines(&self) -> String {
         let (kind, key) = match self.transport {
             Transport::Tcp => ("modbus-tcp", "address"),
@@ -74,7 +75,7 @@ impl LineAddress {
     }
 }
 
-/// `tcp://192.168.0.10:502`, `/dev/ttyUSB0 at 9600 baud 8N1`.
+/// Address as in `tcp://192.168.0.10:502` or `/dev/ttyUSB0 at 9600 baud 8N1`.
 impl fmt::Display for LineAddress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.transport {
@@ -90,7 +91,7 @@ impl FromStr for LineAddress {
     type Err = String;
 
     /// # Errors
-    /// A sentence that says how to write it.
+    /// The mistake in one sentence, with the correct form.
     fn from_str(text: &str) -> Result<LineAddress, String> {
         const FORMS: &str = "write tcp://192.168.0.10:502, rtu:///dev/ttyUSB0?baud=9600&parity=none, \
                              rtu+tcp://192.168.0.11:4001, opc.tcp://192.168.0.12:4840 or /sys";
@@ -111,7 +112,7 @@ impl FromStr for LineAddress {
     }
 }
 
-/// Host and port; without a port the usual one, where there is one.
+/// Returns host and port. Without a port, it adds the usual one, if the kind of line has one.
 fn host(text: &str, usual: Option<u16>) -> Result<String, String> {
     let text = text.strip_suffix('/').unwrap_or(text);
     if text.is_empty() {
@@ -157,10 +158,10 @@ fn serial(text: &str) -> Result<LineAddress, String> {
     Ok(LineAddress { transport: Transport::Serial(serial), address: path.to_owned() })
 }
 
-/// Bits per second of a serial port.
+/// Parses the bits per second of a serial port.
 ///
 /// # Errors
-/// A sentence that says what is allowed.
+/// The allowed range, in one sentence.
 pub fn baud(text: &str) -> Result<u32, String> {
     let baud = text.trim().parse().ok().filter(|baud| (300..=4_000_000).contains(baud));
     baud.ok_or_else(|| format!("`{text}` is no number of bits per second; allowed: 300 to 4000000"))

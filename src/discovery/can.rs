@@ -1,4 +1,4 @@
-//! A CAN interface as it is now, and what would help it, with the commands for it.
+//! State of a CAN interface, and advice with the commands for it.
 
 use serde::Serialize;
 
@@ -7,22 +7,22 @@ use crate::fieldbus::error::{CanFault, Fault, LinkFault};
 use isotherm_core::codec::{Address, Frame};
 use isotherm_profile::{Bus, Profile, Signal};
 
-/// An interface as it was found.
+/// State of one interface.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Inspected {
-    /// Its bus in the profile.
+    /// Bus in the profile.
     pub bus: String,
-    /// Its name.
+    /// Name of the interface.
     pub interface: String,
-    /// It is there and carries frames.
+    /// Whether the interface exists and is up.
     pub is_up: bool,
-    /// How it is, in words.
+    /// State in words.
     pub state: String,
-    /// What would help, each with its command; empty where nothing is wrong.
+    /// Advice, each with its command; empty if nothing is wrong.
     pub advice: Vec<String>,
 }
 
-/// Looks at the interface of each CAN line of a profile. Asks the kernel, sends nothing.
+/// Inspects the interface of each CAN line of a profile. It queries the kernel and sends no frame.
 pub fn inspect(profile: &Profile) -> Vec<Inspected> {
     let lines = profile.buses.iter().filter(|bus| bus.transport.is_can());
     lines.map(|bus| inspected(bus, wants_fd(profile, bus), Interface::look(&bus.address))).collect()

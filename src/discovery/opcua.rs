@@ -1,4 +1,4 @@
-//! An OPC UA server looked at before a gateway speaks to it.
+//! Inspection of an OPC UA server before a gateway connects to it.
 
 use std::time::Duration;
 
@@ -16,20 +16,20 @@ pub use crate::fieldbus::opcua::certificate::{Certificate, Made, make};
 pub use crate::fieldbus::opcua::offer::Offer;
 pub use nodes::{Inspected, in_a_line, inspect};
 
-/// What the server at this URL offers.
+/// Returns the endpoints that the server at this URL offers.
 ///
 /// # Errors
-/// A sentence: why there is no answer, and what to do.
+/// The reason why there is no answer, and what to do, in one sentence.
 pub async fn offers(url: &str, timeout: Duration) -> Result<Vec<Offer>, String> {
     offer::offers(url, timeout)
         .await
         .map_err(|fault| format!("{url}: {}", explain_on(Transport::OpcUa, fault)))
 }
 
-/// The nodes of a server from this one on, down to `depth` below it, `most` of them.
+/// Browses the nodes of a server from `first`, down to `depth` levels, and returns at most `most` of them.
 ///
 /// # Errors
-/// A sentence: why there is no answer, and what to do.
+/// The reason why there is no answer, and what to do, in one sentence.
 pub async fn browse(bus: &Bus, first: &NodeId, depth: usize, most: usize) -> Result<Tree, String> {
     let said = |fault: Fault| format!("{}: {}", bus.address, explain_on(Transport::OpcUa, fault));
     let mut browser = Browser::open(bus).await.map_err(said)?;

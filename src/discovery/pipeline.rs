@@ -1,4 +1,4 @@
-//! Whether a device bears two questions at a time: tried with two reads in one go.
+//! Test of whether a device supports two requests at a time: it gets two reads at once.
 
 use serde::Serialize;
 
@@ -10,21 +10,21 @@ use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::Request;
 use isotherm_profile::{Bus, BusId, Device, DeviceId, Profile};
 
-/// Pairs that a device is asked: one that mixes them up may be right by chance.
+/// Pairs of requests for each device. A device that mixes up two answers may be right by chance.
 const PAIRS: usize = 20;
 
-/// What came of it.
+/// Result of the test of one device.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Tried {
-    /// The bus in the profile.
+    /// Bus in the profile.
     pub bus: String,
-    /// The device that was asked.
+    /// Device under test.
     pub device: String,
-    /// Why it does not do; `None`: it does.
+    /// Fault of the test; `None` if the device passes.
     pub fault: Option<String>,
 }
 
-/// Asks each device on a bus with `pipeline = 2`. Reads only.
+/// Tests each device on a bus with `pipeline = 2`. It only reads.
 pub async fn tried(profile: &Profile) -> Vec<Tried> {
     let mut found = Vec::new();
     let pipelined = profile.buses.iter().enumerate().filter(|(_, bus)| bus.pipeline > 1);
@@ -49,7 +49,7 @@ pub async fn tried(profile: &Profile) -> Vec<Tried> {
 async fn in_pairs(bus: &Bus, device: (DeviceId, &Device), request: Request<'static>) -> Result<(), Fault> {
     let Some(dial) = dial(bus) else { return Ok(()) };
     let mut line = DeviceLine::new(bus, &[device], dial, &Clock::wall());
-    // One alone first: what is wrong with that is told elsewhere, and has nothing to do with the second one.
+    // Send a single request first. Its fault is reported elsewhere, and has nothing to do with the pipeline.
     if line.request(device.0, request, Leave::Whenever).await.is_err() {
         return Ok(());
     }

@@ -1,4 +1,4 @@
-//! What to do about a fault, for the person in front of the machine.
+//! Advice for a fault, for the person at the machine.
 
 use std::time::Duration;
 
@@ -8,22 +8,22 @@ use crate::fieldbus::explain::explain;
 use isotherm_core::codec::{Register, Table};
 use isotherm_profile::duration_text;
 
-/// What was asked when the fault came.
+/// Request that caused the fault.
 #[derive(Clone, Copy, Debug)]
 pub struct Question<'a> {
-    /// On which line.
+    /// Line of the request.
     pub line: &'a LineAddress,
-    /// Which unit.
+    /// Unit number.
     pub unit: u8,
-    /// The first register or bit.
+    /// First register or bit.
     pub from: Register,
-    /// How many.
+    /// Number of registers or bits.
     pub count: u16,
-    /// How long the answer was waited for.
+    /// Timeout of the answer.
     pub timeout: Duration,
 }
 
-/// What is wrong and what to do, in the words of [`explain`], with what they come to for this question.
+/// Describes the fault and what to do: the text of [`explain`], with the details of this request.
 pub fn remedy(fault: Fault, question: Question<'_>) -> String {
     let Question { line, unit, from, count, timeout } = question;
     let said = explain(fault);

@@ -1,4 +1,4 @@
-//! Which units of a line answer. Each is asked once, for one register; an exception is an answer too.
+//! Search for the units that answer on a line. Each unit gets one read of one register. An exception is an answer too.
 
 use std::ops::RangeInclusive;
 use std::time::Duration;
@@ -12,70 +12,70 @@ use crate::fieldbus::wire::Answer;
 use isotherm_core::codec::Register;
 use isotherm_profile::{Bus, Quirks};
 
-/// Bytes of an RTU frame that asks for one register, and of the one that answers.
+/// Bytes of an RTU frame that reads one register, and of its answer.
 const REQUEST: usize = 8;
 const ANSWER: usize = 7;
 
-/// What is to be asked.
+/// Settings of a scan.
 #[derive(Clone, Debug)]
 pub struct Scan {
-    /// The line; a serial one in each of the settings that are to be tried, one after the other.
+    /// Line to scan. A serial line is in the list once for each combination of settings to try.
     pub lines: Vec<LineAddress>,
-    /// Its timeout and quirks.
+    /// Timeout and quirks of the line.
     pub bus: Bus,
-    /// How each of its units is to be treated.
+    /// Quirks of each unit.
     pub quirks: Quirks,
-    /// Which units.
+    /// Unit numbers to query.
     pub units: RangeInclusive<u8>,
-    /// What each of them is asked for: the first of these registers, and the next only where nothing came.
+    /// Registers to read. The scan reads the next register of a unit only if the unit did not answer the one before.
     pub registers: Vec<Register>,
-    /// Is given every exchange.
+    /// Callback that receives every exchange.
     pub trace: Option<Trace>,
 }
 
-/// A unit that answers.
+/// Unit that answers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Responder {
-    /// Its number.
+    /// Unit number.
     pub unit: u8,
-    /// What it was asked for.
+    /// Register that was read.
     pub register: String,
-    /// How it answered.
+    /// Kind of the answer.
     #[serde(flatten)]
     pub how: How,
 }
 
-/// How a unit answers.
+/// Kind of an answer.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "answer", content = "value")]
 pub enum How {
-    /// With the register's value.
+    /// Value of the register.
     Value(u16),
-    /// With this exception: it is there, and has no such register or function.
+    /// Exception code. The unit exists, and does not have this register or function.
     Exception(u8),
-    /// With something that is no proper answer.
+    /// Description of an invalid answer.
     Garbled(String),
 }
 
-/// What happens meanwhile.
+/// Progress of a scan.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
-    /// The line in these settings, from now on.
+    /// The scan continues with these settings of the line.
     Line(LineAddress),
     /// This unit answers.
     Found(LineAddress, Responder),
-    /// So many of all questions have been put.
+    /// Number of requests so far.
     Asked(usize),
 }
 
 impl Scan {
-    /// How many questions there are at most.
+    /// Returns the maximum number of requests.
     pub fn questions(&self) -> usize {
         self.lines.len() * self.units.len() * self.registers.len()
     }
 
-    /// How long it can take: for every question the answer, and the connection that is made anew after a miss, are waited
-    /// for in vain.
+    /// Returns the longest duration of the scan. Each request may wait for its answer until the timeout, and for the
+    /// connection that is opened again after a timeout.
     pub fn at_worst(&self) -> Duration {
         let pauses = self.quirks.pause_between_requests + self.quirks.pause_after_connect;
         let each_line = self.lines.iter().map(|line| {
@@ -89,10 +89,10 @@ impl Scan {
         each_line.sum::<Duration>() * u32::try_from(questions).unwrap_or(u32::MAX)
     }
 
-    /// Asks them all. Dropping it ends it: nothing is under way that would have to be taken back.
+    /// Queries all units. The scan may be dropped at any time, because it leaves nothing to undo.
     ///
     /// # Errors
-    /// The line cannot be connected, or not any more.
+    /// The line cannot be connected, or the connection is lost and cannot be opened again.
     pub async fn run(&self, mut report: impl FnMut(Event)) -> Result<(), Stopped> {
         let mut asked = 0;
         for line in &self.lines {
@@ -119,23 +119,23 @@ impl Scan {
         Ok(())
     }
 
-    /// What asks the units of one of the lines.
+    /// Returns the requester for the units of one line.
     pub fn asker(&self, line: &LineAddress) -> Asker {
         Asker::new(line, &self.bus, self.quirks, self.trace)
     }
 }
 
-/// The line was gone when this unit was to be asked.
+/// Scan that ended early because the line failed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stopped {
-    /// The first that was not asked.
+    /// First unit without a result.
     pub unit: u8,
-    /// What is wrong.
+    /// Fault of the line.
     pub fault: Fault,
 }
 
-/// `None`: nobody is there. A gateway to a serial line says so with exception 10 or 11; a device that closes the
-/// connection for a number that is not its own says it in that way.
+/// Classifies an answer; `None` if no such unit exists. A gateway to a serial line reports this with exception 10 or
+/// 11. Some devices close the connection for a unit number that is not their own.
 fn how(answer: &Result<Answer, Fault>) -> Option<How> {
     match answer {
         Ok(Answer::Registers(registers)) => registers.first().copied().map(How::Value),
@@ -156,7 +156,8 @@ fn how(answer: &Result<Answer, Fault>) -> Option<How> {
     }
 }
 
-/// A device that heeds no unit number answers to all of them: many TCP devices do, as their one unit needs none.
+/// Returns whether the device ignores the unit number: it answers to all of them in the same way. Many TCP devices do,
+/// because they have one unit only.
 pub fn heeds_no_number(found: &[&Responder], asked: usize) -> bool {
     asked > 3 && found.len() == asked && found.windows(2).all(|pair| pair[0].how == pair[1].how)
 }

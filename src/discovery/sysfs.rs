@@ -1,4 +1,4 @@
-//! The temperatures of this computer: which there are, and which of a profile's there are not.
+//! Temperature sensors of this computer, and sensors of a profile that are missing.
 
 use std::path::Path;
 use std::time::Duration;
@@ -12,38 +12,38 @@ use isotherm_core::codec::PcSensor;
 use isotherm_core::reading::Reason;
 use isotherm_profile::{Profile, Transport};
 
-/// Nobody reads more names than this.
+/// Maximum number of names in one advice.
 const MOST: usize = 20;
 
-/// A temperature that there is.
+/// Temperature sensor of this computer.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Temperature {
-    /// What a profile calls it.
+    /// Name of the sensor in a profile.
     pub sensor: String,
-    /// The file that it is read in.
+    /// File that holds the temperature.
     pub read_in: String,
-    /// °C; `None`: there is none now.
+    /// Temperature in °C; `None` if there is no value now.
     pub value: Option<f64>,
-    /// Why there is none; empty where there is one.
+    /// Reason why there is no value; empty if there is one.
     pub reason: String,
 }
 
-/// A sensor of a profile.
+/// Sensor of a profile.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Inspected {
-    /// Its bus in the profile.
+    /// Bus in the profile.
     pub bus: String,
-    /// What the profile has it for: `signal bed`.
+    /// Use of the sensor in the profile: `signal bed`.
     pub of: String,
-    /// What the profile calls it.
+    /// Name of the sensor in the profile.
     pub sensor: String,
-    /// The file that it is read in; `None`: it is not.
+    /// File that holds the temperature; `None` if there is none.
     pub read_in: Option<String>,
-    /// What is wrong, and what there is instead.
+    /// Problem, and which sensors exist instead.
     pub advice: Option<String>,
 }
 
-/// Every temperature below this directory, each read once.
+/// Reads every temperature below this directory once.
 pub async fn scan(root: &Path, timeout: Duration) -> Vec<Temperature> {
     let present = all(root);
     let sensors: Vec<PcSensor> = present.iter().map(|present| present.sensor.clone()).collect();
@@ -57,7 +57,7 @@ pub async fn scan(root: &Path, timeout: Duration) -> Vec<Temperature> {
     found.collect()
 }
 
-/// Looks for each sensor of a profile. Reads no temperature.
+/// Looks up the files of each sensor of a profile. It reads no temperature.
 pub fn inspect(profile: &Profile) -> Vec<Inspected> {
     let mut inspected = Vec::new();
     for signal in &profile.signals {

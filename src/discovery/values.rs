@@ -1,18 +1,18 @@
-//! What registers hold, under a type: as people ask a device for it, without a signal.
+//! Decoding of registers for commands that read a device without a profile signal.
 
 use serde::Serialize;
 
 use crate::fieldbus::wire::Answer;
 use isotherm_core::codec::{DataType, Encoding, Register, Scale, WordOrder};
 
-/// How registers are to be understood.
+/// Format of the values in registers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Form {
-    /// `None`: as unsigned 16 bits, and signed beside them where that differs.
+    /// Data type. With `None`, a register is shown as unsigned 16 bits, and also as signed if that differs.
     pub data_type: Option<DataType>,
-    /// `None`: of a value of several registers both orders are shown.
+    /// Word order. With `None`, a value of several registers is shown in both orders.
     pub word_order: Option<WordOrder>,
-    /// The two bytes inside every register are exchanged.
+    /// Whether the two bytes of every register are swapped.
     pub byte_swap: bool,
     /// Engineering units per count.
     pub scale: f64,
@@ -20,40 +20,40 @@ pub struct Form {
     pub offset: f64,
 }
 
-/// One value and what it was made of.
+/// One value with its address and its raw registers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RegisterValue {
-    /// Zero-based, with its table.
+    /// Zero-based address, with its table.
     pub register: String,
-    /// One-based.
+    /// One-based number in Modicon notation.
     pub modicon: String,
-    /// The registers in hexadecimal, lowest address first; of a bit 0 or 1.
+    /// Registers in hexadecimal, lowest address first; 0 or 1 for a bit.
     pub raw: String,
-    /// The value; more than one where it could be read in more than one way.
+    /// Decoded value; more than one if the format is ambiguous.
     pub readings: Vec<Reading>,
 }
 
-/// A value, read in one way.
+/// Value decoded in one format.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Reading {
-    /// `msw-first`, `lsw-first`, `u16`, `i16`; empty where there is only one way.
+    /// Format: `msw-first`, `lsw-first`, `u16`, `i16`; empty if it is unambiguous.
     pub way: &'static str,
-    /// The value, or in words why there is none.
+    /// Value, or the reason why there is none.
     pub value: String,
 }
 
 impl Form {
-    /// How many registers or bits a value takes.
+    /// Returns the number of registers or bits of one value.
     pub fn registers(&self) -> u16 {
         self.data_type.map_or(1, DataType::registers)
     }
 
-    /// Its order is needed, and was not given.
+    /// Returns whether the word order matters and is not given.
     pub fn lacks_order(&self) -> bool {
         self.registers() > 1 && self.word_order.is_none()
     }
 
-    /// The values in an answer that begins at `from`.
+    /// Decodes the values in an answer that begins at `from`.
     pub fn values(&self, from: Register, answer: &Answer) -> Vec<RegisterValue> {
         let width = usize::from(self.registers());
         match answer {
@@ -99,7 +99,7 @@ impl Form {
             bias: 0,
             bad: Vec::new(),
         };
-        // Whole counts as they are: a floating-point detour would lose digits of 64 bits.
+        // Whole counts stay integers: a floating-point conversion would lose digits of 64 bits.
         let is_plain = scale.to_bits() == 1f64.to_bits() && offset.abs() < f64::MIN_POSITIVE;
         match encoding.counts(words).filter(|_| is_plain) {
             Some(counts) => counts.to_string(),

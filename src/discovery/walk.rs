@@ -1,4 +1,4 @@
-//! Which registers a unit has: read in bounded steps, and where a step is refused, in halves of it.
+//! Search for the registers of a unit. It reads in steps of limited size, and divides a refused step into halves.
 
 use serde::Serialize;
 
@@ -7,23 +7,23 @@ use crate::fieldbus::error::Fault;
 use crate::fieldbus::wire::Answer;
 use isotherm_core::codec::Register;
 
-/// Steps without any answer after which a walk gives up: the unit is gone.
+/// Number of consecutive timeouts after which a walk gives up: the unit is gone.
 const SILENCES: u32 = 3;
-/// Registers and bits of one step.
+/// Registers or bits in one step.
 pub const STEP: u16 = 16;
 
-/// Some registers of a unit, and what came of reading them.
+/// Range of registers of a unit, and the result of reading it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RegisterRange {
-    /// The first register.
+    /// First register.
     pub register: String,
-    /// Its one-based number.
+    /// One-based number of the first register.
     pub modicon: String,
-    /// How many.
+    /// Number of registers.
     pub count: u16,
-    /// Their values; `None` where they cannot be read.
+    /// Values; `None` if the range cannot be read.
     pub values: Option<Vec<u16>>,
-    /// Why they cannot be read; empty where they can.
+    /// Reason why the range cannot be read; empty if it can.
     pub why: String,
 }
 
@@ -34,10 +34,10 @@ impl RegisterRange {
     }
 }
 
-/// Reads `count` registers from `from` on, and hands out each range that can or cannot be read, in their order.
+/// Reads `count` registers from `from`. Calls `take` with each range that can or cannot be read, in ascending order.
 ///
 /// # Errors
-/// The fault that made it give up.
+/// The fault that ended the walk.
 pub async fn walk(
     asker: &mut Asker,
     unit: u8,
@@ -47,7 +47,7 @@ pub async fn walk(
 ) -> Result<(), Fault> {
     let mut silences = 0;
     let end = (u32::from(from.offset) + u32::from(count)).min(65_536);
-    // What is still to be read, the nearest last: where each begins, and how many.
+    // Ranges still to read, the nearest last: start and length.
     let starts = (u32::from(from.offset)..end).step_by(usize::from(STEP)).rev();
     let mut left: Vec<(u32, u32)> = starts.map(|start| (start, u32::from(STEP).min(end - start))).collect();
     let mut missing: Option<RegisterRange> = None;

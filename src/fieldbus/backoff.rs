@@ -1,10 +1,10 @@
-//! How long to leave a dead thing alone: doubling, with jitter, capped, reset by success.
+//! Back-off between attempts: the pause doubles with each failure, has jitter and a maximum, and ends with a success.
 
 use std::time::Duration;
 
 use isotherm_core::quantity::Moment;
 
-/// No pause is longer.
+/// Longest pause.
 const LONGEST: Duration = Duration::from_secs(30);
 
 /// Pauses between attempts. Until the pause is over, requests fail at once.
@@ -17,22 +17,23 @@ pub struct Backoff {
 }
 
 impl Backoff {
-    /// Pauses that begin with `shortest`. The jitter follows from `seed`, so that a run can be repeated.
+    /// Returns a back-off that begins with a pause of `shortest`. The jitter depends only on `seed`, so that a run can
+    /// be repeated.
     pub fn new(shortest: Duration, seed: u64) -> Backoff {
         Backoff { shortest: shortest.min(LONGEST), failures: 0, not_before: None, jitter: seed }
     }
 
-    /// Whether an attempt may be made.
+    /// Returns whether an attempt is allowed.
     pub fn allows(&self, now: Moment) -> bool {
         self.not_before.is_none_or(|moment| now >= moment)
     }
 
-    /// When the next attempt may be made, where one has to wait.
+    /// Returns the earliest moment of the next attempt, if there is a pause.
     pub fn not_before(&self) -> Option<Moment> {
         self.not_before
     }
 
-    /// An attempt failed: the next pause begins, twice as long as the last, less up to a quarter.
+    /// Records a failed attempt. The next pause is twice as long as the last, less up to a quarter.
     pub fn fail(&mut self, now: Moment) {
         let doubled = self.shortest.saturating_mul(1 << self.failures.min(16)).min(LONGEST);
         self.failures = self.failures.saturating_add(1);
@@ -44,18 +45,18 @@ impl Backoff {
         self.not_before = Some(now.after(doubled.saturating_sub(less)));
     }
 
-    /// Whatever the pause, no attempt is made before this moment either.
+    /// Extends the pause at least until this moment.
     pub fn not_before_either(&mut self, moment: Moment) {
         self.not_before = self.not_before.max(Some(moment));
     }
 
-    /// An attempt succeeded.
+    /// Records a successful attempt.
     pub fn succeed(&mut self) {
         self.failures = 0;
         self.not_before = None;
     }
 
-    /// Attempts that failed since the last success.
+    /// Returns the number of failed attempts since the last success.
     pub fn failures(&self) -> u32 {
         self.failures
     }

@@ -1,9 +1,10 @@
-//! One CAN interface of the kernel: frames in and out, what the bus says of itself, what the interface is set to.
+//! One CAN interface of the kernel: frames in both directions, bus errors, and the settings of the interface.
 //!
-//! - [`socket`] — reads and writes frames; notices that the interface goes down, comes up, is gone.
-//! - [`trouble`] — error frames, in words; [`interface`] — whether it is up and how it is set, where its driver says so.
-//! - [`link`] — what outlives a socket; [`image`] — frames that several values share.
-//! - [`wire`] — the interface as a line that is asked and written to.
+//! - [`socket`] — reads and writes frames; detects that the interface goes down, comes up or is removed.
+//! - [`trouble`] — error frames as text; [`interface`] — state and settings of the interface, if its driver reports
+//!   them.
+//! - [`link`] — state that outlives a socket; [`image`] — frames that several values share.
+//! - [`wire`] — requests and writes on the interface, as on any other line.
 
 pub mod image;
 pub mod interface;

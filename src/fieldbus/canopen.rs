@@ -1,9 +1,10 @@
-//! CANopen as a master needs it, and no more: frames in, frames and events out. No socket, no clock, no task.
+//! CANopen master with the services that a gateway needs: frames in, frames and events out. No socket, no clock, no
+//! task.
 //!
-//! - [`sdo`] — one object of a node's dictionary read or written, with every reason why not in words ([`abort`]).
-//! - [`node`] — what a node says of itself: boot-up, state, heartbeat; and the command that starts it.
-//! - [`emergency`] — what a node complains of, without the words: those are the device's, see the profile.
-//! - [`master`] — all nodes of an interface: started after every boot-up, missed when they fall silent, SYNC.
+//! - [`sdo`] — reads or writes one object of a node's dictionary; [`abort`] has the reasons for a refusal.
+//! - [`node`] — boot-up, state and heartbeat of a node, and the command that starts it.
+//! - [`emergency`] — emergency messages of a node. The text of a code depends on the device, see the profile.
+//! - [`master`] — supervises all nodes of an interface: start after every boot-up, heartbeat timeout, SYNC.
 //!
 //! The source is CiA 301 version 4.2.
 
@@ -19,27 +20,28 @@ pub mod sdo;
 #[cfg(test)]
 mod tests;
 
-/// A node's number, 1 to 127.
+/// Node number, 1 to 127.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct NodeId(u8);
 
 impl NodeId {
-    /// `None` where there is no such node.
+    /// Returns the node with this number; `None` if the number is invalid.
     pub const fn new(number: u8) -> Option<NodeId> {
         if number >= 1 && number <= 127 { Some(NodeId(number)) } else { None }
     }
 
-    /// 1 to 127.
+    /// Returns the number, 1 to 127.
     pub const fn get(self) -> u8 {
         self.0
     }
 
-    /// The identifier of one of its services in the predefined connection set: 0x080 EMCY, 0x580 SDO answers, …
+    /// Returns the identifier of a service of this node in the predefined connection set: 0x080 EMCY, 0x580 SDO
+    /// answers, …
     pub fn identifier(self, service: u16) -> CanId {
         CanId::of_11_bits(service + u16::from(self.0))
     }
 
-    /// The node that sent a frame of this service; `None` where it is another service's.
+    /// Returns the node that sent a frame of this service; `None` if the frame belongs to another service.
     pub fn sender(frame: &Frame, service: u16) -> Option<NodeId> {
         let raw = frame.id().raw();
         let number = u8::try_from(raw.checked_sub(u32::from(service))?).ok()?;

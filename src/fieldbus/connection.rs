@@ -1,6 +1,6 @@
-//! An open connection of any kind, and what opens one.
+//! Open connection of any kind, and how it is opened.
 //!
-//! The border itself ([`super::wire`]) knows no transport. Here those of Modbus are known by name.
+//! The interface ([`super::wire`]) depends on no transport. This module names those of Modbus.
 
 use std::time::Duration;
 
@@ -20,28 +20,28 @@ use super::wire::{Answer, Boxed, Request, Wire};
 use crate::tls::TlsFault;
 use isotherm_profile::{Bus, Serial, Transport};
 
-/// What opens connections.
+/// Opens connections.
 pub trait Dial: Send {
-    /// Opens one, for as long as it takes. Its bytes pass the tap; a kind that does not know how leaves the wire log
-    /// without bytes.
+    /// Opens a connection; there is no time limit. Its bytes pass the tap. A kind without this leaves the log without
+    /// bytes.
     fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>>;
 
-    /// What it means that the other end closes a connection before its first answer.
+    /// Returns the fault to report if the other end closes a connection before its first answer.
     fn turned_away(&self) -> Fault {
         Fault::Link(LinkFault::TurnedAway)
     }
 
-    /// Whether the last connection resumes the one before it. If not, another device may be at its other end.
+    /// Returns whether the last connection resumes the one before it. If not, another device may be at its other end.
     fn resumes(&self) -> bool {
         true
     }
 
-    /// Namespaces of the server that is dialled. `None` if its protocol has none.
+    /// Returns the namespaces of the server; `None` if its protocol has none.
     fn namespaces(&self) -> Option<NamespaceTable> {
         None
     }
 
-    /// How long that may take beyond the line's timeout.
+    /// Returns the time that opening may take in addition to the timeout of the line.
     fn takes(&self) -> Duration {
         Duration::ZERO
     }
@@ -54,18 +54,18 @@ pub(super) struct ModbusDial {
     over: Over,
 }
 
-/// What a Modbus line is made of.
+/// Transport of a Modbus line.
 enum Over {
     Tcp,
-    /// `None`: its files are of no use, as [`tls::check`] says.
+    /// `None`: the files in `tls` are unusable, as [`tls::check`] reports.
     Tls(Option<Client>),
     RtuOverTcp,
     Serial(Serial, PortHistory),
 }
 
 impl ModbusDial {
-    /// To the address of this bus; what the other end of a TCP connection has not confirmed within the bus's timeout
-    /// breaks it. `None` for CAN, OPC UA and the sensors of this computer.
+    /// Returns a dial for the address of this bus; `None` for CAN, OPC UA and the sensors of this computer. A TCP
+    /// connection ends if the other end has not confirmed data within the timeout of the bus.
     pub(super) fn new(bus: &Bus) -> Option<ModbusDial> {
         let over = match (&bus.transport, &bus.tls) {
             (Transport::Tcp, None) => Over::Tcp,
@@ -103,13 +103,15 @@ impl Dial for ModbusDial {
 
     fn turned_away(&self) -> Fault {
         Fault::Link(match self.over {
-            // With TLS 1.3 its judgement of our certificate comes after the handshake, and not every device says it.
+            // With TLS 1.3, a device checks the gateway's certificate after the handshake, and not every device sends
+            // the reason.
             Over::Tls(_) => LinkFault::Tls(TlsFault::TurnedAway),
             _ => LinkFault::TurnedAway,
         })
     }
 
-    /// A serial port resumes unless another one has taken its name. The line reports a port that hangs up or cannot be opened.
+    /// A serial port resumes unless another port has its name. The line reports a port that hangs up or cannot be
+    /// opened.
     fn resumes(&self) -> bool {
         match self.over {
             Over::Serial(_, history) => history.resumes(),
@@ -122,7 +124,7 @@ impl Dial for ModbusDial {
     }
 }
 
-/// Opens nothing: what the line needs is not in this program.
+/// Dial that opens nothing, because the program was built without the feature.
 #[cfg(not(feature = "opcua"))]
 pub(super) struct NotBuiltIn;
 
@@ -139,17 +141,17 @@ impl Dial for NotBuiltIn {
     reason = "there is one for each line, and the fast one must not go through a pointer"
 )]
 pub enum Connection {
-    /// The kind that most have, spoken to without a detour: a loop that runs freely would feel it.
+    /// Modbus TCP, the most common kind. It is called without dynamic dispatch, which a fast loop would notice.
     Modbus(ModbusTcp),
-    /// Any other.
+    /// Any other kind.
     Other(Box<dyn Wire>),
 }
 
 impl Connection {
-    /// As [`Wire::exchange`].
+    /// Sends a request and waits for the answer, see [`Wire::exchange`].
     ///
     /// # Errors
-    /// Whatever makes the answer unusable.
+    /// The reason why there is no valid answer.
     pub async fn exchange(
         &mut self,
         unit: u8,
@@ -162,7 +164,7 @@ impl Connection {
         }
     }
 
-    /// It as any kind of wire.
+    /// Returns the connection as a [`Wire`].
     pub fn wire(&mut self) -> &mut dyn Wire {
         match self {
             Connection::Modbus(wire) => wire,

@@ -1,4 +1,4 @@
-//! When a question leaves: the last look at the clock before its first byte.
+//! Send deadline of a request: the last check of the clock before its first byte.
 
 use std::time::Duration;
 
@@ -7,38 +7,39 @@ use super::request::Request;
 use crate::clock::{Clock, Looks};
 use isotherm_core::quantity::Moment;
 
-/// Until when a question may leave, and where.
+/// Send deadline of a request, and the connection that it requires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Leave {
-    /// Whenever it can: it rests on nothing that grows old.
+    /// No deadline: the request depends on no value that grows old.
     Whenever,
-    /// By this moment.
+    /// Until this moment.
     By(Moment),
-    /// By this moment, and on the connection that there is: what it goes by was read there.
+    /// Until this moment, and only on the present connection: the request depends on a value that was read there.
     Here(Moment),
 }
 
-/// The looks that a line has at the clock. A wire calls [`Departure::leave`] right before the first byte of a question,
-/// after whatever it has waited for.
+/// Clock samples of a line, and the send deadline of its present request. A wire calls [`Departure::leave`] immediately
+/// before the first byte of a request, after any wait.
 #[derive(Debug)]
 pub struct Departure {
     clock: Clock,
     looks: Looks,
-    /// Somebody takes note where the computer stands still.
+    /// Whether gaps between clock samples are recorded.
     is_watched: bool,
-    /// The computer has stood still since this look, and nobody has taken note of it.
+    /// Last clock sample before the computer was stopped, until the owner of the line has read it.
     stood_still: Option<Moment>,
     is_read: bool,
     not_after: Moment,
     asked: Option<Moment>,
-    /// How long its answer is waited for.
+    /// Timeout of the answer.
     patience: Duration,
-    /// Age counts from the answer, and no answer comes too late: only to show what the rule is for.
+    /// Switches off two rules, for tests that show their purpose: age then counts from the answer, and no answer is
+    /// late.
     is_credulous: bool,
 }
 
 impl Departure {
-    /// Questions that leave whenever the wire is ready.
+    /// Returns a departure for requests without a deadline.
     pub fn whenever(clock: &Clock) -> Departure {
         Departure {
             clock: clock.clone(),
@@ -58,12 +59,12 @@ impl Departure {
     }
 
     pub(super) fn aged(self, max_age: Duration) -> Departure {
-        // Virtual time passes only as everybody sleeps: it does not stand still, it may be moved.
+        // Virtual time passes only while all sleepers sleep. It never stops by itself, but it may be moved.
         let is_watched = !self.clock.is_virtual();
         Departure { looks: Looks::begin(self.clock.now(), max_age), is_watched, ..self }
     }
 
-    /// The next question.
+    /// Begins the next request.
     pub(super) fn next(&mut self, request: Request<'_>, leave: Leave) {
         let not_after = match leave {
             Leave::Whenever => Moment::END,
@@ -72,10 +73,10 @@ impl Departure {
         (self.is_read, self.not_after, self.asked) = (request.is_read(), not_after, None);
     }
 
-    /// The question leaves now.
+    /// Checks the clock immediately before the request is sent. Returns the time of sending.
     ///
     /// # Errors
-    /// It is too late for it, or it was made up before the computer stood still: nothing must be sent.
+    /// The deadline has passed, or a write was decided before the computer was stopped. The request must not be sent.
     pub fn leave(&mut self) -> Result<Moment, Fault> {
         let now = self.look();
         self.looks.away_for(self.patience);
@@ -86,31 +87,31 @@ impl Departure {
         Ok(now)
     }
 
-    /// The question has left already, behind another one.
+    /// Records that the request was already sent at `asked`, together with another one.
     pub(super) fn left(&mut self, asked: Moment) {
         self.asked = Some(asked);
     }
 
-    /// An answer to what left then would still be waited for.
+    /// Returns whether the timeout of a request that was sent at `asked` has not expired yet.
     pub(super) fn is_patient_since(&mut self, asked: Moment) -> bool {
         self.look().since(asked) <= self.patience
     }
 
-    /// The question is about to leave, and its answer is waited for so long.
+    /// Announces that the request is about to be sent. `patience` is the timeout of its answer.
     pub(super) fn begins(&mut self, patience: Duration) {
         self.patience = patience;
         self.looks.away_for(patience);
     }
 
-    /// When it left; `None` where it has not.
+    /// Returns the time at which the request was sent; `None` if it was not sent.
     pub fn asked(&self) -> Option<Moment> {
         if self.is_credulous { self.asked.map(|_| self.clock.now()) } else { self.asked }
     }
 
-    /// How long ago it left.
+    /// Returns the time since the request was sent; zero under a virtual clock.
     pub(super) fn took(&mut self) -> Duration {
         let now = self.look();
-        // Virtual time does not pass while somebody waits for an answer; it may be moved.
+        // Virtual time does not pass while a task waits for an answer, but it may be moved.
         if self.clock.is_virtual() || self.is_credulous {
             Duration::ZERO
         } else {
@@ -118,19 +119,19 @@ impl Departure {
         }
     }
 
-    /// What comes next takes this long.
+    /// Sets the planned time until the next clock sample.
     pub fn away_for(&mut self, span: Duration) {
         self.looks.away_for(span);
     }
 
-    /// Looks at the clock.
+    /// Takes a clock sample.
     pub(super) fn look(&mut self) -> Moment {
         let now = self.clock.now();
         self.look_at(now);
         now
     }
 
-    /// Takes note of a look.
+    /// Records a clock sample.
     pub fn look_at(&mut self, now: Moment) {
         let gap = self.looks.look(now);
         if self.is_watched && !self.is_credulous {
@@ -138,17 +139,17 @@ impl Departure {
         }
     }
 
-    /// The last look.
+    /// Returns the last clock sample.
     pub(super) fn looked(&self) -> Moment {
         self.looks.last()
     }
 
-    /// The computer has stood still, and nobody has taken note of it.
+    /// Returns whether the computer was stopped, and the owner of the line has not read that yet.
     pub fn has_stood_still(&self) -> bool {
         self.stood_still.is_some()
     }
 
-    /// The last look before the computer stood still, once.
+    /// Returns the last clock sample before the computer was stopped, once.
     pub fn stood_still(&mut self) -> Option<Moment> {
         self.stood_still.take()
     }

@@ -1,9 +1,9 @@
-//! A TCP stream that looks for its answer once more before it waits.
+//! TCP stream that tries to read the answer once more before it waits.
 //!
-//! A control that runs on the same computer (a software PLC, LinuxCNC) answers within microseconds of getting the
-//! processor. Waiting for it through the event queue costs more than the answer itself, so it is first given one turn
-//! of the processor. Towards another computer that turn would be wasted, and the stream is left as it is; so is one whose
-//! answers did not come within that turn, but for a try now and then.
+//! A control on the same computer (a software PLC, LinuxCNC) answers within microseconds once it gets the processor.
+//! Waiting in the event queue costs more than such an answer. The stream therefore first yields the processor once.
+//! With another computer this would be wasted time, so the stream does not do it. It also stops doing it if the answers
+//! do not arrive in time, and then only tries it now and then.
 
 use std::io::{self, Read, Write};
 use std::pin::Pin;
@@ -15,33 +15,33 @@ use tokio::net::TcpStream;
 
 use super::port::Port;
 
-/// After as many looks in vain as are remembered here, one is made every so many answers.
+/// Requests per attempt, after [`IN_VAIN`] attempts in a row without an answer.
 const SELDOM: u32 = 64;
 const IN_VAIN: u32 = 8;
 
-/// A connection to a peer that may be on this computer.
+/// TCP connection to a peer that may be on this computer.
 #[derive(Debug)]
 pub(super) struct Eager {
     stream: TcpStream,
     is_local: bool,
-    /// Looks in vain since the last that was not.
+    /// Attempts in a row without an answer.
     in_vain: u32,
-    /// A request was sent and has not been looked after. What follows the look comes by the event queue, so that a peer
-    /// who never ends keeps nobody else from his turn.
+    /// Whether a request was sent without an attempt to read since. After one attempt, the stream waits in the event
+    /// queue. A peer that never stops sending therefore blocks no other task.
     has_asked: bool,
 }
 
 impl Eager {
     pub(super) fn new(stream: TcpStream) -> Eager {
         let is_local = match (stream.peer_addr(), stream.local_addr()) {
-            // A computer that speaks to itself by its own name has the same address at both ends.
+            // A computer that connects to itself by its own name has the same address at both ends.
             (Ok(peer), Ok(own)) => peer.ip().is_loopback() || peer.ip() == own.ip(),
             _ => false,
         };
         Eager { stream, is_local, in_vain: 0, has_asked: false }
     }
 
-    /// Whether to look before waiting: once a request, while that pays.
+    /// Returns whether to try a read before waiting: at most once per request, while that finds answers.
     fn looks(&mut self) -> bool {
         if !self.is_local || !std::mem::take(&mut self.has_asked) {
             return false;
@@ -54,7 +54,7 @@ impl Eager {
     }
 }
 
-/// Waiting, or trying again, is all that it asks for.
+/// Returns whether the error only requires waiting or another attempt.
 fn is_passing(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted)
 }
@@ -72,9 +72,9 @@ impl AsyncRead for Eager {
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
         if self.looks() {
-            // Past tokio, which only asks the system again after its event queue has spoken.
+            // Bypass tokio, which calls the system again only after an event.
             let mut look = || (&*SockRef::from(&self.stream)).read(buffer.initialize_unfilled());
-            // Sending may have given the other end its turn already.
+            // The peer may already have run while the request was sent.
             let looked = match look() {
                 Err(error) if is_passing(&error) => {
                     std::thread::yield_now();

@@ -1,199 +1,199 @@
-//! What went wrong on the fieldbus, by who is to blame.
+//! Faults of the fieldbus, classified by their cause.
 
 use super::canopen::abort::AbortCode;
 use super::opcua_fault::OpcUaFault;
 use crate::tls::TlsFault;
 use isotherm_core::reading::{Reason, Status, exception};
 
-/// Why a request has no answer. Small, so that a test is one comparison.
+/// Reason why a request has no valid answer. The type is small, so that a check is one comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum Fault {
-    /// We asked for something that cannot be asked.
+    /// The gateway requested something that is not allowed.
     #[error("{0}")]
     Caller(CallerFault),
-    /// The connection.
+    /// The connection failed.
     #[error("{0}")]
     Link(LinkFault),
-    /// The device answered something else than what was asked.
+    /// The device sent an invalid reply.
     #[error("{0}")]
     Peer(PeerFault),
-    /// The device says no, with this Modbus exception code.
+    /// The device refuses, with this Modbus exception code.
     #[error("exception {0} ({name})", name = exception(*.0))]
     Exception(u8),
-    /// The device says no, with this SDO abort code.
+    /// The device refuses, with this SDO abort code.
     #[error("refused: {0}")]
     Aborted(AbortCode),
-    /// The server says no, with this status of OPC UA.
+    /// The server refuses, with this OPC UA status.
     #[error("the server answers {0}")]
     Status(Status),
-    /// The server has written some of the nodes of one call, and says this of another.
+    /// The server has written some of the nodes of one call, and refuses another with this status.
     #[error(
         "the server answers {status} to node {place} of those that are written together, and has written others"
     )]
     Part {
-        /// What it says of the first that was not written.
+        /// Status of the first node that was not written.
         status: Status,
-        /// Which of them that is, counted from 1.
+        /// Number of that node within the call, counted from 1.
         place: u16,
     },
-    /// Of the nodes that are read together this one cannot be believed.
+    /// One of the nodes that are read together has no valid value.
     #[error("node {place} of those that are read together: {fault}", fault = Fault::of_a_node(*.reason))]
     Unreadable {
-        /// Why not.
+        /// Reason why the value is not valid.
         reason: Reason,
-        /// Which of them that is, counted from 1.
+        /// Number of that node within the call, counted from 1.
         place: u16,
     },
-    /// No answer in time.
+    /// No answer arrived in time.
     #[error("no answer in time")]
     Timeout,
 }
 
-/// A request that must not leave the house.
+/// Request that must not be sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum CallerFault {
-    /// Zero registers, more than a request carries, or beyond the last address.
+    /// No registers, more registers than a request can have, or registers beyond the last address.
     #[error("request outside what the protocol allows")]
     Extent,
     /// A function code that the profile does not allow for this device.
     #[error("function code not allowed by the profile")]
     Function,
-    /// Of a frame that several values share, another is not known yet.
+    /// Another value of the same frame is not known yet.
     #[error("another value in the same frame is not known yet; sent as soon as it is")]
     Incomplete,
-    /// An answer that would look like its own may still come, to a question before it.
+    /// The answer to an earlier request may still arrive, and could not be distinguished from the answer to this one.
     #[error("waits: the answer to a question before it may still come, and would look like its own")]
     Owed,
-    /// What it rests on has become too old before it could be sent.
+    /// Values on which the request depends became too old before it was sent.
     #[error("too late: what it rests on is too old by now")]
     TooLate,
-    /// More nodes than the server takes in one call, of which none may be written without the others.
+    /// The request has more nodes than the server accepts in one call, and they must be written together.
     #[error("the server takes {0} in one call (MaxNodesPerWrite), and a set is written in one or not at all")]
     TooManyNodes(u32),
 }
 
-/// How a connection fails.
+/// Failure of a connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum LinkFault {
-    /// Nobody listens there.
+    /// No program listens at the port.
     #[error("nothing listens there")]
     Refused,
-    /// There is no host of this name.
+    /// The host name is not known.
     #[error("no such host name")]
     Unresolved,
     /// The host cannot be reached.
     #[error("host not reachable")]
     Unreachable,
-    /// It was closed or broke in the middle.
+    /// The connection was closed or broken during a request.
     #[error("connection closed or broken")]
     Broken,
-    /// It was closed while nothing was under way: nothing has been sent.
+    /// The connection was closed while it was idle: nothing was sent.
     #[error("connection closed while idle")]
     Closed,
-    /// There is no such serial port: not plugged in, or under another name.
+    /// The serial port does not exist: the adapter is not plugged in, or has another name.
     #[error("no such serial port")]
     Absent,
-    /// The serial port may not be opened by this user.
+    /// This user has no permission for the serial port.
     #[error("no permission for the serial port")]
     Forbidden,
-    /// Another program has the serial port.
+    /// Another program uses the serial port.
     #[error("another program has the serial port")]
     Busy,
-    /// The port is no serial port, or cannot do these settings.
+    /// The port is no serial port, or does not support these settings.
     #[error("no serial port, or one that cannot do these settings")]
     Unsuited,
-    /// It was closed before it brought a single answer.
+    /// The connection was closed before its first answer.
     #[error("closed before the first answer")]
     TurnedAway,
-    /// It is closed again and again, soon after it was made.
+    /// The connection is closed repeatedly, soon after it was opened.
     #[error("closed again and again")]
     Contested,
-    /// TLS did not come about.
+    /// The TLS handshake failed.
     #[error("{0}")]
     Tls(TlsFault),
-    /// The CAN interface.
+    /// The CAN interface failed.
     #[error("{0}")]
     Can(CanFault),
-    /// An OPC UA server lets nobody in, or is not let in.
+    /// No session with the OPC UA server, because of the server or of the gateway's own checks.
     #[error("{0}")]
     OpcUa(OpcUaFault),
-    /// It is down, and not yet time to try again.
+    /// The line is down, and backs off until the next attempt.
     #[error("no connection")]
     Down,
-    /// Nothing was sent: the device may have been exchanged, and must pass its checks first.
+    /// Nothing was sent: another device may answer now, so its checks must pass first.
     #[error("the checks of the device come first: its connection was lost, and another device may answer")]
     Unverified,
 }
 
-/// What is wrong with a CAN interface.
+/// Fault of a CAN interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum CanFault {
-    /// There is none of this name, or it has been taken away.
+    /// The interface does not exist, or was removed.
     #[error("no such interface")]
     NoInterface,
-    /// It is another kind of interface.
+    /// The interface is no CAN interface.
     #[error("no CAN interface")]
     NotCan,
-    /// This computer's kernel has no CAN.
+    /// The kernel of this computer has no CAN.
     #[error("this computer's kernel has no CAN")]
     NoKernel,
-    /// It may not be used by this user.
+    /// This user has no permission to use the interface.
     #[error("no permission for CAN")]
     Forbidden,
-    /// It is down.
+    /// The interface is down.
     #[error("the interface is down")]
     Down,
-    /// Its queue is full: nothing leaves it.
+    /// The send queue is full: no frame leaves the interface.
     #[error("the interface's queue is full")]
     Full,
-    /// It does not carry CAN FD, or the frame is none that CAN can carry.
+    /// The interface does not support CAN FD, or CAN cannot carry the frame.
     #[error("a frame that the interface cannot carry")]
     TooLong,
 }
 
-/// How an answer is wrong.
+/// Fault of a reply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum PeerFault {
-    /// Another transaction or another unit: a late reply to an older question, or somebody else's.
+    /// Reply of another transaction or unit: a late reply to an earlier request, or the reply to another master.
     #[error("reply of another transaction or unit")]
     Foreign,
-    /// Another function code.
+    /// Reply with another function code.
     #[error("reply with another function code")]
     Function,
-    /// More or fewer registers than asked for.
+    /// Reply with more or fewer registers than requested.
     #[error("reply with the wrong number of registers")]
     Length,
-    /// A write answered with another address, value or count.
+    /// Reply to a write with another address, value or count.
     #[error("write answered with another address or value")]
     Echo,
-    /// An object of another width than its type.
+    /// Object whose width differs from its type.
     #[error("the object has another width than its type in the profile")]
     Width,
-    /// A node of another type than in the profile.
+    /// Node whose type differs from the profile.
     #[error("the node has another type than the profile says")]
     Type,
-    /// Nothing that the protocol knows.
+    /// Reply that violates the protocol.
     #[error("reply is none that the protocol knows")]
     Malformed,
-    /// A server sends nothing of a subscription, and no sign of life.
+    /// Subscription without data and without keep-alive messages.
     #[error(
         "its subscription is silent: the server sends neither values nor a sign of life as often as it promised"
     )]
     Silent,
-    /// Something that nobody had asked for.
+    /// Reply without a request.
     #[error("it sends what nobody asked for")]
     Unasked,
-    /// A gateway gives the answer to an earlier question.
+    /// Reply of a gateway to an earlier request.
     #[error("out of order: a question got the answer to the question before it")]
     OutOfOrder,
 }
 
-/// What is known of a write that failed.
+/// Outcome of a write that failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Outcome {
-    /// It was not done, and will not be.
+    /// The write was not executed, and will not be.
     NotDone,
-    /// It may have been done, or may still be.
+    /// The write may have been executed, or may still be.
     Unknown,
 }
 
@@ -203,7 +203,7 @@ impl Fault {
     pub(super) const UNVERIFIED: Fault = Fault::Link(LinkFault::Unverified);
     pub(super) const UNASKED: Fault = Fault::Peer(PeerFault::Unasked);
 
-    /// One word for counters and programs.
+    /// Returns the class of the fault in one word, for counters and programs.
     pub const fn blame(self) -> &'static str {
         match self {
             Fault::Caller(_) => "caller",
@@ -215,10 +215,10 @@ impl Fault {
         }
     }
 
-    /// Every word of [`Fault::blame`].
+    /// All words of [`Fault::blame`].
     pub const BLAMES: [&'static str; 5] = ["caller", "link", "peer", "exception", "timeout"];
 
-    /// The device has answered, and it says no.
+    /// Returns whether the device answered with a refusal.
     pub const fn is_refusal(self) -> bool {
         match self {
             Fault::Unreadable { reason, .. } => Fault::of_a_node(reason).is_refusal(),
@@ -229,7 +229,7 @@ impl Fault {
         }
     }
 
-    /// The device says that it does not have what was asked for. Another refusal only means that it does not answer this now.
+    /// Returns whether the device reports that it does not have the requested item. Other refusals may be temporary.
     pub const fn is_absence(self) -> bool {
         match self {
             Fault::Unreadable { reason, .. } => Fault::of_a_node(reason).is_absence(),
@@ -240,18 +240,19 @@ impl Fault {
         }
     }
 
-    /// A gateway in between has answered for a device that does not.
+    /// Returns whether a gateway has answered instead of the device, which did not.
     pub const fn is_of_a_gateway(self) -> bool {
         matches!(self, Fault::Exception(10 | 11))
     }
 
-    /// What it says of a write: whether that may have been done all the same.
+    /// Returns the outcome of a write that failed with this fault.
     ///
-    /// Only a device that refuses in words which mean "not done" is believed: a TCP-to-RTU gateway says 11 of a write that
-    /// its slave has carried out, 5 means "accepted, takes long", and a full queue or bus-off of CAN says nothing.
+    /// Only a refusal whose definition excludes execution counts as not done. A TCP-to-RTU gateway reports 11 for a
+    /// write that its device has executed. Exception 5 means "accepted, takes long". A full queue or bus-off of CAN
+    /// proves nothing.
     pub const fn outcome(self) -> Outcome {
         match self {
-            // It never left the house.
+            // The request was not sent.
             Fault::Caller(_) | Fault::Exception(1..=3) => Outcome::NotDone,
             Fault::Aborted(AbortCode(code)) if code >> 24 == 0x06 => Outcome::NotDone,
             Fault::Status(status) if is_not_done(status) => Outcome::NotDone,
@@ -273,7 +274,7 @@ impl Fault {
         }
     }
 
-    /// Why the value of a node cannot be believed.
+    /// Returns the fault for a node whose value is not valid.
     pub(crate) const fn of_a_node(reason: Reason) -> Fault {
         match reason {
             Reason::Status(code) => Fault::Status(Status(code)),
@@ -281,8 +282,8 @@ impl Fault {
         }
     }
 
-    /// Nothing was sent, and nobody is to blame: its moment was over or has not come, or the connection on which it was
-    /// decided is lost.
+    /// Returns whether nothing was sent, without an error of the device. The deadline has passed, an earlier answer is
+    /// awaited, or the connection on which the request was decided is lost.
     pub const fn has_lapsed(self) -> bool {
         matches!(
             self,
@@ -291,22 +292,22 @@ impl Fault {
         )
     }
 
-    /// Whether the connection can no longer be trusted: what still arrives on it may answer an older question.
+    /// Returns whether the connection is unusable after this fault: later data on it may answer an earlier request.
     pub const fn spoils_connection(self) -> bool {
         match self {
-            // The answer is the one to the question; it is the profile that is wrong.
+            // The answer belongs to the request; the profile has the wrong type.
             Fault::Peer(PeerFault::Type) => false,
             Fault::Link(_) | Fault::Peer(_) | Fault::Timeout => true,
             _ => false,
         }
     }
 
-    /// There is no connection at all: what is wrong is the line, not one of its devices.
+    /// Returns whether there is no connection: the fault is of the line, not of one of its devices.
     pub const fn is_of_the_line(self) -> bool {
         matches!(self, Fault::Link(fault) if !matches!(fault, LinkFault::Broken))
     }
 
-    /// What it means for a reading.
+    /// Returns the reason that a reading gets from this fault.
     pub const fn reason(self) -> Reason {
         match self {
             Fault::Exception(code) => Reason::Exception(code),
@@ -322,11 +323,12 @@ impl Fault {
     }
 }
 
-/// SDO abort codes of an object that the node does not have. Source: CiA 301, 7.2.4.3.17.
+/// SDO abort codes for an object that the node does not have. Source: CiA 301, 7.2.4.3.17.
 const NO_SUCH_OBJECT: u32 = 0x0602_0000;
 const NO_SUCH_SUBINDEX: u32 = 0x0609_0011;
 
-/// The answers to a write that say it was not done. Any other may come of a server that has handed the value on already.
+/// Returns whether the status proves that a write was not executed. With any other status, the server may have passed
+/// the value on already.
 const fn is_not_done(status: Status) -> bool {
     status.is(Status::ACCESS_DENIED)
         || status.is(Status::NO_SUCH_NODE)

@@ -1,7 +1,7 @@
-//! What is wrong and what to do about it, in the same words wherever a person reads of it: `scan`, `read`, `check --online`,
-//! events, the log, the page.
+//! Causes and remedies of faults. All texts for users take them from here: `scan`, `read`, `check --online`, events,
+//! the log and the page.
 //!
-//! A [`Fault`] shows what is wrong; [`remedy`] is the table of what to do, [`explain`] both in one sentence.
+//! The text of a [`Fault`] is its cause. [`remedy`] has what to do, and [`explain`] joins both.
 
 use std::io::{Error, ErrorKind};
 
@@ -13,7 +13,7 @@ use isotherm_profile::regular::without_numbers;
 use super::error::{CallerFault, CanFault, Fault, LinkFault, PeerFault};
 use crate::tls::TlsFault;
 
-/// What to do, where the fault itself does not say it.
+/// Returns what to do about a fault; `None` if the text of its cause is sufficient.
 pub const fn remedy(fault: Fault) -> Option<&'static str> {
     Some(match fault {
         Fault::Timeout => {
@@ -108,7 +108,7 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
     })
 }
 
-/// The same of a CAN interface.
+/// Returns what to do about a fault of a CAN interface.
 const fn remedy_of_an_interface(fault: CanFault) -> Option<&'static str> {
     Some(match fault {
         CanFault::NoInterface => "is the adapter plugged in? (`ip -details link` lists them)",
@@ -121,7 +121,7 @@ const fn remedy_of_an_interface(fault: CanFault) -> Option<&'static str> {
     })
 }
 
-/// What to do about a reading that is not good.
+/// Returns what to do about a reading that is not good.
 pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
     match reason {
         Reason::OpenCircuit => "look for a broken wire, or a plug that is out",
@@ -160,7 +160,7 @@ pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
     }
 }
 
-/// The same of Modbus inside TLS.
+/// Returns what to do about a fault of Modbus inside TLS.
 const fn remedy_inside_tls(fault: TlsFault) -> Option<&'static str> {
     Some(match fault {
         TlsFault::OtherName => {
@@ -186,7 +186,7 @@ const fn remedy_inside_tls(fault: TlsFault) -> Option<&'static str> {
     })
 }
 
-/// The same of an OPC UA server, where other things are to be looked at.
+/// Returns what to do about a fault of an OPC UA server, where some faults have other remedies.
 const fn remedy_at_a_server(fault: Fault) -> Option<&'static str> {
     Some(match fault {
         Fault::Timeout => {
@@ -206,21 +206,21 @@ const fn remedy_at_a_server(fault: Fault) -> Option<&'static str> {
     })
 }
 
-/// The same of sensors of this computer, where nothing else can fail as a whole.
+/// Remedy for the sensors of this computer, where only the drivers as a whole can fail.
 const AT_THIS_COMPUTER: &str = "their driver does not come back: is an adapter or a cable unplugged, does a 1-Wire sensor answer with a wrong \
                                 checksum, which the kernel repeats for seconds? `dmesg` says more; each is asked again once it is back";
 
-/// Cause of the fault and its remedy, in one sentence.
+/// Returns cause and remedy of a fault in one sentence.
 pub fn explain(fault: Fault) -> String {
     Explained { cause: fault.to_string(), hint: remedy(fault).map(Into::into) }.to_string()
 }
 
-/// The same in the words of the line that it happened on.
+/// Returns cause and remedy of a fault. The remedy fits the kind of line.
 pub fn explain_on(line: Transport, fault: Fault) -> Explained {
     advised_on(line, fault, fault.to_string())
 }
 
-/// The same of a fault that has been put into words already.
+/// Returns `cause` with the remedy of a fault. The remedy fits the kind of line.
 pub fn advised_on(line: Transport, fault: Fault, cause: String) -> Explained {
     let hint = match line {
         Transport::OpcUa => remedy_at_a_server(fault),
@@ -230,12 +230,13 @@ pub fn advised_on(line: Transport, fault: Fault, cause: String) -> Explained {
     Explained { cause, hint: hint.map(Into::into) }
 }
 
-/// What the system says of a file, a socket or a port, without its numbers, and what to do. What is said in words of ours stays.
+/// Describes an error of a file, a socket or a port, without its number, with a remedy. Errors with a text of their own
+/// keep it.
 pub fn system(error: &Error) -> String {
     explain_system(error).to_string()
 }
 
-/// The same as cause and hint.
+/// Returns cause and remedy of an error of a file, a socket or a port.
 pub fn explain_system(error: &Error) -> Explained {
     match error.kind() {
         _ if error.get_ref().is_some() => without_numbers(&error.to_string()).into(),
@@ -264,7 +265,7 @@ mod tests {
     use crate::fieldbus::error::CanFault;
     use isotherm_core::reading::Reason;
 
-    /// Whoever reads it knows what to look at: it asks, names a command, or says what to do.
+    /// Each remedy asks a question, names a command, or says what to do.
     #[test]
     fn every_fault_is_shown_with_what_to_do() {
         let link = [

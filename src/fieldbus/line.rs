@@ -1,25 +1,29 @@
-//! One physical line: at most one request under way, a timeout and a last moment for each, a breaker for each device,
-//! reconnection. [`DeviceLine::request`] is the one way to ask a device anything, over Modbus, CAN or OPC UA.
+//! One physical line. It sends one request at a time, with a timeout and a send deadline, and connects again after a
+//! failure. Each device has its own back-off. [`DeviceLine::request`] is the only way to send a request to a device,
+//! over Modbus, CAN or OPC UA.
 //!
 //! ```text
-//! request ─► ready: connected, quiet, paused ─► exchange: a look at the clock, the bytes, the answer ─► compared
-//!    │                                                                                                    │
-//!    └──── breaker, retry, reconnection, who hears of it ◄────────────────────────────────────────────────┘
+//! request ─► ready: connected, quiet, paused ─► exchange: clock sample, request, answer ─► checked
+//!    │                                                                                        │
+//!    └──── back-off, retry, reconnection, report to the observer ◄────────────────────────────┘
 //! ```
 //!
-//! An answer is as old as its question, and one that is found after its timeout is none.
+//! The age of an answer counts from its request. An answer that is found after its timeout is discarded.
 //!
-//! After a timeout or a wrong answer the connection is dropped: a reused one would stay one reply behind for ever.
-//! On a line whose answers do not name their question (RTU) a new connection would not help, as the late answer may
-//! arrive on it: there the unit, under whatever name the profile has it, is not asked again before its answer has had
-//! [`GRACE`] timeouts more, and whatever came until then is discarded; unless it is known to be prompt, see
-//! [`super::owed`]. An answer that is later still cannot be told from the next one: the timeout must be at least a
-//! quarter of the longest that a device ever takes. Two misses in a row open the port again, for an adapter that has lost
-//! itself. A unit behind a gateway from Modbus TCP to a serial line waits in the same way, see `line/late.rs`, and shows
-//! that its answers are in order, see `line/order.rs`.
+//! After a timeout or a wrong answer the line drops the connection. Otherwise every later request on it could get the
+//! answer to the one before. On RTU, answers have no transaction number, and a new connection does not help, because a
+//! late answer may arrive on it. There the unit gets no request until [`GRACE`] further timeouts have passed, under any
+//! device name. Input that arrives until then is discarded. A unit that is known to answer promptly waits less, see
+//! [`super::owed`].
 //!
-//! A device that failed is left alone for a pause that doubles; while it rests, the others on the line are served, so
-//! a dead unit costs them at most one timeout per pause. A line that cannot be connected rests in the same way.
+//! An even later answer cannot be distinguished from the next one. The timeout must therefore be at least a quarter of
+//! the longest answer time of a device. After two timeouts in a row the line opens the port again, because an adapter
+//! may hang. A unit behind a gateway from Modbus TCP to a serial line waits in the same way, see `line/late.rs`. It
+//! must also prove that its answers are in order, see `line/order.rs`.
+//!
+//! A device that failed gets no request during a pause that doubles with each failure. The line serves its other
+//! devices meanwhile. A dead unit therefore costs them at most one timeout per pause. A line that cannot be connected
+//! backs off in the same way.
 
 use std::pin::pin;
 use std::sync::Arc;
@@ -50,15 +54,15 @@ mod witness;
 
 pub use witness::Witness;
 
-/// How many timeouts a late answer is given, beyond the first, before its unit is asked again.
+/// Further timeouts after the first during which a late answer may arrive, before its unit gets a request again.
 pub const GRACE: u32 = 3;
-/// Misses in a row after which a line without transactions is opened again.
+/// Timeouts in a row after which a line without transaction numbers is opened again.
 const MISSES: u32 = 2;
 
-/// The owner of a line: nobody else speaks on it.
+/// One physical line. Its owner task is the only sender.
 pub struct DeviceLine {
     dial: Box<dyn Dial>,
-    /// The looks that it has at the clock.
+    /// Clock samples, and the send deadline of the present request.
     pub departure: Departure,
     witness: Option<Arc<dyn Witness>>,
     wire: Option<Connection>,
@@ -68,52 +72,52 @@ pub struct DeviceLine {
     redial: Backoff,
     refused: Fault,
     units: Units,
-    /// Answers do not name their questions.
+    /// Whether answers have no transaction number.
     is_nameless: bool,
     pipeline: Pipeline,
-    /// What the last answer took.
+    /// Duration of the last exchange.
     took: Duration,
     spoke: bool,
     misses: u32,
-    /// Closed by us after an answer.
+    /// Whether the gateway closed the connection after an answer.
     is_put_down: bool,
     tap: Tap,
-    /// Since when there is a connection.
+    /// Time at which the connection was opened.
     connected_at: Moment,
-    /// It has brought an answer.
+    /// Whether a request on this connection has ended.
     has_answered: bool,
-    /// Connections in a row that were taken away soon.
+    /// Connections in a row that the other end closed soon.
     short_lives: u32,
-    /// How long we give way.
+    /// Back-off in favour of another client of the device.
     yielding: Backoff,
     evidence: Evidence,
     others: Others,
 }
 
-/// An answer that was checked against its question.
+/// Answer that was checked against its request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Answered {
-    /// What it brings.
+    /// Content of the answer.
     pub answer: Answer,
-    /// When its question left: what it brings is no younger than that.
+    /// Time at which the request was sent. The age of the answer counts from here.
     pub asked: Moment,
-    /// Whether it could be the answer to a question of another master.
+    /// Whether the answer could belong to a request of another master.
     pub attribution: Attribution,
 }
 
-/// Attribution of an answer to a question, as far as its frame shows it.
+/// Attribution of an answer to a request, as far as its frame shows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Attribution {
-    /// Ours.
+    /// The answer belongs to the gateway's request.
     Ours,
-    /// Ours or another master's: another master on the line asks for answers of the same unit, function and length.
+    /// The answer belongs to the gateway or to another master, which requests the same unit, function and length.
     Ambiguous,
-    /// Not known: another such answer of the unit followed it. Either may be ours.
+    /// Unknown: another such answer of the unit followed. Either may belong to the gateway.
     Contested,
 }
 
 impl DeviceLine {
-    /// A line that has not been connected yet, for these devices of a profile.
+    /// Returns a line for these devices of a profile, not connected yet.
     pub fn new(bus: &Bus, devices: &[(DeviceId, &Device)], dial: Box<dyn Dial>, clock: &Clock) -> DeviceLine {
         let pauses = devices.iter().map(|(_, device)| device.quirks.pause_after_connect);
         let pause_after_connect = pauses.fold(bus.quirks.pause_after_connect, Duration::max);
@@ -146,54 +150,54 @@ impl DeviceLine {
         }
     }
 
-    /// The same line, listened to at this tap.
+    /// Sets the tap that logs the exchanges of the line.
     pub fn tapped(mut self, tap: &Tap) -> DeviceLine {
         self.tap = tap.clone();
         self
     }
 
-    /// The same line; this hears what becomes of each request.
+    /// Sets the observer of each request.
     pub fn witnessed(mut self, witness: Arc<dyn Witness>) -> DeviceLine {
         self.witness = Some(witness);
         self
     }
 
-    /// The same line on a machine whose readings are old after this long: a gap between two looks at the clock that is
-    /// longer is one in which the computer stood still.
+    /// Sets the age at which readings of the machine are too old. A longer gap between two clock samples counts as a
+    /// stop of the computer.
     pub fn aged(mut self, max_age: Duration) -> DeviceLine {
         self.departure = self.departure.aged(max_age);
         self
     }
 
-    /// The same line without the rule that an answer is as old as its question: to show what that is for.
+    /// Switches off the rule that the age of an answer counts from its request, for tests that show its purpose.
     #[doc(hidden)]
     pub fn credulous(mut self) -> DeviceLine {
         self.departure = self.departure.credulous();
         self
     }
 
-    /// Looks at the clock.
+    /// Takes a clock sample.
     pub fn look(&mut self) -> Moment {
         self.departure.look()
     }
 
-    /// Nobody is asked for so long.
+    /// Announces that no request follows for this time.
     pub fn rests_for(&mut self, span: Duration) {
         self.departure.away_for(span);
         self.patience.put_off(span + self.timeout);
     }
 
-    /// When the clock was last looked at.
+    /// Returns the last clock sample.
     pub fn looked(&self) -> Moment {
         self.departure.looked()
     }
 
-    /// There is a connection.
+    /// Returns whether there is a connection, or the gateway closed it after an answer.
     pub fn is_connected(&self) -> bool {
         self.wire.is_some() || self.is_put_down
     }
 
-    /// What this device is, or the line without one, begins anew: whatever rests there need rest no longer.
+    /// Ends the back-off of a device; with `None`, of the line and of all its devices.
     pub fn revive(&mut self, device: Option<DeviceId>) {
         self.units.revive(device);
         if device.is_none() {
@@ -202,18 +206,18 @@ impl DeviceLine {
         }
     }
 
-    /// Attempts to connect that failed since the last one that succeeded, and the last fault.
+    /// Returns the failed attempts to connect since the last success, and the last fault.
     pub fn refusals(&self) -> (u32, Fault) {
         (self.redial.failures(), self.refused)
     }
 
-    /// Whether this device is left alone now, after a failure.
+    /// Returns whether this device backs off after a failure.
     pub fn is_resting(&self, device: DeviceId, now: Moment) -> bool {
         self.units.get(device).is_some_and(|unit| !unit.breaker.allows(now))
     }
 
-    /// When a request to this device that was not answered may be asked again, on a line where that says nothing yet of
-    /// the device: an RTU line loses an answer now and then.
+    /// Returns the earliest time to repeat a request that this device did not answer. Returns `None` on a line with
+    /// transaction numbers. On an RTU line, one lost answer does not yet show a fault of the device.
     pub fn again_at(&self, device: DeviceId) -> Option<Moment> {
         let unit = self.units.get(device).filter(|_| self.is_nameless)?;
         let owed = self.units.owed.get(unit.number).and_then(|owed| owed.again_at(self.spans()));
@@ -221,14 +225,14 @@ impl DeviceLine {
         Some(owed.max(rests).unwrap_or_default().max(self.looked()))
     }
 
-    /// What is due by then may go out behind a question that leaves now: before that is answered it is its turn. `None`
-    /// where nothing may.
+    /// Returns the end of the expected exchange if a request is sent now. Reads that are due by then may be sent
+    /// together with it. Returns `None` if the line sends one request at a time.
     pub fn takes_along(&self, now: Moment) -> Option<Moment> {
         self.pipeline.is_on().then(|| now.after(self.took))
     }
 
-    /// This read goes out behind the next question, if that leaves on a connection there is; whoever asks it next is given
-    /// its answer. With `None` nothing does.
+    /// Sets the read to send directly after the next request, if that request finds an open connection. The next
+    /// request for the same read receives its answer. `None` means no such read.
     pub fn ask_behind(&mut self, read: Option<(DeviceId, Request<'static>)>) {
         let now = self.departure.looked();
         let allowed = |device: DeviceId, request: Request<'_>| {
@@ -246,13 +250,13 @@ impl DeviceLine {
         Spans { timeout: self.timeout, grace: self.timeout * GRACE }
     }
 
-    /// Asks a device and waits for its answer, at most for the line's timeout (twice, where it must connect first; once more for a
-    /// control question, see `line/order.rs`). The
-    /// question leaves as `leave` says, or not at all: that is looked at right before its first byte does.
+    /// Sends a request to a device and waits for its answer, at most for the timeout of the line. Connecting may take a
+    /// second timeout, and a control question (see `line/order.rs`) another one. Immediately before the first byte, the
+    /// line checks the deadline in `leave`.
     ///
     /// # Errors
-    /// Every request fails here and nowhere else: see [`Fault`], and [`Fault::outcome`] for what that says of a write. A
-    /// resting device fails at once, with its last fault. A device whose checks have not passed gets no request.
+    /// See [`Fault`]; [`Fault::outcome`] is the outcome of a write. A device that backs off fails at once, with its
+    /// last fault. A device whose checks have not passed gets no request.
     pub async fn request(
         &mut self,
         device: DeviceId,
@@ -262,11 +266,11 @@ impl DeviceLine {
         self.ask(device, request, leave, false).await
     }
 
-    /// Requests something of a device whose checks may not have passed. The checks themselves use it, and polls whose
+    /// Sends a request to a device whose checks may not have passed. The checks themselves use it, and polls whose
     /// readings are discarded until then.
     ///
     /// # Errors
-    /// Those of [`DeviceLine::request`].
+    /// Same as for [`DeviceLine::request`].
     pub async fn request_unverified(
         &mut self,
         device: DeviceId,
@@ -304,7 +308,7 @@ impl DeviceLine {
         }
         let (number, is_behind_gateway) =
             (self.units.at(place).number, self.units.at(place).is_behind_gateway);
-        // A gateway answers for a unit that may answer late.
+        // Exception 10 or 11 of a gateway: the unit itself may still answer late.
         let is_missing = |fault: Fault| is_behind_gateway && fault.is_of_a_gateway();
         let not_before = self.units.owed.get(number).and_then(|owed| owed.not_before(request, self.spans()));
         if not_before.is_some_and(|moment| now < moment) {
@@ -327,9 +331,10 @@ impl DeviceLine {
                 && let Some(connection) = &mut self.wire
             {
                 if self.pipeline.is_on() {
-                    // What went out behind another question is asked for, or something goes out behind this one.
+                    // Either this request was already sent after the one before, or another read is sent after this
+                    // one.
                     is_second = connection.wire().has_behind();
-                    // Two answers that a gateway could take for each other are not under way together.
+                    // Two requests whose answers a gateway could confuse are not sent together.
                     let is_like_it = |(unit, read): &(u8, Request<'_>)| {
                         is_behind_gateway && *unit == number && Mark::of(*read) == Mark::of(request)
                     };
@@ -341,7 +346,7 @@ impl DeviceLine {
                 let span = self.timeout + connection.wire().time_under_way(request);
                 self.departure.begins(span);
                 let exchanged = {
-                    // Pinned here, it need not be moved.
+                    // A future that is pinned here need not be moved.
                     let exchange = pin!(connection.exchange(number, request, &mut self.departure));
                     self.patience.within(span, exchange).await
                 };
@@ -353,7 +358,7 @@ impl DeviceLine {
                 let owed = self.units.owed.of(number);
                 first_asked = owed.first_asked(request);
                 answer = match exchanged {
-                    // One that was found after its time comes too late, also where nobody looked in between.
+                    // An answer that is found after its timeout is late, even if the timer has not fired yet.
                     Some(answer)
                         if answer
                             .as_ref()
@@ -371,7 +376,7 @@ impl DeviceLine {
                         if self.departure.asked().is_some() {
                             owed.order.misses();
                         }
-                        // What went out behind it is lost with the connection.
+                        // The request that was sent after this one is lost with the connection.
                         if let Some(unit) = behind.filter(|_| fault.spoils_connection()) {
                             self.units.owed.of(unit).order.misses();
                         }
@@ -403,11 +408,12 @@ impl DeviceLine {
             if !std::mem::take(&mut was_connected) || !matches!(answer, Err(Fault::BROKEN | Fault::CLOSED)) {
                 break self.settle(place, request, answer, now);
             }
-            // Some gateways close a connection that was idle for a while: that is no reason to lose a reading. What may
-            // have been sent is not sent again, and nothing that goes by what was read on a connection which is lost.
+            // Some gateways close an idle connection, which must not cost a reading. A write that may have been sent is
+            // not repeated, and neither is one that depends on a value read on the lost connection.
             let has_ids = self.wire.as_mut().is_some_and(|wire| wire.wire().has_transaction_id());
             self.wire = None;
-            // Of a write that was sent it is not known whether it was done: that says more than why the line gives way.
+            // It is unknown whether a write that was sent was executed. This is more important than the back-off of the
+            // line.
             let may_be_done = answer == Err(Fault::BROKEN) && !request.is_read();
             if has_ids && self.is_contested(now) {
                 break if may_be_done { answer } else { Err(Fault::Link(LinkFault::Contested)) };
@@ -423,7 +429,7 @@ impl DeviceLine {
             }
             break answer;
         };
-        // One that never left has no answer. One that was asked twice may answer the first question.
+        // A request that was not sent has no answer. After a repetition, the answer may belong to the first request.
         let asked = first_asked.or(self.departure.asked()).unwrap_or(now);
         let answer = self.in_order(place, request, answer, first_asked.is_some()).await;
         if let Some(witness) = &self.witness
@@ -442,7 +448,7 @@ impl DeviceLine {
         Ok(Answered { answer: answer?, asked, attribution })
     }
 
-    /// What an answer, or its absence, means for the connection and the unit.
+    /// Applies an answer, or its absence, to the state of the connection and the unit.
     fn settle(
         &mut self,
         place: usize,
@@ -462,9 +468,9 @@ impl DeviceLine {
             answer => answer,
         };
         match &answer {
-            // It never left the house, which says nothing of the device.
+            // The request was not sent, so the result says nothing about the device.
             Err(Fault::Caller(_)) => {}
-            // The gateway has answered, and not the unit.
+            // The gateway has answered instead of the unit.
             Err(fault) if is_behind_gateway && fault.is_of_a_gateway() => {
                 self.misses = 0;
                 self.evidence.answered();
@@ -479,7 +485,7 @@ impl DeviceLine {
                     self.misses = 0;
                 }
                 if has_ids && !(is_behind_gateway && has_left && !matches!(fault, Fault::Link(_))) {
-                    // The pause begins when the timeout is over, else several dead units would have none left.
+                    // The pause begins at the end of the timeout. Otherwise, several dead units would leave no pause.
                     let waited = if *fault == Fault::Timeout { self.timeout } else { Duration::ZERO };
                     let unit = self.units.at_mut(place);
                     unit.breaker.fail(now.after(waited));
@@ -500,7 +506,7 @@ impl DeviceLine {
         answer
     }
 
-    /// There is a connection, nothing is on its way to us, and the unit has had its pause. `Done`, to begin with.
+    /// Connects if necessary, discards late input, and keeps the pause of the unit. Returns `Done` on success.
     async fn make_ready(&mut self, place: usize, request: Request<'_>, now: Moment) -> Result<Answer, Fault> {
         if self.wire.is_none() {
             self.connect(now).await?;
@@ -518,7 +524,7 @@ impl DeviceLine {
     }
 }
 
-/// Different names rest for different times; the same name always for the same.
+/// Returns a seed for the jitter of pauses: the same for the same name, and different for different names.
 fn seed(name: &str) -> u64 {
     name.bytes().fold(14_695_981_039_346_656_037, |hash: u64, byte| {
         (hash ^ u64::from(byte)).wrapping_mul(1_099_511_628_211)

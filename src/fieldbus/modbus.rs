@@ -1,11 +1,11 @@
 //! Modbus TCP: frames with a transaction number.
 //!
-//! - Nobody can foresee a transaction number: a device that numbers answers of its own, or is ahead by one, meets none of
-//!   ours.
-//! - Bytes that answer no open question close the connection, as does whatever comes behind an answer. What came before a
-//!   question is found by its number; before a write it is looked for as well, so that the write need not go out, but
-//!   for one right behind an answer: whoever heard that has looked already.
-//! - A read may go out in the same segment behind another question, with a transaction number of its own.
+//! - Transaction numbers are random. A device that counts transactions by itself, or is ahead by one, does not match
+//!   them.
+//! - Bytes that answer no open request close the connection, and so do bytes after an answer. Input from before a
+//!   request is detected by its transaction number. Before a write the wire also checks for such input, so that the
+//!   write need not be sent. It skips this check immediately after an answer, because the answer was checked.
+//! - A read may be sent in the same segment after another request, with its own transaction number.
 
 use std::collections::hash_map::RandomState;
 use std::hash::{BuildHasher, Hasher};
@@ -24,43 +24,43 @@ use isotherm_core::quantity::Moment;
 
 mod behind;
 
-/// Transaction, protocol and length, behind which the length counts; and the unit.
+/// Length of the fields transaction, protocol and length. The length field counts the bytes after them.
 const HEADER: usize = 6;
-/// Header, unit and the longest message.
+/// Length of header, unit and the longest message.
 const LONGEST: usize = HEADER + 1 + pdu::LONGEST;
-/// A write so soon after a question that was answered follows at once: what came with the answer was seen, and looking again
-/// would cost a loop on one computer a hundredth of its turns.
+/// Age of the last answered request up to which a write skips the check for late input. That answer was checked, and
+/// another check would cost a loop on one computer a hundredth of its turns.
 const AT_ONCE: Duration = Duration::from_millis(1);
 
-/// An open Modbus TCP connection.
+/// Open Modbus TCP connection.
 pub struct ModbusTcp {
     port: Tapped,
-    /// What transaction numbers are drawn from.
+    /// State of the generator of transaction numbers.
     drawn: u64,
     question: Vec<u8>,
-    /// What has come, up to `filled`.
+    /// Received bytes, up to `filled`.
     received: Box<[u8; 2 * LONGEST]>,
     filled: usize,
     behind: Behind,
-    /// When the last question left, if it was answered; long ago, if not.
+    /// Time at which the last request was sent; `Moment::default()` if it was not answered.
     answered: Moment,
     ending: Ending,
 }
 
-/// What stands first in the bytes that have come.
+/// First frame in the received bytes.
 struct First {
     transaction: u16,
     unit: Option<u8>,
-    /// Where it ends, if it is whole.
+    /// End of the frame, if it is complete.
     end: Option<usize>,
 }
 
 impl ModbusTcp {
-    /// On this port, whose bytes pass the tap.
+    /// Returns a connection on this port. Its bytes pass the tap.
     pub fn new(port: impl Port + 'static, tap: &Tap) -> ModbusTcp {
         ModbusTcp {
             port: Tapped::new(port, tap),
-            // Xorshift stays where it is at zero.
+            // Xorshift would stay at zero.
             drawn: RandomState::new().build_hasher().finish().max(1),
             question: Vec::with_capacity(LONGEST),
             received: Box::new([0; 2 * LONGEST]),
@@ -107,7 +107,7 @@ impl ModbusTcp {
         Ok(answer)
     }
 
-    /// Nothing has come that nobody asked for.
+    /// Checks that no unsolicited input has arrived.
     fn expect_nothing(&mut self) -> Result<(), Fault> {
         match self.port.take_waiting(&mut *self.received) {
             Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted) => {
@@ -119,7 +119,7 @@ impl ModbusTcp {
         }
     }
 
-    /// Adds a question to what is to be sent; its transaction.
+    /// Adds a request to the bytes to send, and returns its transaction number.
     fn frame(&mut self, unit: u8, request: Request<'_>) -> u16 {
         let transaction = self.draw();
         let begin = self.question.len();
@@ -131,7 +131,8 @@ impl ModbusTcp {
         transaction
     }
 
-    /// The next transaction, by Marsaglia's xorshift. It is not the last one: two questions may be under way together.
+    /// Draws the next transaction number, by Marsaglia's xorshift. It differs from the last one, because two requests
+    /// may be open.
     fn draw(&mut self) -> u16 {
         let last = self.drawn >> 48;
         while self.drawn >> 48 == last {
@@ -142,7 +143,7 @@ impl ModbusTcp {
         u16::try_from(self.drawn >> 48).unwrap_or_default()
     }
 
-    /// Waits for the answer to this question. The one to the read behind it is kept, whichever of them comes first.
+    /// Waits for the answer to this request. An answer to the read after it is kept, in either order.
     async fn hear<T>(
         &mut self,
         transaction: u16,
@@ -181,7 +182,7 @@ impl ModbusTcp {
         }
     }
 
-    /// Notes how the connection ended, with or without an error. Returns the fault: that of TLS, or else `otherwise`.
+    /// Records how the connection ended, with or without an error. Returns the TLS fault, if any, or else `otherwise`.
     fn ended(&mut self, error: Option<&io::Error>, otherwise: Fault) -> Fault {
         if self.filled == 0 && is_in_order(error) {
             self.ending = Ending::Closed;
@@ -189,7 +190,7 @@ impl ModbusTcp {
         error.and_then(TlsFault::of).map_or(otherwise, |fault| Fault::Link(LinkFault::Tls(fault)))
     }
 
-    /// What stands first in what has come; `None` while that is less than a header.
+    /// Returns the first frame in the received bytes; `None` while they are shorter than a header.
     fn first(&self) -> Result<Option<First>, Fault> {
         let Some((header, rest)) = self.received[..self.filled].split_at_checked(HEADER) else {
             return Ok(None);

@@ -1,13 +1,13 @@
-//! Namespaces of one OPC UA server that a profile names by index, shared by the line and the gateway. The line reads the server's
-//! array with each connection and asks for each index; the gateway remembers the URIs and reports what has changed.
-//! [`isotherm_core::namespaces`] decides.
+//! Namespaces of one OPC UA server that a profile names by index. The line and the gateway share this table. The line
+//! reads the array of the server with each connection, and translates each index. The gateway stores the URIs and
+//! reports changes. [`isotherm_core::namespaces`] makes the decisions.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use isotherm_core::namespaces::{KnownNamespaces, Located};
 
-/// Table of one server. Its copies share what it has.
+/// Table of one server. Clones share their content.
 #[derive(Clone, Debug, Default)]
 pub struct NamespaceTable(Arc<Mutex<Table>>);
 
@@ -16,9 +16,9 @@ struct Table {
     known: KnownNamespaces,
     /// Array of the server, read with the last connection.
     array: Arc<[String]>,
-    /// By index that was asked for: where it was found last.
+    /// Last location of each requested index.
     found: BTreeMap<u16, Located>,
-    /// Changes of `found` so far.
+    /// Number of changes of `found`.
     changes: u64,
 }
 
@@ -27,12 +27,12 @@ impl NamespaceTable {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Begins with what a run before this one has remembered.
+    /// Restores the namespaces that an earlier run has stored.
     pub fn begin_with(&self, known: KnownNamespaces) {
         self.lock().known = known;
     }
 
-    /// Takes the array of the server, as it was read with a new connection.
+    /// Sets the array of the server, as read with a new connection.
     pub fn connected(&self, array: Vec<String>) {
         let mut table = self.lock();
         if *table.array == *array {
@@ -47,7 +47,8 @@ impl NamespaceTable {
         self.lock().array.clone()
     }
 
-    /// Returns the index to send for an index of the profile, and remembers a URI that is new. `None` if nothing may be sent.
+    /// Returns the index to send for an index of the profile; `None` if nothing may be sent. Stores the URI of a new
+    /// index.
     pub fn index(&self, named: u16) -> Option<u16> {
         let mut table = self.lock();
         if let Some(found) = table.found.get(&named) {
@@ -56,23 +57,23 @@ impl NamespaceTable {
         table.locate(named)
     }
 
-    /// Number of changes so far: of what is remembered, or of where it is.
+    /// Returns the number of changes so far: of the stored namespaces or of their locations.
     pub fn changes(&self) -> u64 {
         self.lock().changes
     }
 
-    /// Returns what is remembered.
+    /// Returns the namespaces to store.
     pub fn known(&self) -> KnownNamespaces {
         self.lock().known.clone()
     }
 
-    /// Returns each index that was asked for with where it was found last.
+    /// Returns each requested index with its last location.
     pub fn found(&self) -> Vec<(u16, Located)> {
         self.lock().found.iter().map(|(index, found)| (*index, found.clone())).collect()
     }
 
-    /// A person has confirmed that the profile means what the server has at each index whose namespace cannot be told. Returns these
-    /// indices with their URIs.
+    /// Accepts the server's namespace at each index whose own namespace was lost, because the operator has confirmed
+    /// it. Returns these indices with their URIs.
     pub fn confirm(&self) -> Vec<(u16, String)> {
         let mut table = self.lock();
         let lost = table.found.iter().filter(|(_, found)| found.is_lost());

@@ -1,21 +1,21 @@
-//! An OPC UA server, spoken to by the library async-opcua: binary over TCP, on sockets of ours.
+//! OPC UA server, by the library async-opcua: binary protocol over TCP, on sockets of the gateway.
 //!
 //! ```text
-//! dial ─► endpoints ─► trusted? ─► secure channel ─► session (the one from before, or a new one) ─► limits, namespaces
-//! wire ─► one Read or Write call at a time; nothing is sent that nobody has asked for
-//!         but for a Publish request of each subscription, which waits at the server: it is renewed as its values are asked for
+//! dial ─► endpoints ─► trusted? ─► secure channel ─► session (resumed or new) ─► limits, namespaces
+//! wire ─► one Read or Write call at a time
+//!         one Publish request per subscription waits at the server, and is renewed when values are requested
 //! ```
 //!
-//! - The library's own session, which reconnects, keeps alive and repeats by itself, is not used: [`DeviceLine`] does that for every
-//!   kind of line, and nothing is sent behind its back.
-//! - A connection that is lost leaves its session at the server. The next one takes it up again, so that a server with few sessions
-//!   does not run out of them.
-//! - A certificate is trusted where it is, byte for byte, one of those in the profile's directory, and its time is not over. No
-//!   authority is asked, and no name in it is compared.
-//! - A namespace that the profile names by its URI has the index that the server gave it when the connection was opened. Of one that
-//!   it names by index, the URI is remembered ([`super::namespaces`]). A node whose namespace the server does not have is not sent
-//!   to it: it is a node that is not there.
-//! - An answer whose number is nobody's is passed over by the library. It is never taken for another's.
+//! - The session of the library is not used, because it reconnects, keeps alive and repeats by itself. [`DeviceLine`]
+//!   does this for every kind of line, and the gateway sends nothing without a request of the line.
+//! - A lost connection leaves its session at the server. The next connection resumes it, so that a server with few
+//!   sessions does not run out of them.
+//! - A certificate is trusted if it is identical to one in the profile's directory and is valid now. No authority is
+//!   used, and no name in it is compared.
+//! - The index of a namespace that the profile names by its URI is read when the connection is opened. The URI of a
+//!   namespace that the profile names by index is stored ([`super::namespaces`]). If the server does not have the
+//!   namespace of a node, the gateway does not send the node. It then counts as missing.
+//! - The library discards an answer with an unknown number. Such an answer is never taken for another one.
 //!
 //! [`DeviceLine`]: super::line::DeviceLine
 
@@ -59,28 +59,28 @@ mod wire;
 
 pub(super) use files::wrong;
 
-/// Signatures, certificates and a server that makes up its mind take longer than an answer.
+/// Additional time to open a session. Signatures, certificates and the server's checks take longer than an answer.
 const OPENING: Duration = Duration::from_secs(5);
 
 /// Opens sessions with one server.
 pub(super) struct OpcUaDial {
-    /// Its URL.
+    /// URL of the server.
     url: String,
-    /// Host and port of that.
+    /// Host and port of the URL.
     address: String,
     security: Security,
     timeout: Duration,
-    /// `None`: they are of no use, as [`wrong`] says.
+    /// Files of the profile; `None` if they are unusable, as [`wrong`] reports.
     files: Option<Files>,
-    /// What is kept beyond a connection: the session, which the next one takes up.
+    /// State that outlives a connection: the session, which the next one resumes.
     known: Option<Known>,
-    /// The server did not know the session of the connection before.
+    /// Whether the server did not know the session of the previous connection.
     is_forgotten: bool,
-    /// Where the namespaces are that the profile names by index.
+    /// Namespaces that the profile names by index.
     namespaces: NamespaceTable,
 }
 
-/// What is known of a server.
+/// State of a server that outlives a connection.
 struct Known {
     channel: Arc<AsyncSecureChannel>,
     endpoint: EndpointDescription,
@@ -88,7 +88,7 @@ struct Known {
 }
 
 impl OpcUaDial {
-    /// To the server of this bus; `None` for any other kind of line.
+    /// Returns a dial for the server of this bus; `None` for any other kind of line.
     pub(super) fn new(bus: &Bus) -> Option<OpcUaDial> {
         let line = bus.opcua.as_ref()?;
         let address = host_and_port(&bus.address).to_owned();
@@ -112,7 +112,7 @@ impl OpcUaDial {
         let (mut taken_up, had_session) = (None, self.known.is_some());
         if self.known.as_ref().is_some_and(|known| known.session.is_alive()) {
             let socket = connected(&self.address, self.timeout).await?;
-            // Whatever fails from here on, its endpoint may be another by now, and its certificate: they are asked for anew.
+            // If a later step fails, the endpoint or its certificate may have changed: query them again.
             if let Some(known) = self.known.take() {
                 taken_up = self.take_up(files, known, socket).await;
             }
@@ -130,7 +130,7 @@ impl OpcUaDial {
         Ok(Connection::Other(Box::new(wire)))
     }
 
-    /// The session from before, on this socket; `None` where the server does not have it any more.
+    /// Resumes the previous session on this socket; `None` if that fails.
     async fn take_up(&self, files: &Files, known: Known, socket: TcpStream) -> Option<(Link, Known)> {
         let own = self.shown(files);
         let socket = Socket::new(&self.url, socket, own);
@@ -139,7 +139,7 @@ impl OpcUaDial {
         Some((link, known))
     }
 
-    /// A new session.
+    /// Begins a new session.
     async fn begin(&self, files: &Files) -> Result<(Link, Known), Fault> {
         let endpoints = offered(&self.url, self.timeout).await?;
         let endpoint =
@@ -157,19 +157,19 @@ impl OpcUaDial {
         Ok((link, Known { channel, endpoint, session }))
     }
 
-    /// The certificate that the gateway shows, and its key.
+    /// Returns the certificate that the gateway sends, with its key.
     fn shown<'f>(&self, files: &'f Files) -> Option<&'f (X509, PrivateKey)> {
         files.own.as_ref().filter(|_| self.security != Security::None)
     }
 }
 
-/// Host and port in the URL of a server.
+/// Returns host and port of a server's URL.
 fn host_and_port(url: &str) -> &str {
     let rest = url.split_once("://").map_or(url, |(_, rest)| rest);
     rest.split('/').next().unwrap_or_default()
 }
 
-/// What a server offers, asked on a connection of its own that nothing protects.
+/// Queries the endpoints of a server, on a separate connection without security.
 async fn offered(url: &str, timeout: Duration) -> Result<Vec<EndpointDescription>, Fault> {
     let socket = connected(host_and_port(url), timeout).await?;
     let socket = Socket::new(url, socket, None);
@@ -201,7 +201,7 @@ impl Dial for OpcUaDial {
     }
 }
 
-/// Says as whom, without what is secret.
+/// Returns the kind of a user, without its secret.
 fn user_kind(user: &IdentityToken) -> ::opcua::types::UserTokenType {
     use ::opcua::types::UserTokenType;
     match user {

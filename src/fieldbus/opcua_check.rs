@@ -1,12 +1,11 @@
-//! What is wrong with the OPC UA lines of a profile that only whoever opens them can tell: that this program cannot, or
-//! that their files are of no use.
+//! Check of the OPC UA lines of a profile: whether this program supports them, and whether their files are usable.
 
 use isotherm_profile::{Errors, Profile, ProfileError};
 
-/// What is wrong with the OPC UA lines of a profile, at its keys.
+/// Checks the OPC UA lines of a profile.
 ///
 /// # Errors
-/// All of it, in the order of the file.
+/// All mistakes with their keys, in the order of the file.
 pub fn check(profile: &Profile) -> Result<(), Errors> {
     let lines = profile.buses.iter().filter_map(|bus| bus.opcua.as_ref());
     let mut wrong: Vec<ProfileError> = lines.flat_map(wrong).collect();

@@ -1,17 +1,18 @@
-//! What a unit may still say whose answers do not name their question, and what it may be asked meanwhile. Such units are
-//! those on a line of RTU frames, and those behind a gateway that stamps a late answer with the transaction that is open.
+//! Late answers of units whose answers have no reliable transaction number, and requests that are safe meanwhile. Such
+//! units are on an RTU line, or behind a gateway that sends a late answer with the transaction number of a later
+//! request.
 //!
-//! After a miss its answer may still come. Until then
-//! - a question whose answer is told apart from that one, by function or length, need not wait: what is owed is passed
-//!   over when it comes ([`Mark`]);
-//! - another question of the same form waits until the late answer has had its time;
-//! - **the same read** may be repeated as soon as the line has been silent for `FACTOR` times the longest answer of
-//!   that unit, if it is known to be prompt: its last `PROOF` answers all came in time. What comes may answer either
-//!   question, so that it counts from the first, and must come as soon as its answers do; the unit is asked that once
-//!   more only when it has been silent again for so long.
+//! After a missing answer, the late answer may still arrive. Until then:
+//! - A request is sent at once if its answer has another function or length. The late answer is then discarded when it
+//!   arrives ([`Mark`]).
+//! - A request of the same form waits until the late answer can no longer arrive.
+//! - **The same read** may be repeated earlier to a unit that is known to be prompt: its last `PROOF` answers were in
+//!   time. The line must have been silent for `FACTOR` times the longest of these answers. An answer may then belong to
+//!   either request. Its age therefore counts from the first request, and it must arrive as soon as usual. The next
+//!   repetition needs another such silence.
 //!
-//! A unit that was heard late, or out of turn, is not prompt any more: all its misses are waited out, until it has
-//! answered `PROOF` times again.
+//! A unit that answered late, or without a request, is not prompt any more. After each of its missing answers the line
+//! waits for the full time, until the unit has answered `PROOF` times again.
 
 use std::time::Duration;
 
@@ -20,43 +21,45 @@ use super::request::Request;
 use crate::clock::Silence;
 use isotherm_core::quantity::Moment;
 
-/// So many answers in time show that a unit is prompt.
+/// Answers in time that show that a unit is prompt.
 const PROOF: u32 = 100;
-/// A prompt unit has never taken longer than the longest of its answers, times this.
+/// Safety factor on the longest answer time of a prompt unit.
 const FACTOR: u32 = 3;
-/// No answer is expected sooner than this: a computer is not always at once there to hear it.
+/// Shortest expected answer time, because the computer may receive an answer late.
 const SHORTEST: Duration = Duration::from_millis(5);
-/// The second of two answers is later than one alone by no more than this.
+/// Additional time of the second of two answers.
 const LATER: Duration = Duration::from_millis(50);
-/// Misses in a row after which even a prompt unit is left alone.
+/// Missing answers in a row after which even a prompt unit gets no request.
 const MISSES: u32 = 3;
 
-/// What tells the answer to one question from that to another: its function, and its length, or what a write repeats.
+/// Form of an answer: its function, and its length or the echo of a write. It distinguishes the answers to two
+/// requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mark {
     function: u8,
     form: [u16; 2],
 }
 
-/// What the units of a line owe, by their numbers: few enough to be looked through.
+/// Late answers of the units of a line, by unit number. The list is short enough for a linear search.
 pub(super) struct Debts(Vec<(u8, Owed)>);
 
-/// What has not been heard of one unit.
+/// Late answers of one unit.
 #[derive(Debug)]
 pub(super) struct Owed {
-    /// Since when it may owe anything at all.
+    /// Start of the time in which any answer may arrive.
     anything: Option<Silence>,
     late: Vec<Late>,
-    /// Answers in time since it was last heard late, and the longest of the last `PROOF` and of those before.
+    /// Answers in time since the last late one. `longest` has the longest answer times of the last `PROOF` and of those
+    /// before.
     in_time: u32,
     longest: [Duration; 2],
-    /// Misses in a row.
+    /// Missing answers in a row.
     misses: u32,
-    /// Order of its questions and answers, if it is behind a gateway.
+    /// State of the order check, if the unit is behind a gateway.
     pub(super) order: Order,
 }
 
-/// One answer that has not come.
+/// Missing answer that may arrive late.
 #[derive(Clone, Copy, Debug)]
 struct Late {
     mark: Mark,
@@ -66,21 +69,21 @@ struct Late {
     asked: Moment,
     missed: Moment,
     since: Silence,
-    /// One of the questions it belongs to has been answered since: what it counts from is settled.
+    /// Whether one of its requests was answered since, so that no age depends on it any more.
     is_answered: bool,
 }
 
-/// How long a late answer is waited for.
+/// Waiting times for answers.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Spans {
-    /// For an answer to begin.
+    /// Longest time until an answer begins.
     pub(super) timeout: Duration,
-    /// How long the latest answer is waited for beyond that.
+    /// Further time during which a late answer may arrive.
     pub(super) grace: Duration,
 }
 
 impl Mark {
-    /// That of the answer to this.
+    /// Returns the form of the answer to a request.
     pub(super) fn of(request: Request<'_>) -> Mark {
         let form = match request {
             Request::Read { from, count } if from.table.is_bits() => [count.div_ceil(8), 0],
@@ -93,7 +96,7 @@ impl Mark {
         Mark { function: request.function(), form }
     }
 
-    /// That of this answer to a read; `None` of any other message.
+    /// Returns the form of an answer to a read; `None` for any other message.
     pub(super) fn of_answer(pdu: &[u8]) -> Option<Mark> {
         match *pdu {
             [function @ 1..=4, bytes, ..] => Some(Mark { function, form: [u16::from(bytes), 0] }),
@@ -101,7 +104,7 @@ impl Mark {
         }
     }
 
-    /// That of the answer to this question of a read; `None` of any other message.
+    /// Returns the form of the answer to this request of a read; `None` for any other message.
     pub(super) fn of_question(pdu: &[u8]) -> Option<Mark> {
         let [function @ 1..=4, _, _, high, low] = *pdu else { return None };
         let count = u16::from_be_bytes([high, low]);
@@ -112,7 +115,7 @@ impl Mark {
         (1..=most).contains(&count).then_some(Mark { function, form: [bytes, 0] })
     }
 
-    /// Whether the content of a frame bears it.
+    /// Returns whether a message has this form.
     pub(super) fn is_on(self, pdu: &[u8]) -> bool {
         let word = |at: usize| Some(u16::from_be_bytes([*pdu.get(at)?, *pdu.get(at + 1)?]));
         let form = match self.function {
@@ -122,14 +125,14 @@ impl Mark {
         pdu.first() == Some(&self.function) && form == Some(self.form)
     }
 
-    /// Whether the content of a frame refuses a question with such an answer.
+    /// Returns whether a message refuses a request whose answer has this form.
     pub(super) fn is_refused_by(self, pdu: &[u8]) -> bool {
         pdu.len() == 2 && pdu[0] == self.function | 0x80
     }
 }
 
 impl Debts {
-    /// Of units that nobody has asked yet.
+    /// Returns the state of units without requests so far.
     pub(super) fn of_units(numbers: impl Iterator<Item = u8>) -> Debts {
         let mut debts = Debts(Vec::new());
         for number in numbers {
@@ -154,14 +157,14 @@ impl Debts {
         self.0.iter_mut().map(|(_, owed)| owed)
     }
 
-    /// What may still come, and of which unit.
+    /// Returns the forms of the answers that may still arrive, with their units.
     pub(super) fn marks(&self) -> impl Iterator<Item = (u8, Mark)> {
         self.0.iter().flat_map(|(unit, owed)| owed.marks().map(|mark| (*unit, mark)))
     }
 }
 
 impl Owed {
-    /// Of a unit that nobody has asked yet: what a gateway asked it that ended a moment ago may be under way.
+    /// Returns the state of a unit without requests so far. Answers to an earlier gateway process may be under way.
     pub(super) fn unknown() -> Owed {
         Owed {
             anything: Some(Silence::begin()),
@@ -173,28 +176,28 @@ impl Owed {
         }
     }
 
-    /// Anything may come of it from now on.
+    /// Records that any answer may arrive from now on.
     pub(super) fn anything(&mut self) {
         self.anything = Some(Silence::begin());
     }
 
-    /// How much longer anything may; `None` where it was listened to.
+    /// Returns how much longer any answer may arrive; `None` if the line has waited for that.
     pub(super) fn left_of_anything(&self, spans: Spans) -> Option<Duration> {
         self.anything.map(|since| since.left_of(spans.grace))
     }
 
-    /// Returns whether an answer of it may still come.
+    /// Returns whether a late answer may still arrive.
     pub(super) fn is_owing(&self) -> bool {
         self.anything.is_some() || !self.late.is_empty()
     }
 
-    /// It was listened to until nothing is owed any more.
+    /// Records that the line has waited until no late answer can arrive any more.
     pub(super) fn is_quiet(&mut self) {
         self.anything = None;
         self.late.clear();
     }
 
-    /// It was heard late, or out of turn.
+    /// Records that the unit answered late, or without a request.
     pub(super) fn distrust(&mut self) {
         (self.in_time, self.longest) = (0, [Duration::ZERO; 2]);
     }
@@ -203,20 +206,21 @@ impl Owed {
         self.in_time >= PROOF
     }
 
-    /// An answer of a prompt unit comes within this.
+    /// Returns the time within which a prompt unit answers.
     fn prompt_span(&self) -> Duration {
         self.longest[0].max(self.longest[1]).max(SHORTEST) * FACTOR
     }
 
-    /// Returns within what time a second answer of it comes, if it has been asked twice. Question and answer take `under_way` on
-    /// the line.
+    /// Returns the time within which a second answer arrives if the unit got two requests. `under_way` is the
+    /// transmission time of request and answer.
     pub(super) fn second_within(&self, timeout: Duration, under_way: Duration) -> Duration {
         let span = self.longest[0].max(self.longest[1]).max(under_way) + LATER;
         let prompt = if self.is_prompt() { self.prompt_span() } else { span };
         span.min(prompt).min(timeout + under_way)
     }
 
-    /// It has answered, after so long; or within what it takes as often, where a question had to be repeated.
+    /// Records an answer and its time. After a repeated request, that time is unknown, and the other answer may still
+    /// arrive.
     pub(super) fn answers(&mut self, request: Request<'_>, took: Duration) {
         self.misses = 0;
         let mut is_repeated = false;
@@ -233,13 +237,13 @@ impl Owed {
         self.in_time = self.in_time.saturating_add(1);
     }
 
-    /// It has answered before.
+    /// Returns whether the unit has answered since its last late answer.
     pub(super) fn has_answered(&self) -> bool {
         self.in_time > 0
     }
 
-    /// No answer in time to what was asked at this moment. Whether it may be asked again at once, or soon; else it is to
-    /// be left alone.
+    /// Records that a request sent at `asked` was not answered in time. Returns whether the unit may get requests again
+    /// soon. Otherwise it must get none for the full waiting time.
     pub(super) fn misses(&mut self, request: Request<'_>, asked: Moment, now: Moment) -> bool {
         self.misses = self.misses.saturating_add(1);
         if !self.is_prompt() || self.misses >= MISSES {
@@ -262,38 +266,38 @@ impl Owed {
         true
     }
 
-    /// Misses in a row.
+    /// Returns the number of missing answers in a row.
     pub(super) fn missed(&self) -> u32 {
         self.misses
     }
 
-    /// How long it must have been silent since a miss before this is asked.
+    /// Returns the silence that is needed after a missing answer before this request.
     fn span(&self, late: &Late, request: Request<'_>, spans: Spans) -> Duration {
         if late.mark != Mark::of(request) {
             Duration::ZERO
         } else if late.is_answered && self.is_prompt() {
             self.prompt_span().min(spans.grace)
         } else if late.is_same(request) && self.is_prompt() {
-            // The timeout has passed in silence already.
+            // The timeout was already a part of the silence.
             self.prompt_span().saturating_sub(spans.timeout).min(spans.grace)
         } else {
             spans.grace
         }
     }
 
-    /// How much longer it must be silent before this is asked.
+    /// Returns the remaining silence before this request may be sent.
     pub(super) fn left(&self, request: Request<'_>, spans: Spans) -> Duration {
         let left = self.late.iter().map(|late| late.since.left_of(self.span(late, request, spans)));
         left.max().unwrap_or_default()
     }
 
-    /// Until when it must not be asked this, by the caller's moments.
+    /// Returns the earliest time for this request, by the caller's clock.
     pub(super) fn not_before(&self, request: Request<'_>, spans: Spans) -> Option<Moment> {
         let waiting = self.late.iter().filter(|late| !late.is_answered);
         waiting.map(|late| late.missed.after(self.span(late, request, spans))).max()
     }
 
-    /// Until when what was missed must not be asked again, by the caller's moments.
+    /// Returns the earliest time to repeat the last unanswered request, by the caller's clock.
     pub(super) fn again_at(&self, spans: Spans) -> Option<Moment> {
         let last = self.late.last().filter(|late| !late.is_answered)?;
         let passed = if self.is_prompt() && last.is_read {
@@ -304,23 +308,23 @@ impl Owed {
         Some(last.missed.after(passed))
     }
 
-    /// Where this is asked for the second time: when it first was.
+    /// Returns the time of the first attempt, if this request is a repetition.
     pub(super) fn first_asked(&self, request: Request<'_>) -> Option<Moment> {
         let same = self.late.iter().filter(|late| late.is_same(request) && !late.is_answered);
         same.map(|late| late.asked).min()
     }
 
-    /// Whether the answer to a repeated question comes when this unit's do: else it is the one that was late.
+    /// Returns whether an answer after this time fits a repeated request. A slower one belongs to the first attempt.
     pub(super) fn is_likely_after(&self, took: Duration) -> bool {
         took <= self.prompt_span()
     }
 
-    /// What may still come, what has just had its time included: it may lie there and wait.
+    /// Returns the forms of late answers, including those whose time has just ended: one may be in the receive buffer.
     pub(super) fn marks(&self) -> impl Iterator<Item = Mark> {
         self.late.iter().map(|late| late.mark)
     }
 
-    /// What has had its time, and was not found when the line was looked at, does not come any more.
+    /// Forgets late answers whose time is over, and which were not found on the line.
     pub(super) fn forget(&mut self, spans: Spans) {
         self.late.retain(|late| !late.since.left_of(spans.grace).is_zero());
     }

@@ -1,11 +1,12 @@
-//! Questions and answers as bytes, without what a transport puts around them. Beside the virtual machine only this knows
-//! the Modbus library, for its decoder.
+//! Requests and answers of Modbus as bytes, without the frame of a transport. Only this module and the virtual machine
+//! use the Modbus library, here for its decoder.
 //!
-//! The library's clients cannot serve: over TCP it numbers every connection's transactions from zero and clears away,
-//! without a word, what was sent before it asked; over RTU it keeps no silence, waits for ever on a wrong checksum and
-//! takes the first frame of the right unit and function for the answer. Neither has a timeout, compares the length of a
-//! read, or (in release builds) the echo of a write. So the frames are ours ([`super::modbus`], [`super::rtu`]), and an
-//! answer is compared here with its question in every part that the protocol repeats.
+//! The clients of the library are not suitable. Over TCP they number the transactions of every connection from zero,
+//! and discard earlier input without a warning. Over RTU they keep no silence, and wait for ever after a wrong
+//! checksum. They accept the first frame with the correct unit and function as the answer. None of them has a timeout,
+//! or checks the length of a read, or (in release builds) the echo of a write. The gateway therefore has its own frames
+//! ([`super::modbus`], [`super::rtu`]). This module compares an answer with its request in every part that the protocol
+//! repeats.
 
 use std::io;
 
@@ -15,12 +16,12 @@ use tokio_modbus::bytes::Bytes;
 use super::error::{Fault, PeerFault};
 use super::request::{Answer, Request};
 
-/// The longest, by the protocol.
+/// Longest message of the protocol, in bytes.
 pub(super) const LONGEST: usize = 253;
-/// The flag of an exception in the function code.
+/// Flag of an exception in the function code.
 const EXCEPTION: u8 = 0x80;
 
-/// The bytes of a request; none of one that is not Modbus.
+/// Appends the bytes of a request; none if it is not Modbus.
 pub(super) fn question(request: Request<'_>, bytes: &mut Vec<u8>) {
     bytes.extend(head(request).into_iter().flatten());
     if let Request::WriteMultiple { values, .. } = request {
@@ -29,24 +30,24 @@ pub(super) fn question(request: Request<'_>, bytes: &mut Vec<u8>) {
     }
 }
 
-/// What each question begins with, and what the answer to a write repeats: function, address, and value or count.
+/// Returns the first bytes of a request, which the answer to a write repeats: function, address, and value or count.
 fn head(request: Request<'_>) -> Option<[u8; 5]> {
     let (at, second) = match request {
         Request::Read { from, count } => (from.offset, count),
         Request::WriteCoil { at, value } => (at, if value { 0xff00 } else { 0 }),
         Request::WriteSingle { at, value } => (at, value),
         Request::WriteMultiple { at, values } => (at, u16::try_from(values.len()).unwrap_or(u16::MAX)),
-        // Refused before.
+        // Rejected by the caller.
         Request::Can(_) | Request::Nodes(_) | Request::Sensors(_) => return None,
     };
     let ([at_high, at_low], [high, low]) = (at.to_be_bytes(), second.to_be_bytes());
     Some([request.function(), at_high, at_low, high, low])
 }
 
-/// What these bytes answer to that question.
+/// Decodes an answer, and compares it with its request.
 ///
 /// # Errors
-/// They refuse it, or they are not its answer. An exception has exactly two bytes.
+/// The device refuses the request, or the bytes do not answer it. An exception has exactly two bytes.
 pub(super) fn answer(request: Request<'_>, bytes: &[u8]) -> Result<Answer, Fault> {
     let function = bytes.first().copied().unwrap_or_default();
     if function & !EXCEPTION != request.function() {
@@ -58,7 +59,7 @@ pub(super) fn answer(request: Request<'_>, bytes: &[u8]) -> Result<Answer, Fault
             _ => Fault::Peer(PeerFault::Malformed),
         });
     }
-    // The library leaves out what is behind an answer's last byte, and guesses what is missing.
+    // The library ignores bytes after the end of an answer, and fills in missing ones.
     let length = match request {
         Request::Read { .. } => 2 + usize::from(bytes.get(1).copied().unwrap_or_default()),
         _ => 5,
@@ -90,7 +91,7 @@ fn compare(request: Request<'_>, response: Response) -> Result<Answer, Fault> {
             Request::Read { count, .. },
             Response::ReadCoils(mut bits) | Response::ReadDiscreteInputs(mut bits),
         ) => {
-            // Bits travel in whole bytes.
+            // Bits are sent in whole bytes.
             if bits.len() != usize::from(count).next_multiple_of(8) {
                 return Err(Fault::Peer(PeerFault::Length));
             }

@@ -1,20 +1,21 @@
-//! `pipeline = 2`: whether a line's questions may go out two at a time, and when that is given up.
+//! `pipeline = 2`: whether a line may send two requests at a time, and when it stops doing so.
 //!
-//! Some devices answer one question and lose the other, or close the connection. A wrong answer ends it at once. What is
-//! lost may have been lost on the way: that ends it where it happens [`IN_A_ROW`] times with nothing good in between.
+//! Some devices answer one request and lose the other, or close the connection. A wrong answer ends the pipeline at
+//! once. A missing answer may be lost on the way. The pipeline ends after [`IN_A_ROW`] missing answers without a good
+//! one between them.
 
 use super::error::Fault;
 use super::request::{Answer, Request};
 
-/// A pair of questions that is lost so often in a row is not lost on the way.
+/// Missing answers in a row that are not lost by chance.
 const IN_A_ROW: u32 = 3;
 
-/// Of one line.
+/// Pipeline of one line.
 #[derive(Debug, Default)]
 pub(super) struct Pipeline {
     is_on: bool,
     lost: u32,
-    /// Goes out behind the next question.
+    /// Read to send after the next request.
     read: Option<(u8, Request<'static>)>,
 }
 
@@ -35,14 +36,14 @@ impl Pipeline {
         self.read.take()
     }
 
-    /// What came to the first of two questions, or to the second. Whether they go out one at a time from now on.
+    /// Judges the answer to the first of two requests, or to the second. Returns whether the pipeline ends now.
     pub(super) fn judge(&mut self, is_second: bool, answer: &Result<Answer, Fault>) -> bool {
         match answer {
             Err(Fault::Peer(_)) => self.lost = IN_A_ROW,
             Err(Fault::Timeout | Fault::Link(_)) => self.lost += 1,
-            // One that did not leave says nothing.
+            // A request that was not sent proves nothing.
             Err(Fault::Caller(_)) => {}
-            // The first one is answered by a device that loses the second, too.
+            // A device that loses the second request answers the first one, too.
             _ if is_second => self.lost = 0,
             _ => {}
         }

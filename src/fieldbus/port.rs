@@ -1,5 +1,5 @@
-//! The streams that Modbus is spoken on. What has already come can be asked for past the runtime, which may not have heard
-//! of it yet, and whatever passes can be listened to.
+//! Streams that carry Modbus. Waiting input can be read without the runtime, which may not have been notified yet. A
+//! tap can log all bytes.
 
 use std::io::{self, Read};
 use std::pin::Pin;
@@ -11,15 +11,16 @@ use tokio::net::TcpStream;
 
 use super::trace::Tap;
 
-/// What a line is spoken on.
+/// Stream of a line.
 pub trait Port: AsyncRead + AsyncWrite + Send + Unpin {
-    /// Takes what waits in the system's buffer; by itself only as much of it as the runtime has heard of.
+    /// Reads input that waits in the buffer of the system. The default reads only input that the runtime was notified
+    /// of.
     ///
     /// # Errors
-    /// [`io::ErrorKind::WouldBlock`] where nothing waits, and whatever is wrong with the stream.
+    /// [`io::ErrorKind::WouldBlock`] if no input waits, or any other error of the stream.
     fn take_waiting(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         let mut buffer = ReadBuf::new(bytes);
-        // Whoever waits for the stream asks again himself.
+        // The caller polls the stream again if it waits.
         let mut context = Context::from_waker(Waker::noop());
         match Pin::new(self).poll_read(&mut context, &mut buffer) {
             Poll::Ready(done) => done.map(|()| buffer.filled().len()),
@@ -27,7 +28,7 @@ pub trait Port: AsyncRead + AsyncWrite + Send + Unpin {
         }
     }
 
-    /// Forgets what has been written and has not left this computer yet, where the system lets one.
+    /// Discards output that has not left this computer yet, if the system supports it.
     fn discard_unsent(&mut self) {}
 }
 
@@ -39,14 +40,14 @@ impl Port for TcpStream {
 
 impl Port for DuplexStream {}
 
-/// Whether the other end of a stream that ended between two answers closed it in order. A device that is switched off does
-/// not close its connections, and resets them when it is back.
+/// Returns whether the other end closed an idle stream in order. A device that is switched off does not close its
+/// connections. It resets them when it runs again.
 pub(super) fn is_in_order(error: Option<&io::Error>) -> bool {
     // A reset after a close is a broken pipe. Many devices close TLS without its closing message, an unexpected end.
     error.is_none_or(|error| matches!(error.kind(), io::ErrorKind::BrokenPipe | io::ErrorKind::UnexpectedEof))
 }
 
-/// A port whose bytes pass a tap.
+/// Port whose bytes pass a tap.
 pub(super) struct Tapped {
     port: Box<dyn Port>,
     tap: Tap,
@@ -70,21 +71,22 @@ impl Tapped {
         self.port.flush().await
     }
 
-    /// Waits for bytes; none: the stream is at its end.
+    /// Waits for bytes. Returns 0 at the end of the stream.
     pub(super) async fn receive(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         let count = self.port.read(bytes).await?;
         self.tap.pass(&bytes[..count], false);
         Ok(count)
     }
 
-    /// As [`Port::take_waiting`]. What is taken to be discarded passes the tap too: a late answer is worth seeing.
+    /// Reads waiting input, see [`Port::take_waiting`]. Input that is then discarded passes the tap too, because it
+    /// helps to find late answers.
     pub(super) fn take_waiting(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         let count = self.port.take_waiting(bytes)?;
         self.tap.pass(&bytes[..count], false);
         Ok(count)
     }
 
-    /// As [`Port::discard_unsent`].
+    /// Discards unsent output, see [`Port::discard_unsent`].
     pub(super) fn discard_unsent(&mut self) {
         self.port.discard_unsent();
     }

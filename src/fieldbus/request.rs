@@ -1,4 +1,4 @@
-//! What a device is asked, over whatever transport, and what its answer brings.
+//! Requests to devices over any transport, and their answers.
 
 use std::time::Duration;
 
@@ -14,118 +14,118 @@ use isotherm_profile::plan::{self, ReadTarget, Subscription};
 /// One request to one unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request<'a> {
-    /// Functions 01 to 04, by table.
+    /// Read with function 01 to 04, by table.
     Read {
         /// First register or bit.
         from: Register,
-        /// How many.
+        /// Number of registers or bits.
         count: u16,
     },
-    /// Function 05.
+    /// Write with function 05.
     WriteCoil {
         /// Zero-based coil.
         at: u16,
         /// On or off.
         value: bool,
     },
-    /// Function 06.
+    /// Write with function 06.
     WriteSingle {
         /// Zero-based holding register.
         at: u16,
-        /// Its new value.
+        /// New value.
         value: u16,
     },
-    /// Function 16.
+    /// Write with function 16.
     WriteMultiple {
         /// Zero-based holding register.
         at: u16,
-        /// The new values, lowest address first.
+        /// New values, lowest address first.
         values: &'a [u16],
     },
-    /// Of a CAN line, where nothing is a register.
+    /// Request on a CAN line, which has no registers.
     Can(CanRequest<'a>),
-    /// Of an OPC UA server.
+    /// Request to an OPC UA server.
     Nodes(NodeRequest<'a>),
-    /// Sensors of this computer are read.
+    /// Read of these sensors of this computer.
     Sensors(&'a [PcSensor]),
 }
 
 /// One request to an OPC UA server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NodeRequest<'a> {
-    /// The values of these nodes are read.
+    /// Read of the values of these nodes.
     Read(&'a [Node]),
-    /// What the server has sent of nodes that are subscribed to.
+    /// Latest values of nodes with a subscription.
     Latest(&'a Subscription),
-    /// The namespaces of the server are read again.
+    /// Read of the namespaces of the server.
     Namespaces,
-    /// The values of these are written, in one call.
+    /// Write of the values of several nodes, in one call.
     Write {
-        /// Which.
+        /// Nodes to write.
         nodes: &'a [Node],
-        /// Their new values one behind the other, of each the most significant register first.
+        /// New values in the order of the nodes, each with its most significant register first.
         values: &'a [u16],
     },
 }
 
-/// What a server says of one node, or this computer of one of its sensors.
+/// Reading of one node of a server, or of one sensor of this computer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NodeReading {
-    /// Its value as registers, the most significant first; or why there is none.
+    /// Value as registers, the most significant first; or the reason why there is none.
     pub value: Result<Encoded, Reason>,
-    /// When it was taken, as far as it is stamped.
+    /// Time stamp of the value.
     pub stamped: Stamped,
-    /// When the question left that it answers, where that was before the one of the request.
+    /// Time of the request that the value answers, if that was before this request.
     pub asked: Option<Moment>,
 }
 
-/// When a value was taken at its source, by the clock of the server that sends it: its stamp beside the time of the answer.
+/// Age of a value by its time stamp: the difference between stamp and answer, both by the clock of the server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stamped {
-    /// It is not stamped.
+    /// The value has no time stamp.
     Unknown,
-    /// So long ago.
+    /// Age of the value.
     Ago(Duration),
-    /// Later than now: one of the clocks is wrong.
+    /// The stamp is later than the answer: one of the clocks is wrong.
     Ahead,
 }
 
 /// One request to one device on a CAN line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CanRequest<'a> {
-    /// An object of a node is read, by SDO.
+    /// Read of an object of a node by SDO.
     Read {
-        /// Which.
+        /// Object to read.
         object: Object,
     },
-    /// An object of a node is written, by SDO.
+    /// Write of an object of a node by SDO.
     Write {
-        /// Which.
+        /// Object to write.
         object: Object,
-        /// Its new value, the most significant register first.
+        /// New value, the most significant register first.
         values: &'a [u16],
     },
-    /// A value in a frame is sent, with what else is in there.
+    /// Value to send in a frame, together with the other values of the frame.
     Send {
-        /// The frame.
+        /// Identifier of the frame.
         id: CanId,
-        /// Where in there.
+        /// Bits of the value in the frame.
         bits: BitField,
-        /// Its new value, the most significant register first.
+        /// New value, the most significant register first.
         values: &'a [u16],
     },
 }
 
-/// What a checked answer brings.
+/// Content of a checked answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Answer {
-    /// Exactly as many registers as were asked for.
+    /// Registers, exactly as many as requested.
     Registers(Vec<u16>),
-    /// Exactly as many bits as were asked for.
+    /// Bits, exactly as many as requested.
     Bits(Vec<bool>),
-    /// As many nodes or sensors as were asked for, in this order.
+    /// Readings of nodes or sensors, as many as requested and in the same order.
     Nodes(Vec<NodeReading>),
-    /// A write, repeated as it was sent.
+    /// Confirmation of a write, equal to the request.
     Done,
 }
 
@@ -142,7 +142,7 @@ impl<'a> From<&'a ReadTarget> for Request<'a> {
 }
 
 impl Answer {
-    /// The registers that it brings, or those of its only node; none where it brings something else.
+    /// Returns the registers of the answer, or those of its only node; an empty slice for other answers.
     pub fn registers(&self) -> &[u16] {
         match self {
             Answer::Registers(registers) => registers,
@@ -154,10 +154,10 @@ impl Answer {
         }
     }
 
-    /// It, where every node in it can be believed.
+    /// Returns the answer if every node in it has a valid value.
     ///
     /// # Errors
-    /// What the server says of the first that cannot.
+    /// The fault of the first node without a valid value.
     pub fn believed(self) -> Result<Answer, Fault> {
         let Answer::Nodes(nodes) = &self else { return Ok(self) };
         match nodes.iter().find_map(|node| node.value.err()) {
@@ -166,7 +166,7 @@ impl Answer {
         }
     }
 
-    /// Returns whether it brings anything that was asked for: of nodes, at least one that is good.
+    /// Returns whether the answer has any requested data. An answer with nodes needs at least one good value.
     pub fn is_of_use(&self) -> bool {
         match self {
             Answer::Nodes(nodes) => nodes.iter().any(|node| node.value.is_ok()),
@@ -174,12 +174,12 @@ impl Answer {
         }
     }
 
-    /// When this part of it was stamped.
+    /// Returns the time stamp of this part of the answer.
     pub fn stamped(&self, field: &plan::Field) -> Stamped {
         self.node(field).map_or(Stamped::Unknown, |node| node.stamped)
     }
 
-    /// When the question left that this part of it answers, where that was before the one of the request.
+    /// Returns the time of the request that this part answers, if that was before the present request.
     pub fn asked(&self, field: &plan::Field) -> Option<Moment> {
         self.node(field)?.asked
     }
@@ -188,10 +188,10 @@ impl Answer {
         if let Answer::Nodes(nodes) = self { nodes.get(usize::from(field.at)) } else { None }
     }
 
-    /// The value of a signal from its part of the answer.
+    /// Decodes the value of a signal from its part of the answer.
     ///
     /// # Errors
-    /// Why there is none.
+    /// The reason why there is no value.
     pub fn decode(&self, field: &plan::Field, encoding: &Encoding) -> Result<f64, Reason> {
         let (from, to) = (usize::from(field.at), usize::from(field.at) + usize::from(field.len));
         match self {
@@ -206,7 +206,7 @@ impl Answer {
 }
 
 impl<'a> Request<'a> {
-    /// What reads a value of this type there; `None` where nobody can be asked for it.
+    /// Returns the request that reads a value of this type; `None` if the address cannot be read by request.
     pub fn read(at: &'a Address, data_type: DataType) -> Option<Request<'a>> {
         match at {
             Address::Modbus(from) => Some(Request::Read { from: *from, count: data_type.registers() }),
@@ -217,7 +217,7 @@ impl<'a> Request<'a> {
         }
     }
 
-    /// What reads registers there, which may go out behind another question; `None` for anything else.
+    /// Returns a read of registers, which may be sent together with another request; `None` for other targets.
     pub const fn in_registers(asked: &ReadTarget) -> Option<Request<'static>> {
         match asked {
             ReadTarget::Registers { from, count } => Some(Request::Read { from: *from, count: *count }),
@@ -228,7 +228,7 @@ impl<'a> Request<'a> {
         }
     }
 
-    /// The request that writes these values to that address, with a function that the device supports.
+    /// Returns the request that writes these values to the address, with a function that the device supports.
     pub fn write(at: &'a Address, values: &'a [u16], functions: Functions) -> Request<'a> {
         match at {
             Address::Modbus(Register { offset, .. }) => Request::write_holding(*offset, values, functions),
@@ -239,12 +239,12 @@ impl<'a> Request<'a> {
             Address::Node(node) => {
                 Request::Nodes(NodeRequest::Write { nodes: std::slice::from_ref(node), values })
             }
-            // Nothing is written there: a request that never fits.
+            // Sensors cannot be written: this request never fits.
             Address::Sensor(_) => Request::Nodes(NodeRequest::Write { nodes: &[], values }),
         }
     }
 
-    /// What writes holding registers from this one on.
+    /// Returns the request that writes holding registers from `at`.
     pub const fn write_holding(at: u16, values: &'a [u16], functions: Functions) -> Request<'a> {
         match values {
             [value] if functions.write_single => Request::WriteSingle { at, value: *value },
@@ -252,7 +252,7 @@ impl<'a> Request<'a> {
         }
     }
 
-    /// The Modbus function code it needs; 0 for what is no register.
+    /// Returns the Modbus function code; 0 for other requests.
     pub const fn function(self) -> u8 {
         match self {
             Request::Read { from, .. } => from.table.read_function(),
@@ -263,12 +263,12 @@ impl<'a> Request<'a> {
         }
     }
 
-    /// The device answers it. A frame that is sent is only on the bus.
+    /// Returns whether the device answers. A sent frame has no answer.
     pub const fn is_answered(self) -> bool {
         !matches!(self, Request::Can(CanRequest::Send { .. }))
     }
 
-    /// It changes nothing.
+    /// Returns whether the request changes nothing.
     pub const fn is_read(self) -> bool {
         matches!(
             self,
@@ -279,7 +279,7 @@ impl<'a> Request<'a> {
         )
     }
 
-    /// Whether one request can carry it.
+    /// Returns whether one message can carry the request.
     pub fn fits(self) -> bool {
         let (at, count, most) = match self {
             Request::Read { from, count } => {

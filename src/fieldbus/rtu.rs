@@ -1,16 +1,15 @@
 //! Modbus RTU, on a serial port or through a TCP connection.
 //!
-//! - Before a request, noise that has come is discarded, and the line is silent for 3.5 characters (1.75 ms above
-//!   19,200 baud). A whole frame of the unit that is to be asked is no noise: something answers out of turn, and nothing
-//!   is asked before that is over.
-//! - An answer is told by its unit, length and checksum. Noise before it and answers of other units are passed over; where
-//!   a second one lies behind it, neither is believed.
-//! - RTU has no transaction number: after a miss, [`super::line`] asks that unit nothing to which its late answer could be
-//!   taken for the answer ([`super::owed`]). What it owes is passed over here when it comes.
-//! - Where an adapter without echo suppression lets us hear ourselves, the first read shows it, and from then on every
-//!   request is expected back before its answer.
-//! - Bytes equal to the question are no answer to a read. The echo of a read of 17 to 24 bits from 0x0300 to 0x03FF has the
-//!   form of its answer.
+//! - Before a request, noise is discarded, and the line must be silent for 3.5 characters (1.75 ms above 19,200 baud).
+//!   A whole frame of the addressed unit is no noise but an unsolicited reply. Then the request is not sent.
+//! - An answer is recognised by its unit, length and checksum. Noise before it and answers of other units are skipped.
+//!   If a second answer of the unit follows, both are rejected.
+//! - RTU has no transaction number. After a missing answer, [`super::line`] therefore sends the unit no request to
+//!   which the late answer would fit ([`super::owed`]). The late answer is discarded here when it arrives.
+//! - An adapter without echo suppression receives its own requests. The first read detects this. From then on, the echo
+//!   of every request is expected before its answer.
+//! - Bytes equal to the request are no answer to a read. The echo of a read of 17 to 24 bits from 0x0300 to 0x03FF has
+//!   the form of its answer.
 
 use std::io;
 use std::time::Duration;
@@ -29,28 +28,28 @@ mod frame;
 
 use frame::{Frame, Reply};
 
-/// No more than this is kept while an answer is looked for.
+/// Maximum number of bytes that are kept during the search for an answer.
 const MOST_KEPT: usize = 2 * frame::LONGEST;
-/// No more frames of other masters are noted at one exchange.
+/// Maximum number of frames of other masters that are recorded in one exchange.
 const MOST_OVERHEARD: usize = 16;
 
-/// An open RTU line.
+/// Open RTU line.
 pub struct Rtu {
     port: Tapped,
-    /// The settings of a serial port; `None` where there is none of ours.
+    /// Settings of the serial port; `None` for a connection through TCP.
     serial: Option<Serial>,
     silence: Silence,
     patience: Patience,
     received: Vec<u8>,
-    /// What was wrong with what came since the last request.
+    /// Fault of the input since the last request.
     heard: Option<PeerFault>,
-    /// We hear ourselves.
+    /// Whether the adapter receives its own requests.
     echoes: bool,
-    /// Frame of the last question. Its echo may arrive after the answer was given up.
+    /// Frame of the last request. Its echo may arrive after the timeout of the answer.
     last_question: Vec<u8>,
-    /// What has been discarded since the last answer: whole frames in there are no noise.
+    /// Input that was discarded since the last answer. Whole frames in it are no noise.
     discarded: Vec<u8>,
-    /// What units may still answer to questions that were given up, and those that have.
+    /// Forms of late answers that may still arrive. `late` has the units whose late answers have arrived.
     owed: Vec<(u8, Mark)>,
     late: Vec<u8>,
     /// Frames of other masters, each form once.
@@ -59,7 +58,7 @@ pub struct Rtu {
 }
 
 impl Rtu {
-    /// RTU on this port, which keeps the times of `serial`; its bytes pass the tap.
+    /// Returns an RTU line on this port. It keeps the times of `serial`, and its bytes pass the tap.
     pub fn new(port: impl Port + 'static, serial: Option<Serial>, tap: &Tap) -> Rtu {
         Rtu {
             port: Tapped::new(port, tap),
@@ -78,7 +77,7 @@ impl Rtu {
         }
     }
 
-    /// Returns the answer, or `None` until it has come. `question` is the frame of the request.
+    /// Returns the answer, or `None` until it has arrived. `question` is the frame of the request.
     fn find_answer(
         &mut self,
         unit: u8,
@@ -108,7 +107,7 @@ impl Rtu {
                     let is_own = |(speaker, pdu, _): (u8, std::ops::Range<usize>, usize)| {
                         speaker == unit && own.is_on(&behind[pdu])
                     };
-                    // An answer of another form may be a mistake of the device, unless the right one follows.
+                    // An answer of another form may be a mistake of the device, unless the correct one follows.
                     if has_other_form && frame::all(&behind).any(is_own) {
                         self.overhear(unit, Mark::of_answer(&received[pdu]), false);
                         return Some(Err(Fault::UNASKED));
@@ -142,7 +141,7 @@ impl Rtu {
         }
     }
 
-    /// Waits for bytes and keeps them.
+    /// Waits for bytes, and keeps them.
     async fn receive(&mut self) -> Result<(), Fault> {
         let mut bytes = [0; frame::LONGEST];
         match self.port.receive(&mut bytes).await {
@@ -156,7 +155,7 @@ impl Rtu {
         }
     }
 
-    /// Discards what has come and what still comes, until the line has been silent for `span`.
+    /// Discards input until the line has been silent for `span`.
     async fn wait_for_silence(&mut self, span: Duration) -> Result<(), Fault> {
         self.received.clear();
         let mut bytes = [0; frame::LONGEST];
@@ -168,7 +167,7 @@ impl Rtu {
                 Err(error) => return Err(self.ended(Some(&error), Fault::CLOSED)),
                 Ok(count) => {
                     self.discard(&bytes[..count]);
-                    // One that never stops must not keep everybody else from their turn.
+                    // An endless stream must not block the other tasks.
                     tokio::task::yield_now().await;
                     continue;
                 }
@@ -181,7 +180,7 @@ impl Rtu {
         }
     }
 
-    /// Waits no longer than this for bytes to discard. Whether some came.
+    /// Waits at most for `span` for bytes, and discards them. Returns whether any arrived.
     async fn discard_within(&mut self, span: Duration) -> Result<bool, Fault> {
         let mut bytes = [0; frame::LONGEST];
         match self.patience.within(span, self.port.receive(&mut bytes)).await {
@@ -195,7 +194,8 @@ impl Rtu {
         }
     }
 
-    /// Notes how the connection ended, with or without an error. A serial port never ends in order: its adapter is gone.
+    /// Records how the connection ended, with or without an error. A serial port never ends in order: its adapter is
+    /// gone.
     fn ended(&mut self, error: Option<&io::Error>, fault: Fault) -> Fault {
         if self.serial.is_none() && self.received.is_empty() && is_in_order(error) {
             self.ending = Ending::Closed;
@@ -203,7 +203,7 @@ impl Rtu {
         fault
     }
 
-    /// Something came that nobody asked for.
+    /// Discards input without a request.
     fn discard(&mut self, bytes: &[u8]) {
         self.silence = Silence::begin();
         self.heard = Some(PeerFault::Malformed);
@@ -212,14 +212,15 @@ impl Rtu {
         self.discarded.drain(..surplus);
     }
 
-    /// Whether this may be what the unit owes: no answer to a question whose answers bear the mark `own`.
+    /// Returns whether this message may be a late answer. An answer of the form `own` never counts as late.
     fn is_owed(&self, unit: u8, pdu: &[u8], own: Option<Mark>) -> bool {
         let owed = self.owed.iter().filter(|(owing, mark)| *owing == unit && Some(*mark) != own);
         owed.into_iter().any(|(_, mark)| mark.is_on(pdu) || mark.is_refused_by(pdu))
     }
 
-    /// Returns whether a whole answer of the unit that no question here asked for is among these bytes. Notes late answers
-    /// and frames of other masters, except exceptions. `question` is the last frame that was sent: an echo of it is no other's.
+    /// Returns whether these bytes contain a whole answer of the unit without a request. Records late answers and
+    /// frames of other masters, except exceptions. `question` is the last sent frame; its echo is no frame of another
+    /// master.
     fn is_unasked(&mut self, bytes: &[u8], unit: u8, question: &[u8]) -> bool {
         let mut is_unasked = false;
         for Frame { unit: speaker, pdu, is_question } in frame::frames(bytes) {
@@ -240,7 +241,7 @@ impl Rtu {
         is_unasked
     }
 
-    /// Notes a frame of another master.
+    /// Records a frame of another master.
     fn overhear(&mut self, unit: u8, form: Option<Mark>, is_question: bool) {
         let overheard = Overheard { unit, form, is_question };
         if self.overheard.len() < MOST_OVERHEARD && !self.overheard.contains(&overheard) {
@@ -248,7 +249,7 @@ impl Rtu {
         }
     }
 
-    /// Whether a whole frame of the unit is among what was discarded. It is forgotten with that.
+    /// Returns whether the discarded input contains a whole frame of the unit. If so, the input is cleared.
     fn has_spoken(&mut self, unit: u8) -> bool {
         let has_spoken = matches!(frame::find(&self.discarded, unit), Reply::Own { .. });
         if has_spoken {
@@ -270,7 +271,7 @@ impl Wire for Rtu {
             if matches!(request, Request::Can(_) | Request::Nodes(_) | Request::Sensors(_)) {
                 return Err(Fault::Caller(CallerFault::Function));
             }
-            // Where the line behind the connection is not ours, the other end keeps the silence.
+            // If the serial line belongs to another device, that device keeps the silence.
             let silence = self.serial.map_or(Duration::ZERO, |serial| serial.silence());
             self.wait_for_silence(silence).await?;
             let discarded = std::mem::take(&mut self.discarded);
@@ -283,7 +284,7 @@ impl Wire for Rtu {
             departure.leave()?;
             self.last_question.clone_from(&question);
             self.port.send(&question).await.map_err(|error| self.ended(Some(&error), Fault::BROKEN))?;
-            // The port takes all bytes at once and sends them one after the other.
+            // The port accepts all bytes at once, and sends them one after another.
             let sending = self.serial.map_or(Duration::ZERO, |serial| serial.bytes(question.len()));
             self.silence = Silence::begin_after(sending);
             let mut echo_is_due = self.echoes;
@@ -338,7 +339,7 @@ impl Wire for Rtu {
     fn listen(&mut self, unit: u8, span: Duration, quiet: Duration) -> Boxed<'_, Result<(), Fault>> {
         Box::pin(async move {
             let begun = Silence::begin();
-            // What waits here has come while nobody listened. One that never stops has its end, too.
+            // This input arrived while no request was open. The time is limited, because a stream may be endless.
             let mut patience = Patience::new();
             if let Some(Err(fault)) = patience.within(quiet, self.wait_for_silence(Duration::ZERO)).await {
                 return Err(fault);
@@ -351,7 +352,7 @@ impl Wire for Rtu {
                     return Ok(());
                 }
                 if self.discard_within(left).await? && self.has_spoken(unit) {
-                    // More than what was owed: whatever it says next would be believed.
+                    // There were more frames than late answers. The next one could be accepted by mistake.
                     if owed.is_zero() {
                         return Err(Fault::UNASKED);
                     }

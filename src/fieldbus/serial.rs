@@ -1,7 +1,7 @@
-//! Serial ports of this computer, straight from the system: no library between them and us, and none to install.
+//! Serial ports of this computer, by system calls. No other library needs to be installed.
 //!
-//! A port is opened by its path each time, so that an adapter which was unplugged and comes back under the same name
-//! below /dev/serial/by-id is found again. It is ours alone while it is open. Its [`PortIdentity`] distinguishes it from another port
+//! A port is opened by its path each time. An adapter that was unplugged is found again under the same name below
+//! /dev/serial/by-id. The port is locked while it is open. Its [`PortIdentity`] distinguishes it from another port
 //! under that name.
 
 use std::fs::File;
@@ -24,7 +24,7 @@ mod identity;
 pub(crate) use identity::PortHistory;
 pub use identity::{PortIdentity, device_number};
 
-/// An open serial port, eight data bits, nothing interpreted.
+/// Open serial port with eight data bits and without interpretation of bytes.
 #[derive(Debug)]
 pub struct SerialPort {
     reader: Receiver,
@@ -33,20 +33,21 @@ pub struct SerialPort {
 }
 
 impl SerialPort {
-    /// Opens the port, takes it for itself, sets it up and discards what waits there. Within a tokio runtime.
+    /// Opens, locks and configures the port, and discards waiting bytes. Requires a tokio runtime.
     ///
     /// # Errors
-    /// Why it cannot be had.
+    /// The reason why the port cannot be opened.
     pub fn open(path: &str, settings: Serial) -> Result<SerialPort, LinkFault> {
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
         let port = File::from(rustix::fs::open(path, flags, Mode::empty()).map_err(why_not)?);
-        // The first keeps out every program, but not root's; the second whoever asks, as we do.
+        // The first lock excludes every program except those of root. The second excludes programs that check it, as
+        // this does.
         rustix::termios::ioctl_tiocexcl(&port).map_err(why_not)?;
         rustix::fs::flock(&port, FlockOperation::NonBlockingLockExclusive).map_err(why_not)?;
         set_up(&port, settings).map_err(why_not)?;
         rustix::termios::tcflush(&port, QueueSelector::IOFlush).map_err(why_not)?;
         let runtime = |_: io::Error| LinkFault::Unsuited;
-        // To the runtime a port is like a pipe with two ends.
+        // For the runtime, a port is like a pipe with two ends.
         let other = port.try_clone().map_err(runtime)?;
         let identity = PortIdentity::of(&port).ok_or(LinkFault::Unsuited)?;
         Ok(SerialPort {
@@ -56,14 +57,15 @@ impl SerialPort {
         })
     }
 
-    /// Identity of the port, by which another one under the same name is recognised.
+    /// Returns the identity of the port, which distinguishes it from another one under the same name.
     pub fn identity(&self) -> PortIdentity {
         self.identity
     }
 }
 
 impl Drop for SerialPort {
-    /// A pseudo-terminal would stay taken while its other end is open; and a port that is closed still sends what it has.
+    /// Discards unsent bytes, which a closed port would still send, and unlocks the port. A pseudo-terminal would
+    /// otherwise stay locked while its other end is open.
     fn drop(&mut self) {
         self.discard_unsent();
         let _ = rustix::termios::ioctl_tiocnxcl(&self.reader);
@@ -82,7 +84,7 @@ fn why_not(error: Errno) -> LinkFault {
 fn set_up(port: &File, settings: Serial) -> rustix::io::Result<()> {
     let mut termios = rustix::termios::tcgetattr(port)?;
     termios.make_raw();
-    // Hanging up on close drops a line that resets some converters and boards.
+    // A hang-up on close would change a control line that resets some converters and boards.
     termios.control_modes -= ControlModes::CSIZE
         | ControlModes::PARENB
         | ControlModes::PARODD
@@ -98,7 +100,7 @@ fn set_up(port: &File, settings: Serial) -> rustix::io::Result<()> {
     if settings.stop_bits == 2 {
         termios.control_modes |= ControlModes::CSTOPB;
     }
-    // A character with a wrong parity bit is left out, so that its frame has a wrong checksum and length.
+    // A character with a wrong parity bit is discarded, so that its frame has a wrong checksum and length.
     if settings.parity != Parity::None {
         termios.input_modes |= InputModes::INPCK | InputModes::IGNPAR;
     }
@@ -106,7 +108,7 @@ fn set_up(port: &File, settings: Serial) -> rustix::io::Result<()> {
     termios.special_codes[SpecialCodeIndex::VTIME] = 0;
     termios.set_speed(settings.baud)?;
     rustix::termios::tcsetattr(port, OptionalActions::Now, &termios)?;
-    // The call succeeds where only part of it could be done. (A driver may round the speed a little.)
+    // The call also succeeds if only some settings were accepted. (A driver may round the speed a little.)
     let now = rustix::termios::tcgetattr(port)?;
     let is_near = now.output_speed().abs_diff(settings.baud) <= settings.baud / 50;
     if is_near { Ok(()) } else { Err(Errno::INVAL) }

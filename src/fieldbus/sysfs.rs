@@ -1,14 +1,15 @@
-//! Sensors that the kernel of this computer reads: IIO, hwmon, 1-Wire, in files below /sys.
+//! Sensors that the kernel of this computer reads: IIO, hwmon and 1-Wire, in files below /sys.
 //!
 //! ```text
-//! request ─► a thread for each sensor: find it by its name, read its file ─► what has come by the timeout
-//!                └─ one that hangs is left alone, and its sensor is not asked again before it is back
+//! request ─► one thread per sensor: find it by its name, read its file ─► values that arrive by the timeout
+//!                └─ a thread that hangs continues alone; its sensor is not read again until it returns
 //! ```
 //!
-//! - A read of such a file lasts as long as the driver takes, and nobody can call it off: for a 1-Wire sensor most of a second, for one
-//!   whose adapter is stuck for ever. So each has a thread of its own, which nothing waits for when the gateway ends.
-//! - What comes after its timeout is thrown away.
-//! - A sensor is found anew at each read: the number of its directory changes when its driver is loaded again.
+//! - A read of such a file ends when the driver answers, and cannot be cancelled. It lasts almost a second for a 1-Wire
+//!   sensor, and for ever if its adapter hangs. Each read therefore has a separate thread, and the gateway ends without
+//!   waiting for it.
+//! - A value that arrives after its timeout is discarded.
+//! - Each read searches for the sensor again, because the number of its directory changes when its driver is reloaded.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -28,14 +29,14 @@ pub mod find;
 pub mod readers;
 mod value;
 
-/// What this end needs itself, beyond the timeout of the sensors.
+/// Time for the work of this program, in addition to the timeout of the sensors.
 const OWN: Duration = Duration::from_secs(1);
 
-/// Opens nothing: the files are there, or are not.
+/// Dial without a connection: the files exist, or they do not.
 pub(super) struct SysfsDial {
     root: PathBuf,
     timeout: Duration,
-    /// Kept beyond a connection: what hangs still does.
+    /// Reads in progress. They outlive a connection, because a read may hang.
     readers: Readers,
 }
 
@@ -53,7 +54,7 @@ impl Dial for SysfsDial {
     }
 }
 
-/// The sensors of this computer.
+/// Sensors of this computer.
 struct Sysfs {
     root: PathBuf,
     readers: Readers,
@@ -66,7 +67,7 @@ impl Sysfs {
         let Request::Sensors(sensors) = request else { return Err(Fault::Caller(CallerFault::Function)) };
         departure.leave()?;
         let found = self.readers.read(&self.root, sensors, self.timeout, &mut self.patience).await;
-        // Where one has answered, the others are its neighbours with a fault of their own.
+        // If one sensor has answered, the fault of another is its own, not that of the line.
         if found.iter().all(|value| *value == Err(Reason::Timeout)) {
             return Err(Fault::Timeout);
         }

@@ -1,7 +1,7 @@
-//! TCP connections that keep nothing back: Modbus TCP is spoken on them, and whatever else a line carries through TCP.
+//! TCP connections without send delay, for Modbus TCP and other protocols of a line.
 //!
-//! What was given up never leaves this computer: a closed connection's bytes would else be sent by the system for
-//! minutes, after newer ones on the next connection.
+//! Closing a connection discards its unsent bytes. Otherwise the system could send them for minutes, after newer bytes
+//! on the next connection.
 
 use std::io;
 use std::net::SocketAddr;
@@ -12,10 +12,10 @@ use tokio::net::TcpStream;
 
 use super::error::{Fault, LinkFault};
 
-/// A TCP connection to `host:port`, which breaks where the other end has not confirmed something within the timeout.
-/// Closing it throws away what has not been sent and what was not confirmed.
+/// Opens a TCP connection to `host:port`. It breaks if the other end has not confirmed data within the timeout. Closing
+/// it discards unsent and unconfirmed data.
 pub(super) async fn connected(address: &str, timeout: Duration) -> Result<TcpStream, Fault> {
-    // An address needs nobody to look it up.
+    // An address needs no name lookup.
     let found = match address.parse::<SocketAddr>() {
         Ok(address) => vec![address],
         Err(_) => {

@@ -17,5 +17,5 @@ pub use client::check;
 pub use server::{Wrong, server};
 pub use visitor::visitor;
 
-/// Controllers without a processor for it take a second or two for the two signatures of a handshake.
+/// Longest time of a handshake. Controllers without a processor for signatures need a second or two for its two.
 pub(super) const HANDSHAKE: Duration = Duration::from_secs(5);

@@ -1,11 +1,10 @@
-//! The wire log: the frames of a line while somebody looks, and nothing at all while nobody does.
+//! Log of the frames on a line, while it has a listener.
 //!
-//! The bytes are the real ones, kept as they pass a [port](super::port); what they mean comes from above, where the question
-//! and its checked answer are known ([`super::line`]). So an answer that is no Modbus is shown as it came, beside the
-//! fault it was taken for.
+//! The bytes are copied as they pass a [port](super::port). Their description comes from [`super::line`], which knows
+//! the request and the checked answer. An invalid answer is therefore shown as it arrived, with its fault.
 //!
-//! Without a listener a port looks at one flag per read and write. With one, the line still waits for nobody: an
-//! exchange that finds its queue full is counted and left out. A listener that is dropped is gone at once.
+//! Without a listener, a port checks one flag per read and write. With a listener, the line still never waits. If the
+//! queue of a listener is full, the exchange is counted and left out. A dropped listener is removed at once.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -23,44 +22,44 @@ mod exchange;
 
 pub use exchange::Exchange;
 
-/// Exchanges that wait for a slow listener; more are left out.
+/// Capacity of a listener's queue, in exchanges. More are left out.
 const UNHEARD: usize = 1024;
-/// Bytes kept of each direction of one exchange: two of the longest frames.
+/// Maximum number of bytes that are kept for each direction of an exchange: two of the longest frames.
 const LONGEST: usize = 520;
-/// Listeners of one line.
+/// Maximum number of listeners of one line.
 const MOST_LISTENERS: usize = 4;
 
-/// The place on a line where one can listen.
+/// Access to the frames of a line.
 #[derive(Clone, Debug)]
 pub struct Tap(Arc<Shared>);
 
 #[derive(Debug)]
 struct Shared {
-    /// The wall's: under a virtual clock an answer would take no time.
+    /// Wall clock: under a virtual clock, an answer would take no time.
     clock: Clock,
     is_on: AtomicBool,
     passed: Mutex<Passed>,
     listeners: Mutex<Vec<Listener>>,
 }
 
-/// What has passed since the question was put.
+/// Bytes since the start of the present request.
 #[derive(Debug, Default)]
 struct Passed {
     sent: Vec<u8>,
     received: Vec<u8>,
-    /// Bytes beyond what is kept.
+    /// Number of bytes that were not kept.
     more: usize,
 }
 
 #[derive(Debug)]
 struct Listener {
-    /// `None`: everything on the line.
+    /// Device to listen to; `None`: all devices on the line.
     device: Option<DeviceId>,
     to: mpsc::Sender<Exchange>,
     dropped: Arc<AtomicU64>,
 }
 
-/// Hears what passes, until it is dropped.
+/// Receiver of exchanges, until it is dropped.
 #[derive(Debug)]
 pub struct Listening {
     tap: Tap,
@@ -83,7 +82,7 @@ impl Tap {
     /// Listens to one device, or to all on the line.
     ///
     /// # Errors
-    /// A sentence, where as many listen already as may.
+    /// A sentence, if the line already has the maximum number of listeners.
     pub fn listen(&self, device: Option<DeviceId>) -> Result<Listening, String> {
         let mut listeners = locked(&self.0.listeners);
         if listeners.len() >= MOST_LISTENERS {
@@ -96,12 +95,12 @@ impl Tap {
         Ok(Listening { tap: self.clone(), heard, dropped })
     }
 
-    /// Whether anybody listens.
+    /// Returns whether there is a listener.
     pub fn is_on(&self) -> bool {
         self.0.is_on.load(Ordering::Relaxed)
     }
 
-    /// A question is about to be put. `None` while nobody listens.
+    /// Begins an exchange, and returns its time; `None` without a listener.
     pub(super) fn begin(&self) -> Option<Moment> {
         self.is_on().then(|| {
             *self.passed() = Passed::default();
@@ -109,7 +108,7 @@ impl Tap {
         })
     }
 
-    /// What came of it.
+    /// Ends an exchange with its result, and sends it to the listeners.
     pub(super) fn tell(
         &self,
         asked_at: Moment,
@@ -117,7 +116,7 @@ impl Tap {
         request: Request<'_>,
         answer: &Result<Answer, Fault>,
     ) {
-        // Nothing was tried.
+        // No attempt was made.
         if *answer == Err(Fault::Link(LinkFault::Down)) {
             return;
         }
@@ -137,7 +136,7 @@ impl Tap {
         self.show(device, &exchange);
     }
 
-    /// A CAN frame of a device came by itself.
+    /// Reports a CAN frame that a device sent without a request.
     pub fn heard(&self, (device, unit): (DeviceId, u8), frame: &Frame) {
         if self.is_on() {
             self.show(device, &Exchange::heard(unit, frame, self.0.clock.now()));
@@ -154,7 +153,7 @@ impl Tap {
         }
     }
 
-    /// These bytes pass.
+    /// Records bytes that pass.
     pub(super) fn pass(&self, bytes: &[u8], is_sent: bool) {
         if self.is_on() {
             self.passed().keep(bytes, is_sent);
@@ -166,7 +165,7 @@ impl Tap {
     }
 }
 
-/// Nothing behind these locks is left half done by a panic.
+/// Locks a mutex. A panic of another thread leaves its data consistent.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -181,17 +180,17 @@ impl Passed {
 }
 
 impl Listening {
-    /// The next exchange.
+    /// Waits for the next exchange.
     pub async fn next(&mut self) -> Option<Exchange> {
         self.heard.recv().await
     }
 
-    /// The next one, if it has come.
+    /// Returns the next exchange, if there is one.
     pub fn next_now(&mut self) -> Option<Exchange> {
         self.heard.try_recv().ok()
     }
 
-    /// Exchanges left out so far, because nobody took those before them.
+    /// Returns the number of exchanges that were left out because the queue was full.
     pub fn dropped(&self) -> u64 {
         self.dropped.load(Ordering::Relaxed)
     }

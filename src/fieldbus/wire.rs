@@ -1,7 +1,7 @@
-//! The small border behind which a transport lives: a wire carries one request and brings one answer.
+//! Interface of a transport: a wire sends one request and returns one answer.
 //!
-//! Everything the gateway knows of a transport is in the files that implement [`Wire`] and
-//! [`Dial`](super::connection::Dial); another one, or a test's own device, replaces them in a day.
+//! Only the implementations of [`Wire`] and [`Dial`](super::connection::Dial) depend on a transport. A new transport,
+//! or the simulated device of a test, implements these two traits.
 
 use std::future::Future;
 use std::pin::Pin;
@@ -13,35 +13,35 @@ use super::owed::Mark;
 
 pub use super::request::{Answer, CanRequest, NodeReading, NodeRequest, Request, Stamped};
 
-/// A future that a trait object can return.
+/// Future that a method of a trait object can return.
 pub type Boxed<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 
-/// How a connection ended.
+/// End of a connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// Reset, broken in the middle of an answer, or not known.
+    /// Reset, broken in the middle of an answer, or unknown.
     Lost,
-    /// Closed by the other end in order, between two answers.
+    /// Closed in order by the other end, between two answers.
     Closed,
-    /// The wire or its owner recognises an exchanged device by other means, as OPC UA and frames do.
+    /// Not relevant: an exchanged device is detected by other means, as for OPC UA and CAN frames.
     Kept,
 }
 
-/// A whole frame that neither asks nor answers anything for this line: another master speaks there.
+/// Whole frame that is neither a request nor an answer of this line: another master uses the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Overheard {
-    /// Unit that is asked or answers.
+    /// Unit that is addressed, or that answers.
     pub unit: u8,
     /// Form of the answer; `None` if it is no read.
     pub form: Option<Mark>,
-    /// It is a request, not an answer.
+    /// Whether the frame is a request.
     pub is_question: bool,
 }
 
-/// An open connection.
+/// Open connection.
 pub trait Wire: Send {
-    /// Sends the request and waits for its answer, for as long as it takes. The answer has been checked against the
-    /// request: transaction, unit, function, length, echo.
+    /// Sends the request and waits for its answer, without a timeout. The answer is checked against the request:
+    /// transaction, unit, function, length, echo.
     fn exchange<'a>(
         &'a mut self,
         unit: u8,
@@ -49,26 +49,26 @@ pub trait Wire: Send {
         departure: &'a mut Departure,
     ) -> Boxed<'a, Result<Answer, Fault>>;
 
-    /// Whether an answer names the question it belongs to. Where it does not, as on a serial line, a late answer looks
-    /// like the one to the next question.
+    /// Returns whether an answer has a transaction number. Without one, as on a serial line, a late answer looks like
+    /// the answer to the next request.
     fn has_transaction_id(&self) -> bool {
         true
     }
 
-    /// How long the question and its answer are under way by themselves, beyond what the device needs.
+    /// Returns the transmission time of the request and its answer, without the time that the device needs.
     fn time_under_way(&self, _request: Request<'_>) -> Duration {
         Duration::ZERO
     }
 
-    /// The last call was given up: what it waited for in vain, or what came instead.
+    /// Cancels the last exchange after its timeout. Returns the timeout, or the fault of the input that arrived.
     fn missed(&mut self) -> Fault {
         Fault::Timeout
     }
 
-    /// What units may still answer to questions that were given up: it is passed over when it comes.
+    /// Sets the forms of late answers that may still arrive. The wire discards them.
     fn pass_over(&mut self, _owed: Vec<(u8, Mark)>) {}
 
-    /// The units that have answered such a question since this was last asked.
+    /// Returns the units whose late answers have arrived since the last call.
     fn heard_late(&mut self) -> Vec<u8> {
         Vec::new()
     }
@@ -78,24 +78,24 @@ pub trait Wire: Send {
         Vec::new()
     }
 
-    /// Discards whatever comes for this long, and until nothing has come from the unit for a while.
+    /// Discards all input for `span`, and until the unit has sent nothing for `quiet`.
     ///
     /// # Errors
-    /// It does not become quiet, or the connection is at its end.
+    /// The unit does not stop sending, or the connection has ended.
     fn listen(&mut self, _unit: u8, _span: Duration, _quiet: Duration) -> Boxed<'_, Result<(), Fault>> {
         Box::pin(std::future::ready(Ok(())))
     }
 
-    /// This read goes out with the next question, behind it, and whoever asks it next is given its answer. Nothing on a
-    /// wire whose answers do not name their questions.
+    /// Sets a read to send together with the next request. The next request for the same read receives its answer. A
+    /// wire without transaction numbers ignores it.
     fn ask_behind(&mut self, _read: Option<(u8, Request<'static>)>) {}
 
-    /// One goes out with the next question, or has not been answered.
+    /// Returns whether such a read is waiting to be sent, or is unanswered.
     fn has_behind(&self) -> bool {
         false
     }
 
-    /// What there is to say of a subscription, once.
+    /// Returns news about a subscription, once.
     fn subscription_news(&mut self) -> Option<String> {
         None
     }
@@ -105,7 +105,7 @@ pub trait Wire: Send {
         Ending::Lost
     }
 
-    /// Takes leave of the other end, where that keeps something for this one until then.
+    /// Closes the connection properly, if the other end keeps state for it.
     fn close(&mut self) -> Boxed<'_, ()> {
         Box::pin(std::future::ready(()))
     }

@@ -1,4 +1,4 @@
-//! When an axis may decide: arming, what it takes over, and what its outputs allow.
+//! Arming of an axis: its conditions, the Cz from which it starts, and the permit that its outputs give.
 
 use std::sync::Arc;
 
@@ -13,58 +13,59 @@ use super::sign::SignCheck;
 use super::units::is_beyond_limit;
 use crate::observe::asker::Asker;
 
-/// Why an axis is off that a person switched off.
+/// Reason for an axis that an operator switched off.
 pub(super) const BY_A_PERSON: &str = "switched off by a person";
 
-/// A request to arm that could not be served yet.
+/// Request to arm that waits for a condition.
 #[derive(Clone, Debug)]
 pub(super) struct ArmRequest {
     pub(super) by: Arc<Asker>,
-    /// When it expires.
+    /// Time at which the request expires.
     pub(super) until: Moment,
-    /// What it waits for as it was reported last, and when that was.
+    /// Last reported condition for which the request waits, and the time of that report.
     pub(super) reported: (String, Moment),
-    /// Cz as the gateway before this one had it, where no register says what stands there.
+    /// Cz of the previous gateway process. It is used if no register of the axis gives a Cz.
     pub(super) from: Option<Micron>,
 }
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct Arming {
     pub(super) armed: bool,
-    /// A person, or a foreign change, switched it off: it stays off until a person arms it.
+    /// The axis was switched off, for example by an operator or after an external write. It stays off until an operator
+    /// arms it.
     pub(super) latched: bool,
     pub(super) why: Explained,
-    /// A person asked for it, and had his way.
+    /// The request of an operator armed the axis.
     pub(super) by_person: bool,
-    /// Its model asked for more than the error level: it is switched off when the fault action has come to its end.
+    /// The model requested more than the error level. The axis is switched off when the fault action has ended.
     pub(super) tripped: bool,
-    /// A person asked for it and it could not be done yet.
+    /// Request to arm that waits for a condition.
     pub(super) asked: Option<ArmRequest>,
-    /// Its sign is being checked with a dial gauge.
+    /// Sign check of the axis with a dial gauge.
     pub(super) sign: Option<SignCheck>,
-    /// Why the last attempt was refused; reported once.
+    /// Reason for the last refused attempt, which is reported once.
     pub(super) refusal: Option<Explained>,
-    /// To be taken over at the next step.
+    /// Cz from which the next step resumes.
     pub(super) take_over: Option<Micron>,
-    /// The same for a slope that the control applies: its effect at the axis's reach.
+    /// Effect of a slope in the control at the reach of the axis, from which the next step resumes.
     pub(super) take_over_slope: Option<Micron>,
-    /// Cz before the settings of one of its sensors were changed.
+    /// Cz before the settings of a sensor of the axis were changed. The axis returns to it.
     pub(super) return_to: Option<ReturnTo>,
-    /// A person has switched it off, and has looked: its sensors are believed at the next step.
+    /// An operator has switched the axis off and checked its sensors. The next step accepts them.
     pub(super) trust: bool,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Attempt {
-    /// Not wanted now, or something is not known yet.
+    /// The axis is not to be armed now, or a register value or reading is missing.
     NotYet,
-    /// It may start from this Cz, and this effect of its slope.
+    /// The axis may start from this Cz, and from this effect of its slope.
     From(Micron, Option<Micron>),
     Refused(Explained),
 }
 
 impl Arming {
-    /// Whether the axis shall be armed as soon as it can be. One without a model never is.
+    /// Returns whether the axis must be armed as soon as possible. An axis without a model is never armed.
     pub(super) fn is_wanted(&self, profile: &Profile, axis: usize) -> bool {
         match profile.arm {
             _ if !profile.axes[axis].has_model() => false,
@@ -73,18 +74,19 @@ impl Arming {
         }
     }
 
-    /// It is off because people want it so: one has switched it off, or is to arm it first.
+    /// Returns whether the axis is off on purpose: an operator switched it off, or `arm = "manual"` and no operator has
+    /// armed it.
     pub(super) fn is_left_off(&self, profile: &Profile) -> bool {
         let is_wished = if self.latched { self.why.cause == BY_A_PERSON } else { profile.arm == Arm::Manual };
         !self.armed && self.asked.is_none() && is_wished
     }
 
-    /// It would be armed if that could be done.
+    /// Returns whether the axis is off and will be armed as soon as possible.
     pub(super) fn is_waiting(&self, profile: &Profile, axis: usize) -> bool {
         !self.armed && self.is_wanted(profile, axis)
     }
 
-    /// What people want of the axis.
+    /// Intended operation of the axis, for its display.
     pub(super) fn intent(&self, profile: &Profile, axis: usize) -> Intent {
         match self.sign {
             _ if !profile.axes[axis].has_model() => Intent::Unmodelled,
@@ -172,7 +174,7 @@ impl Arming {
         Attempt::From(from.or(handed_over).unwrap_or(Micron::ZERO), from_slope)
     }
 
-    /// What the axis may do now. In a dry run no reference position is ever written, and none is waited for.
+    /// Permit of the axis for its next step. In a dry run no reference position is written, and none is waited for.
     pub(super) fn permit(
         &self,
         profile: &Profile,
@@ -192,7 +194,7 @@ impl Arming {
             match state.standing {
                 Standing::Unverified => return Permit::Unverified,
                 Standing::Unknown if output.writes.is_scheduled() => return Permit::Unverified,
-                // No slope is brought in before the control knows what it is measured from.
+                // The control must have the reference position before a slope is applied.
                 _ if !dry_run && !has_its_reference(profile, output, state) => return Permit::Unverified,
                 Standing::Interlocked if output.writes.is_scheduled() => permit = Permit::Held,
                 _ => {}
@@ -202,7 +204,8 @@ impl Arming {
     }
 }
 
-/// An output that writes the reference position holds it, to half a count.
+/// Returns whether an output that writes the reference position holds it, to half a count. Any other output returns
+/// `true`.
 pub(super) fn has_its_reference(profile: &Profile, output: &Output, state: &OutputState) -> bool {
     let apart = profile.axis(output.axis).settings.intercept_slope;
     let (Writes::Reference, Some(apart)) = (output.writes, apart) else { return true };

@@ -1,7 +1,8 @@
-//! State of a machine, taken out of its directory while a gateway writes there, and put back into one.
+//! Backup of the state of a machine. It is copied from its directory while a gateway writes there, and restored into a
+//! directory.
 //!
-//! A backup is of another day, and nobody knows what was written since. The state comes back in question: every axis is off
-//! until a person arms, and before that no share of a register that an operator writes to is taken to be ours.
+//! The writes after a backup are unknown. The restored state is therefore in question. Every axis is off until an
+//! operator arms it. Until then, no value in a register that an operator also writes to counts as the gateway share.
 
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
@@ -13,10 +14,10 @@ use super::store::{Content, number, path};
 use isotherm_core::output::{Doubt, Kept};
 use serde_json::Value;
 
-/// Name and bytes of the document; none if nothing was kept yet.
+/// Returns name and bytes of the state document, or `None` if nothing has been saved yet.
 ///
 /// # Errors
-/// A sentence: it cannot be read.
+/// The document cannot be read. The error is a sentence.
 pub fn take(directory: &Path, machine: &str) -> Result<Option<(String, Vec<u8>)>, String> {
     let path = path(directory, machine);
     match Files.read(&path) {
@@ -26,10 +27,10 @@ pub fn take(directory: &Path, machine: &str) -> Result<Option<(String, Vec<u8>)>
     }
 }
 
-/// Files to be put into a directory for these of a backup, in question.
+/// Converts the files of a backup to the files that are written to a directory. Their state is marked as in question.
 ///
 /// # Errors
-/// A sentence: one of them is no document of this machine, or the directory has a newer one.
+/// A file is no state document of this machine, or the directory has a newer one. The error is a sentence.
 pub fn put_back(
     directory: &Path,
     machine: &str,
@@ -78,14 +79,15 @@ fn one_put_back(
             }
         }
     }
-    // Another directory has no number of it.
+    // Another directory has no number file for this document.
     let seal = Seal { in_question: true, named: 0, ..seal };
     let document = doubted(&seal, content).map_err(|error| wrong(error.to_string()))?;
     Ok((name.to_owned(), document))
 }
 
-/// Document in which no share is ours before a person says so, and a whole register waits as after a kill. What was known of former
-/// registers may be another's since.
+/// Document in which no value counts as the gateway share until the operator confirms it. A register without an
+/// operator offset waits as after a kill. Records of former registers are removed, because another program may use
+/// these registers now.
 fn doubted(seal: &Seal, content: Content) -> std::io::Result<Vec<u8>> {
     let Content { mut state, mut outputs } = content.not_in_order();
     let places = state.as_mut().and_then(|state| state.get_mut("places")).and_then(Value::as_object_mut);

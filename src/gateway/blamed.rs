@@ -1,9 +1,9 @@
-//! Faults in the names of the profile: which node of a set it was.
+//! Faults of outputs, in the names of the profile. For a set, they name the node that failed.
 
 use crate::fieldbus::error::Fault;
 use isotherm_profile::{OutputId, Profile};
 
-/// What failed when an output was read or written.
+/// Describes the fault of a read or a write of an output.
 pub(super) fn of_an_output(profile: &Profile, output: OutputId, fault: Fault) -> String {
     let set = profile.output(output).set.map(|set| profile.set(set));
     let named = |place: u16| set?.holds_at(profile, usize::from(place).checked_sub(1)?);

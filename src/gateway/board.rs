@@ -1,4 +1,4 @@
-//! The latest readings of the machine, filtered: what was read, whether it may be believed, and since when not.
+//! Board of signals: the latest reading of each signal, whether it may be used, and since when it is bad.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -12,23 +12,23 @@ use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
 use isotherm_profile::{DeviceId, Profile};
 use serde::{Deserialize, Serialize};
 
-/// Steps in a row at which a signal is bad for another reason before that is reported.
+/// Consecutive steps with a new reason before a bad signal is reported with that reason.
 const CHANGED_AFTER_STEPS: u32 = 2;
 
 #[derive(Debug)]
 pub(super) struct Board {
     latest: Latest,
-    /// Rate of change of each signal.
+    /// Filter of the rate of change of each signal.
     rates: Vec<RateFilter>,
-    /// The last value of each signal as it was read.
+    /// Last value of each signal as it was read.
     read: Vec<Option<(Result<f64, Reason>, Moment)>>,
-    /// Where the counters are, with their rollovers.
+    /// Positions of the counters, with their rollovers.
     tracked: Vec<Tracked>,
-    /// The position before and after a counter was set anew, until it is reported.
+    /// Positions before and after a counter was set to another value, until the change is reported.
     rereferenced: Vec<Option<(f64, f64)>>,
-    /// Aged and condemned: what a step sees. Filled anew for each step, never reallocated.
+    /// Readings of the last step: aged and checked. Each step refills them without reallocation.
     seen: Vec<Reading>,
-    /// By signal: since when and why it is bad.
+    /// Since when and why each signal is bad.
     bad: Vec<Option<Bad>>,
 }
 
@@ -37,11 +37,11 @@ pub(super) struct Board {
 struct Bad {
     cause: Cause<Reason>,
     since: Moment,
-    /// It was reported. A device or line that does not answer is reported itself.
+    /// Whether the bad signal was reported. A device or line that does not answer is reported separately.
     is_reported: bool,
 }
 
-/// Last good value of a signal, and for how long none had come when it was saved.
+/// Last good value of a signal, and the time without a good value until it was saved.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct LastGood {
@@ -49,24 +49,24 @@ pub(super) struct LastGood {
     pub(super) age: Duration,
 }
 
-/// What was read last, and what can be said of it at any moment.
+/// Latest readings, and their quality at any moment.
 #[derive(Clone, Debug)]
 pub(super) struct Latest {
     profile: Arc<Profile>,
-    /// As the lines bring them.
+    /// Readings as the lines store them.
     readings: Vec<Reading>,
-    /// Why the last attempts to read it failed; its last value serves until it is stale.
+    /// Reason for which the latest reads failed. The last value is used until it is stale.
     failing: Vec<Option<Reason>>,
 }
 
-/// A signal whose quality changed in a way that people should hear of.
+/// Change of the quality of a signal that must be reported.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Change {
-    /// It cannot be used any more, or still not, for this reason.
+    /// The signal cannot be used, for this reason.
     Lost(SignalId, Reason),
-    /// It can be used again, and could not since this moment.
+    /// The signal can be used again. It was bad since this moment.
     Back(SignalId, Moment),
-    /// Its counter was set anew: what was the first position is the second one now, and nothing moved.
+    /// The counter was set to another value: the first position is now the second one, and nothing has moved.
     Rereferenced(SignalId, f64, f64),
 }
 
@@ -88,7 +88,8 @@ impl Board {
         }
     }
 
-    /// Begins with the last good values of the run before this one, by signal name, each with the time that has passed since.
+    /// Starts the rate filters with the last good values of the previous run, by signal name, each with its age.
+    /// Signals without `max_rate` and signals of devices with checks are left out.
     pub(super) fn recall(&mut self, values: &BTreeMap<String, LastGood>, start: Moment) {
         let profile = &self.latest.profile;
         for (place, signal) in profile.signals.iter().enumerate() {
@@ -111,8 +112,9 @@ impl Board {
         good.collect()
     }
 
-    /// Takes in what a line brought, if it is plausible: inside the signal's range, and not faster than its rate allows since the last
-    /// good value, also over breaks of its device's continuity, of which there were this many.
+    /// Stores a value from a line. The value is good if it is within the range of the signal. It must not differ from
+    /// the last good value by more than its rate allows. This is also compared over interruptions of the device's
+    /// continuity, which `breaks` counts.
     pub(super) fn store(&mut self, id: SignalId, value: Result<f64, Reason>, at: Moment, breaks: u64) {
         self.latest.failing[id.0] = None;
         self.read[id.0] = Some((value, at));
@@ -134,8 +136,9 @@ impl Board {
         };
     }
 
-    /// Takes in a value that may be the answer to a question of another master. It is used only if the value read before it agrees:
-    /// within `max_rate`, or exactly if the signal has none. Otherwise the last good value serves until it is stale.
+    /// Stores a value that may be the answer to a request of another master. It is used only if it agrees with the
+    /// value read before it: within `max_rate`, or exactly if the signal has none. Otherwise the last good value is
+    /// used until it is stale.
     pub(super) fn store_ambiguous(
         &mut self,
         id: SignalId,
@@ -160,8 +163,8 @@ impl Board {
         }
     }
 
-    /// The last reading may be the answer to a question of another master that was noticed only after it. Without `max_rate` nothing
-    /// spoke against it, so it is not used any more.
+    /// Marks the last reading as doubtful: it may be the answer to a request of another master that was detected after
+    /// it. Without `max_rate` no check has confirmed the reading, so it is rejected.
     pub(super) fn doubt(&mut self, id: SignalId) {
         let reading = &mut self.latest.readings[id.0];
         if reading.quality == Quality::Good && self.latest.profile.signal(id).max_rate.is_none() {
@@ -170,13 +173,13 @@ impl Board {
         self.read[id.0] = None;
     }
 
-    /// An answer came that may be another master's, and so did a second one: neither says anything of the signal.
+    /// Discards two answers of which one may belong to another master. The last good value is used until it is stale.
     pub(super) fn store_contested(&mut self, id: SignalId) {
         self.read[id.0] = None;
         self.fail(id, Reason::BadReply);
     }
 
-    /// A counter's value with its rollovers; any other value as it is.
+    /// Returns the position of a counter with its rollovers. Any other value is returned unchanged.
     fn position(&mut self, id: SignalId, value: f64, at: Moment) -> Result<f64, Reason> {
         let signal = self.latest.profile.signal(id);
         let Some(counter) = &signal.counter else { return Ok(value) };
@@ -191,7 +194,8 @@ impl Board {
         }
     }
 
-    /// A person has confirmed a device: the next values of its signals are accepted. Returns the names of those that had jumped.
+    /// Accepts the next values of the signals of a device that the operator has confirmed. Returns the names of the
+    /// signals that had jumped.
     pub(super) fn confirm(&mut self, device: DeviceId) -> Vec<String> {
         let profile = self.latest.profile.clone();
         let of_device = profile.signals_of(device).filter(|(id, _)| self.rates[id.0].has_jumped());
@@ -201,12 +205,13 @@ impl Board {
         jumped.into_iter().map(|(_, name)| name).collect()
     }
 
-    /// An attempt to read it failed. One lost answer is no fault of the machine: the last value serves until it is stale.
+    /// Records a failed attempt to read a signal. One lost answer is no fault: the last value is used until it is
+    /// stale.
     pub(super) fn fail(&mut self, id: SignalId, reason: Reason) {
         self.latest.failing[id.0] = Some(reason);
     }
 
-    /// What was read so far belongs to a time that is over. What is counted and what is reported goes on.
+    /// Marks all good readings as stale after a pause of the computer. Counters and reports continue.
     pub(super) fn forget(&mut self) {
         for reading in &mut self.latest.readings {
             if reading.quality == Quality::Good {
@@ -223,12 +228,12 @@ impl Board {
         &self.latest
     }
 
-    /// Until when its last reading may be used.
+    /// Last moment at which the latest reading of the signal may be used.
     pub(super) fn usable_until(&self, id: SignalId) -> Moment {
         self.taken(id).after(self.latest.profile.signal(id).max_age)
     }
 
-    /// The machine at `now`: every reading aged, and condemned where its `fault_when` holds or cannot be known.
+    /// Updates all readings for `now`: each is aged, and rejected if its `fault_when` is true or unknown.
     pub(super) fn look(&mut self, now: Moment) -> &[Reading] {
         for place in 0..self.seen.len() {
             self.seen[place] = self.latest.judge(SignalId(place), now);
@@ -236,22 +241,22 @@ impl Board {
         &self.seen
     }
 
-    /// The machine as it was last looked at.
+    /// Readings of the last call of `look`.
     pub(super) fn seen(&self) -> &[Reading] {
         &self.seen
     }
 
-    /// Whether any reading may be used at `now`.
+    /// Returns whether any reading may be used at `now`.
     pub(super) fn has_usable(&self, now: Moment) -> bool {
         (0..self.seen.len()).any(|place| self.value(SignalId(place), now).is_some())
     }
 
-    /// A signal's value at `now`, if it may be used.
+    /// Value of a signal at `now`, if it may be used.
     pub(super) fn value(&self, id: SignalId, now: Moment) -> Option<f64> {
         self.latest.judge(id, now).usable()
     }
 
-    /// What changed in the view since it was last asked for.
+    /// Changes of quality since the last call.
     pub(super) fn changes(&mut self, now: Moment) -> Vec<Change> {
         let mut changes = Vec::new();
         for (place, reading) in self.seen.iter().enumerate() {
@@ -287,7 +292,7 @@ impl Board {
 
 /// Returns whether a value has changed faster than `rate` allows since the one before.
 fn is_too_fast((value, at): (f64, Moment), (before, taken): (f64, Moment), rate: f64) -> bool {
-    // A second at least: two polls close together must not make noise look fast.
+    // At least one second: noise between two polls in quick succession must not look fast.
     let seconds = at.since(taken).as_secs_f64().max(1.0);
     (value - before).abs() > rate * seconds
 }
@@ -297,7 +302,7 @@ impl Latest {
         self.readings[id.0].at
     }
 
-    /// Every reading at `now`: aged, and condemned where its `fault_when` holds or cannot be known.
+    /// All readings at `now`: each is aged, and rejected if its `fault_when` is true or unknown.
     pub(super) fn at(&self, now: Moment) -> Vec<Reading> {
         (0..self.readings.len()).map(|place| self.judge(SignalId(place), now)).collect()
     }

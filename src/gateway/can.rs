@@ -1,13 +1,13 @@
-//! The listening side of a CAN line: one task takes every frame as it comes, and puts what it brings onto the board.
+//! Receiving side of a CAN line: one task receives every frame and stores its values on the board.
 //!
 //! ```text
-//! frames ─► routes ─► board, and the wakeup of the line that corrects a position
-//!        ├► nodes   heartbeats, boot-ups, emergencies, silence: reported, started again, their readings condemned
-//!        ├► answers of SDO ─► the line, which asks and writes as on any other line
-//!        └► health  error frames, a full queue, lost frames: reported when it begins and when it is over
+//! frames ─► routes ─► board; wakes the line that corrects a position
+//!        ├► nodes   heartbeats, boot-ups, emergencies, silence: reported; nodes are started, their readings rejected
+//!        ├► answers of SDO ─► the line, which sends requests as on any other line
+//!        └► health  error frames, full queue, lost frames: reported at their beginning and at their end
 //! ```
 //!
-//! The interface may be missing, go down and be taken away at any time; it is taken up again by itself.
+//! The interface may be missing, go down or be removed at any time. The task opens it again by itself.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -23,7 +23,7 @@ mod routes;
 
 pub(super) use listener::CanListener;
 
-/// What the line and its listener share.
+/// State that the line and its listener share.
 pub(super) struct Can {
     pub(super) link: Arc<Link>,
     wakeup: Wakeup,
@@ -34,7 +34,7 @@ pub(super) struct Can {
 struct Handed {
     /// Devices whose setup list has been written.
     set_up: Vec<DeviceId>,
-    /// What need not rest any longer: a device, or the whole line.
+    /// Devices whose back-off ends early. `None` is the whole line.
     revived: Vec<Option<DeviceId>>,
 }
 
@@ -48,7 +48,7 @@ impl Can {
         self.wakeup.wake();
     }
 
-    /// What need not rest any longer, since this was last asked for.
+    /// Takes the devices whose back-off ends early. `None` is the whole line.
     pub(super) fn revived(&self) -> Vec<Option<DeviceId>> {
         std::mem::take(&mut self.handed().revived)
     }
@@ -62,7 +62,7 @@ impl Can {
     }
 }
 
-/// The frames that are written on a line.
+/// Frames that are written on a line.
 fn images(profile: &Profile, bus: BusId) -> Images {
     let mut images = Images::default();
     for (id, device) in profile.devices_on(bus) {
@@ -75,7 +75,7 @@ fn images(profile: &Profile, bus: BusId) -> Images {
     images
 }
 
-/// The value of an output in the frame with this identifier.
+/// Value of an output in the frame with this identifier. `None` if the frame does not contain the output.
 fn value(device: &Device, output: &Output, id: CanId) -> Option<Value> {
     let Address::Frame(field) = &output.address else { return None };
     let node = device.can.as_ref().and_then(|can| can.node);

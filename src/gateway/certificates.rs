@@ -1,4 +1,4 @@
-//! The certificates of OPC UA lines: that one expires is told a month before, and when it has.
+//! Certificates of OPC UA lines. Their expiry is reported a month before it, and when they have expired.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -10,23 +10,23 @@ use crate::observe::events::{Event, Expiry, Whose};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Bus, NamedFile, Profile, User};
 
-/// So long before somebody can still do something about it.
+/// Time before the expiry at which it is reported. It leaves time to replace the certificate.
 const BEFORE: Duration = Duration::from_hours(30 * 24);
 const LOOK_EVERY: Duration = Duration::from_hours(1);
 
-/// Those of a profile that expire within a month of this moment, or have.
+/// Certificates of a profile that expire within 30 days of `now`, or have expired.
 pub fn expiring(profile: &Profile, now: Moment) -> Vec<Expiry> {
     let lines = profile.buses.iter().flat_map(of_line);
     let soon = lines.filter(|expiry| expiry.until <= now.after(BEFORE));
     soon.map(|expiry| Expiry { is_over: expiry.until < now, ..expiry }).collect()
 }
 
-/// Whether there is one that may expire.
+/// Returns whether the profile has a certificate that can expire.
 pub(super) fn has_some(profile: &Profile) -> bool {
     profile.buses.iter().any(|bus| !of_line(bus).is_empty())
 }
 
-/// Tells of each once when it is about to expire, and once when it has, by the time of day.
+/// Reports each certificate once before its expiry and once after it, by the time of day.
 pub(super) async fn watch(shared: Arc<Shared>, mut sleeper: Sleeper) {
     let mut told: Vec<Expiry> = Vec::new();
     loop {

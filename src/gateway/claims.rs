@@ -1,11 +1,12 @@
 //! Claims: which gateway of this computer writes to which places, so that no second one writes to the same.
 //!
 //! Each gateway that writes listens on an abstract socket of its network namespace. It sends its claim to each client
-//! (`sockets`). Such a socket needs no directory and no permission, every user can see it, and it vanishes with its process.
-//! A bus address means the same to all programs of a network namespace, so a claim need not be visible beyond it.
+//! (`sockets`). Such a socket needs no directory and no permission, every user can see it, and it vanishes with its
+//! process. A bus address means the same to all programs of a network namespace, so a claim need not be visible beyond
+//! it.
 //!
-//! A gateway that starts opens its own socket first and then compares its claim with the others. If two gateways start at
-//! the same moment, the one with the lower random number continues.
+//! A gateway that starts opens its own socket first and then compares its claim with the others. If two gateways start
+//! at the same moment, the one with the lower random number continues.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -75,7 +76,7 @@ impl Claim {
         }
     }
 
-    /// The names of all its lines.
+    /// Canonical names of all lines of the claim.
     fn names(&self) -> BTreeSet<&str> {
         self.lines.iter().flat_map(|line| &line.names).map(String::as_str).collect()
     }
@@ -120,8 +121,8 @@ pub fn could_claim(profile: &Profile, directory: &Path) -> Result<(), String> {
     compare_with_others(&claim, |other| other.process == parent && other.state == directory).map(drop)
 }
 
-/// Compares a claim with those of all other gateways, except the ignored ones. Waits while a rival that starts at the same
-/// moment has not given way. Returns why some gateway cannot be seen.
+/// Compares a claim with those of all other gateways, except the ignored ones. Waits while a rival that starts at the
+/// same moment has not given way. Returns why some gateway cannot be seen.
 fn compare_with_others(own: &Claim, is_ignored: impl Fn(&Claim) -> bool) -> Result<Option<String>, String> {
     let begun = Passing::default().passed();
     loop {
@@ -136,7 +137,7 @@ fn compare_with_others(own: &Claim, is_ignored: impl Fn(&Claim) -> bool) -> Resu
                 Answer::Gone => continue,
                 Answer::Claim(rival) => rival,
                 Answer::Silent if other.shares_line => return Err(silent(own, other.process)),
-                // It is asked again, until it is gone.
+                // The gateway is asked again, until it has ended.
                 Answer::Cut if other.shares_line => {
                     waits_for = Some(silent(own, other.process));
                     continue;
@@ -168,7 +169,8 @@ fn compare_with_others(own: &Claim, is_ignored: impl Fn(&Claim) -> bool) -> Resu
     }
 }
 
-/// Whether both have the same machine name and state directory. Opening the command socket then refuses the second one.
+/// Returns whether both have the same machine name and state directory. Opening the command socket then refuses the
+/// second one.
 fn is_same_gateway(own: &Claim, other: &Claim) -> bool {
     let socket = control::path(&own.state, &own.machine);
     socket == control::path(&other.state, &other.machine) && control::presence(&socket) != Presence::Nobody

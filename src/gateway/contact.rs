@@ -1,4 +1,4 @@
-//! Who answers: counted by device and line, and reported when it ends and when it begins again.
+//! Health of devices and lines: counts of requests and failures, and reports of each loss and each return.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -14,8 +14,8 @@ use isotherm_profile::{BusId, Device, DeviceId, OutputId, Profile, Transport};
 
 use super::blamed;
 
-/// Consecutive failures after which a device is reported as lost: a single lost answer is only counted. On an RTU line,
-/// where answers are lost now and then and asked for again at once, more of them are.
+/// Consecutive failures after which a device is reported as lost. A single lost answer is only counted. More are
+/// allowed on an RTU line, which loses an answer now and then and repeats the request at once.
 const REPORTED_AFTER: u64 = 2;
 const REPORTED_AFTER_RTU: u64 = 3;
 
@@ -23,9 +23,9 @@ const REPORTED_AFTER_RTU: u64 = 3;
 /// once.
 const BELIEVED_AFTER: Duration = Duration::from_secs(10);
 
-/// What was late is reported again after so long without.
+/// Late cycles are reported again if none was late for this long.
 const REPORTED_AGAIN: Duration = Duration::from_secs(600);
-/// Nobody can do anything about less: it is counted.
+/// Shortest delay that is reported. An operator can do nothing about shorter ones, which are only counted.
 const WORTH_A_WORD: Duration = Duration::from_millis(10);
 
 #[derive(Clone, Debug)]
@@ -33,7 +33,7 @@ pub(super) struct Contact {
     profile: Arc<Profile>,
     pub(super) devices: Vec<DeviceCount>,
     pub(super) buses: Vec<BusCount>,
-    /// How old each signal was by its server's stamp when it was last read.
+    /// Age of each signal by the timestamp of its server, at its last read.
     pub(super) stamped: Vec<Option<Duration>>,
 }
 
@@ -44,7 +44,7 @@ pub(super) struct DeviceCount {
     pub(super) failures: BTreeMap<&'static str, u64>,
     pub(super) answered: bool,
     pub(super) lost: Option<Lost>,
-    /// What was told last of its subscription.
+    /// Last reported state of the subscription.
     pub(super) subscription: String,
 }
 
@@ -52,18 +52,18 @@ pub(super) struct DeviceCount {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Lost {
     pub(super) fault: Explained,
-    /// Requests that failed since.
+    /// Requests that failed since the loss.
     pub(super) missed: u64,
     /// Reported cause; `None` until the loss is reported.
     reported: Option<Cause<String>>,
-    /// It answers again, since then.
+    /// Time since which the device answers again.
     pub(super) answers_since: Option<Moment>,
 }
 
 /// A line without a connection.
 #[derive(Clone, Debug)]
 pub(super) struct Down {
-    /// Attempts to connect since.
+    /// Attempts to connect since the loss of the connection.
     pub(super) attempts: u64,
     cause: Cause<String>,
 }
@@ -79,7 +79,7 @@ pub(super) struct BusCount {
     pub(super) jitter: [u64; JITTER_MS.len() + 1],
 }
 
-/// Attempts to connect, and requests, that fail in a row for another reason before that is reported.
+/// Consecutive failed attempts to connect, and failed requests, with a new cause before that cause is reported.
 const CHANGED_AFTER_ATTEMPTS: u32 = 2;
 const CHANGED_AFTER_REQUESTS: u32 = 20;
 
@@ -87,7 +87,7 @@ const CHANGED_AFTER_REQUESTS: u32 = 20;
 pub(super) const JITTER_MS: [f64; 7] = [0.5, 1.0, 2.0, 5.0, 10.0, 50.0, 200.0];
 
 impl BusCount {
-    /// So many more times something was late, by this at most. Whether that is to be reported.
+    /// Counts `count` late cycles, of which the latest was `late` behind. Returns whether they must be reported.
     pub(super) fn overrun(&mut self, count: u64, late: Duration, now: Moment) -> bool {
         self.overruns += count;
         if late < WORTH_A_WORD {
@@ -108,8 +108,8 @@ impl Contact {
         }
     }
 
-    /// Why a signal may not be used: by the raw value with which the device says so, by its server's stamp, or by what is wrong
-    /// with the device or its line.
+    /// Cause and hint for a signal that may not be used. The cause is the raw value by which the device reports it, the
+    /// timestamp of the server, or the fault of device or line.
     pub(super) fn why(&self, id: SignalId, reason: Reason) -> Explained {
         self.cause_of(id, reason).or_hint(remedy_of_a_reading(reason))
     }
@@ -140,7 +140,7 @@ impl Contact {
         }
     }
 
-    /// Of a signal that is read, and stale by its stamp.
+    /// Cause for a signal that is read, but is stale by its timestamp. `None` if the timestamp is not the cause.
     fn why_stale(&self, id: SignalId) -> Option<Explained> {
         let signal = self.profile.signal(id);
         let age = self.stamped[id.0].filter(|age| *age >= signal.max_age / 2)?.as_secs_f64();
@@ -151,7 +151,7 @@ impl Contact {
         ))
     }
 
-    /// Why a device did not do what it was asked for an output, with what to do.
+    /// Cause and hint for a failed request of an output.
     pub(super) fn why_of_output(&self, output: OutputId, fault: Fault) -> Explained {
         let id = self.profile.output(output).device;
         match &self.devices[id.0].lost {
@@ -167,7 +167,7 @@ impl Contact {
         explain_on(self.profile.bus(self.profile.device(id).bus).transport, fault)
     }
 
-    /// A device has answered, or a frame of it came.
+    /// Records that a device has answered, or that a frame of it was received.
     pub(super) fn answers(&mut self, id: DeviceId, now: Moment, events: &mut Vec<Event>) {
         let count = &mut self.devices[id.0];
         if count.is_here() {
@@ -190,7 +190,7 @@ impl Contact {
         }));
     }
 
-    /// Counts a failed request, after so many attempts to connect that failed like this.
+    /// Counts a failed request. `attempts` attempts to connect failed before it, with the fault `refused`.
     pub(super) fn fails(
         &mut self,
         id: DeviceId,
@@ -198,12 +198,13 @@ impl Contact {
         (attempts, refused): (u32, Fault),
         events: &mut Vec<Event>,
     ) {
-        // What comes after a connection was made is the device's doing.
+        // A failure after a connection was made is the fault of the device.
         if fault.is_of_the_line() && attempts > 0 {
             let refusal = self.explained(id, refused);
             self.devices[id.0].misses(refusal);
             let bus = self.profile.device(id).bus;
-            // Whether an interface is up its listener says; what a request met before that is no news.
+            // The listener reports whether a CAN interface is up. A request that failed before that is not reported
+            // again.
             if !(self.profile.bus(bus).transport.is_can() && self.buses[bus.0].connected) {
                 self.link_is_down(bus, attempts.into(), refused, events);
             }
@@ -221,7 +222,7 @@ impl Contact {
         }
     }
 
-    /// Nothing comes of a device any more; reported once, but for a bus that is down, which has been.
+    /// Records that a device sends nothing any more, and reports it once. If its bus is down, only that was reported.
     pub(super) fn is_silent(&mut self, id: DeviceId, fault: Explained, events: &mut Vec<Event>) {
         let is_down = self.buses[self.profile.device(id).bus.0].down.is_some();
         let lost = self.devices[id.0].misses(fault);
@@ -230,7 +231,7 @@ impl Contact {
         }
     }
 
-    /// There is a connection, or an interface, again.
+    /// Records that a line has a connection or an interface again, and reports it.
     pub(super) fn link_is_up(&mut self, id: BusId, events: &mut Vec<Event>) {
         let bus = self.profile.bus(id);
         events.extend(self.buses[id.0].down.take().map(|down| Event::LinkUp {
@@ -240,7 +241,8 @@ impl Contact {
         }));
     }
 
-    /// Notes that the line has no connection after so many attempts. Reports the beginning and each change of the cause.
+    /// Records that the line has no connection after so many attempts. Reports the beginning and each change of the
+    /// cause.
     pub(super) fn link_is_down(&mut self, id: BusId, attempts: u64, fault: Fault, events: &mut Vec<Event>) {
         let bus = self.profile.bus(id);
         let cause = explain_on(bus.transport, fault);
@@ -262,12 +264,12 @@ impl Contact {
 }
 
 impl DeviceCount {
-    /// It has answered, and does.
+    /// Returns whether the device has answered and is not lost.
     pub(super) fn is_here(&self) -> bool {
         self.answered && self.lost.is_none()
     }
 
-    /// Returns whether its loss was reported, and not its return.
+    /// Returns whether its loss was reported and its return was not.
     pub(super) fn is_reported_lost(&self) -> bool {
         self.lost.as_ref().is_some_and(|lost| lost.reported.is_some())
     }
@@ -277,7 +279,7 @@ impl DeviceCount {
         self.lost.as_ref().is_some_and(|lost| lost.answers_since.is_none())
     }
 
-    /// One more request was not answered, or would not be.
+    /// Counts a request that was not answered, or that could not be sent.
     fn misses(&mut self, fault: Explained) -> &mut Lost {
         let lost = self.lost.get_or_insert_default();
         (lost.missed, lost.answers_since, lost.fault) = (lost.missed + 1, None, fault);

@@ -18,13 +18,14 @@ use isotherm_profile::{AxisId, BusId, Device, DeviceId, Profile};
 pub(super) struct Devices {
     devices: Vec<DeviceContinuity>,
     of_axis: Vec<Vec<DeviceId>>,
-    /// By device: axes whose models read it, with what each held before the last round of checks that passed.
+    /// For each device: the axes whose models read it, with the value that each held before the last round of checks
+    /// that passed.
     held: Vec<Vec<(usize, ReturnTo)>>,
-    /// The same for the round that is under way.
+    /// For each device: these values for the round that is under way.
     held_in_round: Vec<Vec<(usize, ReturnTo)>>,
-    /// By device: the axes whose models read it.
+    /// For each device: the axes whose models read it.
     read_by: Vec<Vec<usize>>,
-    /// By bus that is an OPC UA server: where the namespaces are that the profile names by index.
+    /// For each bus that is an OPC UA server: table of the namespaces that the profile names by index.
     namespaces: Vec<Option<NamespaceTable>>,
 }
 
@@ -41,7 +42,7 @@ impl Devices {
         Devices { devices, of_axis, held_in_round: held.clone(), held, read_by, namespaces }
     }
 
-    /// Takes the table that the line of a server fills.
+    /// Takes the table of namespaces that the line of a server fills.
     pub(super) fn set_namespaces(&mut self, bus: BusId, table: NamespaceTable) {
         self.namespaces[bus.0] = Some(table);
     }
@@ -80,7 +81,8 @@ impl Devices {
         changed.or_else(unconfirmed).unwrap_or(&Continuity::Confirmed)
     }
 
-    /// Returns the first device of the axis whose checks have not been read since its last break, with the cause of the break.
+    /// Returns the first device of the axis whose checks have not been read since its last break, with the cause of the
+    /// break.
     pub(super) fn unconfirmed(&self, axis: usize) -> Option<(DeviceId, Break)> {
         self.of_axis[axis].iter().find_map(|device| match self.of(*device).state() {
             Continuity::Unconfirmed { cause, .. } => Some((*device, *cause)),
@@ -88,7 +90,7 @@ impl Devices {
         })
     }
 
-    /// The checks of a device are read now: notes what its axes hold.
+    /// Begins a round of checks of a device: records the values that its axes hold.
     pub(super) fn round_begins(
         &mut self,
         device: DeviceId,
@@ -99,15 +101,15 @@ impl Devices {
         let holds = |axis: &usize| {
             let Arming { take_over, take_over_slope, .. } = arming[*axis];
             let decision = compensation.decision(*axis).filter(|_| follows(*axis))?;
-            // What an axis takes over at its next step is in its registers already.
+            // The value from which an axis resumes at its next step is already in its registers.
             let (cz, slope) = (take_over.unwrap_or(decision.cz), take_over_slope.unwrap_or(decision.slope));
             Some((*axis, ReturnTo { cz, slope }))
         };
         self.held_in_round[device.0] = self.read_by[device.0].iter().filter_map(holds).collect();
     }
 
-    /// All checks of a device have passed since the round began: what its axes held then is what they go back to if its
-    /// settings are changed.
+    /// Ends a round in which all checks of a device have passed. If its settings are changed later, its axes return to
+    /// the values that they held when the round began.
     pub(super) fn round_passed(&mut self, device: DeviceId, arming: &mut Noted<Arming>) {
         for axis in (0..self.of_axis.len()).filter(|axis| self.of_axis[*axis].contains(&device)) {
             if arming[axis].return_to.is_some() && *self.of_axis(axis) == Continuity::Confirmed {
@@ -115,12 +117,12 @@ impl Devices {
             }
         }
         let (of_device, in_round) = (&mut self.held[device.0], &mut self.held_in_round[device.0]);
-        // An axis that was armed meanwhile keeps what it held then.
+        // An axis that was armed during the round keeps its value of that moment.
         of_device.retain(|(axis, _)| in_round.iter().all(|(other, _)| axis != other));
         of_device.append(in_round);
     }
 
-    /// Forgets what the axes held that are measured from this: it is captured again.
+    /// Discards the values of axes that count from this reference, because it is captured again.
     pub(super) fn forget_held(&mut self, profile: &Profile, reference: Reference) {
         let is_kept = |axis: usize| !profile.axis(AxisId(axis)).counts_from(reference);
         self.held
@@ -129,7 +131,7 @@ impl Devices {
             .for_each(|held| held.retain(|(axis, _)| is_kept(*axis)));
     }
 
-    /// Notes what an axis held when it was armed, for each device that its models read.
+    /// Records the value that an axis held when it was armed, for each device that its models read.
     pub(super) fn armed(&mut self, axis: usize, held: ReturnTo) {
         self.held_in_round.iter_mut().for_each(|of_device| of_device.retain(|(known, _)| *known != axis));
         for (read_by, of_device) in self.read_by.iter().zip(&mut self.held) {
@@ -138,10 +140,11 @@ impl Devices {
         }
     }
 
-    /// The settings of a device were changed since its checks passed last: its axes go back to what they held before.
+    /// Handles changed settings of a device: its axes return to the values that they held before its checks passed
+    /// last.
     pub(super) fn settings_changed(&self, device: DeviceId, arming: &mut Noted<Arming>) {
         for (axis, held) in &self.held[device.0] {
-            // Another device may have been changed before, and what was held since is wrong, too.
+            // If another device was changed before, the value held since then is wrong as well.
             if arming[*axis].armed && arming[*axis].return_to.is_none() {
                 arming[*axis].return_to = Some(*held);
             }
@@ -158,22 +161,22 @@ impl Devices {
         self.devices.iter_mut().for_each(|device| device.breaks(cause, now));
     }
 
-    /// Notes an answer of a device, also one that refuses.
+    /// Records an answer of a device, also one that refuses.
     pub(super) fn answers(&mut self, device: DeviceId, now: Moment) {
         self.devices[device.0].answers(now);
     }
 
-    /// Notes an answer of a device that brought what was asked for.
+    /// Records an answer of a device that contains the requested values.
     pub(super) fn delivers(&mut self, device: DeviceId, now: Moment) {
         self.devices[device.0].delivers(now);
     }
 
-    /// Notes that a device is about to be asked. See [`DeviceContinuity::notice_silence`].
+    /// Records that a request is about to be sent to a device. See [`DeviceContinuity::notice_silence`].
     pub(super) fn notice_silence(&mut self, device: DeviceId, now: Moment) {
         self.devices[device.0].notice_silence(now);
     }
 
-    /// Notes a request that a device did not answer.
+    /// Records a request that a device did not answer.
     pub(super) fn misses(&mut self, device: DeviceId, now: Moment) {
         self.devices[device.0].misses(now);
     }

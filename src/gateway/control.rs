@@ -1,31 +1,33 @@
-//! Commands to a running gateway over its own Unix socket in the state directory: `isotherm arm`, `disarm`,
-//! `zero`, `cancel`, `measured`, `confirm`, `release`.
+//! Commands to a running gateway over its own Unix socket in the state directory: `isotherm arm`, `disarm`, `zero`,
+//! `cancel`, `measured`, `confirm`, `release`.
 //!
-//! One line in, one line out: `disarm` → `ok z: off …` or `error …`; `measured z 3.2`, in µm, and `measured z clear`. Who may
-//! open the file may command, once a second of an axis and verb. `confirm module` accepts a device. A line may end with
+//! One line in, one line out: `disarm` → `ok z: off …` or `error …`; `measured z 3.2`, in µm, and `measured z clear`. A
+//! program that may open the socket file may send commands: one per second for each axis and verb. `confirm module`
+//! accepts a device. A line may end with
 //!
-//! | word | means |
+//! | word | meaning |
 //! |---|---|
-//! | `axis=z` | only this axis |
-//! | `until=8123.25` | carry it out until so many seconds after the start of this computer (CLOCK_BOOTTIME), or never |
-//! | `time=2026-01-31T12:00:00Z`, `id=part-17/2` | with `measured`: the time and the name of the measurement, which counts once |
-//! | `stay` | with `arm` and `sign`: go on answering until it is done; when I go, I do not want it any more |
+//! | `axis=z` | Only this axis |
+//! | `until=8123.25` | Execute the command before this many seconds after the start of the computer (CLOCK_BOOTTIME), or never |
+//! | `time=2026-01-31T12:00:00Z`, `id=part-17/2` | With `measured`: time and name of the measurement, which counts once |
+//! | `stay` | With `arm` and `sign`: send answers until the request is done. It is cancelled if the client disconnects |
 //!
-//! `arm` → `ok z: armed`, `error …`, or after a while `waits z: waiting to arm: …`. With `stay` more lines follow: `waits` with
-//! each other reason, `still` once a second, at last `ok` or `error`.
+//! `arm` → `ok z: armed`, `error …`, or after a while `waits z: waiting to arm: …`. With `stay` more lines follow:
+//! `waits` for each new reason, `still` once a second, and finally `ok` or `error`.
 //!
-//! `sign axis=z stay` takes Cz a little way to plus: `waits …`, and `ok` with which way a gauge must have moved when it is there.
-//! The connection stays open until the check is over, and the check ends when the client closes it. `sign-plus`, `sign-minus`
-//! and `sign-none`, on a connection of their own, report which way the gauge moved, and Cz goes back.
+//! `sign axis=z stay` moves Cz a little in the plus direction. The answers are `waits …`, and `ok` when Cz is there,
+//! with the direction in which a gauge must have moved. The connection stays open until the check is over. The check
+//! ends when the client closes it. `sign-plus`, `sign-minus` and `sign-none`, on another connection, report in which
+//! direction the gauge moved. Cz then returns.
 //!
 //! `status` → `ok` and the state as one line of JSON. `restart` and `release`: see [`restart`].
 //!
-//! One command has an answer of many lines: the exchanges of a device as they happen (`isotherm trace`). `trace cnc 60 text`
-//! → `ok listening to cnc`, two lines an exchange (or with `json` one), and at last `end` with their number. It ends by
-//! itself after that many seconds, or as soon as the asker is gone.
+//! One command has an answer of many lines: the exchanges of a device as they happen (`isotherm trace`).
+//! `trace cnc 60 text` → `ok listening to cnc`, two lines for each exchange (or one with `json`), and finally `end`
+//! with their number. It ends after that many seconds, or as soon as the client disconnects.
 //!
-//! Connections are counted. When all places are taken, a new connection takes that of the one that has been silent longest, so that
-//! a command does not wait for connections that ask nothing. Half of the places are for clients that stay.
+//! The number of connections is limited. At the limit, a new connection replaces the one that has been silent longest,
+//! so a command does not wait for connections that send nothing. Half of the connections may be clients that stay.
 
 use std::io::{Error, ErrorKind};
 use std::os::fd::AsFd;
@@ -65,34 +67,34 @@ pub use client::{
 pub use sockets::{listening, path};
 pub use user::forbidden;
 
-/// How long whoever arms and does not stay waits to hear what comes of it.
+/// Longest wait of a client that arms without `stay` for the result.
 const ARMING: Duration = Duration::from_secs(3);
 /// Delay before a client that stays connected is informed that its request waits.
 const SHORTLY: Duration = Duration::from_millis(500);
 const LOOK_AGAIN: Duration = Duration::from_millis(50);
-/// Who stays hears this often that somebody is there.
+/// Interval of the `still` lines to a client that stays.
 const STILL: Duration = Duration::from_secs(1);
 const LONGEST: u64 = 256;
-/// It is looked this often whether somebody has deleted the socket.
+/// Interval of the checks whether the socket file was deleted.
 const DELETED: Duration = Duration::from_secs(1);
 
-/// Said to one more of those who stay.
+/// Answer to a request to stay when the limit of such clients is reached.
 const TOO_MANY: &str = "error as many wait or listen here as may at once: end one of them, and come again\n";
 
-/// Beginning of the answer to a line that no version up to this one knows.
+/// Beginning of the answer to an unknown line. It is the same in all earlier versions.
 const UNKNOWN: &str = "this socket understands";
 
-/// Who only looks.
+/// Command that only reads the state.
 const STATUS: &str = "status";
 
-/// No wire log is kept for longer.
+/// Longest duration of a trace.
 pub const LONGEST_TRACE: Duration = Duration::from_secs(24 * 3600);
-/// How much longer than the log itself its last line may take.
+/// Additional time for the last line of a trace.
 const SLACK: Duration = Duration::from_secs(5);
 
-/// What to do where this is no path that a socket can have.
+/// Returns what to do if the path is too long for a socket.
 pub fn too_long(path: &Path) -> Option<String> {
-    /// What `sockaddr_un` has room for.
+    /// Longest path that fits into `sockaddr_un`, in bytes.
     const LONGEST_PATH: usize = 107;
     let length = path.as_os_str().len();
     (length > LONGEST_PATH).then(|| {
@@ -103,10 +105,10 @@ pub fn too_long(path: &Path) -> Option<String> {
     })
 }
 
-/// Opens the socket, for the owner and its group only. One left behind by a gateway that is gone is replaced.
+/// Opens the socket, for the owner and its group only. Replaces a socket that an ended gateway has left behind.
 ///
 /// # Errors
-/// Where another gateway answers on it, or the directory cannot be written.
+/// Another gateway answers on the socket, or the directory cannot be written.
 pub fn open(path: &Path) -> std::io::Result<std::os::unix::net::UnixListener> {
     let refused = |kind, why: String| Error::new(kind, format!("{}: {why}", path.display()));
     if let Some(why) = too_long(path) {
@@ -143,21 +145,21 @@ pub fn open(path: &Path) -> std::io::Result<std::os::unix::net::UnixListener> {
     Ok(listener)
 }
 
-/// What each connection has at hand.
+/// State that all connections share.
 #[derive(Clone)]
 struct Desk {
     source: Arc<dyn Source>,
     wire_log: WireLog,
     successor: Option<Successor>,
     attendance: Attendance,
-    /// Places for those who stay.
+    /// Permits for clients that stay.
     stays: Arc<Semaphore>,
 }
 
 /// Answers commands until the task is dropped, on at most `most` connections at once.
 ///
 /// # Errors
-/// Where the listener cannot be used by this runtime.
+/// The listener cannot be used by this runtime.
 pub async fn serve(
     listener: std::os::unix::net::UnixListener,
     source: Arc<dyn Source>,
@@ -188,7 +190,7 @@ pub async fn serve(
             let Some(place) = silent.place(&places).await else { return };
             let (desk, closed) = (desk.clone(), silent.enter());
             tokio::spawn(async move {
-                // It ends with its asker.
+                // An error only means that the client has disconnected.
                 let _ = desk.serve(stream, closed).await;
                 drop(place);
             });
@@ -200,7 +202,7 @@ pub async fn serve(
     }
 }
 
-/// The same, where its file is there; else, where that can be, another: somebody has deleted the directory.
+/// Returns the listener. If its socket file was deleted, opens another one, if possible.
 fn made_again(listener: UnixListener) -> UnixListener {
     let address = listener.local_addr().ok();
     let gone = address.as_ref().and_then(|address| address.as_pathname()).filter(|path| !path.exists());
@@ -252,17 +254,18 @@ impl Desk {
     }
 }
 
-/// One who does not read it does not keep his place.
+/// Sends text to a client. A client that does not read it within the timeout loses its connection.
 async fn say(writer: &mut OwnedWriteHalf, text: &str) -> std::io::Result<()> {
     tokio::time::timeout(PATIENCE, writer.write_all(text.as_bytes())).await?
 }
 
-/// One line of an answer, whatever stands in it.
+/// Formats an answer as one line, whatever characters the text contains.
 fn said_in_a_line(word: &str, text: &str) -> String {
     format!("{word} {}\n", one_line(text))
 }
 
-/// Says what comes of arming; to whoever stays also what it waits for.
+/// Reports the result of arming or of a sign check. A client that stays also receives the conditions for which its
+/// request waits.
 async fn follow(source: &dyn Source, line: &Line<'_>, writer: &mut OwnedWriteHalf) -> std::io::Result<()> {
     let (mut waited, mut said, mut still) = (Duration::ZERO, String::new(), Duration::ZERO);
     loop {
@@ -297,8 +300,8 @@ async fn follow(source: &dyn Source, line: &Line<'_>, writer: &mut OwnedWriteHal
     }
 }
 
-/// Keeps the connection of a client that stays while a person reads the gauge: the gateway ends a sign check whose connection
-/// is closed. Returns when the check is over. Any other request is over already.
+/// Keeps the connection of a client that stays while the operator reads the gauge. The gateway ends a sign check if its
+/// connection is closed. Returns when the check is over, and at once for any other request.
 async fn wait_for_answer(source: &dyn Source, line: &Line<'_>) {
     let is_sign_check = line.stays && line.what == What::Command(Command::Sign);
     while is_sign_check && source.signing(line.axis).is_ok() {
@@ -306,7 +309,7 @@ async fn wait_for_answer(source: &dyn Source, line: &Line<'_>) {
     }
 }
 
-/// What a line asks for.
+/// Parsed line of a client.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Line<'a> {
     what: What<'a>,
@@ -314,7 +317,7 @@ struct Line<'a> {
     /// Time and id of a measurement.
     time: Option<&'a str>,
     id: Option<&'a str>,
-    /// Since the computer was started.
+    /// Deadline of the command, as time since the start of the computer.
     until: Option<Duration>,
     stays: bool,
 }
@@ -322,14 +325,14 @@ struct Line<'a> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum What<'a> {
     Command(Command),
-    /// An axis's measured error, µm; `None` takes back what such errors have taught.
+    /// Measured error of an axis, µm. `None` discards what the axis has learned from such errors.
     Measured(&'a str, Option<f64>),
-    /// A device that a person has looked at.
+    /// Device that the operator has checked.
     Confirm(&'a str),
 }
 
 impl<'a> Line<'a> {
-    /// `None` where it is not understood.
+    /// Parses a line. Returns `None` if the line is not a command with valid words.
     fn parse(text: &'a str) -> Option<Line<'a>> {
         let mut words = text.split(' ');
         let what = match words.next()? {
@@ -356,7 +359,7 @@ impl<'a> Line<'a> {
         Some(line)
     }
 
-    /// There is something to stay for.
+    /// Returns whether a client of this command may stay.
     fn may_stay(&self) -> bool {
         matches!(self.what, What::Command(Command::Arm | Command::Sign))
     }
@@ -379,7 +382,8 @@ impl<'a> Line<'a> {
     }
 }
 
-/// The state as one line of JSON, with what people see of each axis and what keeps the machine from being held.
+/// State as one line of JSON, with the displayed state of each axis, and the reasons why the machine is not
+/// compensated.
 fn document(status: &Status) -> serde_json::Value {
     // Numbers and texts always have a JSON form.
     let mut document = serde_json::to_value(status).unwrap_or_default();
@@ -396,7 +400,7 @@ async fn hear(reader: &mut OwnedReadHalf) -> Option<String> {
     Some(line)
 }
 
-/// A device to listen to.
+/// Request to trace a device.
 struct TraceRequest {
     device: String,
     span: Duration,
@@ -404,7 +408,7 @@ struct TraceRequest {
 }
 
 impl TraceRequest {
-    /// `None` where the line is another command.
+    /// Parses a request. Returns `None` if the line is another command.
     fn parse(line: &str) -> Option<TraceRequest> {
         let mut parts = line.strip_prefix("trace ")?.split(' ');
         let (device, seconds, form) = (parts.next()?, parts.next()?, parts.next()?);
@@ -418,7 +422,7 @@ impl TraceRequest {
     }
 }
 
-/// Shows the exchanges of a device to the asker.
+/// Sends the exchanges of a device to the client.
 async fn serve_trace(
     request: TraceRequest,
     wire_log: &WireLog,
@@ -435,7 +439,7 @@ async fn serve_trace(
         let mut nothing = [0];
         tokio::select! {
             shown = show(&mut listening, &mut writer, request.json, &mut count) => shown,
-            // Nobody is there any more.
+            // The client has disconnected.
             _ = reader.read(&mut nothing) => Err(std::io::ErrorKind::BrokenPipe.into()),
         }
     });

@@ -1,4 +1,4 @@
-//! What stands behind the lock, and its step: one step of the axes with everything around it, from arming to the log.
+//! State of the gateway behind its lock, and one step of the axes: from arming to the log.
 
 use std::time::Duration;
 
@@ -33,7 +33,7 @@ use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::duration_text;
 use isotherm_profile::{Arm, AxisId, OnStop, Output, OutputId, Profile, Writes};
 
-/// What a request to arm waits for is reported at most this often.
+/// Shortest time between two reports of the condition for which a request to arm waits.
 const WAITING_REPORTED_EVERY: Duration = Duration::from_secs(10);
 
 pub(super) struct Core {
@@ -43,7 +43,7 @@ pub(super) struct Core {
     pub(super) arming: Noted<Arming>,
     pub(super) probing: Noted<Probing>,
     pub(super) outputs: Outputs,
-    /// By output: what is known of its register, where one task alone carries it out.
+    /// For each output: controller of its register, as its line task saved it. `None` for a corrected position.
     pub(super) registers: Vec<Option<isotherm_core::output::Controller>>,
     pub(super) contact: Contact,
     pub(super) devices: Devices,
@@ -51,37 +51,37 @@ pub(super) struct Core {
     pub(super) releases: Releases,
     pub(super) storage: Storage,
     pub(super) restarts: Restarts,
-    /// By axis: when a change that it decided must have left at the latest.
+    /// For each axis: latest moment at which a change that it decided may be sent.
     pub(super) not_after: Vec<Moment>,
     pub(super) pauses: Pauses,
-    /// It was asked to stop, and what that does.
+    /// Action of the requested stop.
     pub(super) stop: Option<OnStop>,
-    /// The lines end now: no strobe stays up.
+    /// The lines end now: no strobe may stay up.
     pub(super) leaving: bool,
     /// An axis has been armed since the start.
     pub(super) was_armed: bool,
-    /// By axis: it was driven before the start, and has not been armed since.
+    /// For each axis: it was driven before the start, and has not been armed since.
     pub(super) was_driven: Vec<bool>,
-    /// What an axis rests on has been read since the start.
+    /// The readings of a model of an axis have been usable since the start.
     pub(super) has_read: bool,
     pub(super) stepped_at: Moment,
-    /// When the time of day is looked at again.
+    /// Time of the next check of the time of day.
     pub(super) day_due: Moment,
-    /// When the next one is due.
+    /// Time at which the next axis is due.
     pub(super) next_due: Option<Moment>,
-    /// Who wanted another program in the place of this one, as it stands in a sentence.
+    /// Requester of the program that replaces this one, as it is named in a sentence.
     pub(super) replaced_by: String,
-    /// Something failed inside: the process ends with an error after the fault actions.
+    /// An internal fault has occurred: the process ends with an error after the fault actions.
     pub(super) failed: bool,
     controls: Vec<Control>,
-    /// What has happened since this was locked: reported when it is free again.
+    /// Events since the state was locked. They are reported when the lock is free again.
     pub(super) events: Vec<Event>,
     pub(super) lock_times: LockTimes,
     pub(super) reported: Vec<Reported>,
 }
 
 impl Core {
-    /// A core with what was remembered from before, as it stands before the first reading.
+    /// Creates the state before the first reading, with the references of the previous run.
     pub(super) fn new(given: Given, remembered: Remembered, storage: Storage, start: Moment) -> Core {
         let profile = &given.profile;
         let axes = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
@@ -119,20 +119,20 @@ impl Core {
         }
     }
 
-    /// Steps each axis that is due, or has something new to take in; `false` where there was none.
+    /// Steps each axis that is due or has new input. Returns `false` if there was none.
     pub(super) fn advance(&mut self, now: Moment) -> bool {
         let given = &self.given.clone();
         let Given { profile, dependents, .. } = given;
-        // What was decided before a stop that keeps the registers is carried out, and nothing else.
+        // During a stop that keeps the registers, earlier decisions are executed and nothing is decided.
         if self.stop == Some(OnStop::Hold) {
             return false;
         }
-        // Where time went back, every axis is due.
+        // If time has gone back, every axis is due.
         let due = self.next_due.is_some_and(|due| now >= due) || now < self.stepped_at;
         if due {
             self.board.look(now);
             self.arm_where_possible(now);
-            // However quiet the line is on which they are read.
+            // The line on which the signals of a probing cycle are read may be idle.
             for axis in &dependents.probed {
                 self.hear_probing(*axis, now);
             }
@@ -157,7 +157,7 @@ impl Core {
         }
         (self.stepped_at, self.next_due) = (now, self.compensation.next_due());
         let has_model = |axis| self.compensation.has_usable_model(axis, &snapshot);
-        // The model of an axis that takes a register back needs no reading.
+        // The model of an axis that releases a register needs no reading.
         self.has_read = self.has_read || (0..profile.compensated()).any(has_model);
         self.storage.record(&snapshot, &self.controls, &self.compensation);
         for axis in 0..self.arming.len() {
@@ -174,22 +174,22 @@ impl Core {
                         let Some(others) = self.compensation.predictors(axis, model, *id) else {
                             return self.board.usable_until(*id);
                         };
-                        // A mean of a minute outlives a reading that is missing.
+                        // A mean of one minute stays usable if a single reading is missing.
                         others.map(|id| self.board.usable_until(id)).min().unwrap_or(soon).max(soon)
                     });
                     until.min().unwrap_or(Moment::END)
                 };
                 self.not_after[axis] = match (decision.model, decision.state) {
                     (Some(model), state) if state.is_following() => live_until(model),
-                    // The value that it goes back to depends on no reading.
+                    // The value to which the axis returns depends on no reading.
                     (_, AxisState::Holding(_)) if self.controls[axis].return_to.is_some() => soon,
-                    // It holds because its readings have died: what it decided may go out as long as it might have then.
-                    // One whose output is in trouble holds on good ones, as long as they are that.
+                    // Without usable readings, the axis holds: the earlier limit of its decision still applies. With
+                    // usable readings, it holds because of its output: the limit is that of the readings.
                     (_, AxisState::Holding(_)) => {
                         let usable = self.compensation.model_value(axis, &snapshot);
                         usable.map_or(self.not_after[axis], |(model, _)| soon.min(live_until(model)))
                     }
-                    // A fault action rests on no reading.
+                    // A fault action depends on no reading.
                     _ => soon,
                 };
             }
@@ -213,7 +213,7 @@ impl Core {
         true
     }
 
-    /// Takes note of the outputs to which something may be written from now on. Returns whether the state does not say so yet.
+    /// Records the outputs that may be written from now on. Returns whether the saved state lacks one of them.
     fn notes_driven(&mut self) -> bool {
         let Core { places, arming, outputs, given, .. } = self;
         let is_driven = |id: OutputId| {
@@ -223,7 +223,7 @@ impl Core {
         !given.dry_run && places.drive(&given.profile, is_driven)
     }
 
-    /// Returns whether a corrected position is about to be more than one step away from what the state says of it.
+    /// Returns whether a corrected position is about to be more than one step away from its value in the saved state.
     fn moves_a_position(&self) -> bool {
         let profile = &self.given.profile;
         let is_about_to = |axis: usize| {
@@ -238,13 +238,13 @@ impl Core {
         (0..profile.axes.len()).any(is_about_to)
     }
 
-    /// It is stopping, and its axes run their fault actions.
+    /// Returns whether the gateway is stopping and its axes run their fault actions.
     pub(super) fn runs_fault_actions(&self) -> bool {
         self.stop == Some(OnStop::FaultAction)
     }
 
-    /// What the world outside allows each axis, worked out again where it may have changed; whether one of them is to be
-    /// stepped for that at once.
+    /// Updates the control of each axis whose outputs, arming or probing may have changed. Returns whether such an axis
+    /// must be stepped at once.
     fn refresh_controls(&mut self, given: &Given, now: Moment) -> bool {
         let Given { profile, dry_run, .. } = given;
         let mut is_urgent = false;
@@ -263,7 +263,7 @@ impl Core {
         }
     }
 
-    /// Whether something was read that concerns the machine as a whole: that it runs, or a command to zero.
+    /// Returns whether a signal of the whole machine has news: the machine started to run, or a command to zero.
     fn would_notice(&self, now: Moment) -> bool {
         let value = |id| self.board.value(id, now);
         self.compensation.would_notice(value, || self.board.has_usable(now))
@@ -346,7 +346,7 @@ impl Core {
         }
     }
 
-    /// Ends the requests to arm whose asker has left, and those that are too old.
+    /// Ends the requests to arm whose requester has disconnected, and those that have expired.
     pub(super) fn end_requests(&mut self, now: Moment) {
         for axis in 0..self.arming.len() {
             let Some(asked) = &self.arming[axis].asked else { continue };
@@ -370,7 +370,7 @@ impl Core {
         self.end_request(axis, why);
     }
 
-    /// Only where the profile says so it is still armed by itself.
+    /// Clears a request. The axis is then armed without another request only if the profile says so.
     fn end_request(&mut self, axis: usize, why: Explained) {
         let arms_itself = self.given.profile.arm == Arm::Auto && !self.arming[axis].latched;
         let arming = &mut self.arming[axis];
@@ -379,7 +379,7 @@ impl Core {
         arming.why = why;
     }
 
-    /// What a request to arm waits for, where that has changed and was not reported a moment ago.
+    /// Reports the condition for which a request to arm waits, if it has changed and the last report is old enough.
     fn report_what_it_waits_for(&mut self, axis: usize, now: Moment) {
         let Some(asked) = &self.arming[axis].asked else { return };
         if now.since(asked.reported.1) < WAITING_REPORTED_EVERY {
@@ -396,12 +396,12 @@ impl Core {
         }
     }
 
-    /// Why an axis does what it does.
+    /// Cause and hint for the present state of an axis.
     pub(super) fn why(&self, axis: usize, now: Moment) -> Explained {
         self.reasons(axis, now).map_or_else(Explained::default, |reasons| reasons.explained())
     }
 
-    /// What an axis decided last stands in its registers, or never will.
+    /// Returns whether the registers of an axis hold its last decision, or never will.
     pub(super) fn has_arrived(&self, axis: usize) -> bool {
         let Given { profile, dry_run, .. } = &self.given;
         let Some(decision) = self.compensation.decision(axis) else { return true };
@@ -413,18 +413,18 @@ impl Core {
         self.outputs.ids(axis).iter().all(|id| {
             let (output, state) = (profile.output(*id), &self.outputs[id.0]);
             match state.standing {
-                // While its axis holds, nothing changes it any more.
+                // While its axis holds, no decision changes the register.
                 Standing::Verified if is_held(id) => true,
                 Standing::Verified => state.cz.is_some_and(|cz| self.is_there(decision, output, state, cz)),
-                // It cannot be written, however long one waits; a position that is not read is not corrected.
+                // Waiting does not help an interlocked output, or a corrected position that is not read.
                 Standing::Interlocked => true,
                 _ => !output.writes.is_scheduled(),
             }
         })
     }
 
-    /// Verified Cz of the register that is farthest behind the last decision of the axis, among those that answer. `None` if no
-    /// register is behind. A corrected position is not counted: the next one follows within milliseconds.
+    /// Verified Cz of the register that is farthest behind the last decision of the axis, among those that answer.
+    /// `None` if no register is behind. A corrected position is not counted: the next one follows within milliseconds.
     fn behind(&self, axis: usize) -> Option<Micron> {
         let Given { profile, dry_run, .. } = &self.given;
         let decision = self.compensation.decision(axis).filter(|_| !dry_run)?;
@@ -444,7 +444,7 @@ impl Core {
             || state.is_near(&self.given.profile, output, cz, part(decision, output.writes))
     }
 
-    /// Switches an axis off until a person arms it again.
+    /// Switches an axis off until an operator arms it again.
     pub(super) fn disarm(&mut self, axis: AxisId, why: impl Into<Explained>) {
         let (why, trust) = (why.into(), self.arming[axis.0].trust);
         let latched = Arming { latched: true, why: why.clone(), trust, ..Arming::default() };
@@ -454,7 +454,7 @@ impl Core {
         }
     }
 
-    /// An unknown register was read and holds this Cz. Returns whether its axis resumes from it.
+    /// Handles an unknown register that was read and holds this Cz. Returns whether its axis resumes from it.
     pub(super) fn found(&mut self, id: OutputId, cz: Micron) -> bool {
         let profile = &self.given.profile;
         let Output { axis: AxisId(axis), writes, .. } = *profile.output(id);
@@ -474,7 +474,7 @@ impl Core {
         writes.is_cz()
     }
 
-    /// Looks for a new result of this axis's probing cycle; whether something came of it.
+    /// Checks for a new result of the probing cycle of this axis. Returns whether a result was found.
     pub(super) fn hear_probing(&mut self, axis: AxisId, now: Moment) -> bool {
         let (profile, place) = (&*self.given.profile, axis.0);
         let axis = profile.axis(axis);
@@ -494,7 +494,7 @@ impl Core {
         true
     }
 
-    /// What came of what was handed to this step; whether anything was.
+    /// Reports the results of probing that the axes received in this step. Returns whether an axis received one.
     fn report_probings(&mut self, profile: &Profile, now: Moment) -> bool {
         let mut any = false;
         for (place, axis) in profile.axes.iter().enumerate() {
@@ -525,7 +525,7 @@ impl Core {
         any
     }
 
-    /// An axis beyond its error level is off once its fault action has come to its end, and stays so until it is armed.
+    /// Disarms an axis beyond its error level when its fault action has ended. It stays off until it is armed again.
     fn disarm_tripped(&mut self, profile: &Profile) {
         for (place, axis) in profile.axes.iter().enumerate() {
             let Some(decision) = self.compensation.decision(place) else { continue };

@@ -1,5 +1,5 @@
-//! Who depends on whom: resolved once from the profile, so that what a line reads costs what depends on it, however
-//! many others there are.
+//! Dependencies of axes and lines, resolved once from the profile. The cost of a read then depends only on the axes
+//! that use it.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,18 +16,18 @@ pub(super) struct Given {
     pub(super) dry_run: bool,
 }
 
-/// Each list in ascending order, without a name twice.
+/// Dependencies of axes and lines. Each list is in ascending order and has no duplicates.
 #[derive(Debug)]
 pub(super) struct Dependents {
-    /// By axis and model: the signals that it rests on.
+    /// For each axis and model: the signals that the model uses.
     pub(super) inputs: Vec<Vec<Vec<SignalId>>>,
-    /// The axes whose error is measured by a cycle of the control.
+    /// Axes whose error is measured by a probing cycle of the control.
     pub(super) probed: Vec<AxisId>,
-    /// By line: the axes whose measured error, or its trigger, is read there.
+    /// For each line: the axes whose measured error, or its trigger, is read there.
     pub(super) probed_on: Vec<Vec<AxisId>>,
-    /// By line: it reads something that shows that a control was restarted.
+    /// For each line: whether it reads a signal that shows a restart of a control.
     pub(super) shows_restarts: Vec<bool>,
-    /// Of the axis that is stepped most often.
+    /// Period of the axis that is stepped most often.
     pub(super) shortest_period: Option<Duration>,
 }
 

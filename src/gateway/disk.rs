@@ -1,7 +1,6 @@
-//! Where the documents are kept that outlive the process, and how files are made there. A simulation takes the file
-//! system's place.
+//! Documents that outlive the process, and the creation of files. A simulation replaces the file system.
 //!
-//! Directories have the mode 0750 and files 0640, whatever the umask: what stands in them moves a machine.
+//! Directories have the mode 0750 and files 0640, whatever the umask is, because their content moves a machine.
 
 use std::fmt;
 use std::fs::{DirBuilder, File, OpenOptions, Permissions};
@@ -12,43 +11,43 @@ use std::path::Path;
 use crate::fieldbus::explain::system;
 use isotherm_profile::regular;
 
-/// A document is no larger than this, in bytes.
+/// Largest document, in bytes.
 const LARGEST: u64 = 16 * 1024 * 1024;
 const DIRECTORY_MODE: u32 = 0o750;
 const FILE_MODE: u32 = 0o640;
-/// Who is neither the owner nor in its group may write.
+/// Write permission of users who are neither the owner nor in its group.
 const OTHERS_WRITE: u32 = 0o002;
 
-/// A place for documents.
+/// Storage of documents.
 pub trait Disk: Send + Sync {
-    /// What is kept there.
+    /// Returns the content of a document.
     ///
     /// # Errors
-    /// There is nothing, or it cannot be read.
+    /// The document does not exist, or it cannot be read.
     fn read(&self, path: &Path) -> io::Result<Vec<u8>>;
 
-    /// Puts a document there as a whole, in place of what was: it is on disk when this returns.
+    /// Replaces a document as a whole. The document is on disk when this returns.
     ///
     /// # Errors
-    /// It is not; what was there still is.
+    /// The document is not on disk; the previous one still is.
     fn replace(&self, path: &Path, document: &[u8]) -> io::Result<()>;
 
-    /// Keeps it under a second name, whatever becomes of the first.
+    /// Keeps a document under a second name, even if the first name is replaced.
     ///
     /// # Errors
-    /// There is nothing of that name, the second is taken, or there is no room.
+    /// The document does not exist, the second name is taken, or there is no space.
     fn keep(&self, path: &Path, aside: &Path) -> io::Result<()>;
 
-    /// Gives it another name.
+    /// Renames a document.
     ///
     /// # Errors
-    /// There is nothing of that name.
+    /// The document does not exist.
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()>;
 
-    /// It need not be kept any longer.
+    /// Removes a document that is no longer needed.
     fn forget(&self, path: &Path);
 
-    /// Something is kept there.
+    /// Returns whether a document exists.
     fn has(&self, path: &Path) -> bool;
 }
 
@@ -58,7 +57,7 @@ impl fmt::Debug for dyn Disk {
     }
 }
 
-/// The file system.
+/// Storage of documents in the file system.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Files;
 
@@ -74,7 +73,7 @@ impl Disk for Files {
     fn keep(&self, path: &Path, aside: &Path) -> io::Result<()> {
         let kept = match std::fs::hard_link(path, aside) {
             Err(error) if !matches!(error.kind(), ErrorKind::NotFound | ErrorKind::AlreadyExists) => {
-                // Not every file system has links.
+                // Some file systems have no links.
                 self.read(path).and_then(|bytes| create(aside)?.write_all(&bytes))
             }
             done => done,
@@ -98,7 +97,7 @@ impl Disk for Files {
 fn replace(path: &Path, document: &[u8]) -> io::Result<()> {
     let directory = path.parent().unwrap_or(Path::new("."));
     make_directory(directory)?;
-    // One name for all of them: what a kill leaves behind is gone with the next.
+    // All attempts use one name: the next attempt removes the file that a kill has left behind.
     let new = path.with_added_extension("new");
     let _ = std::fs::remove_file(&new);
     let mut file = create(&new)?;
@@ -108,15 +107,15 @@ fn replace(path: &Path, document: &[u8]) -> io::Result<()> {
     File::open(directory)?.sync_all()
 }
 
-/// The same error, that says about what.
+/// Adds the path to the message of an error.
 fn about(path: &Path, error: &io::Error) -> io::Error {
     io::Error::new(error.kind(), format!("{}: {}", path.display(), system(error)))
 }
 
-/// Makes a directory, and those above it, where it is not there.
+/// Creates a directory and its missing parents.
 ///
 /// # Errors
-/// It cannot be made.
+/// The directory cannot be created.
 pub fn make_directory(path: &Path) -> io::Result<()> {
     if path.is_dir() {
         return Ok(());
@@ -125,20 +124,20 @@ pub fn make_directory(path: &Path) -> io::Result<()> {
     std::fs::set_permissions(path, Permissions::from_mode(DIRECTORY_MODE))
 }
 
-/// Makes a file that is not there.
+/// Creates a new file.
 ///
 /// # Errors
-/// It is there, or it cannot be made.
+/// The file exists, or it cannot be created.
 pub(super) fn create(path: &Path) -> io::Result<File> {
     let file = OpenOptions::new().write(true).create_new(true).mode(FILE_MODE).open(path)?;
     file.set_permissions(Permissions::from_mode(FILE_MODE))?;
     Ok(file)
 }
 
-/// Opens a file to write at its end, and makes it where it is not there.
+/// Opens a file for appending. Creates it if it is missing.
 ///
 /// # Errors
-/// It cannot be made, or what lies there is no regular file.
+/// The file cannot be created, or the path is not a regular file.
 pub(super) fn append(path: &Path) -> io::Result<File> {
     match create(path) {
         Err(error) if error.kind() == ErrorKind::AlreadyExists => {
@@ -149,13 +148,13 @@ pub(super) fn append(path: &Path) -> io::Result<File> {
     }
 }
 
-/// Whether anybody may write to it.
+/// Checks that not every user may write to a file or directory.
 ///
 /// # Errors
-/// A sentence with the remedy: anybody may.
+/// Every user may write to it. The error is a sentence with the remedy.
 pub(super) fn refuse_what_others_may_write(path: &Path) -> Result<(), String> {
     match std::fs::metadata(path) {
-        // What is neither is not opened at all.
+        // Paths of other kinds are never opened.
         Ok(found)
             if (found.is_file() || found.is_dir()) && found.permissions().mode() & OTHERS_WRITE != 0 =>
         {

@@ -1,4 +1,5 @@
-//! The end of a run: the fault actions, or registers that keep what they hold; how long that takes, and what it leaves.
+//! End of a run: the fault actions, or registers that keep their values. How long it takes, and what it leaves in the
+//! registers.
 
 use std::time::Duration;
 
@@ -10,7 +11,8 @@ use isotherm_core::compensation::AxisState;
 use isotherm_core::compensation::settings::OnFault;
 use isotherm_profile::{OnStop, Share, stop};
 
-/// A request to stop: the axes take their fault actions, or nothing more is decided. How long that takes at most.
+/// Begins a stop: the axes run their fault actions, or nothing more is decided. Returns the longest time that this can
+/// take.
 pub(super) fn begin_stop(shared: &Shared, how: OnStop) -> Duration {
     let mut core = shared.core();
     core.stop = Some(how);
@@ -22,7 +24,7 @@ pub(super) fn begin_stop(shared: &Shared, how: OnStop) -> Duration {
     }
     let ways = core.compensation.decisions().map(|decision| [decision.cz, decision.slope]);
     let longest = stop::fault_actions(&shared.profile, ways);
-    // What may still arrive can forbid the next step for so long, of a device that answers.
+    // If the device answers, a write that may still arrive can delay the next step until this time.
     let answers = core.outputs.states().iter().filter(|output| output.standing == Standing::Verified);
     let now = shared.clock.now();
     let waits = answers.filter_map(|output| Some(output.waits_until?.since(now))).max();
@@ -31,14 +33,14 @@ pub(super) fn begin_stop(shared: &Shared, how: OnStop) -> Duration {
     longest.saturating_add(waits.unwrap_or_default())
 }
 
-/// Nothing is under way in a register: a stop now is one in order.
+/// Returns whether no exchange is under way for any register. A stop at this moment ends the run in order.
 pub(super) fn has_settled(shared: &Shared) -> bool {
     let core = shared.core();
     let waits = core.outputs.states().iter().any(|output| output.handshake.waits.is_some());
     !waits && core.registers.iter().flatten().copied().all(|mut one| one.state_mut().end().in_order)
 }
 
-/// The process ends: what may still arrive in the registers goes on disk, and whether it ended in order.
+/// Ends the registers with the process: saves the values that may still arrive, and whether the run ended in order.
 pub(super) fn end_registers(shared: &Shared) {
     if shared.dry_run {
         return;
@@ -48,17 +50,18 @@ pub(super) fn end_registers(shared: &Shared) {
     for ((output, controller), seen) in shared.profile.outputs.iter().zip(registers).zip(outputs.states()) {
         if let Some(controller) = controller {
             let mut kept = controller.state_mut().end();
-            // What the control has not taken is sent again before anything else, by the next run too.
+            // The next run, too, must first send again what the control has not taken.
             kept.in_order &= !seen.handshake.is_untaken;
             let _ = shared.ledger.keep(output, kept, false);
         }
     }
 }
 
-/// The lines drop what strobes are up, and what says that an axis is armed; whether there is one.
+/// Makes the lines drop each strobe that is up, and each control word that may report an armed axis. Returns whether
+/// there is one.
 pub(super) fn leave(shared: &Shared) -> bool {
     let mut core = shared.core();
-    // Where the registers keep what they hold, the control goes on with it.
+    // If the registers keep their values, the control continues with them.
     let drops_enabled = core.runs_fault_actions();
     let any = core
         .outputs
@@ -73,7 +76,7 @@ pub(super) fn leave(shared: &Shared) -> bool {
     any
 }
 
-/// Every axis has done what its fault action asks for, and what it decided stands in the registers.
+/// Returns whether every axis has completed its fault action, and its registers hold its last decision.
 pub(super) fn at_rest(shared: &Shared) -> bool {
     let core = shared.core();
     let waits = core.outputs.states().iter().any(|output| output.handshake.waits.is_some());
@@ -89,7 +92,7 @@ pub(super) fn at_rest(shared: &Shared) -> bool {
         })
 }
 
-/// What stays in the registers: as verified, with its age, and what may still arrive.
+/// Describes the values that stay in the registers: as verified, with their age, and those that may still arrive.
 pub(super) fn what_is_left(shared: &Shared) -> String {
     let core = shared.core();
     let now = shared.clock.now();

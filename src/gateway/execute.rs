@@ -1,10 +1,11 @@
 //! Executes the actions of the controllers of outputs, and gives them the results. Decides nothing about a register.
 //!
-//! One [`Single`] for each output that is written by itself, one [`Set`] for outputs that land together, and one [`Position`] for each
-//! corrected position, owned by the task of their line. The first two have a [`register::Register`] for each output and a
-//! [`Controller`](isotherm_core::output::Controller) or [`SetController`](isotherm_core::output::SetController): the turn begins with the
-//! demand of the axis, then each action is one exchange, whose result is the next input, until there is nothing to do. A reference
-//! position is an output without a step or a limit.
+//! The task of a line owns an executor for each of its outputs. This is a [`Single`] if the output is written by
+//! itself, or a [`Position`] if it is a corrected position. Outputs that are written together have one [`Set`]. A
+//! [`Single`] has a [`register::Register`] and a [`Controller`](isotherm_core::output::Controller). A [`Set`] has a
+//! register for each output, and a [`SetController`](isotherm_core::output::SetController). A turn begins with the
+//! demand of the axis. Then each action is one exchange, and its result is the next input, until there is nothing to
+//! do. A reference position is an output without a step or a limit.
 
 use std::time::Duration;
 
@@ -28,14 +29,14 @@ pub(super) use position::Position;
 pub(super) use set::Set;
 pub(super) use single::Single;
 
-/// An output is done after fewer exchanges than this; whatever happens, its line goes on then.
+/// Upper limit of the exchanges in one turn of an output. The line then continues with its next turn.
 const MOST_EXCHANGES: usize = 12;
-/// A value whose answer never came is recognised for so many times as long as it may take to arrive.
+/// Factor of `late`: a value whose write was not answered is recognised for this many times that time.
 const REMEMBERED: u32 = 10;
-/// A disk that has not answered for this long is a fault.
+/// Timeout of the disk. A longer wait is a fault.
 const DISK_PATIENCE: Duration = Duration::from_secs(5);
 
-/// The turn of an output: its line, and what the lines share.
+/// Turn of an output: its line, and the state that all lines share.
 pub(super) struct LineTurn<'a> {
     pub(super) line: &'a mut DeviceLine,
     pub(super) shared: &'a LineHandle,

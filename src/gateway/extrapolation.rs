@@ -1,4 +1,4 @@
-//! "Extrapolating", for people and for programs.
+//! Reports about models that extrapolate, for operators and for programs.
 
 use crate::observe::events::Event;
 use crate::observe::status::ExtrapolationStatus;
@@ -8,10 +8,10 @@ use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Micron;
 use isotherm_profile::{Profile, Unit};
 
-/// What to do outside the region of a model.
+/// Hint for inputs outside the region of a model.
 const MEASURE: &str = "measure a part; if such days are usual, identify the model with them";
 
-/// By how much, in which input, and what the axis does.
+/// Text about an extrapolation: the input that is outside, by how much, and what the axis does.
 pub(super) fn message(profile: &Profile, found: &Extrapolation) -> String {
     let farthest = farthest(profile, found, |by, unit| format!("{by:.2} {unit} "));
     let Some((distance, reach)) = found.distance else {
@@ -29,13 +29,13 @@ pub(super) fn message(profile: &Profile, found: &Extrapolation) -> String {
     format!("extrapolating: {farthest}; distance {distance:.1}, {reach:.1} is the edge; {does}")
 }
 
-/// The same without its figures, which change all the time.
+/// Text without the figures, which change all the time.
 pub(super) fn cause(profile: &Profile, found: &Extrapolation) -> Explained {
     let farthest = farthest(profile, found, |_, _| String::new());
     Explained::new(format!("extrapolating: {farthest}"), MEASURE)
 }
 
-/// The input that is farthest outside, with what `by` makes of the distance and its unit.
+/// Text about the input that is farthest outside. `by` formats the distance and its unit.
 fn farthest(profile: &Profile, found: &Extrapolation, by: impl Fn(f64, Unit) -> String) -> String {
     let Some(beyond) = found.farthest else {
         return "the inputs never stood like this to each other".to_owned();
@@ -45,8 +45,8 @@ fn farthest(profile: &Profile, found: &Extrapolation, by: impl Fn(f64, Unit) -> 
     format!("{} is {}{side} value", signal.name, by(beyond.by.abs(), signal.unit))
 }
 
-/// What is to be reported: once when it begins, and once when the inputs are clearly inside again, or the model in use has no
-/// region. While no model can be used, nothing is known of either.
+/// Event for a change: one when extrapolation begins, and one when it is over. It is over when the inputs are clearly
+/// inside again, or if the model in use has no region. While no model can be used, neither is known.
 pub(super) fn event(
     profile: &Profile,
     axis: &str,
@@ -71,7 +71,7 @@ pub(super) fn event(
     }
 }
 
-/// How far outside, for programs.
+/// Status of an extrapolation, for programs.
 pub(super) fn status(profile: &Profile, found: &Extrapolation) -> ExtrapolationStatus {
     ExtrapolationStatus {
         distance: found.distance.map(|(distance, _)| distance),
@@ -102,7 +102,7 @@ mod tests {
     use isotherm_core::quantity::{Celsius, Moment};
     use isotherm_core::reading::{Reading, SignalId};
 
-    /// A decision of a rig whose model was identified on a bed of 18 to 28 °C.
+    /// Events of a test rig whose model was identified with a bed of 18 to 28 °C, for these bed temperatures.
     fn at_the_edge(beds: &[f64]) -> Vec<std::borrow::Cow<'static, str>> {
         let mut profile = sample::profile();
         let input = Input::of(SignalId(0), Reference::Fixed(Celsius::ZERO), None);

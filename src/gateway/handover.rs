@@ -1,5 +1,5 @@
-//! What a gateway hands to the program that takes its place in the same process: which axes were armed, so that they resume
-//! as they were, and the profile that was checked. How it gets there: [`memfd`].
+//! Handover from a gateway to the program that replaces it in the same process. It contains the armed axes, so that
+//! they resume, and the checked profile. [`memfd`] describes how it is passed.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -19,15 +19,15 @@ mod profile;
 pub use memfd::{Arrival, Prepared, digest_path};
 pub use profile::{KeptProfile, answer_of_check, memory_for_profile};
 
-/// What the one says to the other.
+/// State that one program passes to the next.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Handover {
-    /// Who wanted it, as it stands in a sentence.
+    /// Requester of the restart, as named in a sentence.
     pub by: String,
-    /// The axes that were armed, with their Cz.
+    /// Armed axes with their Cz.
     pub armed: BTreeMap<String, Micron>,
-    /// Those that were switched off, and why: only a person arms them.
+    /// Axes that were switched off, with the reason. Only an operator arms them.
     pub off: BTreeMap<String, String>,
 }
 
@@ -44,14 +44,16 @@ impl Handover {
                 let decided = core.compensation.decision(place).map(|decision| decision.cz);
                 handover.armed.insert(name, stands.or(decided).unwrap_or_default());
             } else if arming.tripped || arming.latched && !core.places.is_why(&name, &arming.why) {
-                // What a former place bars is barred again at the next start, if it is still in doubt there.
+                // An axis that is off because of a former register is left out: the next start checks that register
+                // again.
                 handover.off.insert(name, arming.why.cause.clone());
             }
         }
         handover
     }
 
-    /// The axes go on as they were. What was armed is asked for again, as a person asks: it waits for what is missing.
+    /// Lets the axes continue as they were. An axis that was armed gets a request to arm, which waits for missing
+    /// conditions like the request of an operator.
     pub(super) fn go_on(&self, core: &mut Core, now: Moment) {
         let profile = core.given.profile.clone();
         for (place, axis) in profile.axes.iter().enumerate() {

@@ -1,9 +1,9 @@
-//! Reads the checks of the devices on one line, and sets up first those that require it: CANopen nodes, before each of their
-//! starts.
+//! Reads the checks of the devices on one line. CANopen nodes are set up first, before each of their starts.
 //!
-//! The checks of a device are read before anything that depends on it is armed, after each break of its continuity, and every few
-//! seconds while one does not pass. While the device is confirmed, each check is read once in its period, so that settings which
-//! are changed at the device are found: a module that sends whole degrees instead of tenths sends plausible temperatures.
+//! The checks of a device are read before anything that depends on it is armed, and after each break of its continuity.
+//! While one of them does not pass, they are read every few seconds. While the device is confirmed, each check is read
+//! once in its period. This detects settings that are changed at the device: a module that sends whole degrees instead
+//! of tenths sends plausible temperatures.
 
 use std::time::Duration;
 
@@ -23,13 +23,13 @@ use isotherm_core::reading::Reason;
 use isotherm_profile::preview::checks;
 use isotherm_profile::{BusId, Device, DeviceId, Expected, Profile, Setup, Transport};
 
-/// How soon a device that could not be asked is asked again; the line's own pauses come on top.
+/// Delay before a device that did not answer is asked again. The back-off of the line comes on top.
 const ASK_AGAIN: Duration = Duration::from_secs(1);
 
-/// How soon a device that is set wrongly is looked at again.
+/// Delay before a device with wrong settings is checked again.
 const LOOK_AGAIN: Duration = Duration::from_secs(5);
 
-/// After this many attempts that the device did not answer, while it answered its polls, the register does not exist.
+/// Unanswered attempts after which the register is assumed not to exist, if the device answered its polls in between.
 const ASSUMED_SILENT: u32 = 3;
 
 /// Exceptions of a device that will answer later.
@@ -41,7 +41,7 @@ const BUSY: u8 = 6;
 pub(super) struct Inspector {
     bus: BusId,
     inspections: Vec<Inspection>,
-    /// The line is an OPC UA server.
+    /// Whether the line is an OPC UA server.
     is_server: bool,
     namespaces: NamespaceWatch,
 }
@@ -50,45 +50,45 @@ pub(super) struct Inspector {
 struct Inspection {
     device: DeviceId,
     due: Moment,
-    /// Attempts in a row that brought no value, and the time of the last one.
+    /// Consecutive attempts without a value, and the time of the last one.
     missed: (u32, Moment),
-    /// Polls, or frames that the device sends, show whether it is present.
+    /// Whether polls, or frames that the device sends, show that the device is present.
     is_heard: bool,
-    /// Something else than the checks is read of it.
+    /// Whether other values than the checks are read from the device.
     is_polled: bool,
     identified: Identified,
-    /// Resets of the device before it was set up.
+    /// Resets of the device before it was set up. `None` if it was not set up.
     set_up: Option<u64>,
-    /// Breaks of its continuity when all checks were read last.
+    /// Breaks of its continuity when all checks were last read.
     read_after: u64,
-    /// By check, in the order of the profile.
+    /// Repetitions of the checks, in the order of the profile.
     again: Vec<Repetition>,
 }
 
-/// Means by which a device is identified, and whether they were looked at.
+/// Means by which a device is identified.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Identified {
     ByChecks,
-    /// Nothing but the namespaces of its server. `is_new`: it was not looked at since the task of its line began.
+    /// Only the namespaces of its server. `is_new`: they were not compared since the task of the line began.
     ByNamespaces {
         is_new: bool,
     },
 }
 
-/// When a check is read again while its device is confirmed.
+/// Repetition of a check while its device is confirmed.
 #[derive(Clone, Copy, Debug)]
 struct Repetition {
     period: Duration,
     due: Moment,
-    /// It has passed in this round. A round is over when each check has passed in it.
+    /// The check has passed in this round. A round is over when each check has passed in it.
     has_passed: bool,
-    /// Attempts in a row that brought no value, and the time of the last one.
+    /// Consecutive attempts without a value, and the time of the last one.
     unread: (u32, Moment),
 }
 
 /// Result of reading the checks of a device.
 enum CheckRound {
-    /// The checks were read after this many breaks. They differ like this.
+    /// The checks were read after this many breaks, with these differences.
     Known(u64, Vec<Difference>),
     /// The device does not answer, which is reported elsewhere.
     NoAnswer,
@@ -144,7 +144,7 @@ impl Inspector {
             if let Identified::ByNamespaces { is_new } = &mut inspection.identified
                 && !self.namespaces.is_lost()
             {
-                // The task of the line before this one may have found it changed.
+                // The previous task of the line may have found the device changed.
                 if std::mem::take(is_new) && !shared.core().devices.is_confirmed(id) {
                     let breaks = shared.core().devices.of(id).breaks_so_far();
                     verified(shared, id, breaks, Vec::new());
@@ -155,7 +155,7 @@ impl Inspector {
                 continue;
             }
             if shared.core().devices.is_confirmed(id) {
-                // One at a time: a heartbeat or a position may be due.
+                // Only one check is read in a turn, because a heartbeat or a position may be due.
                 if inspection.read_again(line, shared, can, now).await {
                     return;
                 }
@@ -167,7 +167,7 @@ impl Inspector {
                 continue;
             }
             if self.is_server && self.namespaces.is_lost() {
-                // The server may have loaded the namespace meanwhile.
+                // The server may have loaded the namespace in the meantime.
                 (inspection.due, inspection.read_after) = (now.after(LOOK_AGAIN), breaks);
                 let again = Request::Nodes(NodeRequest::Namespaces);
                 if line.request_unverified(id, again).await.is_err() {
@@ -183,7 +183,8 @@ impl Inspector {
         }
     }
 
-    /// A device whose namespaces cannot be told has changed. When they can, its checks are read; without checks it is as expected.
+    /// Compares the namespaces of a server. If one cannot be identified, the devices are reported as changed. If all
+    /// can, the checks of the devices are read. A device without checks is then as expected.
     fn look_at_namespaces(&mut self, shared: &LineHandle) {
         let Some(table) = shared.core().devices.namespaces(self.bus) else { return };
         if !self.namespaces.look(shared.profile.bus(self.bus), &table, &mut shared.core()) {
@@ -209,15 +210,16 @@ impl Inspection {
         self.identified == Identified::ByChecks
     }
 
-    /// Returns whether the device did not answer, and its polls are to find out first whether it is there at all.
+    /// Returns whether the device did not answer. Its polls must then show first that it is present.
     fn waits_for_polls(&self, shared: &LineHandle) -> bool {
         let core = shared.core();
         let lost = core.contact.devices[self.device.0].lost.as_ref();
         self.is_heard && self.missed.0 > 0 && lost.is_some_and(|lost| lost.answers_since.is_none())
     }
 
-    /// Reads the check of a confirmed device that is due first. Returns whether one was due. If it brings another
-    /// value, or none in several attempts between which the device delivered something else, all checks are read.
+    /// Reads the check of a confirmed device that is due first. Returns whether one was due. All checks are read if its
+    /// value is different. All are also read after several attempts without a value, between which the device delivered
+    /// other values.
     async fn read_again(
         &mut self,
         line: &mut DeviceLine,
@@ -228,7 +230,7 @@ impl Inspection {
         let due = (0..self.again.len()).filter(|place| self.again[*place].due <= now);
         let Some(place) = due.min_by_key(|place| self.again[*place].due) else { return false };
         let (attempts, last) = self.again[place].unread;
-        // While its polls are refused or not answered as well, it says nothing of this register.
+        // While the polls are refused or not answered as well, nothing is known about this register.
         if self.is_polled && attempts > 0 && shared.core().devices.of(self.device).delivered_at() <= last {
             self.again[place].due = now.after(ASK_AGAIN);
             return false;
@@ -253,12 +255,12 @@ impl Inspection {
             Ok(Some(difference)) if difference.is_value() => {
                 (again.due, evidence) = (now.after(ASK_AGAIN), Some(difference));
             }
-            // Answers to another master say nothing, nor does a connection that cannot be made.
+            // Answers to another master say nothing about the register, and neither does a failed connection.
             Err(fault) if fault.is_of_the_line() || fault == Fault::Peer(PeerFault::Foreign) => {
                 again.due = now.after(ASK_AGAIN);
                 return true;
             }
-            // A device that starts says for a while that it has no such register.
+            // A device that starts may report for a while that it has no such register.
             Ok(Some(_)) | Err(_) => {
                 again.unread = (attempts + 1, now);
                 again.due = now.after(ASK_AGAIN * (attempts + 1));
@@ -269,7 +271,7 @@ impl Inspection {
             }
         }
         let found = match (self.read_all(line, shared, can, (breaks, Vec::new())).await, evidence) {
-            // What was found right before holds until all checks pass.
+            // The difference that was found first is valid until all checks pass.
             (CheckRound::NoAnswer, Some(difference)) if self.is_after(breaks, shared) => {
                 CheckRound::Known(breaks, vec![difference])
             }
@@ -279,7 +281,7 @@ impl Inspection {
         true
     }
 
-    /// Takes the result of reading all checks, and plans the next time.
+    /// Takes the result of a round of checks, and plans the next round.
     fn take_round(&mut self, shared: &LineHandle, found: CheckRound) {
         let pause = match &found {
             // The answers may come from two devices.
@@ -299,7 +301,7 @@ impl Inspection {
         }
     }
 
-    /// Sets the device up and reads every check. `differences`: what is known already.
+    /// Sets the device up and reads every check. `differences`: those that are already known.
     async fn read_all(
         &mut self,
         line: &mut DeviceLine,
@@ -311,7 +313,7 @@ impl Inspection {
         if can.is_some() && self.set_up != Some(resets) {
             match set_up(line, shared, self.device).await {
                 Ok(found) if found.is_empty() => self.set_up = Some(resets),
-                // Nothing can be set up, and still it is to be read.
+                // A dry run sets nothing up, and still reads the checks.
                 Ok(found) if shared.dry_run => differences = found,
                 Ok(found) if self.is_after(breaks, shared) => return CheckRound::Known(breaks, found),
                 Ok(_) => return CheckRound::Broken,
@@ -347,18 +349,18 @@ impl Inspection {
         CheckRound::Known(breaks, differences)
     }
 
-    /// Counts an attempt that brought no value. Returns whether the device delivers its polls and never this: some devices are silent,
-    /// or busy, where they have no register.
+    /// Counts an attempt without a value. Returns whether the device delivers its polls and never this register. Some
+    /// devices are silent, or report that they are busy, if they do not have a register.
     fn is_in_vain(&mut self, fault: Fault, shared: &LineHandle) -> bool {
         let (attempts, last) = self.missed;
         let delivers = shared.core().devices.of(self.device).delivered_at() > last;
         let now = shared.clock.now();
         if fault.is_of_the_line() {
-            // A connection that cannot be made says nothing of the register.
+            // A failed connection says nothing about the register.
             self.missed = (attempts.clamp(1, ASSUMED_SILENT - 1), now);
             return false;
         }
-        // Nor does a refusal while the polls are refused as well.
+        // Neither does a refusal while the polls are refused as well.
         let attempts = match fault.is_refusal() && self.is_polled && !delivers {
             true => attempts.max(1),
             false => attempts + 1,
@@ -369,16 +371,17 @@ impl Inspection {
         is_known && attempts >= ASSUMED_SILENT
     }
 
-    /// Returns whether continuity has not been broken since there were this many breaks.
+    /// Returns whether the continuity has not been broken again since this number of breaks.
     fn is_after(&self, breaks: u64, shared: &LineHandle) -> bool {
         shared.core().devices.of(self.device).breaks_so_far() == breaks
     }
 }
 
-/// Reads one check. A device that says that it has no such register differs.
+/// Reads one check. Returns the difference, if there is one. A device that reports that it has no such register
+/// differs.
 ///
 /// # Errors
-/// The device did not answer, or refused it for another reason.
+/// The device did not answer, or refused the request for another reason.
 async fn read(
     line: &mut DeviceLine,
     device: DeviceId,
@@ -395,8 +398,8 @@ async fn read(
     }
 }
 
-/// Writes the setup list of a CANopen node, in its order. A dry run writes nothing, so there it is only compared. What is
-/// wrong with it afterwards; nothing, where it is set up.
+/// Writes the setup list of a CANopen node, in its order. A dry run writes nothing and only compares it. Returns the
+/// differences that remain, none if the node is set up.
 ///
 /// # Errors
 /// The node does not answer.
@@ -422,7 +425,7 @@ async fn set_up(
             Ok(_) => {}
             Err(fault) if fault.is_refusal() => {
                 wrong.push(not_set_up(setup, format!("cannot be set to {}: {fault}", setup.value)));
-                // What comes after it may rely on it.
+                // Later objects may depend on this one.
                 break;
             }
             Err(fault) => return Err(fault),
@@ -431,14 +434,14 @@ async fn set_up(
     Ok(wrong)
 }
 
-/// The difference of an object that could not be set up.
+/// Difference for an object that could not be set up.
 fn not_set_up(setup: &Setup, why: String) -> Difference {
     let (what, was) = (named(setup), setup.value.to_string());
     let is = Found::Described(format!("{what} {why}"));
     Difference { what, was, is, meaning: String::new(), remedy: String::new() }
 }
 
-/// `1800:05 (event timer)`.
+/// Name of an object of the setup list: `1800:05 (event timer)`.
 fn named(setup: &Setup) -> String {
     match setup.what.as_str() {
         "" => setup.object.to_string(),
@@ -462,9 +465,9 @@ fn round_begins(shared: &LineHandle, id: DeviceId) {
     devices.round_begins(id, compensation, arming);
 }
 
-/// Takes the result of all checks of a device and reports what changed. An axis that reads from a changed device takes its fault
-/// action, and goes back to the Cz before the last round as soon as a check shows that the settings were changed. One that would
-/// write to it is off.
+/// Takes the result of all checks of a device and reports what has changed. An axis that reads from a changed device
+/// runs its fault action. If a check proves that the settings were changed, the axis returns to the Cz before the last
+/// round. An axis that writes to the device is disarmed.
 fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Difference>) {
     let name = &shared.profile.device(id).name;
     let mut core = shared.core();
@@ -491,14 +494,14 @@ fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Dif
         false => found.into(),
     };
     core.events.push(Event::NotAsExpected { device: name.clone(), found: told });
-    // What cannot be read may be as it was.
+    // A check that cannot be read proves no change.
     let was_evident =
         matches!(&before, Continuity::Changed(known) if known.iter().any(Difference::is_evidence));
     if is_evident && !was_evident && core.devices.of(id).has_lasted() {
         let Core { devices, arming, .. } = &mut *core;
         devices.settings_changed(id, arming);
     }
-    // After a break no reading has been used that came with these settings.
+    // After a break, no reading was used that has these settings.
     if before == Continuity::Confirmed {
         let Core { devices, board, .. } = &mut *core;
         let (now, rates) = (shared.clock.now(), devices.of(id).breaks_without_checks());
@@ -507,7 +510,7 @@ fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Dif
         }
     }
     for output in shared.profile.outputs.iter().filter(|output| output.device == id) {
-        // One that is off keeps waiting to be armed.
+        // An axis that is off keeps waiting to be armed.
         if core.arming[output.axis.0].armed {
             core.disarm(output.axis, why.clone());
         }

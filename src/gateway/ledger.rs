@@ -1,7 +1,7 @@
-//! What of the outputs must outlive the process: the division of a shared register, what may still appear in a register, and
-//! whether the last run ended in order. [`isotherm_core::output`] uses it.
+//! State of the outputs that must outlive the process: how a shared register is divided, and which values may still
+//! appear in a register. It also shows whether the last run ended in order. [`isotherm_core::output`] uses it.
 //!
-//! The [store](super::store) keeps it on disk. Whoever depends on that asks for the result.
+//! The [store](super::store) saves it. A caller that depends on that waits for the result.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,34 +16,34 @@ use isotherm_core::output::{self, Doubt};
 use isotherm_core::quantity::{Counts, Shifted};
 use isotherm_profile::{Output, Profile, Share};
 
-/// Outputs of a machine, as the last run left them and as this one keeps them.
+/// State of the outputs of a machine, as the last run left it and as this run saves it.
 pub(super) struct Ledger {
     profile: Arc<Profile>,
-    /// Moments on disk are stamps.
+    /// Converts moments: those on disk are stamps.
     clock: Clock,
-    /// `None` if nothing is ever kept.
+    /// `None` if nothing is saved.
     writer: Option<Arc<Writer>>,
     found: Entries,
-    /// No run has ever written to a register: none has left anything here, or the caller of a gateway that keeps nothing
-    /// answers for that.
+    /// No run has written to a register before. Either none has left anything here, or the gateway saves nothing and
+    /// its caller guarantees this.
     is_first: bool,
     /// Nothing on disk says any more that a run ended in order.
     is_unmarked: bool,
 }
 
-/// What has to happen before a write that depends on it.
+/// Condition for a write that depends on a saved entry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Keeping {
-    /// Nothing: it is not kept, and need not be.
+    /// None: the write need not wait.
     Needless,
     /// This version must be on disk.
     Version(u64),
-    /// It would have to be on disk, and there is none.
+    /// The entry would have to be on disk, but nothing is saved.
     Impossible,
 }
 
 impl Ledger {
-    /// Ledger of a gateway that keeps nothing.
+    /// Ledger of a gateway that saves nothing.
     pub(super) fn of_nothing(profile: &Arc<Profile>, (journal, clock): (&Journal, &Clock)) -> Ledger {
         if profile.outputs.iter().any(is_shared) {
             let why = Explained::new("there is no state directory", "name one with --state");
@@ -53,8 +53,8 @@ impl Ledger {
         Ledger { profile, clock, writer: None, found: Entries::new(), is_first: true, is_unmarked: true }
     }
 
-    /// Opens the ledger of a machine, and the writer of its store. A dry run changes nothing of the outputs. `remembers`: an
-    /// offset was verified in this output before.
+    /// Opens the ledger of a machine, and the writer of its store. A dry run changes nothing of the outputs.
+    /// `remembers` returns whether an offset was verified in this output before.
     pub(super) fn open(
         profile: &Arc<Profile>,
         options: &Options,
@@ -68,11 +68,11 @@ impl Ledger {
         let ours = || Content { outputs: found.clone(), ..Content::default() }.not_in_order();
         let entries = if options.dry_run && is_readable { content.outputs } else { ours().outputs };
         entries.iter().for_each(|(name, entry)| file.set_output(name, entry));
-        // A document that is not accepted does not say that anything was in order. It is kept aside before it is replaced,
-        // which a start does not wait for.
+        // A document that is not accepted does not prove that a run ended in order. It is kept under another name
+        // before it is replaced. A start does not wait for that.
         let is_saved = is_readable && !options.dry_run && file.save().is_ok();
         if is_saved {
-            // If that fails, the writer tries it again and reports it.
+            // If that fails, the writer tries again and reports it.
             let _ = file.save_number();
         }
         let is_unmarked = is_saved || options.dry_run || !is_readable || file.mark_begun();
@@ -83,7 +83,7 @@ impl Ledger {
         (Ledger { profile, clock, writer: kept, found, is_first, is_unmarked }, writer)
     }
 
-    /// What was on disk of this output at the start; `None` where that says nothing of its register.
+    /// Entry of this output on disk at the start. `None` if nothing is known about its register.
     pub(super) fn at_start(&self, output: &Output) -> Option<output::Kept> {
         if self.is_first && !is_shared(output) {
             return Some(output::Kept { in_order: true, ..output::Kept::default() });
@@ -92,10 +92,10 @@ impl Ledger {
         self.found.get(&output.name).map(|entry| entry.kept.shifted(counted))
     }
 
-    /// Has this put on disk. `is_needed`: a register that says itself what stands in it need not wait for the disk, once
-    /// nothing there says any more that a run ended in order.
+    /// Saves the state of an output. `is_needed`: the next write depends on it. Otherwise the write waits only while a
+    /// document on disk still says that a run ended in order.
     pub(super) fn keep(&self, output: &Output, kept: output::Kept, is_needed: bool) -> Keeping {
-        // A value that no register holds is none here either.
+        // A value that no register can hold is not saved either.
         let stood = kept.stood.filter(|counts| fits(*counts));
         let kept = output::Kept { stood, ..kept }.shifted(self.clock.shift());
         let entry = Entry::new(places::of_output(&self.profile, output), kept);
@@ -124,8 +124,8 @@ impl Ledger {
     }
 }
 
-/// What the file says of the outputs of this profile. Of a shared register it must say something where there may be
-/// anything of ours in it: else a person decides.
+/// Entries of the document for the outputs of this profile. An entry in question is added if a shared register may
+/// contain a gateway share and the document does not say how much. The operator then decides.
 fn found(
     profile: &Profile,
     mut before: Entries,
@@ -153,13 +153,14 @@ fn found(
     found
 }
 
-/// The register was ours alone before, and held something: whose that is now only a person can say.
+/// Returns whether the register had no ledger before and held an offset. Only the operator can then say which part of
+/// the value is the operator offset.
 fn is_ours(output: &Output, entry: &Entry) -> bool {
     let is_zero = |counts: Counts| counts == Counts(0) || counts == Counts(output.encoding.bias);
     entry.kept.account.is_none() && entry.kept.stood.is_some_and(|stood| !is_zero(stood))
 }
 
-/// By its name; an output that was given a new name goes on with what is known of its register.
+/// Takes the entry of an output by its name. A renamed output takes the entry of its register.
 fn take(
     entries: &mut Entries,
     profile: &Profile,
@@ -173,7 +174,7 @@ fn take(
     entries.remove(&key)
 }
 
-/// Register of an output as layout 5 has it in the place of its place.
+/// Register of an output as text. Documents of layout 5 identify a register by this text.
 fn in_words(profile: &Profile, output: &Output) -> String {
     let encoding = &output.encoding;
     let device = &profile.device(output.device).name;

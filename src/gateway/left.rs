@@ -1,4 +1,4 @@
-//! What a run before this one has left, and whether it is accepted.
+//! State that the previous run has left, and whether it is accepted.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -24,13 +24,13 @@ use isotherm_profile::{Axis, AxisId, Profile};
 #[derive(Default)]
 pub(super) struct Left {
     pub(super) recalled: Recalled,
-    /// The clock does not go on where the last run ended.
+    /// Correction of the computer's clock, if its time does not continue from the end of the last run.
     pub(super) correction: Option<Correction>,
     /// The store, if there is a directory for it.
     pub(super) opened: Option<Opened>,
-    /// Places of this profile, and what has changed of them.
+    /// Places of this profile, with their changes.
     pub(super) places: Places,
-    /// A state is there, and it is not accepted.
+    /// A state exists, but it is not accepted.
     pub(super) is_lost: bool,
 }
 
@@ -57,7 +57,7 @@ impl Left {
                 None
             }
         };
-        // It is kept until there is a newer one.
+        // The state is kept until there is a newer one.
         state.iter().for_each(|state| opened.file.set_state(state));
         let mut is_lost = opened.found.is_err();
         let recalled = Memory::recall(state, profile).unwrap_or_else(|why| {
@@ -88,9 +88,9 @@ impl Left {
         left
     }
 
-    /// Adds the registers that a person has released to the profile, with what the ledger has of them. A release that began in an
-    /// earlier run is over: its register is named again. None is added in a dry run, while a person has to answer for the state, and
-    /// if another gateway writes to one.
+    /// Adds the registers that an operator has released to the profile, with their entries in the ledger. A release
+    /// that began in an earlier run is over: its register is reported again. Nothing is added in a dry run, or while
+    /// the state is in question. A register that another gateway writes to is not added.
     pub(super) fn extend(&mut self, profile: &mut Profile, options: &Options) -> Releases {
         let Left { places, opened, is_lost, .. } = self;
         let releases = std::mem::take(&mut places.releases);
@@ -124,7 +124,7 @@ impl Left {
                 entries.insert(output.name.clone(), Entry::new(of_output(profile, output), kept));
             }
         }
-        // No later run repeats it, however this one ends.
+        // No later run repeats the release, however this run ends.
         let begun = |one: &Returning| Release { stage: Stage::Begun, ..one.release.clone() };
         places.releases = releases.returning.iter().map(begun).collect();
         releases
@@ -132,7 +132,8 @@ impl Left {
 }
 
 impl Recalled {
-    /// Bridges the stop, by the computer's clock where that may be.
+    /// Adjusts the state for the time of the stop, by the computer's clock if it can be used. Returns the correction of
+    /// the clock, if there is one.
     fn goes_on(
         &mut self,
         (directory, machine): (&Path, &str),
@@ -162,7 +163,8 @@ impl Recalled {
     }
 }
 
-/// Begins a run with the places of its profile and what the run before it left. `is_lost`: a state is there and is not accepted.
+/// Begins a run with the places of its profile and the state of the previous run. `is_lost`: a state exists and is not
+/// accepted.
 pub(super) fn begin(core: &mut Core, (places, is_lost): (Places, bool), recalled: Recalled, now: Moment) {
     let profile = Arc::clone(&core.given.profile);
     for (place, output) in profile.outputs.iter().enumerate() {
@@ -189,7 +191,7 @@ pub(super) fn begin(core: &mut Core, (places, is_lost): (Places, bool), recalled
     core.events.extend(core.places.events(&core.releases, &profile));
 }
 
-/// Names the nodes of entries as this profile does.
+/// Names the nodes of entries as this profile names them.
 fn name_as(profile: &Profile, places: &Places, entries: &mut Entries) {
     let now = Places::of(profile);
     for (name, entry) in entries {
@@ -197,13 +199,13 @@ fn name_as(profile: &Profile, places: &Places, entries: &mut Entries) {
     }
 }
 
-/// Outputs as a run left them.
+/// Outputs as the previous run left them.
 fn outputs(recalled: &Recalled, entries: &Entries) -> BTreeMap<String, KnownOutput> {
     let own = entries.iter().filter(|(name, entry)| !recalled.places.is_of_a_release(name, entry));
     let entries: BTreeMap<&String, &Entry> =
         own.map(|(name, entry)| (recalled.renamed.get(name).unwrap_or(name), entry)).collect();
     let of_entries = entries.iter().filter_map(|(name, entry)| Some((*name, entry.place.as_ref()?)));
-    // The state has also the outputs to which nothing was written.
+    // The state also contains outputs to which nothing was written.
     let all = of_entries.chain(&recalled.places.outputs);
     let known = all.map(|(name, place)| {
         let share = entries.get(name).and_then(|entry| share_um(entry, place));
@@ -217,7 +219,7 @@ fn outputs(recalled: &Recalled, entries: &Entries) -> BTreeMap<String, KnownOutp
     known.collect()
 }
 
-/// Cz of ours in a shared register as the ledger has it, µm. `None` if it does not say.
+/// Gateway share in a shared register, from its entry in the ledger, µm. `None` if it is not known.
 fn share_um(entry: &Entry, place: &OutputPlace) -> Option<f64> {
     let is_of_it = entry.place.as_ref().is_some_and(|known| known.is_same_register(place));
     let Account { share, .. } = entry.kept.account.filter(|account| is_of_it && account.doubt.is_none())?;
@@ -226,21 +228,22 @@ fn share_um(entry: &Entry, place: &OutputPlace) -> Option<f64> {
     Some(share * place.scale / if place.diameter { 2.0 } else { 1.0 })
 }
 
-/// Places that a gateway has remembered in its state directory. None if its state cannot be read.
+/// Places that a gateway has saved in its state directory. Empty if its state cannot be read.
 fn remembered_places(directory: &Path, profile: &Profile) -> Places {
     let state = store::content(directory, &profile.name).and_then(|content| content.state);
     Memory::recall(state, profile).unwrap_or_default().places
 }
 
-/// Changes of the profile since the last run of a machine that are not confirmed, a sentence each. A state that cannot be read says
-/// nothing.
+/// Changes of the profile since the last run of a machine that are not confirmed, one sentence for each. Empty if the
+/// state cannot be read.
 pub fn moved_since(directory: &Path, profile: &Profile) -> Vec<String> {
     let Some((places, recalled)) = places_in(directory, profile) else { return Vec::new() };
     let signals = recalled.moved.iter().map(|(signal, moved)| why_forgotten(signal, moved));
     places.explain().into_iter().chain(signals).map(|why| why.to_string()).collect()
 }
 
-/// Returns the profile with the registers that a person has released, as the next gateway with this state directory runs it.
+/// Returns the profile with the registers that an operator has released, as the next gateway with this state directory
+/// runs it.
 pub fn with_releases(directory: &Path, mut profile: Profile) -> Profile {
     if let Some((places, _)) = places_in(directory, &profile) {
         let asked = places.releases.iter().filter(|release| release.stage == Stage::Asked);
@@ -259,10 +262,11 @@ fn places_in(directory: &Path, profile: &Profile) -> Option<(Places, Recalled)> 
     Some((places, recalled))
 }
 
-/// Whether a gateway may start with what lies in its directory.
+/// Checks that a gateway may start with the content of its directory.
 ///
 /// # Errors
-/// A sentence with the remedy: a later version of the program has written it, or anybody may write to it.
+/// A later version of the program has written the content, or every user may write to it. The error is a sentence with
+/// the remedy.
 pub fn may_start(options: &Options, profile: &Profile) -> Result<(), String> {
     let Some(directory) = options.directory.as_deref() else { return Ok(()) };
     store::may_start(&*options.disk, directory, &profile.name)

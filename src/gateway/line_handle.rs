@@ -1,4 +1,4 @@
-//! What a line's task sees and touches of the gateway.
+//! Access of a line task to the shared state of the gateway.
 
 use std::ops::Deref;
 use std::sync::Arc;
@@ -17,17 +17,17 @@ use isotherm_core::output::Beat;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Arm, BusId, DeviceId, OnStop, OutputId, Signal};
 
-/// A step of an axis looks whether the computer's clock was set, but not more often than this.
+/// Shortest time between two checks whether the computer's clock was set. A step of an axis makes them.
 const DAY_EVERY: Duration = Duration::from_millis(100);
 
-/// One line's hold on what all of them share.
+/// Access of one line to the shared state.
 #[derive(Clone)]
 pub(super) struct LineHandle {
     shared: Arc<Shared>,
     bus: BusId,
 }
 
-/// A line reads the profile and the clock, and takes the lock for what it has read and written.
+/// A line reads the profile and the clock, and locks the state to store what it has read and written.
 impl Deref for LineHandle {
     type Target = Shared;
 
@@ -41,8 +41,8 @@ impl LineHandle {
         LineHandle { shared, bus }
     }
 
-    /// Steps each axis that is due and wakes the other lines, which may have to write. Called by the line that has just
-    /// read its inputs. When the next axis is due.
+    /// Steps each axis that is due, and wakes the other lines, which may have to write. The line that has just read
+    /// inputs calls it. Returns the time at which the next axis is due.
     pub(super) fn advance(&self, now: Moment) -> Option<Moment> {
         let mut core = self.core();
         let stepped = core.advance(now);
@@ -65,7 +65,7 @@ impl LineHandle {
         due
     }
 
-    /// Looks for new results of the probing cycles that are read on this line.
+    /// Checks for new results of the probing cycles that are read on this line.
     pub(super) fn hear_probings(&self, now: Moment) {
         let axes = &self.dependents.probed_on[self.bus.0];
         if axes.is_empty() {
@@ -79,8 +79,8 @@ impl LineHandle {
         }
     }
 
-    /// Looks at what has just been read on this line, before anything is written. Every line is woken where a control was
-    /// restarted.
+    /// Checks the latest readings of this line for restarts, before anything is written. Wakes every line if a control
+    /// was restarted.
     pub(super) fn look_for_restarts(&self, now: Moment) {
         if !self.dependents.shows_restarts[self.bus.0] {
             return;
@@ -94,9 +94,9 @@ impl LineHandle {
         }
     }
 
-    /// The line of an output came to it so late that what was decided rests on readings which are too old by now.
+    /// Reports that the line reached an output so late that the readings of its decision are too old.
     pub(super) fn order_lapsed(&self, id: OutputId, not_after: Moment) {
-        // Nobody is late where nothing from before is to be used.
+        // The default moment means that no earlier decision may be used, so nothing is late.
         if not_after == Moment::default() {
             return;
         }
@@ -106,7 +106,8 @@ impl LineHandle {
         self.overrun(bus, 1, late, || format!("a change of output {}", output.name));
     }
 
-    /// So many more times something was late, by this at most. What it was is reported, if that was long enough ago.
+    /// Counts `count` late cycles, of which the latest was `late` behind. Reports them with the text of `what`, unless
+    /// others were reported recently.
     pub(super) fn overrun(&self, bus: BusId, count: u64, late: Duration, what: impl FnOnce() -> String) {
         let now = self.clock.now();
         let mut core = self.core();
@@ -116,8 +117,8 @@ impl LineHandle {
         }
     }
 
-    /// Returns the heartbeat of the next request. Heartbeats begin with the first arming or, if the profile arms, with the first valid
-    /// reading. They end with the process.
+    /// Returns the heartbeat of the next request. Heartbeats begin with the first arming or, with `arm = "auto"`, with
+    /// the first valid reading. They end with the process.
     pub(super) fn beat(&self, now: Moment) -> Beat {
         let (core, arm) = (self.core(), self.profile.arm);
         if self.dry_run || !(core.was_armed || (arm == Arm::Auto && core.has_read)) {
@@ -127,15 +128,15 @@ impl LineHandle {
         if self.head_lives(now) { Beat::Counts } else { Beat::Stands }
     }
 
-    /// The axes were stepped as lately as they should be: a gateway whose lines live but whose head does not counts no beat. While
-    /// the registers keep what they hold until another program takes over, no axis is to be stepped.
+    /// Returns whether the axes were stepped in time. If they were not, the heartbeat does not count, even if the lines
+    /// work. While the registers keep their values for another program, no axis has to be stepped.
     fn head_lives(&self, now: Moment) -> bool {
         let (every, core) = (self.dependents.shortest_period, self.core());
         core.stop == Some(OnStop::Hold) || every.is_none_or(|every| now.since(core.stepped_at) <= every * 2)
     }
 }
 
-/// What becomes of each request: counted, and reported when something begins and when it ends.
+/// Counts the result of each request, and reports the beginning and the end of failures.
 impl Witness for LineHandle {
     fn note(
         &self,
@@ -153,12 +154,12 @@ impl Witness for LineHandle {
             *count.failures.entry(fault.blame()).or_default() += 1;
         }
         match outcome {
-            // It is the gateway before it that says so: of the device nothing came.
+            // The gateway before the device has answered: nothing came from the device.
             Err(fault) if !fault.is_refusal() || (fault.is_of_a_gateway() && request.is_read()) => {
                 contact.fails(device, fault, refusals, events);
                 devices.misses(device, now);
             }
-            // Nobody answers a frame: that it was sent says nothing of the device.
+            // No device answers a frame: a frame that was sent says nothing about the device.
             Ok(()) if !request.is_answered() => {}
             _ => {
                 devices.answers(device, now);
@@ -185,7 +186,7 @@ impl Witness for LineHandle {
         }
     }
 
-    /// A dry run writes nothing, so it reads the outputs of a wrong device, too.
+    /// A dry run writes nothing, so it also reads the outputs of a device whose checks do not pass.
     fn is_verified(&self, device: DeviceId) -> bool {
         let (now, mut core) = (self.clock.now(), self.core());
         core.devices.notice_silence(device, now);
@@ -197,7 +198,7 @@ impl Witness for LineHandle {
         self.core().events.push(Event::PipelineGivenUp { bus, fault: fault.to_string() });
     }
 
-    /// Reported for each form of its answers that is new.
+    /// Reports another master, and again for each new form of its answers.
     fn shares_line(&self, attribute: &dyn Fn(u8, Request<'_>) -> Attribution) {
         let mut ids = Vec::new();
         for (id, device) in self.profile.devices_on(self.bus) {
@@ -223,7 +224,7 @@ impl Witness for LineHandle {
         self.core().events.push(Event::BusWell { bus, address, count: frames, what, within });
     }
 
-    /// Once, until there is something else to say: a server is asked anew on each connection.
+    /// Reports the state of a subscription once, until it changes. A server is asked again on each connection.
     fn subscribes(&self, device: DeviceId, what: String) {
         let mut core = self.core();
         let Core { contact, events, .. } = &mut *core;
@@ -236,10 +237,10 @@ impl Witness for LineHandle {
     }
 }
 
-/// Signals that are named in a message; the others are counted.
+/// Largest number of signals that a message names. The others are counted.
 const NAMED: usize = 8;
 
-/// Explains that another master is on a line. The answers to its questions could be those of these signals.
+/// Explains that another master is on a line. The answers to its requests could be those of these signals.
 fn another_master(signals: &[&Signal]) -> Explained {
     let list = |signals: &[&Signal]| {
         let named: Vec<&str> = signals.iter().take(NAMED).map(|signal| signal.name.as_str()).collect();

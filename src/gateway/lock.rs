@@ -1,4 +1,4 @@
-//! The lock, held: for how long, and what happened meanwhile.
+//! Guard of the lock. It measures how long the lock is held, and reports the events of that time.
 
 use std::ops::{Deref, DerefMut};
 use std::sync::MutexGuard;
@@ -11,11 +11,11 @@ use isotherm_core::quantity::Moment;
 /// Upper bounds of the buckets, µs.
 const BOUNDS_US: [u64; 8] = [2, 5, 10, 20, 50, 100, 500, 5000];
 
-/// One lock of so many is measured: two looks at the clock cost more than most locks. A prime number, so that the same
-/// round of work does not show the same lock each time.
+/// One of this many locks is measured, because two clock samples cost more than most locks. The number is prime, so
+/// that a repeated sequence of locks is not always measured at the same lock.
 const SAMPLED: u64 = 17;
 
-/// For how long the locks that were measured were held: a histogram, since nobody who waits for one can be late by less.
+/// Histogram of the times for which measured locks were held. A task that waits for a lock is late by up to that time.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct LockTimes {
     taken: u64,
@@ -23,15 +23,14 @@ pub(super) struct LockTimes {
 }
 
 impl LockTimes {
-    /// The upper bound of each bucket in seconds, the last one without end, and how many of those that were measured were
-    /// held for no longer than that but longer than the bound before.
+    /// Upper bound of each bucket in seconds, and the number of measured locks in it. The last bound is infinite.
     pub(super) fn read(&self) -> Vec<(f64, u64)> {
         #[allow(clippy::cast_precision_loss, reason = "a few thousand at most")]
         let bounds = BOUNDS_US.iter().map(|bound| *bound as f64 * 1e-6).chain([f64::INFINITY]);
         bounds.zip(self.counts).collect()
     }
 
-    /// One more is taken. Whether it is to be measured.
+    /// Counts a lock. Returns whether it must be measured.
     fn take(&mut self) -> bool {
         self.taken += 1;
         self.taken.is_multiple_of(SAMPLED)
@@ -44,12 +43,12 @@ impl LockTimes {
     }
 }
 
-/// The lock, held. What is put into [`Core::events`] meanwhile is reported as soon as it is free again.
+/// Guard of the lock. Events in [`Core::events`] are reported as soon as the lock is free again.
 pub(super) struct Held<'a> {
     core: MutexGuard<'a, Core>,
-    /// Where this lock is measured.
+    /// Start of the measurement, if this lock is measured.
     since: Option<Moment>,
-    /// Dropped after the lock, because it stands after it.
+    /// This field follows the lock, so it is dropped after the lock.
     after: Unreported<'a>,
 }
 

@@ -1,7 +1,8 @@
-//! State of a machine over a restart: time since machine start, references, lags, datums, what probings taught, the Cz that was
-//! verified last, and the last good values.
+//! State of a machine over a restart: time since machine start, references, lags, datums, results of probing, last
+//! verified Cz, and last good values.
 //!
-//! The [store](super::store) keeps it. If it does not accept a state, the gateway starts without one, and a person arms.
+//! The [store](super::store) saves it. If a state is not accepted, the gateway starts without one, and an operator must
+//! arm.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -20,11 +21,11 @@ use isotherm_core::quantity::{Moment, Shift, Shifted};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::Profile;
 
-/// State at one moment.
+/// State of a machine at one moment.
 #[derive(Debug)]
 pub(super) struct Memory {
     at: Moment,
-    /// Names of the signals, by their places in what is remembered.
+    /// Names of the signals, in the order of their ids in `remembered`.
     signals: Vec<String>,
     remembered: Remembered,
     verified_um: BTreeMap<String, f64>,
@@ -34,26 +35,26 @@ pub(super) struct Memory {
 /// Parts of the state that are saved without a change.
 #[derive(Debug)]
 pub(super) struct Rest {
-    /// By axis: what is known of its sign.
+    /// Saved results of the sign checks, by axis.
     pub(super) signs: BTreeMap<String, SignMemory>,
     pub(super) places: Arc<Places>,
     /// Last good values of signals with a `max_rate`.
     pub(super) values: BTreeMap<String, LastGood>,
 }
 
-/// State as the document has it.
+/// State as it is saved in the document.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SavedState {
     at: Moment,
-    /// What the compensation remembers, by name.
+    /// State of the compensation, with the names of signals.
     machine: Value,
     /// Cz as last verified in each offset output and as last written in each corrected position, µm.
     verified_um: BTreeMap<String, f64>,
-    /// By axis: what is known of its sign.
+    /// Saved results of the sign checks, by axis.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     signs: BTreeMap<String, SignMemory>,
-    /// Places of signals and outputs. None in a document of layout 5.
+    /// Places of signals and outputs. Empty in a document of layout 5.
     #[serde(default)]
     places: Places,
     /// Last good values of signals with a `max_rate`.
@@ -61,24 +62,24 @@ pub(super) struct SavedState {
     values: BTreeMap<String, LastGood>,
 }
 
-/// State that a run finds.
+/// State that a run finds at its start.
 #[derive(Debug, Default)]
 pub(super) struct Recalled {
-    /// Its moments are stamps, as the clock of that run had them.
+    /// State of the compensation. Its moments are stamps of the previous run.
     pub(super) remembered: Remembered,
-    /// When it was kept.
+    /// Time at which the state was saved.
     pub(super) at: Option<Moment>,
     /// Cz as last verified in each offset output and as last written in each corrected position, µm.
     pub(super) verified_um: BTreeMap<String, f64>,
-    /// By axis: what is known of its sign.
+    /// Saved results of the sign checks, by axis.
     pub(super) signs: BTreeMap<String, SignMemory>,
-    /// Places that signals and outputs had.
+    /// Places of signals and outputs in the previous run.
     pub(super) places: Places,
-    /// Outputs that have another name at the same place, each with the new one. What is remembered has the new ones.
+    /// Outputs that have another name at the same place: old name and new name. The other fields contain the new names.
     pub(super) renamed: BTreeMap<String, String>,
-    /// Signals that have another place now, if something was captured from them. It is forgotten.
+    /// Signals that have another place now, if a reference was captured from them. The reference is discarded.
     pub(super) moved: BTreeMap<String, Moved>,
-    /// Last good values of signals with a `max_rate`, with their age at the start. None if that is not known.
+    /// Last good values of signals with a `max_rate`, with their age at the start. Empty if the age is not known.
     pub(super) values: BTreeMap<String, LastGood>,
 }
 
@@ -94,13 +95,13 @@ impl Memory {
         Memory { at, signals, remembered, verified_um, rest }
     }
 
-    /// The same as the computer's clock has it.
+    /// Converts all moments to stamps of the computer's clock.
     pub(super) fn stamped(self, shift: Shift) -> Memory {
         let remembered = self.remembered.counted_until(self.at).shifted(shift);
         Memory { at: self.at.shifted(shift), remembered, ..self }
     }
 
-    /// What is saved of it.
+    /// Converts the state to the form that is saved.
     pub(super) fn saved(self) -> serde_json::Result<SavedState> {
         let mut machine = serde_json::to_value(&self.remembered)?;
         by_name(&mut machine, &self.signals);
@@ -109,10 +110,10 @@ impl Memory {
         Ok(SavedState { at: self.at, machine, verified_um: self.verified_um, signs, places, values })
     }
 
-    /// Reads what was saved, for the signals of this profile.
+    /// Reads a saved state, for the signals of this profile.
     ///
     /// # Errors
-    /// A clause: it says nothing about a machine.
+    /// The content is no state of a machine. The error is a clause.
     pub(super) fn recall(state: Option<Value>, profile: &Profile) -> Result<Recalled, String> {
         let Some(state) = state else { return Ok(Recalled::default()) };
         let read = serde_json::from_value(state).and_then(|mut state: SavedState| {

@@ -1,5 +1,5 @@
-//! Namespaces that the profile names by index: what is remembered of a server, and what is reported and refused when the server has
-//! them elsewhere. [`isotherm_core::namespaces`] decides.
+//! Namespaces that the profile names by index: what is saved of them, and what is reported or refused if the server has
+//! moved them. [`isotherm_core::namespaces`] decides.
 
 use std::path::Path;
 
@@ -12,10 +12,10 @@ use isotherm_core::explained::Explained;
 use isotherm_core::namespaces::{KnownNamespaces, Located};
 use isotherm_profile::{Bus, BusId, Output, Profile, Share};
 
-/// The namespaces of one server, as they were reported last.
+/// Namespaces of one server, as they were last reported.
 #[derive(Debug, Default)]
 pub(super) struct NamespaceWatch {
-    /// Changes of the table that were looked at.
+    /// Changes of the table that were processed.
     seen: u64,
     found: Vec<(u16, Located)>,
     known: KnownNamespaces,
@@ -24,14 +24,14 @@ pub(super) struct NamespaceWatch {
 }
 
 impl NamespaceWatch {
-    /// Looks whether anything has changed since the last look: remembers it and reports it. Returns whether it has.
+    /// Checks for changes since the last call, saves them and reports them. Returns whether there were any.
     pub(super) fn look(&mut self, bus: &Bus, table: &NamespaceTable, core: &mut Core) -> bool {
         let changes = table.changes();
         if changes == self.seen {
             return false;
         }
         let (found, known) = (table.found(), table.known());
-        // Another line may go to the same server, and knows better what it has learnt.
+        // Another line may use the same server. Only the indices that have changed on this line are saved.
         let indices = found.iter().map(|(index, _)| *index);
         let learnt: Vec<u16> = indices.filter(|index| !known.agrees(*index, &self.known)).collect();
         (self.seen, self.known, self.array) = (changes, known, table.array().to_vec());
@@ -57,12 +57,13 @@ impl NamespaceWatch {
         }
     }
 
-    /// Returns whether the namespace of some index cannot be told, so that no device of the server may be used.
+    /// Returns whether the namespace of an index cannot be identified, so that no device of the server may be used.
     pub(super) fn is_lost(&self) -> bool {
         self.found.iter().any(|(_, located)| located.is_lost())
     }
 
-    /// Returns why a device of the server may not be used: a difference for each index whose namespace cannot be told.
+    /// Returns why a device of the server may not be used: a difference for each index whose namespace cannot be
+    /// identified.
     pub(super) fn differences(&self, profile: &Path, device: &str) -> Vec<Difference> {
         let lost = self.found.iter().filter(|(_, located)| located.is_lost());
         let difference = |(index, located): &(u16, Located)| {
@@ -94,11 +95,12 @@ impl NamespaceWatch {
     }
 }
 
-/// A person has confirmed a device of this server: the namespaces that cannot be told are taken as the server has them now. Returns
-/// what is to be said of it, or `None` if all of them can be told.
+/// Accepts the present namespaces of the server, for the indices that cannot be identified, because the operator has
+/// confirmed a device of this server. Returns a message, or `None` if all of them can be identified.
 ///
 /// # Errors
-/// The server has no namespace at an index, or a register there is shared with an operator: its account is that of another namespace.
+/// The server has no namespace at an index. Or an operator also writes to a register there, and its entry in the ledger
+/// belongs to another namespace.
 pub(super) fn confirm_namespaces(
     profile: &Profile,
     bus: BusId,

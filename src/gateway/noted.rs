@@ -1,8 +1,8 @@
-//! A list that notes which of its items may have changed, so that only what depends on those is worked out again.
+//! Vector that records which of its items may have changed, so that only their dependents are updated.
 
 use std::ops::{Index, IndexMut};
 
-/// Whoever takes an item to change it has it noted.
+/// Vector that records changes: mutable access to an item marks it as changed.
 #[derive(Clone, Debug)]
 pub(super) struct Noted<T> {
     items: Vec<T>,
@@ -24,12 +24,12 @@ impl<T> Noted<T> {
         &self.items
     }
 
-    /// What all of them depend on has changed.
+    /// Marks all items as changed.
     pub(super) fn note_all(&mut self) {
         (0..self.items.len()).for_each(|place| self.note(place));
     }
 
-    /// The place of one that was noted and has not been asked for since.
+    /// Takes the index of an item that was marked as changed. Returns `None` if there is none.
     pub(super) fn next_changed(&mut self) -> Option<usize> {
         let place = self.places.pop()?;
         self.is_noted[place] = false;

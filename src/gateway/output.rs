@@ -1,4 +1,4 @@
-//! What the gateway knows of one output: whether what it wrote is what stands there.
+//! State of an output as the gateway knows it: the register value, and whether it was verified.
 
 use std::ops::{Index, IndexMut};
 use std::sync::Arc;
@@ -17,37 +17,38 @@ use isotherm_profile::{Handshake, Output, OutputId, Profile, Writes};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub(super) enum Standing {
-    /// Its register has not been read since the connection was made.
+    /// The register has not been read since the connection was made.
     #[default]
     Unknown,
-    /// What stands in the register is known, and is ours.
+    /// The register value is known, and is the value of the gateway.
     Verified,
-    /// The last write failed, or was not what was read back.
+    /// The last write failed, or the value read back was different.
     Unverified,
     Interlocked,
-    /// Somebody else wrote to it.
+    /// Another client wrote to the register.
     Foreign,
 }
 
-/// One output, as the axes and the people see it.
+/// State of one output, for the axes and for the display.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct OutputState {
     pub(super) standing: Standing,
-    /// Cz in the register as last verified; of a slope what it comes to at the axis's reach, for a corrected position the
-    /// Cz that went into it. Of a reference position it says only that the register is known.
+    /// Last verified Cz in the register. For a slope it is the effect at the reach of the axis. For a corrected
+    /// position it is the Cz that the position contains. For a reference position it shows only that the register is
+    /// known.
     pub(super) cz: Option<Micron>,
-    /// The value in the register, in the output's unit.
+    /// Register value, in the unit of the output.
     pub(super) value: Option<f64>,
-    /// The operator's part of that and ours, where the register is shared.
+    /// Operator offset and gateway share of that value, if the register is shared.
     pub(super) shares: Option<(f64, f64)>,
     pub(super) verified_at: Option<Moment>,
-    /// What the control says it applies, in the output's unit, and when it was asked.
+    /// Value that the control reports as applied, in the unit of the output, and the time of that request.
     pub(super) applied: Option<(f64, Moment)>,
-    /// When nothing of ours can arrive any more that was not answered.
+    /// Time after which no unanswered write can arrive any more.
     pub(super) waits_until: Option<Moment>,
-    /// A change waits for that.
+    /// A change waits for that time.
     pub(super) is_waiting: bool,
-    /// It was only acknowledged, and is not read.
+    /// The write was only acknowledged, and the register is not read.
     pub(super) is_only_acknowledged: bool,
     pub(super) writes: u64,
     /// Failures since the last verified write.
@@ -60,20 +61,20 @@ pub(super) struct OutputState {
 pub(super) struct Outputs {
     profile: Arc<Profile>,
     states: Noted<OutputState>,
-    /// By axis, in the profile's order.
+    /// Outputs of each axis, in the order of the profile.
     of_axis: Arc<Vec<Vec<OutputId>>>,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct HandshakeStatus {
     pub(super) waits: Option<Awaited>,
-    /// What the last one failed at, until one succeeds.
+    /// Failure of the last handshake, until one succeeds.
     pub(super) failed: Option<HandshakeFault>,
     /// The strobe is up, or may be.
     pub(super) strobe_up: bool,
-    /// The control word beside it may say that every axis is armed.
+    /// The control word next to the strobe may report that every axis is armed.
     pub(super) says_enabled: bool,
-    /// What stands there was not taken yet.
+    /// The control has not taken the register value yet.
     pub(super) is_untaken: bool,
 }
 
@@ -90,7 +91,7 @@ impl Outputs {
         }
     }
 
-    /// Those of an axis, each with its place in the profile.
+    /// Outputs of an axis.
     pub(super) fn ids(&self, axis: usize) -> &[OutputId] {
         &self.of_axis[axis]
     }
@@ -99,7 +100,7 @@ impl Outputs {
         self.of_axis[axis].iter().map(|id| (self.profile.output(*id), &self.states[id.0]))
     }
 
-    /// State of an axis as people see it.
+    /// Displayed state of an axis.
     pub(super) fn display(
         &self,
         axis: usize,
@@ -130,7 +131,7 @@ impl Outputs {
         self.states.as_slice()
     }
 
-    /// One whose state may have changed since it was last asked for.
+    /// Returns an output whose state may have changed since the last call.
     pub(super) fn next_changed(&mut self) -> Option<OutputId> {
         self.states.next_changed().map(OutputId)
     }
@@ -151,7 +152,7 @@ impl IndexMut<usize> for Outputs {
 }
 
 impl HandshakeStatus {
-    /// What is to be said of it on the page; empty where nothing is.
+    /// Message for the page. It is empty if there is nothing to report.
     pub(super) fn message(self, handshake: Option<&Handshake>) -> String {
         let Some(Handshake { strobe, acknowledge, .. }) = handshake else { return String::new() };
         match (self.failed, self.waits) {
@@ -167,12 +168,12 @@ impl HandshakeStatus {
 }
 
 impl OutputState {
-    /// How long a change still waits for what may arrive late, at most.
+    /// Longest time that a change still waits for a write that may arrive late.
     pub(super) fn waits(&self, now: Moment) -> Option<Duration> {
         self.waits_until.filter(|_| self.is_waiting).map(|until| until.since(now))
     }
 
-    /// What else is to be known of its value, for the page.
+    /// Note about the value, for the page.
     pub(super) fn note(&self, now: Moment) -> String {
         match self.waits(now) {
             Some(span) => format!("waiting for a late write, {} s", span.as_secs()),
@@ -183,7 +184,7 @@ impl OutputState {
         }
     }
 
-    /// Returns whether this verified Cz is the wanted one, to half a count of the register.
+    /// Returns whether this verified Cz is `wanted`, to half a count of the register.
     pub(super) fn is_near(&self, profile: &Profile, output: &Output, cz: Micron, wanted: Micron) -> bool {
         let settings = &profile.axis(output.axis).settings;
         let grain = match (output.writes, settings.intercept_slope) {
@@ -199,7 +200,7 @@ impl OutputState {
         is_near(cz, wanted, grain.get(), base.unwrap_or_default())
     }
 
-    /// What stands in the register is not certain any more.
+    /// Marks the register value as uncertain, for example after a failed write.
     pub(super) fn doubt(&mut self) {
         if self.standing != Standing::Unknown {
             self.standing = Standing::Unverified;
@@ -208,7 +209,7 @@ impl OutputState {
 }
 
 impl Standing {
-    /// The word for it on the page and in the metrics.
+    /// Name of the state on the page and in the metrics.
     pub(super) const fn name(self) -> &'static str {
         match self {
             Standing::Unknown => "unknown",

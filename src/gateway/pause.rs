@@ -1,9 +1,9 @@
-//! Times in which the computer stood still. What was read and decided before is not used after, and what stands in the
-//! registers is looked at again.
+//! Pauses of the computer. Readings and decisions from before a pause are not used after it, and every register is read
+//! again.
 
 use isotherm_core::quantity::Moment;
 
-/// How often the computer stood still, and until when.
+/// Number of pauses, and the end of the last one.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Pauses {
     count: u64,
@@ -15,7 +15,8 @@ impl Pauses {
         self.count
     }
 
-    /// Somebody has not been able to look at the clock since then, until now; `false` where that was noticed already.
+    /// Records that a task could not sample the clock from `since` until `now`. Returns `false` if this pause was
+    /// recorded already.
     pub(super) fn begins(&mut self, since: Moment, now: Moment) -> bool {
         let is_new = since >= self.ended;
         if is_new {

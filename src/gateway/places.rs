@@ -1,5 +1,5 @@
-//! Places of the outputs and signals of a profile: what is saved of them, which axes wait for a person because of them, and what
-//! is reported. [`isotherm_core::place`] decides.
+//! Places of the outputs and signals of a profile: what is saved and reported of them, and which axes therefore wait
+//! for the operator. [`isotherm_core::place`] decides.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -19,7 +19,7 @@ use isotherm_core::place::{
 use isotherm_core::quantity::Micron;
 use isotherm_profile::{AxisId, DeviceId, Output, OutputId, Profile, Share, Signal, Writes};
 
-/// Hint for an output that takes all of a register that an operator writes to as well.
+/// Hint for an output that uses a whole register to which an operator also writes.
 const WHOLE: &str = "arming makes all that the register holds the gateway's, also what the operator has there; to keep that, write \
                      share = \"ledger\" again";
 
@@ -27,35 +27,35 @@ const WHOLE: &str = "arming makes all that the register holds the gateway's, als
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Places {
-    /// By name of the output.
+    /// Places of the outputs, by name.
     pub(super) outputs: BTreeMap<String, OutputPlace>,
-    /// By name of the signal.
+    /// Places of the signals, by name.
     pub(super) signals: BTreeMap<String, SignalPlace>,
-    /// Those that outputs had before, and that wait for a person.
+    /// Former places of outputs that wait for the operator.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(super) former: Vec<Former>,
     /// Outputs whose place was only read: the gateway has written nothing there.
     #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
     only_read: BTreeSet<String>,
-    /// By address of an OPC UA server: URIs of the namespaces that the profile names by index.
+    /// For each address of an OPC UA server: URIs of the namespaces that the profile names by index.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     namespaces: BTreeMap<String, KnownNamespaces>,
-    /// By name of the output: within which bounds it is moved.
+    /// Bounds within which each output is moved, by name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     bounds: BTreeMap<String, Bounds>,
     /// Ledger entries of former places.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(super) kept: Vec<Entry>,
-    /// Registers that a person wants back at their base.
+    /// Releases of registers that the operator has requested.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(super) releases: Vec<Release>,
 }
 
-/// Places of this run and what is reported of the former ones.
+/// Places of this run, and the reports about former ones.
 #[derive(Debug, Default)]
 pub(super) struct Moves {
     pub(super) places: Arc<Places>,
-    /// Outputs that have another place, and whose register was not read since the start.
+    /// Outputs with another place whose register was not read since the start.
     unread: Vec<OutputId>,
 }
 
@@ -98,7 +98,7 @@ fn line(profile: &Profile, device: DeviceId) -> (String, u8) {
     (bus.map_or(String::new(), |bus| bus.address.clone()), device.map_or(0, |device| device.unit))
 }
 
-/// A node by the URI of its namespace, as far as that is known. `None` for any other address.
+/// Node of an address, with the URI of its namespace if that is known. `None` for any other address.
 fn by_uri(address: &str, known: &KnownNamespaces) -> Option<NodeId> {
     let mut node: NodeId = address.strip_prefix("node ")?.parse().ok()?;
     if let Namespace::Index(index) = node.namespace
@@ -109,7 +109,7 @@ fn by_uri(address: &str, known: &KnownNamespaces) -> Option<NodeId> {
     Some(node)
 }
 
-/// Index by which an address names its namespace.
+/// Index by which an address names its namespace. `None` if it does not use an index.
 fn index_of(address: &str) -> Option<u16> {
     let node: NodeId = address.strip_prefix("node ")?.parse().ok()?;
     match node.namespace {
@@ -118,7 +118,7 @@ fn index_of(address: &str) -> Option<u16> {
     }
 }
 
-/// Names that have another name at the same place, each with the new one.
+/// Items that have another name at the same place: old name and new name.
 fn new_names<P: Place>(before: &BTreeMap<String, P>, now: &BTreeMap<String, P>) -> BTreeMap<String, String> {
     let found = place::compare(before, now).into_iter();
     let renamed = found.filter_map(|(name, found)| match found {
@@ -129,7 +129,7 @@ fn new_names<P: Place>(before: &BTreeMap<String, P>, now: &BTreeMap<String, P>) 
 }
 
 impl Places {
-    /// Places of a profile. Nothing is known of former ones, and a register that is released is none.
+    /// Places of a profile, without former ones. Registers of releases are left out.
     pub(super) fn of(profile: &Profile) -> Places {
         let own = || profile.outputs.iter().filter(|output| !profile.is_release(output.axis));
         let outputs = own().map(|output| (output.name.clone(), of_output(profile, output)));
@@ -143,7 +143,8 @@ impl Places {
         }
     }
 
-    /// The same, with each node named as in this profile if both names mean the same node: `ns=2;s=offset` and `nsu=urn:mill;s=offset`.
+    /// Names each node as in this profile, if both names mean the same node: `ns=2;s=offset` and
+    /// `nsu=urn:mill;s=offset`.
     pub(super) fn named_as(mut self, now: &Places) -> Places {
         let known = Places { namespaces: self.namespaces.clone(), ..Places::default() };
         if known.namespaces.is_empty() {
@@ -151,7 +152,7 @@ impl Places {
         }
         let mut namespaces = std::mem::take(&mut self.namespaces);
         for (bus, known) in &mut namespaces {
-            // A node that was added may be meant as the server has it now, and not as it had it.
+            // A node that was added may mean the present namespace of the server, not the saved one.
             let (before, after) = (self.addresses(bus), now.addresses(bus));
             known.doubt_unless(|index| {
                 let is_at = |address: &&&str| index_of(address) == Some(index);
@@ -170,19 +171,19 @@ impl Places {
         self
     }
 
-    /// Places with the namespaces of servers that others remember.
+    /// Replaces the namespaces of servers by those of other places.
     pub(super) fn with_namespaces_of(self, others: Places) -> Places {
         Places { namespaces: others.namespaces, ..self }
     }
 
-    /// Names the node of an output as this profile does if both names mean the same node.
+    /// Names the node of an output as in this profile, if both names mean the same node.
     pub(super) fn name_output(&self, now: &Places, name: &str, place: &mut OutputPlace) {
         let same_name = now.outputs.get(name).map(|place| place.address.as_str());
         self.name_node(now, same_name, &place.bus, &mut place.address);
     }
 
-    /// Names the node at one address as this profile does. What has the same name in the profile comes first: one node can be named in
-    /// two ways.
+    /// Names the node of an address as in this profile. The item with the same name in the profile has priority,
+    /// because one node can be named in two ways.
     fn name_node(&self, now: &Places, same_name: Option<&str>, bus: &str, address: &mut String) {
         let Some(known) = self.namespaces.get(bus) else { return };
         let Some(was) = by_uri(address, known) else { return };
@@ -193,7 +194,7 @@ impl Places {
         }
     }
 
-    /// Addresses on a bus.
+    /// Addresses of outputs and signals on a bus.
     fn addresses(&self, bus: &str) -> Vec<&str> {
         let outputs = self.outputs.values().map(|place| (&place.bus, &place.address));
         let signals = self.signals.values().map(|place| (&place.bus, &place.address));
@@ -210,17 +211,17 @@ impl Places {
         moved.collect()
     }
 
-    /// Names of outputs that have another name at the same place in this profile, each with the new one.
+    /// Outputs that have another name at the same place in this profile: old name and new name.
     pub(super) fn new_names(&self, now: &Places) -> BTreeMap<String, String> {
         new_names(&self.outputs, &now.outputs)
     }
 
-    /// Names of signals that have another name at the same place in this profile, each with the new one.
+    /// Signals that have another name at the same place in this profile: old name and new name.
     pub(super) fn new_names_of_signals(&self, now: &Places) -> BTreeMap<String, String> {
         new_names(&self.signals, &now.signals)
     }
 
-    /// The same with these new names of outputs.
+    /// Replaces the names of outputs by these new names.
     pub(super) fn renamed(self, names: &BTreeMap<String, String>) -> Places {
         let (outputs, bounds) = (renamed(self.outputs, names), renamed(self.bounds, names));
         let former = self.former.into_iter().map(|former| former.renamed(names)).collect();
@@ -236,7 +237,8 @@ impl Places {
         !self.only_read.contains(output)
     }
 
-    /// Places of this profile after a run that left these outputs and knew former places. `is_first`: no run has left anything.
+    /// Places of this profile after a previous run. `left`: outputs as that run left them. `is_first`: no run has left
+    /// anything.
     pub(super) fn after(
         self,
         profile: &Profile,
@@ -244,10 +246,10 @@ impl Places {
         is_first: bool,
     ) -> Places {
         let now = Places::of(profile);
-        // A document of layout 5 has no places: it does not say what was written.
+        // A document of layout 5 has no places, and does not show which outputs were written.
         let is_new_unwritten = is_first || !self.outputs.is_empty();
         let found = place::compare(&self.outputs, &now.outputs);
-        // An output in a register that keeps a value of ours counts as driven.
+        // An output counts as driven if its register keeps a value of the gateway.
         let keeps_ours =
             |name: &String| self.former.iter().any(|former| now.outputs[name].is_at(&former.place));
         let is_only_read = |name: &String| match found.get(name) {
@@ -268,7 +270,7 @@ impl Places {
         Places { former, only_read, kept: self.kept, releases, namespaces, ..now }
     }
 
-    /// Keeps the ledger entries of former places. They replace the older ones of the same places.
+    /// Keeps the ledger entries of former places. They replace older entries of the same places.
     pub(super) fn keep(&mut self, entries: &Entries) {
         let Places { kept, former, releases, .. } = self;
         let places = || former.iter().map(|one| &one.place).chain(releases.iter().map(|one| &one.place));
@@ -284,17 +286,17 @@ impl Places {
         self.kept.iter().find(|entry| entry.lies_at(place)).map(|entry| entry.kept)
     }
 
-    /// Names the register of a release that is over again, with what it held when it was verified last.
+    /// Adds the register of a release that is over to the former places again, with its last verified value.
     pub(super) fn ends(&mut self, release: &Release) {
         match self.former.iter_mut().find(|former| release.is_of(&former.output, &former.place)) {
-            // Nothing was verified in it.
+            // No movement was verified in the register.
             Some(_) if release.held_um.to_bits() == release.from_um.to_bits() => {}
             Some(former) => (former.held_um, former.found_um) = (Some(release.held_um), None),
             None => self.former.push(release.former()),
         }
     }
 
-    /// Returns whether an entry of the ledger is that of a register which a release has moved, and no output's of the last run.
+    /// Returns whether a ledger entry belongs to a register that a release has moved, and to no output of the last run.
     pub(super) fn is_of_a_release(&self, name: &str, entry: &Entry) -> bool {
         let is_of_release = |place: &OutputPlace| {
             place.axis.starts_with(AXIS) && self.outputs.values().all(|output| output.axis != place.axis)
@@ -302,14 +304,15 @@ impl Places {
         !self.outputs.contains_key(name) && entry.place.as_ref().is_some_and(is_of_release)
     }
 
-    /// Cz that a corrected position had last, in µm of the axis that it has now. `None` if its place does not tell.
+    /// Last Cz of a corrected position, in µm of its present axis. `None` if its register has changed.
     pub(super) fn left_in_position(&self, now: &OutputPlace, name: &str, last_um: f64) -> Option<f64> {
         let factor = |place: &OutputPlace| if place.diameter { 2.0 } else { 1.0 };
         let was = self.outputs.get(name)?;
         was.is_same_register(now).then_some(last_um * factor(was) / factor(now))
     }
 
-    /// What was moved or removed and is not confirmed, for people who look at a profile beside the state of a stopped machine.
+    /// Explains each place that was moved or removed and is not confirmed. This is for a check of the profile against
+    /// the state of a stopped machine.
     pub(super) fn explain(&self) -> Vec<Explained> {
         self.former.iter().map(|former| self.explained(former, None)).collect()
     }
@@ -361,7 +364,7 @@ impl Moves {
         Moves { unread: unread.map(|(place, _)| OutputId(place)).collect(), places: Arc::new(places) }
     }
 
-    /// Axes that wait for a person, each with the reason.
+    /// Axes that wait for the operator, each with the reason.
     pub(super) fn barred(&self, profile: &Profile) -> Vec<(AxisId, Explained)> {
         let axes = profile.axes.iter().enumerate();
         let barred = axes.filter_map(|(place, axis)| {
@@ -372,7 +375,7 @@ impl Moves {
         barred.collect()
     }
 
-    /// Takes note of the outputs that are driven at their places. Returns whether one of them was only read before.
+    /// Records the outputs that are driven at their places. Returns whether one of them was only read before.
     pub(super) fn drive(&mut self, profile: &Profile, is_driven: impl Fn(OutputId) -> bool) -> bool {
         if self.places.only_read.is_empty() {
             return false;
@@ -391,17 +394,17 @@ impl Moves {
     /// Returns whether a former place is the reason why this axis is off.
     pub(super) fn is_why(&self, axis: &str, why: &Explained) -> bool {
         let waits = |former: &&Former| former.axes.contains(axis);
-        // What the register holds comes behind it, once that was read.
+        // The register value is appended to the cause as soon as it was read.
         let mut former = self.places.former.iter().filter(waits);
         former.any(|former| why.cause.starts_with(&self.places.explained(former, None).cause))
     }
 
-    /// Namespaces that are remembered of the server with this address.
+    /// Saved namespaces of the server with this address.
     pub(super) fn namespaces(&self, bus: &str) -> KnownNamespaces {
         self.places.namespaces.get(bus).cloned().unwrap_or_default()
     }
 
-    /// Remembers what is known of these indices of the server with this address. Returns whether that is news.
+    /// Saves the namespaces of these indices of the server with this address. Returns whether they have changed.
     pub(super) fn remember_namespaces(
         &mut self,
         bus: &str,
@@ -422,7 +425,7 @@ impl Moves {
         self.places.former.iter().any(|former| former.output == output)
     }
 
-    /// Events of a start. A register on its way back is reported when its axis is armed.
+    /// Events of a start. A register that returns to its base is reported when its axis is armed.
     pub(super) fn events(&self, releases: &Releases, profile: &Profile) -> Vec<Event> {
         let mut events = Vec::new();
         for former in &self.places.former {
@@ -445,8 +448,8 @@ impl Moves {
         Some(Event::OutputMoved { output, why: self.places.explained(former, holds) })
     }
 
-    /// The register of an output was read. Returns what to report of it, and why its axis waits, if its place is in doubt and this
-    /// is the first read.
+    /// Handles a read of the register of an output. If its place is in doubt and this is the first read, returns the
+    /// event, and the reason why the axis waits.
     pub(super) fn read(
         &mut self,
         id: OutputId,
@@ -459,7 +462,8 @@ impl Moves {
         Some((self.moved(former, Some(&holds))?, self.places.explained(former, Some(&holds))))
     }
 
-    /// A person has armed an axis, having seen what is reported of its outputs: their places are confirmed.
+    /// Confirms the places of the outputs of an axis: the operator has armed it and has seen the reports about them.
+    /// Returns the events.
     pub(super) fn confirm(&mut self, axis: &str, profile: &Profile) -> Vec<Event> {
         let may_arm = |name: &str| {
             let mut axes = profile.axes.iter();
@@ -476,7 +480,7 @@ impl Moves {
             }
             is_open
         });
-        // What a person has confirmed is not released later.
+        // A place that the operator has confirmed is not released later.
         let Places { former, releases, .. } = Arc::make_mut(&mut self.places);
         let is_open = |release: &Release| former.iter().any(|one| release.is_of(&one.output, &one.place));
         releases.retain(|release| release.stage == Stage::Begun || is_open(release));
@@ -487,7 +491,7 @@ impl Moves {
     }
 }
 
-/// Event of a register that is no output's any more and keeps a value of ours.
+/// Event for a register that no output uses any more and that keeps a value of the gateway.
 pub(super) fn register_left(former: &Former, releases: &Releases, profile: &Profile) -> Event {
     let (output, path) = (former.output.clone(), profile.path.display());
     let hint = match releases.obstacle(&former.place) {
@@ -504,12 +508,12 @@ pub(super) fn register_left(former: &Former, releases: &Releases, profile: &Prof
     Event::RegisterLeft { output, register: former.place.to_string(), held, hint }
 }
 
-/// The same by the new names of the outputs.
+/// Replaces names by the new names of the outputs.
 pub(super) fn renamed<T>(all: BTreeMap<String, T>, names: &BTreeMap<String, String>) -> BTreeMap<String, T> {
     all.into_iter().map(|(name, one)| (names.get(&name).cloned().unwrap_or(name), one)).collect()
 }
 
-/// Explains why what was captured from a signal is not used.
+/// Explains why a reference that was captured from a signal is not used.
 pub(super) fn why_forgotten(signal: &str, Moved { was, is, .. }: &Moved) -> Explained {
     Explained::new(
         format!("signal {signal} was {was}, it is {is}; what was captured from it is not used"),
@@ -517,7 +521,7 @@ pub(super) fn why_forgotten(signal: &str, Moved { was, is, .. }: &Moved) -> Expl
     )
 }
 
-/// Returns whether the Cz inside an output is remembered over a restart.
+/// Returns whether the Cz of an output is saved for the next start.
 pub(super) fn remembers_cz(writes: Writes) -> bool {
     writes.is_cz() || writes.position().is_some()
 }

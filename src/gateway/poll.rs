@@ -1,16 +1,16 @@
-//! The task of one line. It takes reads, outputs and the heartbeat one at a time, by what is due first, and steps the
-//! axes as soon as their inputs have been read.
+//! Task of one line. It executes reads, outputs and the heartbeat one at a time, in the order in which they are due. It
+//! steps the axes as soon as their inputs have been read.
 //!
 //! ```text
 //! sleep ─► turn ─► the heartbeat, when it is due
-//!   ▲       │      the axes, when what they rest on was read (or is late)
+//!   ▲       │      the axes, when their inputs were read (or are late)
 //!   │       │      a corrected position, when its position was read
-//!   └───────┘      what is due first: one request of a device's reads · one verified write · one look at how a device is set
+//!   └───────┘      what is due first: one request of a device's reads · one verified write · one check of a device
 //! ```
 //!
-//! No round of writes makes a sensor stale: a device whose readings have lived half of their `max_age` goes before
-//! every output, some times in a row. And no slow device keeps a position that is corrected, or an axis that is due,
-//! waiting for more than one of its requests.
+//! No series of writes makes a sensor stale. A device whose readings have reached half of their `max_age` is read
+//! before every output, a limited number of times in a row. No slow device delays a corrected position, or an axis that
+//! is due, by more than one of its requests.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -41,11 +41,11 @@ mod tests;
 
 use pulse::Pulse;
 
-/// With nothing to do, a line looks around this often.
+/// Longest sleep of a line that has nothing to do.
 const IDLE: Duration = Duration::from_secs(1);
-/// On a line that is quicker than this nothing waits long enough to go before its turn.
+/// Delay after which a read or a step becomes urgent. On a faster line nothing waits that long.
 const SLOW: Duration = Duration::from_millis(20);
-/// So often in a row something that presses goes before what was due earlier.
+/// Largest number of consecutive urgent reads that are executed before a turn that was due earlier.
 const PRESSED: u32 = 8;
 
 /// Owns one line and everything that is read and written on it.
@@ -59,22 +59,22 @@ pub(super) struct LineTask {
     polls: Vec<Poll>,
     jobs: Vec<Job>,
     pulse: Option<Pulse>,
-    /// Inputs of an axis are read here, so its steps are made here, right after them.
+    /// The inputs of an axis are read on this line, so its steps are made here, directly after the reads.
     steps_axes: bool,
-    /// A position read here is corrected on another line.
+    /// Values that are read here are used on another line: a position that is corrected there, or a result of probing.
     feeds_others: bool,
     step_due: Option<Moment>,
-    /// A device has been read, or there was news, since the axes were last looked at.
+    /// A device was read, or another task had news, since the last step of the axes.
     has_news: bool,
-    /// A position has been read that is corrected on another line.
+    /// A value was read that is used on another line.
     wakes_others: bool,
-    /// How the devices are set is to be looked at.
+    /// The checks of devices may be due.
     inspects: bool,
     work: LineWork,
-    /// The news and the pauses that were taken note of.
+    /// Counts of the news and of the pauses that were processed.
     news: u64,
     pauses: u64,
-    /// The last turn was that of a position, or of a read that could wait no longer; how often in a row.
+    /// Number of urgent reads since the last other read or output.
     pressed: u32,
     overruns: Overruns,
 }
@@ -83,20 +83,20 @@ pub(super) struct LineTask {
 enum Turn {
     Sleep(Moment),
     Beat,
-    /// Looks at how devices are set that are not known to be fit.
+    /// Reads checks of devices that are due.
     Inspect,
-    /// One request of the device at this place.
+    /// One request of the device at this index.
     Read(usize),
     Step,
-    /// The output or set at this place.
+    /// Turn of the output or set at this index.
     Output(usize),
 }
 
-/// What was late since it was last counted.
+/// Late polls since they were last counted.
 #[derive(Debug, Default)]
 struct Overruns {
     count: u64,
-    /// The worst of them, and what it was.
+    /// Largest delay, and its device.
     worst: Option<(Duration, DeviceId)>,
 }
 
@@ -119,7 +119,8 @@ impl LineTask {
     ) -> LineTask {
         let profile = &shared.profile;
         let is_here = |device: DeviceId| profile.device(device).bus == bus;
-        // By output that corrects a position: where that is read, and where it goes.
+        // For each output that corrects a position: the device from which it is read, and the device to which it is
+        // written.
         let positions = profile
             .outputs
             .iter()
@@ -156,9 +157,9 @@ impl LineTask {
         self.polls.iter().map(Poll::requests).sum()
     }
 
-    /// Takes its turns until the gateway has stopped, and takes leave of a server that keeps a place for it; with a listener, takes
-    /// what comes by itself as well. Five hundred of them rest together: what it needs only while it does something, or only on CAN,
-    /// lies elsewhere.
+    /// Takes turns until the gateway has stopped. Then closes the connection in order, if an OPC UA server keeps a
+    /// state for it. With a listener, it also receives frames. A gateway may have 500 of these tasks. State that is
+    /// only needed during a turn, or on CAN, is therefore allocated separately.
     pub(super) async fn run(mut self: Box<Self>, listener: Option<Box<CanListener>>) {
         match listener {
             None => self.turns().await,
@@ -172,12 +173,12 @@ impl LineTask {
         let mut now = self.line.look();
         loop {
             self.take_note(now);
-            // A server keeps a place for this line until it takes leave.
+            // An OPC UA server keeps a state for this line until the connection is closed in order.
             if self.work == LineWork::Leave && self.shared.profile.bus(self.bus).opcua.is_some() {
                 return self.line.close().await;
             }
             let turn = self.next(now);
-            // After the axes, where it is their turn: what the others do then goes by what was just decided.
+            // A step wakes the other lines itself, after the decision: their outputs then follow it at once.
             if turn != Turn::Step && std::mem::take(&mut self.wakes_others) {
                 self.shared.wake_others(self.bus);
             }
@@ -219,14 +220,14 @@ impl LineTask {
                     self.pressed = 0;
                 }
             }
-            // A line that always has something to do must not keep the others from their turn.
+            // A line that is always busy must not keep the others from their turns.
             tokio::task::coop::consume_budget().await;
             self.shared.turned(self.bus);
             now = self.line.looked();
         }
     }
 
-    /// What has happened elsewhere since the last turn.
+    /// Processes events of other tasks since the last turn.
     fn take_note(&mut self, now: Moment) {
         if let Some(since) = self.line.departure.stood_still() {
             self.shared.stood_still(since);
@@ -234,7 +235,7 @@ impl LineTask {
         if self.shared.news(self.bus) == self.news {
             return;
         }
-        // Before it is looked what there is: who comes after this wakes it again.
+        // Wakeups are cleared before the news is read: a later event wakes the task again.
         self.sleeper.forget_wakeups();
         self.news = self.shared.news(self.bus);
         (self.has_news, self.inspects) = (true, true);
@@ -247,17 +248,17 @@ impl LineTask {
         }
         let pauses = self.shared.pauses();
         if std::mem::replace(&mut self.pauses, pauses) != pauses {
-            // What is on its way belongs to a time that is over.
+            // An exchange that is under way belongs to the time before the pause.
             self.line.hang_up();
             self.polls.iter_mut().for_each(|poll| poll.begin_anew(now));
         }
         self.wake_outputs(now);
     }
 
-    /// Steps the axes that are due, and looks at the outputs again: each of them may have something to do.
+    /// Steps the axes that are due, and makes the outputs due: each of them may have something to do.
     fn step(&mut self, now: Moment) {
         self.has_news = false;
-        // What comes in CAN frames is in no device's reads.
+        // Signals in CAN frames are in no device's reads.
         self.shared.look_for_restarts(now);
         self.shared.hear_probings(now);
         if self.steps_axes {
@@ -269,12 +270,13 @@ impl LineTask {
         self.wake_outputs(now);
     }
 
-    /// Something was decided, read or commanded: each output looks whether that is something to do for it.
+    /// Makes each output due, because something was decided, read or commanded.
     fn wake_outputs(&mut self, now: Moment) {
         self.jobs.iter_mut().for_each(|job| job.wake(now));
     }
 
-    /// One request of a device's reads. At the end of a round its position is corrected next, here or on another line.
+    /// Executes one request of a device's reads. At the end of a round, its position is corrected next, here or on
+    /// another line.
     async fn read(&mut self, place: usize, now: Moment) {
         let poll = &mut self.polls[place];
         let presses = poll.reads_position || poll.grows_stale(now);
@@ -284,7 +286,7 @@ impl LineTask {
             return;
         }
         let now = self.line.looked();
-        // At once: a line that always has something to read may never come to the end of a round.
+        // This must not wait for a step: a line that is always busy may never complete the reads that are due.
         self.shared.look_for_restarts(now);
         self.shared.hear_probings(now);
         (self.has_news, self.inspects, self.wakes_others) = (true, true, self.feeds_others);
@@ -294,7 +296,7 @@ impl LineTask {
         }
     }
 
-    /// Whose turn it is: by what is due.
+    /// Chooses the next turn from what is due.
     fn next(&self, now: Moment) -> Turn {
         if self.pulse.as_ref().is_some_and(|pulse| pulse.due <= now) {
             return Turn::Beat;
@@ -332,19 +334,19 @@ impl LineTask {
         }
     }
 
-    /// The outputs that may do something, with their places.
+    /// Outputs that may do something, with their indices.
     fn working_jobs(&self) -> impl Iterator<Item = (usize, &Job)> {
         let works = |job: &Job| self.work == LineWork::All || job.corrects.is_some();
         self.jobs.iter().enumerate().filter(move |(_, job)| works(job))
     }
 
-    /// The read whose turn comes after a corrected position, if that is by then.
+    /// Read that follows a corrected position, if it is due by then.
     fn reads_next(&self, by: Moment) -> Option<(DeviceId, Request<'static>)> {
         self.polls.iter().min_by_key(|poll| poll.due())?.asks_next(by)
     }
 
-    /// The axes are looked at when a round of reads is over. One that is due waits for what it rests on, but not for
-    /// a device that is slow, nor for one that is due again as soon as it has been read.
+    /// Returns whether the axes may be stepped, which happens at the end of a round of reads. An axis that is due waits
+    /// for its inputs. It does not wait for a slow device, or for one that is due again as soon as it has been read.
     fn may_step(&self, now: Moment) -> bool {
         let is_outstanding = |by: Moment| self.polls.iter().any(|poll| poll.is_outstanding(by));
         let is_due = self.step_due.filter(|due| self.steps_axes && *due <= now);
@@ -354,7 +356,7 @@ impl LineTask {
             || (self.has_news && !is_outstanding(now))
     }
 
-    /// A read that waits for nobody: of a position that is corrected, or of readings that are half way to being stale.
+    /// Read that is urgent: of a position that is corrected, or of readings that have reached half of their `max_age`.
     fn pressing(&self, now: Moment) -> Option<usize> {
         let polls = self.polls.iter().enumerate().filter(|(_, poll)| poll.due() <= now);
         let pressing = polls.filter(|(_, poll)| {
@@ -363,7 +365,7 @@ impl LineTask {
         pressing.map(|(place, poll)| (!poll.reads_position, poll.due(), place)).min().map(|(.., place)| place)
     }
 
-    /// When there is something to do again.
+    /// Time at which the next turn is due.
     fn rests_until(&self) -> Moment {
         let polls = self.polls.iter().map(|poll| poll.due());
         let jobs = self.working_jobs().map(|(_, job)| job.due);
@@ -372,7 +374,7 @@ impl LineTask {
         polls.chain(jobs).chain(pulse).chain(step).min().unwrap_or(Moment::END)
     }
 
-    /// Counts a sleep that ended so late, and what was late before it.
+    /// Counts a sleep that ended this late, and the late polls before it.
     fn account(&mut self, late: Duration) {
         let Overruns { count: overruns, worst } = std::mem::take(&mut self.overruns);
         if let Some((late, device)) = worst {
@@ -393,7 +395,7 @@ impl LineTask {
     }
 }
 
-/// The lines on which axes are stepped: where the first input of each is read, or its output is written.
+/// Lines on which axes are stepped: for each axis the line of its first input, else the line of its output.
 fn home_lines(profile: &Profile) -> Vec<BusId> {
     let homes = profile.axes.iter().enumerate().map(|(axis, settings)| {
         let input = settings.settings.models.iter().flat_map(Model::signals).next();

@@ -1,12 +1,12 @@
-//! When a probing cycle has left a new result, and which Cz acted while it measured.
+//! Detects a new result of a probing cycle, and the Cz that acted during its measurement.
 //!
-//! A cycle of the CNC writes its result into one register and then says so in another: a flag it raises, or a counter.
-//! A change of the trigger to anything but zero is a probing; the result is what is read of the error from then on, so
-//! that a result read just before its trigger is never taken for the new one. Without a trigger each change of the error
-//! is a probing, and two equal results in a row are one.
+//! A cycle of the CNC writes its result to one register. It then signals it in another, with a flag that it raises or
+//! with a counter. A change of the trigger to anything but zero is a probing. Its result is the error that is read from
+//! then on. A result that was read just before its trigger is therefore not taken for the new one. Without a trigger
+//! each change of the error is a probing, and two equal results in a row count as one.
 //!
-//! The first look at a trigger, and the first after it could not be read, only shows where it stands: a probing whose
-//! moment is not known cannot be held against the Cz that acted then.
+//! The first value of a trigger, and the first after a failed read, only show its present state. The time of an earlier
+//! probing is not known, so it cannot be compared with the Cz that acted then.
 
 use isotherm_core::compensation::{Measured, Probed, Refused};
 use isotherm_core::explained::Explained;
@@ -17,15 +17,15 @@ use super::arming::Arming;
 use super::board::Board;
 use super::output::{Outputs, Standing};
 
-/// The probing of one axis, and what waits to be handed to its step.
+/// Probing of one axis, and the results that wait for its next step.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Probing {
     seen: Option<f64>,
-    /// A probing whose result has not been read yet.
+    /// Probing whose result has not been read yet.
     begun: Option<Begun>,
-    /// To be learned at the next step.
+    /// Result that the next step learns from.
     pub(super) measured: Option<Measured>,
-    /// Everything learned is to be taken back at the next step.
+    /// The next step discards everything learned.
     pub(super) forget: bool,
 }
 
@@ -38,7 +38,7 @@ struct Begun {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Missed {
     NoResult,
-    /// What acted while it measured is not known.
+    /// The Cz that acted during the measurement is not known.
     Acting,
 }
 
@@ -52,7 +52,7 @@ impl Missed {
 }
 
 impl Probing {
-    /// Looks for a new result. `acting` is what stands in the machine now.
+    /// Checks for a new result. `acting`: Cz that acts in the machine now.
     pub(super) fn look(
         &mut self,
         profile: &Profile,
@@ -82,20 +82,21 @@ impl Probing {
     }
 }
 
-/// The Cz that stands in the machine: what its first output holds, as verified. Nothing acts where no output writes it.
+/// Cz that acts in the machine: the verified Cz of the first output, or zero if no output writes it. `None` if it is
+/// not known.
 pub(super) fn acting(axis: usize, outputs: &Outputs, arming: &Arming) -> Option<Micron> {
     let written =
         outputs.of_axis(axis).find(|(output, _)| output.writes.is_cz() || !output.writes.is_scheduled());
     let Some((output, state)) = written else { return Some(Micron::ZERO) };
     match state.standing {
-        // Where nothing is written into a position, it is not known what the readout makes of that.
+        // If no position is written, the value that the readout shows is not known.
         _ if !output.writes.is_scheduled() && !arming.armed => None,
         Standing::Verified | Standing::Interlocked | Standing::Foreign => state.cz,
         Standing::Unknown | Standing::Unverified => None,
     }
 }
 
-/// Why nothing was learned.
+/// Cause and hint for a result that was not learned.
 pub(super) fn why_refused(profile: &Profile, axis: usize, refused: Refused, probed: &Probed) -> Explained {
     match refused {
         Refused::NoModel => {

@@ -1,4 +1,5 @@
-//! One command a second of each axis and verb, whichever way it comes: a program gone wild moves nothing faster than a person.
+//! Rate limit of commands: one per second for each axis and verb, over all channels. A faulty program moves nothing
+//! faster than an operator.
 //!
 //! The time is an argument.
 
@@ -8,23 +9,24 @@ use std::time::Duration;
 use isotherm_core::quantity::Moment;
 
 const SPAN: Duration = Duration::from_secs(1);
-/// More than that are looked through for what is over.
+/// Number of entries above which expired ones are removed.
 const MANY: usize = 256;
 
-/// What a command is about.
+/// Subject of a command.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) enum About {
-    /// An axis, by its place.
+    /// An axis, by its index.
     Axis(usize),
-    /// A device, by its place.
+    /// A device, by its index.
     Device(usize),
-    /// An alarm that stands, by its name.
+    /// An active alarm, by its name.
     Alarm(String),
-    /// Nothing that there is.
+    /// A subject that does not exist.
     Nothing,
 }
 
-/// Now, by the machine's time and by what passes for people: in a demo they differ. A second of either is enough.
+/// Present time, by the clock of the machine and by the wall clock. In a demo they differ. One second of either is
+/// enough.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Now {
     pub(super) machine: Moment,
@@ -37,12 +39,12 @@ impl Now {
     }
 }
 
-/// When each was asked for last.
+/// Time of the last command of each subject and verb.
 #[derive(Debug, Default)]
 pub(super) struct Rates(HashMap<(About, &'static str), Now>);
 
 impl Rates {
-    /// Whether a command may be begun. It counts for everything that it is about; one that may not counts for nothing.
+    /// Returns whether a command may begin. If it may, it is recorded for all its subjects, otherwise for none.
     pub(super) fn take(&mut self, verb: &'static str, about: &[About], now: Now) -> bool {
         let is_too_soon = |about: &About| {
             let last = self.0.get(&(about.clone(), verb));
@@ -55,7 +57,7 @@ impl Rates {
         true
     }
 
-    /// It is begun, whenever the one before was.
+    /// Records a command, whatever the time of the previous one.
     pub(super) fn note(&mut self, verb: &'static str, about: &[About], now: Now) {
         if self.0.len() > MANY {
             self.0.retain(|_, last| !now.is_later_by(SPAN, *last));
@@ -84,7 +86,7 @@ mod tests {
             (999, "zero", &[Axis(0)], true),
             (1000, "measured", &[Axis(0)], true),
             (1500, "measured", &[Axis(0)], false),
-            // All of them: one of them was a moment ago, so that it counts for none.
+            // The command is about all three. One of them had a command recently, so it is recorded for none.
             (1600, "measured", &[Axis(0), Axis(1), Axis(2)], false),
             (1600, "measured", &[Axis(2)], true),
             (2600, "measured", &[Axis(0), Axis(1), Axis(2)], true),

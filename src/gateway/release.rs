@@ -1,12 +1,17 @@
-//! Releases: registers that are no output's any more and go back to their base, each as the output of one more axis.
+//! Releases: registers that no output uses any more return to their base, each as the output of an additional axis.
 //!
-//! The profile in memory gets an axis whose Cz is always 0, with the bounds that the output had, and an output at its former place. So
-//! the register is read, written and verified as every other. The file of the profile stays as it is.
+//! The profile in memory gets an axis and an output. The Cz of the axis is always 0, with the bounds that the output
+//! had. The output is at its former place. Therefore the register is read, written and verified like every other. The
+//! file of the profile does not change.
 //!
-//! A release belongs to one run. If the gateway ends before it is over, the next run names the register again.
+//! A release belongs to one run. If the gateway ends before the release is over, the next run reports the register
+//! again.
 //!
-//! Each of these keeps a register from being released: nothing says how it was moved, the profile writes to it, the profile does not
-//! have its device, or its control does not take it by itself.
+//! Each of these conditions prevents a release:
+//!
+//! - The saved state does not contain how the register was moved.
+//! - The profile writes to the register, or does not have its device any more.
+//! - The output was part of a set, was no offset, was not read back, or was not on Modbus.
 
 use std::time::Duration;
 
@@ -29,9 +34,9 @@ use super::store::Entry;
 /// Remedy for a register that cannot be released.
 pub(super) const BY_HAND: &str =
     "set that register to zero at the control unless the operator needs the value, then arm the axis";
-/// Beginning of the name of an axis that takes a register back.
+/// Beginning of the name of an axis that releases a register.
 pub(super) const AXIS: &str = "release_";
-/// Name of the only model of an axis that takes a register back.
+/// Name of the only model of an axis that releases a register.
 const MODEL: &str = "base";
 /// Smallest count of a floating-point register, in steps.
 const GRAIN_OF_A_STEP: f64 = 1e-3;
@@ -39,17 +44,17 @@ const GRAIN_OF_A_STEP: f64 = 1e-3;
 /// Releases of a run.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Releases {
-    /// Former places, each with what keeps it from being released.
+    /// Former places, each with the obstacle to its release.
     obstacles: Vec<(OutputPlace, Option<Explained>)>,
-    /// Registers on their way back.
+    /// Registers that are returning to their base.
     pub(super) returning: Vec<Returning>,
-    /// Registers whose release was given up while a value of ours could still arrive.
+    /// Registers whose release was given up while a write of the gateway could still arrive.
     pub(super) given_up: Vec<Returning>,
-    /// The operator's parts that shared registers had when their release was given up, in the unit of the register.
+    /// Operator offsets of shared registers when their release was given up, in the unit of the register.
     pub(super) parts: Vec<(OutputPlace, f64)>,
 }
 
-/// Register on its way back.
+/// Register that is returning to its base.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Returning {
     pub(super) axis: AxisId,
@@ -57,11 +62,12 @@ pub(super) struct Returning {
     pub(super) release: Release,
     /// Half a count of the register, µm.
     pub(super) grain_um: f64,
-    /// Axes of the output in its new place. They wait: both may be one register of the control under two names.
+    /// Axes of the output at its new place. They wait, because both places may be one register of the control under two
+    /// names.
     pub(super) waits: Vec<AxisId>,
 }
 
-/// Way to the register of a former place.
+/// Access to the register of a former place.
 #[derive(Debug)]
 struct Way {
     device: DeviceId,
@@ -71,26 +77,26 @@ struct Way {
 }
 
 impl Releases {
-    /// Finds out which former places of a profile can be released.
+    /// Determines which former places of a profile can be released.
     pub(super) fn of(profile: &Profile, former: &[Former], kept: &[Entry]) -> Releases {
         let obstacle = |former: &Former| (former.place.clone(), why_not(profile, former, kept).err());
         Releases { obstacles: former.iter().map(obstacle).collect(), ..Releases::default() }
     }
 
-    /// Returns what keeps a former place from being released. `None` if nothing does.
+    /// Returns the obstacle to the release of a former place. `None` if there is none.
     pub(super) fn obstacle(&self, place: &OutputPlace) -> Option<Explained> {
         let known = self.obstacles.iter().find(|(known, _)| known == place);
         known.map_or_else(|| Some(unknown()), |(_, why)| why.clone())
     }
 
-    /// A place is not released in this run, for this reason.
+    /// Records that a place is not released in this run, for this reason.
     pub(super) fn refuse(&mut self, place: &OutputPlace, why: &Explained) {
         let known = self.obstacles.iter_mut().filter(|(known, _)| known == place);
         known.for_each(|(_, obstacle)| *obstacle = Some(why.clone()));
     }
 
-    /// Judges the attempt to arm an axis. One that takes a register back is refused if the register holds a value that no person has
-    /// seen. One whose output was moved waits until the former register is back.
+    /// Checks an attempt to arm an axis. An axis that releases a register is refused if no operator has seen the
+    /// register value. An axis whose output was moved waits until the former register is back.
     pub(super) fn judge(
         &self,
         axis: AxisId,
@@ -115,10 +121,11 @@ impl Releases {
         }
     }
 
-    /// Checks that an output may resume from a Cz that was read in its register. One that is not released always may.
+    /// Checks that an output may resume from a Cz that was read in its register. An output without a release always
+    /// may.
     ///
     /// # Errors
-    /// No person has seen this value in the register.
+    /// No operator has seen this value in the register.
     pub(super) fn admit(
         &self,
         output: OutputId,
@@ -131,10 +138,11 @@ impl Releases {
 }
 
 impl Returning {
-    /// Checks that its axis may go on from a Cz that was read. `shares`: the operator's part and ours of a shared register.
+    /// Checks that the axis may resume from a Cz that was read. `shares`: operator offset and gateway share of a shared
+    /// register.
     ///
     /// # Errors
-    /// No person has seen this value in the register.
+    /// No operator has seen this value in the register.
     pub(super) fn admit(&self, found: Micron, shares: Option<(f64, f64)>) -> Result<(), Explained> {
         let Release { place, .. } = &self.release;
         let ours = self.release.known_um();
@@ -180,7 +188,7 @@ pub(super) fn bounds_of(profile: &Profile, output: &Output) -> Bounds {
     }
 }
 
-/// Type and order of the bytes.
+/// Type and byte order of an encoding, as text.
 pub(super) fn layout(encoding: &Encoding) -> String {
     let name = encoding.data_type.name();
     let order = match encoding.data_type.registers() {
@@ -190,7 +198,7 @@ pub(super) fn layout(encoding: &Encoding) -> String {
     format!("{name}{order}{}", if encoding.byte_swap { " byte-swapped" } else { "" })
 }
 
-/// Obstacle of a shared register whose account is in doubt.
+/// Obstacle of a shared register whose ledger entry is in doubt.
 pub(super) fn in_doubt() -> Explained {
     Explained::new("which part of it is the operator's is in doubt", BY_HAND)
 }
@@ -228,8 +236,8 @@ fn why_not(profile: &Profile, former: &Former, kept: &[Entry]) -> Result<(), Exp
     Ok(())
 }
 
-/// The operator's part of a shared register as it was saved, in the unit of the register. `None` if all of it is ours, or nothing is
-/// known.
+/// Saved operator offset of a shared register, in the unit of the register. `None` if the register is not shared, or if
+/// the offset is not known.
 pub(super) fn operators_part(place: &OutputPlace, bounds: &Bounds, kept: Option<&Kept>) -> Option<f64> {
     let account = kept?.account.filter(|_| place.share == Owner::Ledger)?;
     let (_, encoding) = register(place)?;
@@ -241,12 +249,12 @@ pub(super) fn operators_part(place: &OutputPlace, bounds: &Bounds, kept: Option<
     Some(counts * bounds.step_um * factor(place) * GRAIN_OF_A_STEP)
 }
 
-/// How much of a Cz is written.
+/// Factor from Cz to the written value.
 fn factor(place: &OutputPlace) -> f64 {
     if place.diameter { 2.0 } else { 1.0 }
 }
 
-/// Finds the way to the register of a former place.
+/// Finds the access to the register of a former place.
 fn way(profile: &Profile, place: &OutputPlace, bounds: &Bounds) -> Result<Way, Explained> {
     let by_hand = |cause: String| Explained::new(cause, BY_HAND);
     if !bounds.are_sound() {
@@ -321,7 +329,7 @@ fn register(place: &OutputPlace) -> Option<(Register, Encoding)> {
     Some((register, encoding))
 }
 
-/// Adds an axis and an output for each release. Returns those that the profile still allows.
+/// Adds an axis and an output for each release. Returns the releases that the profile still allows.
 pub(super) fn extend(profile: &mut Profile, releases: &[Release]) -> Vec<Returning> {
     let mut returning = Vec::new();
     for release in releases {
@@ -392,10 +400,10 @@ fn add(profile: &mut Profile, release: &Release, way: Way) -> Option<Returning> 
     Some(Returning { axis, output: id, release: release.clone(), grain_um, waits })
 }
 
-/// This name, or with a number one that nothing else has.
+/// Returns this name if it is free, otherwise the name with the first number that is free.
 fn free(name: String, taken: &[&str]) -> String {
     let numbered = |number: u32| if number == 1 { name.clone() } else { format!("{name}_{number}") };
-    // An endless series has a free one.
+    // An endless series contains a free name.
     (1..).map(numbered).find(|name| !taken.contains(&name.as_str())).unwrap_or(name.clone())
 }
 

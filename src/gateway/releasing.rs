@@ -1,5 +1,5 @@
-//! Course of a release: a person asks for it, the next start arms its axis, and it is over when the register was read back at its base.
-//! A stop or a kill ends it before that, and the next start names the register again.
+//! Course of a release. An operator requests it, and the next start arms its axis. It is over when the register was
+//! read back at its base. A stop or a kill ends it earlier, and the next start reports the register again.
 //!
 //! ```text
 //! ask ─► state ─► restart --keep ─► begin ─► armed, step by step ─► follow: read back at the base ─► over
@@ -23,16 +23,17 @@ use isotherm_core::place::{Former, Owner, Release, Stage};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::regular::quoted;
 
-/// Largest difference between the Cz that a person was shown and the present one. It is shown in tenths of a micrometre.
+/// Largest difference between the Cz that the operator was shown and the present one, µm. It is shown in tenths of a
+/// micrometre.
 const AS_SHOWN_UM: f64 = 0.05;
 
-/// Why the axis of a release is off that is over, and what becomes of it.
+/// Cause and hint for the axis of a release that is over.
 const OVER: (&str, &str) = (
     "its register is back at its base: the release is over",
     "nothing is left to do: the next start does not have this axis",
 );
 
-/// Requests to arm the axis of each release of this start.
+/// Creates the requests to arm the axis of each release of this start.
 pub(super) fn begin(core: &mut Core, now: Moment) {
     for Returning { axis, release, .. } in core.releases.returning.clone() {
         let by = Asker::new(Way::Restart, format!("released {}", release.by));
@@ -43,7 +44,7 @@ pub(super) fn begin(core: &mut Core, now: Moment) {
     }
 }
 
-/// Takes note of how far each register has come, and ends the releases that are over.
+/// Records the progress of each release, and ends the releases that are over.
 pub(super) fn follow(core: &mut Core) {
     for one in core.releases.given_up.clone() {
         settle(core, &one);
@@ -67,14 +68,14 @@ pub(super) fn follow(core: &mut Core) {
         one.release = Release { held_um: cz.get(), stage: Stage::Begun, ..one.release };
         note(core, &one);
         if is_new {
-            // From now on only the entry of this output says how a shared register divides.
+            // From now on only the ledger entry of this output contains the division of a shared register.
             Arc::make_mut(&mut core.places.places).kept.retain(|entry| !entry.lies_at(&one.release.place));
             core.storage.remember_soon();
             continue;
         }
         let is_decided =
             core.compensation.decision(one.axis.0).is_some_and(|decision| decision.cz == Micron::ZERO);
-        // Something that may still arrive would move the register once more.
+        // A write that may still arrive would move the register again.
         let is_settled = state.waits_until.is_none();
         if is_decided && is_settled && core.stop.is_none() && Release::is_back(cz.get(), one.grain_um) {
             ended(core, &one);
@@ -82,7 +83,7 @@ pub(super) fn follow(core: &mut Core) {
     }
 }
 
-/// Puts the progress of a release into the state.
+/// Saves the progress of a release in the state.
 fn note(core: &mut Core, one: &Returning) {
     let known = core.releases.returning.iter_mut().find(|known| known.axis == one.axis);
     if known.as_ref().is_some_and(|known| **known == *one) {
@@ -94,7 +95,7 @@ fn note(core: &mut Core, one: &Returning) {
     saved.filter(|saved| saved.is_of(output, place)).for_each(|saved| saved.clone_from(&one.release));
 }
 
-/// Removes a release from the state. Returns the former place that it is of, unless a person has confirmed that meanwhile.
+/// Removes a release from the state. Returns its former place, unless the operator has confirmed it in the meantime.
 fn remove(core: &mut Core, one: &Returning) -> Option<Former> {
     let Release { output, place, .. } = &one.release;
     core.releases.returning.retain(|known| known.axis != one.axis);
@@ -105,12 +106,12 @@ fn remove(core: &mut Core, one: &Returning) -> Option<Former> {
     Some(places.former.remove(at))
 }
 
-/// The register was read back at its base.
+/// Ends a release whose register was read back at its base.
 fn ended(core: &mut Core, one: &Returning) {
     let Release { output, place, .. } = &one.release;
     let former = remove(core, one).map(|former| Former { held_um: Some(0.0), found_um: None, ..former });
     let places = Arc::make_mut(&mut core.places.places);
-    // A person still has to confirm the new place of an output that was moved.
+    // The operator must still confirm the new place of an output that was moved.
     let is_moved = places.outputs.contains_key(output);
     places.former.extend(former.filter(|_| is_moved));
     core.arming[one.axis.0] =
@@ -118,7 +119,7 @@ fn ended(core: &mut Core, one: &Returning) {
     core.events.push(Event::RegisterReleased { output: output.clone(), register: place.to_string() });
 }
 
-/// The axis of a release is off before the register has reached its base: the register is named again.
+/// Gives up a release whose axis is off before the register has reached its base. The register is reported again.
 fn given_up(core: &mut Core, one: &Returning, found: Option<Micron>) {
     let Release { held_um, stage, .. } = one.release;
     let found_um = found.map(Micron::get).filter(|found| (found - held_um).abs() > one.grain_um);
@@ -137,7 +138,7 @@ fn given_up(core: &mut Core, one: &Returning, found: Option<Micron>) {
     }
 }
 
-/// Takes note of the last write of a release that was given up, once nothing of ours can arrive any more.
+/// Records the last write of a release that was given up, as soon as no write of the gateway can arrive any more.
 fn settle(core: &mut Core, one: &Returning) {
     let Returning { release, grain_um, .. } = one;
     let register = core.registers[one.output.0].as_ref();
@@ -161,11 +162,11 @@ fn settle(core: &mut Core, one: &Returning) {
     core.storage.remember_soon();
 }
 
-/// A person wants the former registers of an output back at their base, from the next start on, having seen these Cz in them, µm.
-/// Returns a sentence.
+/// Requests the return of the former registers of an output to their base, from the next start on. `seen`: the Cz in
+/// each of them as the operator has seen it, µm. Returns a sentence.
 ///
 /// # Errors
-/// The output has no such register, it cannot be taken back, or it does not hold what the person has seen.
+/// The output has no such register, it cannot be released, or it does not hold what the operator has seen.
 pub(super) fn ask(core: &mut Core, (output, seen): (&str, &[f64]), by: String) -> Result<String, Explained> {
     if core.given.dry_run {
         return Err("nothing is written in a dry run".into());
@@ -225,7 +226,7 @@ pub(super) fn ask(core: &mut Core, (output, seen): (&str, &[f64]), by: String) -
     Ok(said)
 }
 
-/// A request that has not begun is taken back. Returns a sentence.
+/// Withdraws a request that has not begun. Returns a sentence.
 pub(super) fn take_back(core: &mut Core, output: &str) -> String {
     let saved = &mut Arc::make_mut(&mut core.places.places).releases;
     saved.retain(|release| release.output != output || release.stage == Stage::Begun);
@@ -240,7 +241,7 @@ fn release(core: &Core, former: &Former, by: String) -> Option<Release> {
     Some(Release { output, place, bounds, from_um, operator, held_um, stage, by })
 }
 
-/// The operator's part of a former register as it is known last, in the unit of the register. `None` if all of it is ours.
+/// Last known operator offset of a former register, in the unit of the register. `None` if the register is not shared.
 fn operators(core: &Core, Former { place, bounds, .. }: &Former) -> Option<f64> {
     let mut parts = core.releases.parts.iter().rev();
     let found = parts.find(|(known, _)| known == place).map(|(_, part)| *part);
@@ -248,7 +249,7 @@ fn operators(core: &Core, Former { place, bounds, .. }: &Former) -> Option<f64> 
     found.or_else(saved)
 }
 
-/// Registers that are no output's any more and keep a value of ours.
+/// Registers that no output uses any more and that keep a value of the gateway.
 pub(super) fn left(core: &Core) -> Vec<LeftStatus> {
     let places = &core.places.places;
     let former = places.former.iter().filter(|former| former.is_left_behind(&places.outputs));

@@ -1,7 +1,7 @@
 //! Restarts of a control: its boot counter has changed, or the machine was switched on again.
 //!
-//! Either way the registers may hold anything now. Each output counts the restarts that concern it; its writer reads the
-//! register anew, and the axis, armed as before, goes on from what stands there.
+//! In both cases the registers may hold any value. Each output counts the restarts that concern it. Its task reads the
+//! register again, and the axis resumes from the value read, armed as before.
 
 use std::sync::Arc;
 
@@ -14,15 +14,15 @@ use isotherm_profile::{BusId, DeviceId, Output, OutputId, Profile};
 use super::board::Board;
 use super::continuity::Devices;
 
-/// Those that each output has seen, and what shows them.
+/// Restarts of each output, and the signals that show them.
 #[derive(Clone, Debug)]
 pub(super) struct Restarts {
     profile: Arc<Profile>,
-    /// By output.
+    /// Number of restarts of each output.
     counts: Vec<u64>,
-    /// By line: the last good reading of each boot counter that is read there.
+    /// For each line: the boot counters that are read there, with their last good reading.
     counters: Vec<Vec<(SignalId, Option<f64>)>>,
-    /// The last good reading of the machine's `on` signal.
+    /// Last good reading of the machine's `on` signal.
     was_on: Option<bool>,
 }
 
@@ -39,12 +39,12 @@ impl Restarts {
         Restarts { profile: profile.clone(), counts, counters, was_on: None }
     }
 
-    /// How many concern this output so far.
+    /// Number of restarts that concern this output so far.
     pub(super) fn of(&self, id: OutputId) -> u64 {
         self.counts[id.0]
     }
 
-    /// A device was restarted, as it said itself.
+    /// Counts a restart that the device itself has reported.
     pub(super) fn device_restarted(&mut self, device: DeviceId) {
         self.count(|output| output.device == device);
     }
@@ -55,7 +55,7 @@ impl Restarts {
         }
     }
 
-    /// Looks at what has just been read on this line. Returns whether a control may have been restarted; that breaks its
+    /// Checks the latest readings of this line. Returns whether a control may have been restarted, which breaks its
     /// continuity.
     pub(super) fn look(
         &mut self,
@@ -64,7 +64,7 @@ impl Restarts {
         now: Moment,
         (devices, events): (&mut Devices, &mut Vec<Event>),
     ) -> bool {
-        // The control may have been off with the machine.
+        // The control may have been switched off with the machine.
         let is_on = self.profile.machine.on.and_then(|id| board.value(id, now)).map(|level| level >= 0.5);
         let was_on = is_on.and_then(|is_on| self.was_on.replace(is_on));
         let mut any = was_on == Some(false) && is_on == Some(true);
@@ -75,7 +75,7 @@ impl Restarts {
             }
         }
         for place in 0..self.counters[line.0].len() {
-            // Its first reading is no restart, and one that cannot be believed is no reading.
+            // The first reading shows no restart, and a bad reading is ignored.
             let (id, last) = &mut self.counters[line.0][place];
             let (id, Some(to)) = (*id, board.value(*id, now)) else { continue };
             let Some(from) = last.replace(to).filter(|from| (from - to).abs() > 0.0) else { continue };

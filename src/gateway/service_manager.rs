@@ -1,5 +1,5 @@
-//! What the service manager (systemd) is told: that the gateway runs, what it does in words, how long it may still take.
-//! Where none has started it, nobody hears it.
+//! Notifications to the service manager (systemd): that the gateway runs, what it does as text, and how long it may
+//! still take. Without a service manager they are dropped.
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -15,17 +15,17 @@ use super::shared::Shared;
 use isotherm_core::compensation::AxisState;
 use isotherm_profile::BusId;
 
-/// How long the first attempt of each line to open is waited for.
+/// Longest wait for the first attempt of each line to open.
 const OPENING: Duration = Duration::from_secs(10);
-/// How much longer than its deadline says a stop may take: what is kept on disk at last may wait for that.
+/// Additional time of a stop beyond its deadline: the last save may wait for the disk.
 const LAST_WORDS: Duration = Duration::from_secs(10);
-/// So many of a kind are named.
+/// Largest number of axes or devices that are named.
 const NAMED: usize = 5;
 
-/// Each line was tried, and what was said last of the state.
+/// Readiness, and the status that was last reported.
 #[derive(Debug)]
 pub(super) struct Report {
-    /// Somebody hears it.
+    /// Whether a service manager listens.
     is_heard: bool,
     is_ready: bool,
     waited: Duration,
@@ -38,7 +38,7 @@ impl Report {
         Report { is_heard, is_ready: false, waited: Duration::ZERO, status: String::new() }
     }
 
-    /// All lines take their turns. Called again and again, this long after the last time.
+    /// Reports that all lines take their turns. Must be called repeatedly. `after`: time since the last call.
     pub(super) fn lives(&mut self, shared: &Shared, after: Duration) {
         if !self.is_heard {
             return;
@@ -49,7 +49,7 @@ impl Report {
         let is_new = status.as_ref().is_some_and(|status| *status != self.status);
         self.status = status.unwrap_or_default();
         if !self.is_ready && (self.waited >= OPENING || are_tried(shared)) {
-            // It waits for this: what was not heard is said again.
+            // The service manager waits for this: a lost notification is sent again.
             self.is_ready = tell(&[NotifyState::Ready, NotifyState::Status(&self.status)]);
         } else if is_new {
             tell(&[NotifyState::Status(&self.status)]);
@@ -57,26 +57,27 @@ impl Report {
     }
 }
 
-/// It stops, and this is what that does.
+/// Reports that the gateway stops, and how.
 pub(super) fn stopping(does: &str, within: Duration) {
     tell(&[NotifyState::Stopping, NotifyState::Status(does)]);
     takes(within);
 }
 
-/// What goes on now is over after this at the latest: it is not to be killed before.
+/// Reports the longest remaining time of the present operation. The process must not be killed before.
 pub(super) fn takes(within: Duration) {
     let micros = within.saturating_add(LAST_WORDS).as_micros();
     tell(&[NotifyState::Custom(&format!("EXTEND_TIMEOUT_USEC={micros}"))]);
 }
 
-/// Another program takes its place in this process, which says when it is ready.
+/// Reports that another program takes the place of this one in the process. That program reports when it is ready.
 pub(super) fn reloading(does: &str) {
     let mut states = vec![NotifyState::Reloading, NotifyState::Status(does)];
     states.extend(NotifyState::monotonic_usec_now());
     tell(&states);
 }
 
-/// Whether it was heard. (`sd_notify::notify` waits for a manager that does not listen just now; a gateway waits for nobody.)
+/// Sends notifications. Returns whether they were delivered. (`sd_notify::notify` waits for a manager that does not
+/// listen at the moment. A gateway must not wait.)
 fn tell(states: &[NotifyState<'_>]) -> bool {
     let said: String = states.iter().map(|state| format!("{state}\n")).collect();
     std::env::var_os("NOTIFY_SOCKET").is_some_and(|to| send(&to, &said).is_ok())
@@ -92,7 +93,8 @@ fn send(to: &OsStr, said: &str) -> io::Result<()> {
     socket.send_to_addr(said.as_bytes(), &address).map(|_| ())
 }
 
-/// Each line was opened, or an attempt was made. A device that is absent keeps no gateway from being started.
+/// Returns whether each line was opened, or an attempt was made. A missing device does not prevent the start of a
+/// gateway.
 fn are_tried(shared: &Shared) -> bool {
     let profile = &shared.profile;
     let core = shared.core();
@@ -103,7 +105,7 @@ fn are_tried(shared: &Shared) -> bool {
     })
 }
 
-/// What the axes do, and which devices are lost; `None` where it stops, which is told otherwise.
+/// Status text: what the axes do, and which devices are lost. `None` during a stop, which is reported otherwise.
 fn in_words(shared: &Shared) -> Option<String> {
     let profile = &shared.profile;
     let core = shared.core();

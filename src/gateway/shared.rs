@@ -1,6 +1,6 @@
-//! What the lines, the page and the commands share: one lock, held for microseconds, never across a wait.
+//! State that the lines, the page and the commands share. Its lock is held for microseconds, and never across a wait.
 //!
-//! A line sees and touches it through its [`LineHandle`](super::line_handle::LineHandle), page and commands through the
+//! A line accesses the state through its [`LineHandle`](super::line_handle::LineHandle), page and commands through the
 //! [`Panel`](super::panel::Panel).
 
 use std::ops::Range;
@@ -21,19 +21,20 @@ use isotherm_core::continuity::Break;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, Profile};
 
-/// Work of the lines.
+/// Work that the lines may do.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum LineWork {
-    /// Everything.
+    /// All work.
     #[default]
     All,
-    /// Reads, heartbeats and corrected positions. No output changes what state and ledger say of it.
+    /// Reads, heartbeats and corrected positions. No output changes its state or its ledger entry.
     WithoutOutputs,
-    /// The same, and a line for which a server keeps a place takes leave of it.
+    /// As `WithoutOutputs`. In addition, a line closes its connection in order if an OPC UA server keeps a state for
+    /// it.
     Leave,
 }
 
-/// The gateway's state, shared by its tasks.
+/// State of the gateway, shared by its tasks.
 pub(crate) struct Shared {
     pub(crate) profile: Arc<Profile>,
     pub(crate) clock: Clock,
@@ -43,18 +44,18 @@ pub(crate) struct Shared {
     pub(super) ledger: Ledger,
     pub(super) dependents: Arc<Dependents>,
     wakeups: Mutex<Vec<Wakeup>>,
-    /// By bus: how often there was something new for it, and the turns that it took.
+    /// For each bus: the number of its wakeups, and the number of its turns.
     news: Vec<AtomicU64>,
     turns: Vec<AtomicU64>,
     core: Mutex<Core>,
-    /// Another program is to take the place of this one.
+    /// Notified when another program is to take the place of this one.
     pub(super) replaced: Notify,
     line_work: Mutex<LineWork>,
-    /// Number of lines that have noted that outputs rest.
+    /// Number of lines that have stopped their outputs.
     resting: AtomicUsize,
-    /// When each command was taken last.
+    /// Time of the last command of each subject and verb.
     rates: Mutex<Rates>,
-    /// How publishing to a broker goes.
+    /// Figures about publishing to a broker.
     pub(super) broker: Option<Arc<BrokerFigures>>,
 }
 
@@ -91,13 +92,13 @@ impl Shared {
         }
     }
 
-    /// The same, which shows how publishing goes.
+    /// Adds the figures about publishing to a broker.
     pub(super) fn showing(self, broker: Option<Arc<BrokerFigures>>) -> Shared {
         Shared { broker, ..self }
     }
 
-    /// What stands behind the lock, which is held until this is dropped. A task that panicked while it held it has already
-    /// stopped the gateway; what it left is still needed for the fault actions.
+    /// Locks the state until the guard is dropped. A task that panicked with the lock has already stopped the gateway.
+    /// Its state is still needed for the fault actions.
     pub(super) fn core(&self) -> Held<'_> {
         Held::new(self.core.lock().unwrap_or_else(PoisonError::into_inner), self)
     }
@@ -118,7 +119,7 @@ impl Shared {
         self.wake_where(|_| true);
     }
 
-    /// Wakes every line but this one, which is awake.
+    /// Wakes every line except this one, which is awake.
     pub(super) fn wake_others(&self, bus: BusId) {
         self.wake_where(|place| place != bus.0);
     }
@@ -154,7 +155,7 @@ impl Shared {
         self.news[bus.0].load(Ordering::Relaxed)
     }
 
-    /// A line's task was started anew and sleeps elsewhere now.
+    /// Replaces the wakeup of a line whose task was started again.
     pub(super) fn register_wakeup(&self, bus: BusId, wakeup: Wakeup) {
         let mut wakeups = self.wakeups.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(place) = wakeups.get_mut(bus.0) {
@@ -172,12 +173,12 @@ impl Shared {
         *self.line_work.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A line has noted that its outputs rest: none of them is under way.
+    /// Records that a line has stopped its outputs: none of them is under way.
     pub(super) fn outputs_rest(&self) {
         self.resting.fetch_add(1, Ordering::Release);
     }
 
-    /// Number of lines whose outputs rest.
+    /// Number of lines that have stopped their outputs.
     pub(super) fn resting_lines(&self) -> usize {
         self.resting.load(Ordering::Acquire)
     }
@@ -186,13 +187,14 @@ impl Shared {
         self.core().pauses.count()
     }
 
-    /// Looks whether the computer's clock was set. What is stamped follows it; nothing else looks at it.
+    /// Checks whether the computer's clock was set. Stamps follow this clock; nothing else uses it.
     pub(super) fn look_at_the_time_of_day(&self) {
         let Some(correction) = self.clock.look_at_the_time_of_day() else { return };
         self.report(&Event::ClockSet(correction));
     }
 
-    /// Somebody has not been able to look at the clock since then. Each notices by himself; the first one reports it.
+    /// Handles a pause since this moment, in which a task could not sample the clock. Each task detects the pause by
+    /// itself, and the first one reports it.
     pub(super) fn stood_still(&self, since: Moment) {
         let now = self.clock.now();
         let mut core = self.core();

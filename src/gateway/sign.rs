@@ -1,4 +1,4 @@
-//! What is known of the sign of an axis: a check with a dial gauge that is under way, and what was answered before.
+//! Sign of an axis: a check with a dial gauge that is under way, and the saved results of earlier checks.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -11,43 +11,43 @@ use isotherm_core::compensation::settings::GuardSettings;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{Profile, Writes};
 
-/// So far, µm: a dial gauge shows it without a doubt, and no workpiece is lost by it.
+/// Distance of a sign check, µm. A dial gauge shows it clearly, and it does not spoil a workpiece.
 pub(super) const WAY: f64 = 5.0;
-/// A person looks and answers within this, once the offset is there; then it is taken back.
+/// Time in which the operator must answer after the offset has arrived. The offset then returns.
 pub const PATIENCE: Duration = Duration::from_secs(180);
 
-/// A check under way.
+/// Sign check that is under way.
 #[derive(Clone, Debug)]
 pub(super) struct SignCheck {
     pub(super) by: Arc<Asker>,
     pub(super) from: Micron,
-    /// Where Cz is taken.
+    /// Target of Cz.
     pub(super) to: Micron,
-    /// Taken back then.
+    /// Time at which Cz returns without an answer.
     pub(super) until: Moment,
     pub(super) is_there: bool,
 }
 
-/// What is known of an axis's sign; kept with the state.
+/// Saved result of the sign check of an axis. It is part of the state.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SignMemory {
-    /// A person was reminded that there was no check yet.
+    /// Whether the operator was reminded that there was no check yet.
     #[serde(default)]
     reminded: bool,
-    /// When the last check was answered, and how.
+    /// Time and result of the last check that was answered.
     pub(super) checked: Option<(String, Moved)>,
 }
 
 impl SignMemory {
-    /// Whether a person is to be reminded now: once, where there was no check.
+    /// Returns whether the operator must be reminded now: once, if there was no check.
     pub(super) fn reminds(&mut self) -> bool {
         self.checked.is_none() && !std::mem::replace(&mut self.reminded, true)
     }
 }
 
 impl SignCheck {
-    /// What of it people see.
+    /// Status of the check for the display.
     pub(super) fn status(&self, profile: &Profile, axis: usize, now: Moment) -> SignStatus {
         SignStatus {
             asked: self.by.way.by(&self.by.who),
@@ -59,7 +59,7 @@ impl SignCheck {
     }
 }
 
-/// Which way a gauge, or the readout, must have moved.
+/// Direction in which a gauge, or the readout, must have moved, as text.
 pub(super) fn must(profile: &Profile, axis: usize, way: Micron) -> String {
     let axis_name = &profile.axes[axis].settings.name;
     let of_axis = || profile.outputs.iter().filter(|output| output.axis.0 == axis);
@@ -75,7 +75,7 @@ pub(super) fn must(profile: &Profile, axis: usize, way: Micron) -> String {
     texts.join("; ")
 }
 
-/// Why the way cannot be gone, whatever the axis does now.
+/// Reason why the movement is not possible, whatever the axis does now. `None` if it is possible.
 pub(super) fn refused(guard: &GuardSettings, from: Micron, axis: &str) -> Option<String> {
     let beyond = (from.get() + WAY).abs() > guard.limit.get();
     if beyond {
@@ -92,7 +92,7 @@ pub(super) fn refused(guard: &GuardSettings, from: Micron, axis: &str) -> Option
     })
 }
 
-/// Cz is as near to it as the guard takes it.
+/// Returns whether Cz is at this place, to the resolution of the guard.
 pub(super) fn is_at(guard: &GuardSettings, cz: Micron, place: Micron) -> bool {
     let grain = guard.deadband.get().max(guard.count.map_or(0.0, Micron::get));
     (cz - place).abs().get() <= grain * 1.001 + 1e-6

@@ -1,5 +1,5 @@
-//! The sign of an axis, checked with a dial gauge: Cz is taken a little way to plus and back, and a person says which way
-//! the gauge moved. What may move, how far and how fast is decided where it always is.
+//! Sign check of an axis with a dial gauge. Cz moves a little in the plus direction and back, and the operator reports
+//! in which direction the gauge moved. The guard limits this movement like every other.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -67,7 +67,7 @@ pub(super) fn begin(
     progress(core, axis)
 }
 
-/// What a check has come to: done when the offset is there, and a person may look.
+/// Progress of a check. It is done when the offset has arrived and the operator may read the gauge.
 pub(super) fn progress(core: &Core, axis: usize) -> Result<Answer, Explained> {
     let (profile, _) = given(core);
     let name = &profile.axes[axis].settings.name;
@@ -82,7 +82,7 @@ pub(super) fn progress(core: &Core, axis: usize) -> Result<Answer, Explained> {
     })
 }
 
-/// A person has looked. The offset goes back to what the model asks for.
+/// Records the answer of the operator. The offset returns to the value that the model requests.
 pub(super) fn answer(
     core: &mut Core,
     axis: usize,
@@ -112,7 +112,8 @@ pub(super) fn answer(
     Ok(Answer::Done(format!("{name}: {said}")))
 }
 
-/// Notes where the offset has arrived, and takes back what nobody waits for any more.
+/// Records that the offset of a check has arrived. Ends a check if its axis does not follow, its client has
+/// disconnected, or its time is over.
 pub(super) fn follow(core: &mut Core, now: Moment) {
     for axis in 0..core.arming.len() {
         let (Some(check), Some(decision)) = (&core.arming[axis].sign, core.compensation.decision(axis))
@@ -141,7 +142,7 @@ pub(super) fn follow(core: &mut Core, now: Moment) {
     }
 }
 
-/// Takes a check back; whether there was one.
+/// Ends a check. Returns whether there was one.
 pub(super) fn end(core: &mut Core, axis: usize, why: Explained) -> bool {
     let (profile, _) = given(core);
     let was = core.arming[axis].sign.is_some();

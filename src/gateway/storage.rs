@@ -1,5 +1,5 @@
-//! Keeps the logs on disk, by a thread of its own, and hands the state to its writer: a full or slow disk changes nothing on
-//! the bus.
+//! Saves the logs on a separate thread, and hands the state to its writer. A full or slow disk has no effect on the
+//! bus.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -36,52 +36,53 @@ pub(super) use outputs::{Steady, Stepped, TurnRecord};
 use stamps::{Stamped, Stamps};
 use thread::StorageThread;
 
-/// The state is written at most this often, and once at the end; the logs are put on the disk with it. A power cut takes no more
-/// than 10 s of them: this long, a step, and what a slow disk needs.
+/// Shortest time between two regular saves of the state; there is one more at the end. The logs are synced with it. A
+/// power cut loses at most 10 s of the logs: this time, one step, and the delay of a slow disk.
 const REMEMBER_EVERY: Duration = Duration::from_secs(8);
-/// How long the end of a run waits for the disk.
+/// Longest wait for the disk at the end of a run.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
-/// Rows of decisions that may wait for a slow disk; more are dropped, and that is counted.
+/// Rows of decisions that may wait for a slow disk. Further rows are dropped and counted.
 const QUEUE: usize = 4096;
-/// The same of outputs, which take no room from the decisions.
+/// Rows of outputs that may wait for a slow disk. They take no space from the decisions.
 const OUTPUT_QUEUE: usize = 4096;
 
-/// The loop's end of the queue. Without a directory it keeps nothing.
+/// Producer side of the queue. Without a directory it saves nothing.
 #[derive(Default)]
 pub(super) struct Storage {
     queue: Option<SyncSender<Job>>,
     recorder: Option<Recorder>,
     pub(super) outputs: OutputsLog,
-    /// Rows of decisions that found the queue full.
+    /// Rows of decisions that were dropped because the queue was full.
     dropped: u64,
     remembered: Option<Moment>,
-    /// By axis: what is known of its sign.
+    /// Results of the sign checks, by axis.
     pub(super) signs: BTreeMap<String, SignMemory>,
-    /// Cz that the run before this one left in the outputs, µm. It is kept until an output is read.
+    /// Cz that the previous run left in the outputs, µm. It is kept until an output is read.
     pub(super) left_um: BTreeMap<String, f64>,
-    /// Cz of each output as it was handed to the writer last, in the order of the profile.
+    /// Cz of each output as it was last given to the writer, in the order of the profile.
     handed_over: Vec<Option<Micron>>,
     stamps: Stamps,
-    /// The day and the file in which the rows of decisions stand.
+    /// Day and file of the present rows of decisions.
     begun: Option<(Date, Stamped)>,
-    /// Rows of decisions are missing on disk: what follows them can be replayed only from where the axes stand then.
+    /// Rows of decisions are missing on disk. The rows after them can be replayed only from a row with the state of the
+    /// axes.
     torn: Arc<AtomicBool>,
-    /// While it lives, events wake the thread.
+    /// Lets events wake the thread, until it is dropped.
     events: Option<EventsWake>,
-    /// Ends with the thread.
+    /// Disconnected when the thread ends.
     working: Option<Receiver<()>>,
     /// Writer of the state.
     writer: Option<Arc<Writer>>,
 }
 
-/// What a run's clock says, where it does not go on from `last`, the newest stamp in state or log: it is behind, or too far
-/// ahead.
+/// Correction of the clock, if its time does not continue from `last`, the newest stamp in state or log. It does not
+/// continue if it is earlier, or too much later.
 pub(super) fn not_going_on(now: Moment, last: Option<Moment>) -> Option<Correction> {
     let last = last.filter(|last| Stop::between(*last, now).by_the_clock.is_none());
     last.map(|from| Correction { from, to: now })
 }
 
-/// The newest stamp in the logs of this machine, of the days that its clock is in; `None` where there is none.
+/// Newest stamp in the logs of this machine, for the days of its present clock. `None` if there is none.
 pub(super) fn newest_stamp(directory: &Path, machine: &str, now: Moment) -> Option<Moment> {
     let logs = keeping::logs(directory, machine);
     let set = keeping::breaks(directory, &logs);
@@ -104,19 +105,19 @@ enum Job {
         at: Moment,
         stamped: Stamped,
         row: Vec<u8>,
-        /// How often rows of outputs had been lost before it was made.
+        /// Number of losses of output rows before this row was made.
         tear: u64,
     },
-    /// What was written of the logs is to be on the disk.
+    /// The rows that were written must be synced to disk.
     Sync {
         at: Moment,
     },
-    /// There are events that are not on disk.
+    /// Some events are not on disk yet.
     Events,
 }
 
 impl Storage {
-    /// Keeps the logs of this machine in this directory, and its state.
+    /// Starts to save the logs of this machine in this directory, and its state.
     pub(super) fn start(
         profile: &Profile,
         (directory, writer): (&Path, Arc<Writer>),
@@ -124,7 +125,7 @@ impl Storage {
         journal: Arc<Journal>,
         (clock, correction): (&Clock, Option<Correction>),
     ) -> Storage {
-        // One more, for events.
+        // One more place, for events.
         let (queue, jobs) = sync_channel(QUEUE + OUTPUT_QUEUE + 1);
         let torn = Arc::new(AtomicBool::new(false));
         let stamps = || Stamps::by(clock, correction);
@@ -138,7 +139,7 @@ impl Storage {
             thread.work(&jobs);
             drop(ends_with_the_thread);
         };
-        // Without a thread nothing is kept: the queue finds nobody at its other end.
+        // Without a thread nothing is saved: the queue has no receiver.
         let _ = std::thread::Builder::new().name("storage".to_owned()).spawn(work);
         let recorder = Some(Recorder::new(profile).of_dry_run(dry_run));
         let (queue, working) = (Some(queue), Some(working));
@@ -146,13 +147,13 @@ impl Storage {
         Storage { queue, recorder, outputs, torn, events, working, stamps, writer, ..Storage::default() }
     }
 
-    /// Keeps the state alone.
+    /// Saves only the state.
     pub(super) fn without_log(writer: Arc<Writer>, clock: &Clock) -> Storage {
         Storage { writer: Some(writer), stamps: Stamps::by(clock, None), ..Storage::default() }
     }
 
-    /// Before a step: where its row is the first of a file, or rows before it are lost, the row says where the axes
-    /// stood, so that it can be replayed without them.
+    /// Prepares the row of a step. If it is the first of a file, or rows before it are lost, it contains the state of
+    /// the axes. It can then be replayed without earlier rows.
     pub(super) fn prepare(&mut self, now: Moment, compensation: &Compensation) {
         let Some(recorder) = &mut self.recorder else { return };
         let stamped = self.stamps.look(now);
@@ -180,19 +181,19 @@ impl Storage {
         }
     }
 
-    /// A person has armed: whatever did not fit at the start, he answers for it.
+    /// Records that the operator has armed, and thus accepts what did not fit at the start.
     pub(super) fn answered(&self) {
         if let Some(writer) = &self.writer {
             writer.question().close();
         }
     }
 
-    /// Returns whether a person has to answer for the state first.
+    /// Returns whether the state is in question until the operator arms.
     pub(super) fn is_in_question(&self) -> bool {
         self.writer.as_ref().is_some_and(|writer| writer.question().is_open())
     }
 
-    /// Returns whether nothing is ever kept.
+    /// Returns whether nothing is saved.
     pub(super) fn keeps_nothing(&self) -> bool {
         self.writer.is_none()
     }
@@ -203,13 +204,13 @@ impl Storage {
         }
     }
 
-    /// The state is handed over with the next step.
+    /// Saves the state with the next step.
     pub(super) fn remember_soon(&mut self) {
         self.remembered = None;
     }
 
-    /// Returns whether the state that was handed over last knows this Cz of an output, or will still be within one step of it after the
-    /// next change. `written`: Cz that the output has. `decided`: Cz that it is to have.
+    /// Returns whether the last saved state contains this Cz of an output, or is within one step of it after the next
+    /// change. `written`: present Cz of the output. `decided`: its next Cz.
     pub(super) fn is_within_a_step(
         &self,
         id: OutputId,
@@ -221,7 +222,7 @@ impl Storage {
             || known.is_some_and(|known| known == written || (decided - known).abs() <= step)
     }
 
-    /// Hands the state to its writer, if that is urgent or the last time was long enough ago.
+    /// Gives the state to its writer, if that is urgent or the last time was long enough ago.
     pub(super) fn remember(
         &mut self,
         (now, is_urgent): (Moment, bool),
@@ -249,7 +250,7 @@ impl Storage {
         let _ = self.hand_over(Job::Sync { at: now });
     }
 
-    /// The end of a run: waits until everything queued is on disk; not for ever, where the disk hangs.
+    /// Waits at the end of a run until everything queued is on disk, but not forever if the disk hangs.
     pub(super) fn finish(&mut self) {
         (self.queue, self.outputs, self.events) = (None, OutputsLog::default(), None);
         if let Some(working) = self.working.take() {
@@ -257,14 +258,14 @@ impl Storage {
         }
     }
 
-    /// Rows of the logs that a slow disk has cost since the start.
+    /// Rows of the logs that were dropped since the start because of a slow disk.
     pub(super) fn dropped(&self) -> u64 {
         self.dropped + self.outputs.dropped
     }
 
-    /// Whether there was room for it.
+    /// Queues a job. Returns whether there was space.
     fn hand_over(&mut self, job: Job) -> bool {
-        // A full queue means a disk that has been failing for long, which its own event has reported.
+        // A full queue means that the disk has failed for a long time, which was reported.
         let Some(queue) = &self.queue else { return false };
         match queue.try_send(job) {
             Ok(()) => return true,

@@ -1,33 +1,35 @@
-//! What a gateway keeps over a restart: one document, one number, one writer.
+//! Data that a gateway keeps over a restart: one document, one number, one writer.
 //!
 //! ```text
-//! NAME.state.json    { "version": 6, "seal": {…, "number": 17, "named": 16}, "state": {…}, "outputs": {…} }
-//! NAME.number        17 1795823557453364912 1c291ca3
+//! NAME.state.json  { "version": 6, "seal": {…, "number": 17, "named": 16}, "state": {…}, "outputs": {…} }
+//! NAME.number      17 1795823557453364912 1c291ca3
 //! ```
 //!
-//! The state has the time since machine start, references and lags, by name of signal and axis, the places of signals and outputs with
-//! the bounds of the outputs, and the releases of former places. The outputs have what may still appear in a register, and the division of a shared one. Layout 5 has no places. The
-//! seal of the document:
+//! `state` contains the time since machine start, references and lags, by name of signal and axis. It also contains the
+//! places of signals and outputs, with the bounds of the outputs, and the releases of former places. `outputs` contains
+//! the values that may still appear in a register, and the division of a shared one. Layout 5 has no places. The seal
+//! of the document:
 //!
-//! - `checksum`: CRC-32 of every byte of the file, with its own digits as zeros.
-//! - `since`: when the first document of this machine was made here. A copy from elsewhere has another.
-//! - `number`: count of the writings. `named`: the number in its own file when this was written, 0 if there was none.
-//! - `in_question`: something did not fit, and no person has armed since.
+//! - `checksum`: CRC-32 of every byte of the file, with zeros in place of its own digits.
+//! - `since`: time at which the first document of this machine was made here. A copy from elsewhere has another time.
+//! - `number`: number of saves so far. `named`: the number in its own file when this document was saved, 0 if there was
+//!   none.
+//! - `in_question`: something did not fit, and no operator has armed since.
 //!
 //! # Which file is older
-//! The writer puts the document on disk first, then the number. The number follows each state (every 8 s, and at the end) and
-//! not each promise, so a promise costs one file.
+//! The writer saves the document first, then the number. The number is saved with each state (every 8 s, and at the
+//! end), but not with each promise. Therefore a promise costs one file.
 //!
-//! | what happened | number in its file | on the next start |
+//! | event | number in its file | result of the next start |
 //! |---|---|---|
-//! | killed before the document | that of the document | fits |
+//! | killed before the document was saved | that of the document | fits |
 //! | killed between the two | less, but not less than `named` | fits |
 //! | killed after both | that of the document | fits |
 //! | the document is an older copy | greater | does not fit |
 //! | the number is an older copy | less than `named` | does not fit |
-//! | one of them is gone or damaged | none | does not fit, except that `named` is 0 |
+//! | one of them is missing or damaged | none | does not fit, unless `named` is 0 |
 //!
-//! Nothing here can find that both were replaced by an older pair.
+//! If both were replaced by an older pair, nothing here can detect it.
 
 use std::collections::BTreeMap;
 use std::io::{self, ErrorKind};
@@ -58,34 +60,34 @@ pub(super) use file::StoreFile;
 pub(super) use names::{by_name, by_place};
 pub(super) use writer::{Kept, Writer};
 
-/// Another cause why something is not on disk is reported when it was found so often in a row.
+/// Consecutive failures with another cause before that cause is reported.
 const CHANGED_AFTER: u32 = 2;
 
-/// Cause why something is not on disk, as it was reported. `None` while it is.
+/// Reported cause of a failed save. `None` while saving works.
 pub(super) type DiskCause = Option<Cause<(ErrorKind, Option<i32>)>>;
 
-/// Takes note of an error of the disk. Returns whether to report it.
+/// Records an error of the disk. Returns whether it must be reported.
 pub(super) fn is_news(known: &mut DiskCause, error: &io::Error) -> bool {
     Cause::is_news(known, (error.kind(), error.raw_os_error()), CHANGED_AFTER)
 }
 
-/// How events name the document.
+/// Name of the document in events.
 pub(super) const WHAT: &str = "the state";
 
 /// Content of a document.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Content {
-    /// State as it was saved; `None` before the first.
+    /// State as it was saved. `None` before the first save.
     pub(super) state: Option<Value>,
-    /// What is known of the outputs, by name.
+    /// Entries of the outputs, by name.
     pub(super) outputs: Entries,
 }
 
-/// Memory of a machine as a run finds it, and the file for what comes next.
+/// Saved data of a machine as a run finds it, and the file for the next saves.
 pub(super) struct Opened {
-    /// `None` if there is none; a sentence if it is not accepted.
+    /// Content of the document, `None` if there is none. The error is a sentence: the document is not accepted.
     pub(super) found: Result<Option<Content>, String>,
-    /// Layout of an earlier version of the program, and a clause about its files.
+    /// Layout of the files of an earlier version of the program, and a clause about them.
     pub(super) earlier: Option<(u32, String)>,
     /// No run has left anything here.
     pub(super) is_first: bool,
@@ -106,13 +108,13 @@ pub(super) fn path(directory: &Path, machine: &str) -> PathBuf {
     directory.join(format!("{machine}.state.json"))
 }
 
-/// Content of a document as it is on disk now. `None` if there is none, or it is damaged. It is not compared with its number.
+/// Content of the document on disk. `None` if there is none, or if it is damaged. It is not compared with its number.
 pub(super) fn content(directory: &Path, machine: &str) -> Option<Content> {
     let read = read(&Files, &path(directory, machine), |bytes| document::read(bytes, machine));
     read.ok().flatten().map(|(_, content)| content)
 }
 
-/// Opens the memory of a machine. `has_logs`: a run has left its logs here.
+/// Opens the saved data of a machine. `has_logs`: a run has left its logs here.
 pub(super) fn open(
     disk: &Arc<dyn Disk>,
     (directory, machine): (&Path, &str),
@@ -160,7 +162,7 @@ pub(super) fn open(
         ..Seal::default()
     };
     let found = content.map(|content| {
-        // A run that could write nothing when it began may have left anything.
+        // A run that could write nothing at its start may have left writes that can still arrive.
         let is_begun = number_path != number::path(directory, machine);
         content.map(|content| if is_begun { content.not_in_order() } else { content })
     });
@@ -184,7 +186,7 @@ pub(super) fn open(
 }
 
 impl Content {
-    /// The same, as a run leaves it that does not end in order.
+    /// Marks the content as left by a run that did not end in order.
     pub(super) fn not_in_order(mut self) -> Content {
         self.outputs.values_mut().for_each(|entry| entry.kept.in_order = false);
         self
@@ -202,7 +204,7 @@ fn look(disk: &dyn Disk, directory: &Path, machine: &str) -> Found {
     Found { files: vec![(document, "")], layout: VERSION, seal, content }
 }
 
-/// Reads a file; `None` if there is none.
+/// Reads a file. Returns `None` if it does not exist.
 fn read<T>(
     disk: &dyn Disk,
     path: &Path,
@@ -215,20 +217,21 @@ fn read<T>(
     }
 }
 
-/// This name, or with a number one that nothing else has.
+/// Returns this path if it is free, otherwise the path with the first number that is free.
 fn free(disk: &dyn Disk, first: PathBuf) -> PathBuf {
     let numbered = |number: u32| match number {
         1 => first.clone(),
         number => first.with_added_extension(number.to_string()),
     };
-    // An endless series has a free one.
+    // An endless series contains a free path.
     (1..).map(numbered).find(|path| !disk.has(path)).unwrap_or(first.clone())
 }
 
-/// Whether a gateway may start with what lies in its directory.
+/// Checks that a gateway may start with the content of its directory.
 ///
 /// # Errors
-/// A sentence with the remedy: a later version of the program has written it, or anybody may write to it.
+/// A later version of the program has written the content, or every user may write to it. The error is a sentence with
+/// the remedy.
 pub(super) fn may_start(disk: &dyn Disk, directory: &Path, machine: &str) -> Result<(), String> {
     let document = path(directory, machine);
     let [ledger, begun] = earlier::ledgers(directory, machine);
@@ -245,7 +248,7 @@ pub(super) fn may_start(disk: &dyn Disk, directory: &Path, machine: &str) -> Res
     }
 }
 
-/// Whether something did not fit and no person has armed since. The writer and the axes share it.
+/// Whether something did not fit and no operator has armed since. The writer and the axes share it.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Question(Arc<AtomicBool>);
 
@@ -258,7 +261,7 @@ impl Question {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// A person has armed.
+    /// Closes the question, because an operator has armed.
     pub(super) fn close(&self) {
         self.0.store(false, Ordering::Relaxed);
     }

@@ -1,6 +1,7 @@
-//! Another program in the place of this one: the same path, perhaps another version; the same arguments, perhaps another profile;
-//! in the same process, so that a service manager notices nothing. It checks the profile first. What does not pass that leaves
-//! this one running. What passes is handed over, so that the new program runs exactly the profile that it has checked.
+//! Replacement of this program by another one. It has the same path and perhaps another version, the same arguments and
+//! perhaps another profile. It runs in the same process, so that a service manager notices nothing. The other program
+//! checks the profile first. If the check fails, this program continues. If it passes, the profile is handed over, so
+//! that the new program runs exactly the profile that it has checked.
 
 use std::ffi::OsString;
 use std::fs::File;
@@ -25,22 +26,24 @@ use crate::clock::Passing;
 use crate::fieldbus::explain::system;
 use crate::observe::asker::Asker;
 
-/// The option by which a program checks what it would run with, and ends; the command socket of the one that runs behind it.
+/// Option with which a program only checks its profile and arguments. It is followed by the command socket of the
+/// running gateway.
 pub const CHECK_ONLY: &str = "check-only";
 
-/// How long a check may take if the client does not say.
+/// Longest time of a check, if the client does not set it.
 pub(super) const CHECKED_WITHIN: Duration = Duration::from_secs(60);
-/// This program as it runs, also if another one lies at its path now.
+/// The running program, even if there is another one at its path now.
 const OWN_IMAGE: &str = "/proc/self/exe";
 const LOOK_EVERY: Duration = Duration::from_millis(20);
-/// What a check says at most, in bytes, and how many lines of it are passed on.
+/// Largest output of a check that is kept, in bytes, and the number of its lines that are passed on.
 const MOST_SAID: usize = 64_000;
 const LINES: usize = 5;
-/// Characters of them that are passed on.
+/// Number of characters of these lines that are passed on.
 const LONGEST_SAID: usize = 800;
-/// How long the last words of a check that has ended may take: a process that it has left behind may keep them open.
+/// Longest wait for the last output of a check that has ended. A process that it has left behind may keep the pipe
+/// open.
 const LAST_WORDS: Duration = Duration::from_secs(1);
-/// The exit code for a wrong profile.
+/// Exit code for a wrong profile.
 const WRONG_PROFILE: i32 = 64;
 
 /// This program, as it was started.
@@ -50,16 +53,16 @@ pub struct Program {
     arguments: Vec<OsString>,
 }
 
-/// Why nothing can take the place of this program.
+/// Reason why no program can take the place of this one.
 #[derive(Debug)]
 pub(super) enum Unfit {
     /// The profile is wrong.
     Profile(String),
-    /// Something else.
+    /// Another reason.
     Other(String),
 }
 
-/// A file that a program is started from. It is the same file as long as none of this changes.
+/// Identity of a program file. The file is the same as long as none of these values changes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Image {
     place: (u64, u64),
@@ -78,7 +81,7 @@ impl Image {
     }
 }
 
-/// Result of a check: what will be handed over to the program that has made it.
+/// Result of a check: data for the handover to the program that has made it.
 #[derive(Debug)]
 pub struct Checked {
     image: Option<Image>,
@@ -87,16 +90,16 @@ pub struct Checked {
 }
 
 impl Program {
-    /// The program at this path, with these arguments.
+    /// Creates a description of the program at this path, with these arguments.
     pub fn new(path: PathBuf, arguments: Vec<OsString>) -> Program {
         Program { path, arguments }
     }
 
-    /// The one of this process. To be asked for before it is replaced on disk: the path is that of now, by the name under which
-    /// it was started, where that is a whole path.
+    /// Program of this process. This must be called before its file is replaced. The path is the name under which it
+    /// was started, if that is absolute, otherwise the present path of its file.
     ///
     /// # Errors
-    /// The system does not say which it is.
+    /// The system does not report the path.
     pub fn of_this_process() -> std::io::Result<Program> {
         let mut arguments = std::env::args_os();
         let named = arguments.next().map(PathBuf::from).filter(|path| path.is_absolute());
@@ -104,7 +107,7 @@ impl Program {
         Ok(Program::new(path, arguments.collect()))
     }
 
-    /// Whether it was started with this file, which need not be there any more.
+    /// Returns whether it was started with this file, which need not exist any more.
     fn was_given(&self, file: &Path) -> bool {
         let place = |path: &Path| path.canonicalize().or_else(|_| std::path::absolute(path)).ok();
         place(file).is_some_and(|file| {
@@ -112,7 +115,7 @@ impl Program {
         })
     }
 
-    /// Lets the program at that path check its profile and arguments, within this time.
+    /// Lets the program at the path check its profile and arguments, within this time.
     fn check(&self, socket: &Path, within: Duration) -> Result<Checked, Unfit> {
         let shown = self.path.display();
         let image = Image::at(&self.path);
@@ -123,17 +126,17 @@ impl Program {
         let stdout = answer.as_ref().map(File::try_clone).transpose().map_err(no_memory)?;
         let mut command = Command::new(&self.path);
         command.args(&self.arguments).arg(format!("--{CHECK_ONLY}")).arg(socket);
-        // It speaks to nobody but this program.
+        // The check must not send notifications to the service manager.
         command.env_remove("NOTIFY_SOCKET");
         command
             .stdin(Stdio::null())
             .stdout(stdout.map_or_else(Stdio::null, Stdio::from))
             .stderr(Stdio::piped());
-        // A script may start others: all of them end when the time is over.
+        // A script may start other processes. All of them end when the time is over.
         command.process_group(0);
         let cannot = |error: std::io::Error| Unfit::Other(format!("{shown} cannot be started: {error}"));
         let mut child = command.spawn().map_err(cannot)?;
-        // The command has a copy of the answer.
+        // The command holds a copy of the answer.
         drop(command);
         let said = child.stderr.take().map(read_aside);
         let until = Passing::default().passed() + within;
@@ -153,14 +156,14 @@ impl Program {
         Ok(Checked { image, prepared: Prepared::with(profile.as_ref()).map_err(no_memory)? })
     }
 
-    /// Becomes the program that lies there now, with a sealed handover as its standard input. Returns a sentence only if that cannot
-    /// be started.
+    /// Replaces the running program by the one at the path, with a sealed handover as its standard input. Returns a
+    /// sentence only if that program cannot be started.
     pub fn start(&self, handover: Option<&File>) -> String {
         let error = self.exec(&self.path, handover);
         format!("{} cannot be started: {}", self.path.display(), system(&error))
     }
 
-    /// Starts the program that runs now once more, with a sealed handover as its standard input. Returns only if that fails.
+    /// Starts the running program again, with a sealed handover as its standard input. Returns only if that fails.
     pub fn start_own_image(&self, handover: Option<&File>) -> std::io::Error {
         self.exec(Path::new(OWN_IMAGE), handover)
     }
@@ -182,7 +185,7 @@ fn end(child: &mut Child) {
     let _ = child.kill().and_then(|()| child.wait());
 }
 
-/// Reads what a check says in a thread of its own. What is too much is read and dropped.
+/// Reads the output of a check in a separate thread. Output beyond the limit is discarded.
 fn read_aside(mut stderr: ChildStderr) -> Receiver<Vec<u8>> {
     let (sender, parts) = channel();
     std::thread::spawn(move || {
@@ -199,7 +202,7 @@ fn read_aside(mut stderr: ChildStderr) -> Receiver<Vec<u8>> {
     parts
 }
 
-/// What a check that has ended has said.
+/// Output of a check that has ended.
 fn collected(parts: Receiver<Vec<u8>>) -> String {
     let until = Passing::default().passed() + LAST_WORDS;
     let mut said = Vec::new();
@@ -214,7 +217,7 @@ fn judge(status: ExitStatus, said: impl FnOnce() -> String) -> Result<(), Unfit>
         return Ok(());
     }
     let said = said();
-    // Excerpts and help stand behind blanks.
+    // Excerpts and help are indented.
     let lines = said.lines().filter(|line| !line.is_empty() && !line.starts_with(char::is_whitespace));
     let lines: Vec<&str> = lines.filter(|line| !line.starts_with("warning")).take(LINES).collect();
     let said = cut(&one_line(&lines.join("; ")), LONGEST_SAID).into_owned();
@@ -225,13 +228,13 @@ fn judge(status: ExitStatus, said: impl FnOnce() -> String) -> Result<(), Unfit>
     })
 }
 
-/// What can take the place of a running gateway.
+/// Program that can take the place of a running gateway.
 #[derive(Clone)]
 pub struct Successor {
     shared: Arc<Shared>,
     program: Program,
     socket: PathBuf,
-    /// Of the program that takes over.
+    /// Result of the check of the program that takes over.
     checked: Arc<Mutex<Option<Checked>>>,
 }
 
@@ -240,18 +243,18 @@ impl Successor {
         Successor { shared, program, socket, checked: Arc::default() }
     }
 
-    /// Whether this gateway was started with this profile.
+    /// Returns whether this gateway was started with this profile.
     pub(super) fn runs_profile(&self, path: &Path) -> bool {
         self.program.was_given(path)
     }
 
-    /// Result of the check of the program that takes over, once the gateway has ended for it.
+    /// Result of the check of the program that takes over. It is available when the gateway has ended for it.
     pub fn take_checked(&self) -> Option<Checked> {
         self.checked.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
-    /// Checks that the other program could run in the place of this gateway, and that this gateway can hand over to it. Blocks, at
-    /// most `within` this time, and as long as the disk takes for one small file.
+    /// Checks that the other program could run in the place of this gateway, and that this gateway can hand over to it.
+    /// Blocks for at most `within`, and for the time that the disk needs for one small file.
     pub(super) fn check(&self, within: Duration) -> Result<Checked, Unfit> {
         let checked = self.program.check(&self.socket, within)?;
         let directory = self.socket.parent().unwrap_or(Path::new("."));
@@ -266,7 +269,7 @@ impl Successor {
         Ok(checked)
     }
 
-    /// Asks the gateway to move nothing more and to make room for a program that was checked. A sentence.
+    /// Requests the gateway to move nothing more, and to make room for a program that was checked. Returns a sentence.
     pub(super) fn take_over(&self, asker: &Asker, checked: Checked) -> Result<String, String> {
         let commands = CommandHandle(self.shared.clone());
         let answer =

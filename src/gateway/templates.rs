@@ -1,4 +1,5 @@
-//! The templates of the last run: what has changed in one since is said, as after an upgrade of the program that ships it.
+//! Templates of the last run. A template that has changed since then is reported, for example after an upgrade of the
+//! program.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -6,13 +7,13 @@ use std::path::{Path, PathBuf};
 use super::disk::{Disk, Files};
 use isotherm_profile::{Profile, template};
 
-/// More changes of one template nobody reads.
+/// Largest number of changes of one template that are reported.
 const SHOWN: usize = 6;
 
-/// The text of each template, by its name.
+/// Text of each template, by its name.
 type Texts = BTreeMap<String, String>;
 
-/// The name of each template that is not as the last run had it, and what has changed, in a line.
+/// Templates that have changed since the last run: name and changes in one line.
 pub fn changed(directory: &Path, profile: &Profile) -> Vec<(String, String)> {
     let before = kept(&path(directory, profile)).unwrap_or_default();
     let changed = texts(profile).into_iter().filter_map(|(name, now)| {
@@ -28,7 +29,7 @@ pub fn changed(directory: &Path, profile: &Profile) -> Vec<(String, String)> {
     changed.collect()
 }
 
-/// Keeps those of this run. Nobody waits for it, and whether it can be done changes nothing else.
+/// Saves the templates of this run. Nothing waits for it, and a failure has no other effect.
 pub(super) fn keep(directory: &Path, profile: &Profile) {
     let (path, now) = (path(directory, profile), texts(profile));
     if kept(&path).unwrap_or_default() == now {
@@ -43,7 +44,7 @@ fn path(directory: &Path, profile: &Profile) -> PathBuf {
     directory.join(format!("{}.templates.json", profile.name))
 }
 
-/// What cannot be read is as if it were not there: nothing but a sentence rests on it.
+/// A file that cannot be read counts as missing: only a report depends on it.
 fn kept(path: &Path) -> Option<Texts> {
     Files.read(path).ok().and_then(|bytes| serde_json::from_slice(&bytes).ok())
 }

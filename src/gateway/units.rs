@@ -1,4 +1,4 @@
-//! What the counts of an output's register are worth, and what the axis may make of them.
+//! Conversion between the counts of an output's register, its values and Cz; step and limit of the axis in counts.
 
 use isotherm_core::codec::{ControlView, Encoded, Encoding, Inadmissible};
 use isotherm_core::compensation::Decision;
@@ -6,24 +6,23 @@ use isotherm_core::output::State;
 use isotherm_core::quantity::{Counts, Micron};
 use isotherm_profile::{Output, Profile, Writes};
 
-/// A register of a floating-point type has so many counts in a step: few enough that the 24 bits of a float tell the
-/// counts of eight thousand steps apart.
+/// Counts per step of a floating-point register. The 24 bits of a float distinguish the counts of eight thousand steps.
 const COUNTS_OF_A_STEP: f64 = 1000.0;
-/// What no register of ours holds: where what stands there is no number.
+/// Count of a register value that is not a number. No register can hold it.
 const NO_NUMBER: Counts = Counts(i64::MAX / 4);
 
-/// What the counts of one output's register are worth.
+/// Conversion for the register of one output.
 #[derive(Clone, Debug)]
 pub(super) struct Units {
     encoding: Encoding,
-    /// Of its value.
+    /// Unit of the register value.
     unit: &'static str,
-    /// Of the register's unit for 1 µm.
+    /// Register value for 1 µm.
     factor: f64,
-    /// Of the register's unit for a count, where its type has none itself.
+    /// Register value for one count, if the type of the register has no counts itself.
     grain: Option<f64>,
     bias: Counts,
-    /// How the control reads it; a reference position is no correction.
+    /// Interpretation of the register by the control. `None` for a reference position, which is no correction.
     control: Option<ControlView>,
 }
 
@@ -69,8 +68,8 @@ impl Units {
         }
     }
 
-    /// The registers of these counts, if the control reads in them what is meant. `base` is the operator's part of a shared
-    /// register, `held` what the register holds now.
+    /// Registers for these counts, if the control would read the intended value in them. `base`: operator offset of a
+    /// shared register. `held`: present register value.
     pub(super) fn admitted(
         &self,
         counts: Counts,
@@ -86,7 +85,7 @@ impl Units {
         control.admit(encoded.registers(), self.cz(own), centre, held).map(|()| encoded)
     }
 
-    /// What the register's value is then, in its unit.
+    /// Register value for these counts, in its unit.
     pub(super) fn value(&self, counts: Counts) -> f64 {
         match self.grain {
             None => self.encoding.value_of(counts - self.bias),
@@ -98,33 +97,33 @@ impl Units {
         Micron::new(self.value(counts) / self.factor).unwrap_or_default()
     }
 
-    /// The counts from the bias that come nearest to this Cz.
+    /// Counts from the bias that are nearest to this Cz.
     pub(super) fn offset(&self, cz: Micron) -> Counts {
         self.counts(cz.get() * self.factor)
     }
 
-    /// The counts from the bias that come nearest to this value of the register.
+    /// Counts from the bias that are nearest to this register value.
     pub(super) fn counts(&self, value: f64) -> Counts {
         self.grain.map_or_else(|| self.encoding.nearest_counts(value), |grain| nearest(value / grain))
     }
 
-    /// Thousandths of a count that the register has at this value of its unit. `None` if no register holds as many.
+    /// Register value in thousandths of a count. `None` if no register can hold it.
     pub(super) fn thousandths(&self, value: f64) -> Option<i64> {
         let thousandths = value / self.worth() * 1000.0 + as_float(self.bias) * 1000.0;
         (thousandths.abs() < as_float(NO_NUMBER)).then(|| nearest(thousandths).0)
     }
 
-    /// A difference of values of the register's unit in thousandths of a count.
+    /// Difference of register values in thousandths of a count.
     pub(super) fn thousandths_of(&self, difference: f64) -> i64 {
         nearest((difference / self.worth()).abs() * 1000.0).0
     }
 
-    /// Value of a count, in the register's unit.
+    /// Register value for one count.
     fn worth(&self) -> f64 {
         self.grain.unwrap_or_else(|| self.encoding.scale.get())
     }
 
-    /// The lowest and the highest count that the register holds.
+    /// Lowest and highest count that the register can hold.
     pub(super) fn range(&self) -> (Counts, Counts) {
         match self.encoding.range_of_counts().filter(|_| self.grain.is_none()) {
             Some((low, high)) => (low + self.bias, high + self.bias),
@@ -132,7 +131,7 @@ impl Units {
         }
     }
 
-    /// The Cz of each write that the register does not show yet and may still take.
+    /// Cz of each write that the register does not show yet and that may still arrive.
     pub(super) fn may_arrive(&self, state: &State) -> Vec<String> {
         let operator = state.kept().account.map_or(Counts::ZERO, |account| account.base - self.bias);
         let mut values: Vec<Counts> = state.may_arrive().collect();
@@ -140,7 +139,7 @@ impl Units {
         values.into_iter().map(|value| self.cz(value - operator).to_string()).collect()
     }
 
-    /// So many counts for people, in the register's unit.
+    /// Counts as text, in the unit of the register.
     pub(super) fn in_text(&self, counts: Counts) -> String {
         let text = match self.grain {
             _ if counts == NO_NUMBER => return "no number".to_owned(),
@@ -151,11 +150,12 @@ impl Units {
     }
 }
 
-/// The largest change of one write, in the output's unit: whole counts, so that rounding cannot add to it.
+/// Largest change of one write, in the unit of the output. It is a whole number of counts, so that rounding cannot
+/// increase it.
 fn one_step(profile: &Profile, output: &Output) -> f64 {
     let most = profile.axis(output.axis).settings.guard.step.get() * cz_factor(profile, output);
     match output.encoding.data_type.integer_range() {
-        // What makes 3 · 0.1 a little more than 0.3 must not cost a count.
+        // A rounding error, as in 3 · 0.1 > 0.3, must not cost a count.
         Some(_) => {
             let count = output.encoding.scale.get().abs();
             (most / count * (1.0 + 1e-12)).floor() * count
@@ -164,7 +164,7 @@ fn one_step(profile: &Profile, output: &Output) -> f64 {
     }
 }
 
-/// What an output makes of a decision: Cz, or what the slope comes to at the axis's reach.
+/// Part of a decision that an output writes: Cz, or the effect of the slope at the reach of the axis.
 pub(super) fn part(decision: &Decision, writes: Writes) -> Micron {
     if writes == Writes::Slope { decision.slope } else { decision.cz }
 }
@@ -174,15 +174,15 @@ pub(super) fn target(decision: &Decision, writes: Writes) -> Micron {
     if writes == Writes::Slope { decision.slope_target } else { decision.target }
 }
 
-/// What stands in a register is what is wanted there, to half a count of this size. Beside an operator's part, `base`, their
-/// sum is never made zero: where it would be, the count beside it is as near as it gets.
+/// Returns whether the register value is the wanted one, to half a count of this size. The sum with the operator offset
+/// `base` is never made zero. If it would be zero, the adjacent count is near enough.
 pub(super) fn is_near(cz: Micron, wanted: Micron, grain: f64, base: f64) -> bool {
     let would_be_zero = base != 0.0 && (base + wanted.get()).abs() < 0.6 * grain;
     (cz - wanted).abs().get() <= if would_be_zero { 1.1 } else { 0.6 } * grain
 }
 
-/// What 1 µm is in the register's unit. A diameter changes by twice what the radius does; a slope is its effect at the
-/// axis's reach, divided by that.
+/// Register value for 1 µm. A diameter changes by twice the change of the radius. The value of a slope is its effect at
+/// the reach of the axis, divided by the reach.
 pub(super) fn cz_factor(profile: &Profile, output: &Output) -> f64 {
     let axis = profile.axis(output.axis);
     match (output.writes, axis.settings.intercept_slope) {
@@ -192,19 +192,19 @@ pub(super) fn cz_factor(profile: &Profile, output: &Output) -> f64 {
     }
 }
 
-/// Whether a register holds more than its axis may. The arithmetic between counts and µm must not decide that: half a
-/// count more is the limit itself. A reference position is no correction and has no limit.
+/// Returns whether a register holds more than its axis may. Rounding between counts and µm must not decide this: the
+/// limit plus half a count still counts as the limit. A reference position is no correction and has no limit.
 pub(super) fn is_beyond_limit(profile: &Profile, output: &Output, cz: Micron) -> bool {
     let limit = profile.axis(output.axis).settings.guard.limit.get();
     let slack = match output.encoding.data_type.integer_range() {
         Some(_) => 0.5 * output.encoding.scale.get().abs() / cz_factor(profile, output),
-        // What is left of a number in the 24 bits of a float.
+        // Rounding error of a number in the 24 bits of a float.
         None => limit * f64::from(f32::EPSILON),
     };
     output.writes != Writes::Reference && cz.abs().get() > limit + slack
 }
 
-/// What these registers of an output hold, for people.
+/// Value of these registers of an output, as text.
 pub(super) fn registers_in_text(output: &Output, registers: &[u16]) -> String {
     match output.encoding.decode(registers) {
         Ok(value) => format!("{} {}", tidy(value, &output.encoding), output.writes.unit()),
@@ -212,7 +212,7 @@ pub(super) fn registers_in_text(output: &Output, registers: &[u16]) -> String {
     }
 }
 
-/// As many digits as a count has.
+/// Formats a value with as many digits as a count has.
 fn tidy(value: f64, encoding: &Encoding) -> String {
     let digits = (0..6).find(|digits| encoding.scale.get().abs() * 10f64.powi(*digits) >= 0.999).unwrap_or(6);
     format!("{value:.*}", usize::try_from(digits).unwrap_or(6))
@@ -238,11 +238,11 @@ mod tests {
         for (cz, wanted, base, near) in [
             (0.0, 0.04, 0.0, true),
             (0.1, 0.0, 0.0, false),
-            // A count of ours beside an operator's part is one too many.
+            // Next to an operator offset, a difference of one count is too large.
             (0.1, 0.0, 200.0, false),
             (-0.1, 0.0, 200.0, false),
             (0.0, 0.0, 200.0, true),
-            // His part is just what would make the sum zero.
+            // With this operator offset the sum would be zero.
             (4.9, 5.0, -5.0, true),
             (5.1, 5.0, -5.0, true),
             (4.8, 5.0, -5.0, false),

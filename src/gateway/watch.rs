@@ -1,5 +1,5 @@
-//! Watches the lines from a thread of its own: one that no longer cycles stops the gateway, and where even that has no
-//! effect, ends the process. The service manager's watchdog is fed only while everything cycles.
+//! Watches the lines from a separate thread. A line that takes no turns any more stops the gateway. If even that has no
+//! effect, the process ends. The watchdog of the service manager is served only while everything works.
 
 use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
@@ -20,7 +20,7 @@ pub(super) struct Watch {
 }
 
 impl Watch {
-    /// Watches every line. `stop` asks the gateway to stop; `give_up` is called where it has not within its time.
+    /// Watches every line. `stop` requests the gateway to stop. `give_up` is called if it has not stopped in time.
     pub(super) fn start(
         shared: Arc<Shared>,
         patience: Option<Duration>,
@@ -45,7 +45,7 @@ impl Watch {
                 let gap = own.look(now);
                 own.away_for(LOOK_EVERY);
                 if shared.clock.is_virtual() {
-                    // Its time may be held: nobody can take a turn then.
+                    // Virtual time may be held. No line can take a turn then.
                     if now == last {
                         continue;
                     }
@@ -68,22 +68,22 @@ impl Watch {
                 stuck += LOOK_EVERY;
             }
         };
-        // Without a thread there is no watch, which the service manager's watchdog then notices.
+        // Without a thread there is no watch. The watchdog of the service manager then detects that.
         let _ = std::thread::Builder::new().name("watch".to_owned()).spawn(watch);
         Watch { _ends_with_this: sender }
     }
 }
 
-/// What was seen of a line. Looks are counted, not seconds: those in which the computer stood still are not the line's.
+/// Observations of a line. Checks are counted instead of seconds: a pause of the computer is not the fault of the line.
 struct Seen {
     turns: u64,
-    /// Looks in a row that found the same number of turns.
+    /// Consecutive checks that found the same number of turns.
     looks: u32,
-    /// After so many it is stuck.
+    /// Number of such checks after which the line counts as stuck.
     most: u32,
 }
 
-/// The name of a line that has not taken a turn for too long; also one that keeps the lock.
+/// Name of a line that has not taken a turn for too long. A state that stays locked counts as well.
 fn late_line(shared: &Shared, lines: &mut [Seen], stuck: &mut Duration) -> Option<String> {
     if !shared.is_free() {
         *stuck += LOOK_EVERY;
@@ -101,7 +101,7 @@ fn late_line(shared: &Shared, lines: &mut [Seen], stuck: &mut Duration) -> Optio
     None
 }
 
-/// The longest a line may take for one cycle: each of its requests connects and then times out, with all its pauses.
+/// Longest time that a line may need for one cycle: each of its requests connects and then times out, with all pauses.
 fn limit(profile: &Profile, bus: BusId) -> Duration {
     let devices = profile.devices_on(bus).map(|(_, device)| device);
     let pauses = devices

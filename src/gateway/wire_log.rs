@@ -1,11 +1,11 @@
-//! The wire log of a running gateway: one tap for each line, found by the names of the devices.
+//! Wire log of a running gateway: one tap for each line, found by the names of the devices.
 
 use std::sync::Arc;
 
 use crate::fieldbus::trace::{Listening, Tap};
 use isotherm_profile::{BusId, DeviceId, Profile};
 
-/// Where the frames of a gateway's devices can be listened to, from any thread.
+/// Access to the frames of the devices of a gateway, from any thread.
 #[derive(Clone, Debug)]
 pub struct WireLog(Arc<Inner>);
 
@@ -26,10 +26,10 @@ impl WireLog {
         &self.0.taps[bus.0]
     }
 
-    /// Listens to the device of this name until what is returned is dropped.
+    /// Traces the device of this name until the returned value is dropped.
     ///
     /// # Errors
-    /// A sentence: there is no such device, or too many listen to its line.
+    /// There is no such device, or too many clients trace its line. The error is a sentence.
     pub fn listen(&self, device: &str) -> Result<Listening, String> {
         let Some(place) = self.0.devices.iter().position(|(name, _)| name == device) else {
             let known: Vec<&str> = self.0.devices.iter().map(|(name, _)| name.as_str()).collect();

@@ -1,9 +1,9 @@
-//! Who asks for something, by which way, and whether he still wants it.
+//! The requester of a command: its channel, its deadline, and whether it still waits.
 //!
-//! **A command is begun within its deadline or never.** Whoever asks waits [`PATIENCE`] for an answer. What he has asked for
-//! may lie in a socket for longer than that, where the gateway stands still: it is dropped then. Our own program says until
-//! when it waits, by a clock that it shares with the gateway. Of others it is known that they have gone, or that nobody
-//! looked at the sockets for so long ([`Attendance`]).
+//! **A command begins within its deadline or never.** A requester waits [`PATIENCE`] for an answer. While the gateway
+//! does not run, its request may stay in a socket for longer, and is then dropped. The verbs of this program send their
+//! deadline, on a clock that they share with the gateway. Other requesters are checked by their connection, and by how
+//! long the sockets were not served ([`Attendance`]).
 
 use std::fmt;
 use std::os::fd::AsFd;
@@ -16,31 +16,31 @@ use serde::Serialize;
 
 use crate::clock::Passing;
 
-/// How long an answer is waited for.
+/// Time for which a requester waits for an answer.
 pub const PATIENCE: Duration = Duration::from_secs(5);
-/// How often it is noted that somebody looks.
+/// Interval at which [`Attendance`] records that the sockets are served.
 const LOOK_EVERY: Duration = Duration::from_millis(250);
 
-/// The way of a command.
+/// Channel of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Way {
     /// The buttons of the page.
     Page,
-    /// The command socket: `isotherm arm`.
+    /// The command socket, for example `isotherm arm`.
     Socket,
-    /// HTTP, by something else than the page.
+    /// HTTP, from a program other than the page.
     Api,
     /// A message from the broker of `[mqtt]`.
     Broker,
-    /// The profile says so.
+    /// The profile, which arms by itself.
     Auto,
-    /// What was so before a restart goes on.
+    /// The state before a restart, which continues.
     Restart,
 }
 
 impl Way {
-    /// Who, and by which way, as it stands in a sentence.
+    /// Requester and channel, as part of a sentence.
     pub fn by(self, who: &str) -> String {
         match self {
             Way::Page => format!("by {who} on the page"),
@@ -53,18 +53,19 @@ impl Way {
     }
 }
 
-/// By which somebody is known to be there.
+/// Connection whose state shows whether the requester is still there.
 pub type Connection = dyn AsFd + Send + Sync;
 
-/// Whoever asks.
+/// The requester of a command.
 pub struct Asker {
-    /// By which way.
+    /// Channel of the request.
     pub way: Way,
-    /// An address, or a user with his number.
+    /// An address, or a user with its number.
     pub who: String,
-    /// Until when he waits, in time since the computer was started.
+    /// Deadline of the request, in time since the computer was started.
     until: Option<Duration>,
-    /// He has gone when its other end is closed, or this one: a wish keeps no descriptor.
+    /// Connection of the requester. The requester has gone if either end is closed. The weak reference keeps no file
+    /// descriptor open.
     connection: Option<Weak<Connection>>,
     stays: bool,
 }
@@ -76,32 +77,31 @@ impl fmt::Debug for Asker {
 }
 
 impl Asker {
-    /// Somebody who waits for as long as it takes.
+    /// Makes a requester without a deadline.
     pub fn new(way: Way, who: impl Into<String>) -> Asker {
         Asker { way, who: who.into(), until: None, connection: None, stays: false }
     }
 
-    /// He waits no longer than until this much time has passed since the computer was started; never longer than
-    /// [`PATIENCE`] from now.
+    /// Sets the deadline, in time since the computer was started. It is never later than [`PATIENCE`] from now.
     #[must_use]
     pub fn until(self, until: Duration) -> Asker {
         let longest = Passing::default().passed() + PATIENCE;
         Asker { until: Some(until.min(longest)), ..self }
     }
 
-    /// He waits at the other end of this connection.
+    /// Sets the connection over which the requester waits.
     #[must_use]
     pub fn at(self, connection: &Arc<Connection>) -> Asker {
         Asker { connection: Some(Arc::downgrade(connection)), ..self }
     }
 
-    /// What he asks for ends when he goes, however late that is.
+    /// Makes the request end when the requester goes, however late that is.
     #[must_use]
     pub fn staying(self) -> Asker {
         Asker { stays: true, ..self }
     }
 
-    /// Why what he asked for is not begun any more, as a sentence.
+    /// Reason why the request must not begin any more, as a sentence. `None` if it may begin.
     pub fn has_lapsed(&self) -> Option<String> {
         if self.until.is_some_and(|until| Passing::default().passed() >= until) {
             return Some(format!("its turn came later than {} s after it was asked for", PATIENCE.as_secs()));
@@ -109,13 +109,13 @@ impl Asker {
         self.is_gone().then(|| "whoever asked for it has gone".to_owned())
     }
 
-    /// He had to stay, and has not.
+    /// Returns whether the request must end because its requester has gone. See [`Asker::staying`].
     pub fn has_left(&self) -> bool {
         self.stays && self.is_gone()
     }
 
-    /// The other end of the connection is closed. One that only says no more is not: `echo arm | nc -U` waits for the answer;
-    /// over TCP the two look alike, and nobody does that there.
+    /// Returns whether the requester has closed its connection. On the command socket, a requester that only stops
+    /// sending still waits: `echo arm | nc -U`. Over TCP the two cases look the same, and both count as closed.
     fn is_gone(&self) -> bool {
         let Some(connection) = &self.connection else { return false };
         let Some(connection) = connection.upgrade() else { return true };
@@ -129,15 +129,15 @@ impl Asker {
     }
 }
 
-/// That somebody looks at the sockets: what is found there has waited no longer than since the look before.
+/// Record of the times at which the sockets are served. It limits how long a request can have waited in a socket.
 #[derive(Clone, Debug, Default)]
 pub struct Attendance(Arc<Looks>);
 
 #[derive(Debug, Default)]
 struct Looks {
-    /// Milliseconds since the computer was started.
+    /// Last time at which the sockets were served, in milliseconds since the computer was started.
     last: AtomicU64,
-    /// Before a gap, and at its end.
+    /// Times before the last gap of more than a second, and at its end.
     before: AtomicU64,
     after: AtomicU64,
 }
@@ -147,7 +147,7 @@ fn now() -> u64 {
 }
 
 impl Attendance {
-    /// Looks for ever.
+    /// Records the times, forever.
     pub async fn keep(&self) {
         loop {
             self.look(now());
@@ -163,7 +163,8 @@ impl Attendance {
         }
     }
 
-    /// For how long at most something has waited that is found now. Right after a gap nobody knows what came in it.
+    /// Longest time for which a request that is found now may have waited. Within a second after a gap, it may have
+    /// come before the gap.
     fn longest_wait(&self, now: u64) -> Duration {
         let [last, before, after] =
             [&self.0.last, &self.0.before, &self.0.after].map(|moment| moment.load(Ordering::Relaxed));
@@ -171,7 +172,7 @@ impl Attendance {
         Duration::from_millis(if since == 0 { 0 } else { now.saturating_sub(since) })
     }
 
-    /// Until when whoever asked is waiting who does not say so himself.
+    /// Deadline of a requester that sends none.
     pub fn until(&self) -> Duration {
         let now = now();
         (Duration::from_millis(now) + PATIENCE).saturating_sub(self.longest_wait(now))
@@ -224,7 +225,7 @@ mod tests {
         assert_eq!(attendance.longest_wait(100_000), Duration::ZERO);
         attendance.look(100_000);
         assert_eq!(attendance.longest_wait(100_200), Duration::from_millis(200));
-        // It is found before anybody has looked again, and after.
+        // Before the sockets are served again, and after.
         assert_eq!(attendance.longest_wait(108_000), Duration::from_secs(8));
         attendance.look(108_000);
         assert_eq!(attendance.longest_wait(108_010), Duration::from_millis(8010));

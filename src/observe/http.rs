@@ -1,4 +1,4 @@
-//! The gateway's door for people and programs: page, status, live stream, metrics, health, commands.
+//! HTTP server of the gateway: page, status, live stream, metrics, health and commands.
 //!
 //! ```text
 //! door (how many) ──► request (for one host) ──► access (who may) ──► request (whole) ──► route
@@ -7,7 +7,7 @@
 //!                      live: one status a second, shared by every open page  ◄──────────────┘
 //! ```
 //!
-//! Nothing here is awaited by the loop: a slow or silent reader costs only itself.
+//! The line tasks never wait for this server. A slow client delays only itself.
 
 mod access;
 mod admission;
@@ -57,11 +57,11 @@ use super::status::{Answer, Command, Source, Status};
 use super::{metrics, page};
 use isotherm_profile::one_line;
 
-/// How long open requests may take to end once the gateway stops.
+/// Time for open requests to end when the gateway stops.
 const GRACE: Duration = Duration::from_millis(500);
 
-/// On every answer. The page loads nothing from elsewhere, runs no script but its own, and stands in no frame,
-/// so that nobody can lay something over its buttons.
+/// Headers of every answer. The page loads nothing from other sites, runs only its own scripts, and cannot be framed.
+/// Therefore no other site can place something over its buttons.
 const HEADERS: [(HeaderName, &str); 5] = [
     (
         header::CONTENT_SECURITY_POLICY,
@@ -69,7 +69,7 @@ const HEADERS: [(HeaderName, &str); 5] = [
     ),
     (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
     (header::X_FRAME_OPTIONS, "DENY"),
-    // With none at all a browser does not say either that a form is our own.
+    // With `no-referrer`, a browser would not send the origin of the page's own forms either.
     (header::REFERRER_POLICY, "same-origin"),
     (header::CACHE_CONTROL, "no-store"),
 ];
@@ -80,11 +80,11 @@ struct Room {
     access: Arc<Access>,
     live: live::Live,
     attendance: Attendance,
-    /// Turns to read what was.
+    /// Permits to read the history.
     readers: Arc<Semaphore>,
-    /// The turn to read the events.
+    /// Permit to read the events.
     events: Arc<Semaphore>,
-    /// The profile's, once somebody who may not see the status had to be spoken to.
+    /// Language of the profile, read for the first answer to a client without access to the status.
     language: Arc<OnceLock<Option<Language>>>,
 }
 
@@ -94,19 +94,19 @@ impl Room {
     }
 }
 
-/// The answer to a command. One that waits is not done.
+/// Answer to a command. `done` is false if the command still waits.
 #[derive(Serialize)]
 struct Said {
     done: bool,
     answer: String,
 }
 
-/// Answers at `door` until `shutdown` completes; then ends the live streams and returns within a second.
+/// Serves at `door` until `shutdown` completes. It then ends the live streams, and returns within a second.
 ///
-/// The table at the head of `http/access.rs` says who may look and who may command.
+/// The table at the top of `http/access.rs` lists who may view and who may command.
 ///
 /// # Errors
-/// When the listener has no address.
+/// The listener has no address.
 pub async fn serve(
     door: impl Into<Door>,
     source: Arc<dyn Source>,
@@ -125,7 +125,7 @@ pub async fn serve(
     let room = Room { source, access, live, attendance: attendance.clone(), readers, events, language };
     let router = router(room.clone(), limits.body);
     let serving = door.serve(router, stopped);
-    // A peer that never finishes its request must not keep the gateway from stopping.
+    // A client that never completes its request must not delay the stop of the gateway.
     let overdue = async {
         shutdown.await;
         drop(stop);
@@ -140,7 +140,7 @@ pub async fn serve(
     Ok(())
 }
 
-/// Completes when the sender is gone.
+/// Completes when the sender has been dropped.
 async fn ended(mut stopped: watch::Receiver<()>) {
     while stopped.changed().await.is_ok() {}
 }
@@ -207,7 +207,7 @@ async fn front(
     Html(shell.into_string()).into_response()
 }
 
-/// What a browser may, as far as one knows before it does.
+/// Actions that the page offers to this browser.
 fn may(room: &Room, pass: &Pass) -> May {
     match pass.role {
         Role::Operator => May::Command,
@@ -248,7 +248,7 @@ fn take(room: &Room, command: Command, query: Option<&str>, asker: &Arc<Asker>) 
     answered(room, room.source.command(command, axis.as_deref(), asker))
 }
 
-/// A parameter of the query.
+/// Value of a parameter in the query.
 fn parameter(query: &str, name: &str) -> Option<String> {
     let mut pairs = query.split('&').filter_map(|pair| pair.split_once('='));
     let (_, given) = pairs.find(|(known, _)| *known == name)?;
@@ -266,7 +266,7 @@ fn answered(room: &Room, said: Result<Answer, String>) -> Response {
         }
         Err(answer) => (StatusCode::CONFLICT, false, answer),
     };
-    // What was asked for stands in it, and a person may read it on a terminal.
+    // The answer quotes the request, and may be read on a terminal.
     let answer = one_line(&answer).into_owned();
     (code, Json(Said { done, answer })).into_response()
 }

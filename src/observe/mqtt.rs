@@ -1,14 +1,14 @@
-//! What a machine does is published to a broker, as `[mqtt]` says: by MQTT, readably or as Sparkplug B.
+//! Publishes the state of a machine to the broker of `[mqtt]`, as readable messages or as Sparkplug B.
 //!
-//! A thread of its own looks at the state that the page shows, once in `every`, and has the crate `isotherm-plant` make messages of
-//! what is new. No line, no step and no page ever waits for it, and it holds nothing that they want but the state's lock, as the page
-//! does. Everything that waits for a slow broker or one that is away is bounded, and what finds no room is counted and reported.
+//! A separate thread reads the state that the page shows, at the interval `every`. The crate `isotherm-plant` makes
+//! messages of the changes. No line task, step or page waits for this thread, which holds only the state's lock, as the
+//! page does. Queues for a slow or unreachable broker are bounded. Messages without room are counted and reported.
 //!
 //! # Layout
-//! - `snapshot`, `happenings`: the state and the events, as figures.
-//! - `run`: connecting, publishing, waiting. `kept`: what waits for a broker that is away. `commands`: what arrives. `node`: a Sparkplug
-//!   node over restarts. `readable`: readable messages over restarts.
-//! - `broker`: what a broker is. `client`: the library behind it. `stream`: TCP and TLS.
+//! - `snapshot`, `happenings`: the state and the events, as metrics.
+//! - `run`: connects, publishes and waits. `kept`: queue for an unreachable broker. `commands`: received messages.
+//!   `node`: a Sparkplug node across restarts. `readable`: readable messages across restarts.
+//! - `broker`: interface of a broker. `client`: its implementation. `stream`: TCP and TLS.
 
 use std::collections::VecDeque;
 use std::future::Future;
@@ -48,10 +48,10 @@ mod stream;
 
 pub use broker::Fault;
 
-/// Names that are looked up wait in a thread each.
+/// Maximum number of threads for name lookups.
 const LOOKUPS: usize = 1;
 
-/// Whom the broker's certificate is compared with, and what it is shown; `None` for a broker without TLS.
+/// TLS configuration of the broker: trusted certificates, and the gateway's own. `None` for a broker without TLS.
 pub type Trust = Option<Arc<ClientConfig>>;
 
 /// The thread that publishes.
@@ -59,12 +59,12 @@ pub type Trust = Option<Arc<ClientConfig>>;
 pub struct Publishing {
     stop: watch::Sender<bool>,
     ended: oneshot::Receiver<()>,
-    /// Nobody waits for it longer than [`Publishing::finish`] does.
+    /// Never joined, because [`Publishing::finish`] limits the wait.
     _thread: JoinHandle<()>,
 }
 
 impl Publishing {
-    /// Begins to publish the state of a machine.
+    /// Starts to publish the state of a machine.
     ///
     /// # Errors
     /// The system has no thread for it.
@@ -102,15 +102,16 @@ impl Publishing {
         let (over, ended) = oneshot::channel();
         let thread = std::thread::Builder::new().name("mqtt".to_owned()).spawn(move || {
             runtime.block_on(runner.run(broker, stopped));
-            // A name that is still looked up holds up nobody.
+            // A name lookup that has not ended must not delay the end.
             runtime.shutdown_background();
-            // Nobody may wait for it any more.
+            // The receiver may be gone already.
             let _ = over.send(());
         })?;
         Ok(Publishing { stop, ended, _thread: thread })
     }
 
-    /// The gateway has ended: the last state and that it is gone are published, for at most [`stop::BROKER`], or until `hurry` is ready.
+    /// Publishes the last state and the end of the gateway. It ends after [`stop::BROKER`] at most, or when `hurry` is
+    /// ready.
     pub async fn finish(self, hurry: impl Future<Output = ()>) {
         self.stop.send_replace(true);
         tokio::select! {
@@ -121,7 +122,7 @@ impl Publishing {
     }
 }
 
-/// What makes the messages, and where those wait that could not be told. `state` is the state directory.
+/// Makes the publisher, and the queue of unpublished records. `state` is the state directory.
 fn publisher(
     profile: &Profile,
     mqtt: &Mqtt,
@@ -129,7 +130,7 @@ fn publisher(
     source: &dyn Source,
 ) -> (Box<dyn Publisher>, Kept) {
     let directory = kept_in(state, &profile.name);
-    // The profile has refused a group that can be none.
+    // The profile reader has rejected an invalid group.
     if let (MqttFormat::SparkplugB, Ok(address)) = (mqtt.format, Address::new(&mqtt.group, &profile.name)) {
         let kept = Kept::on_disk(&directory, mqtt.buffer);
         let node = Box::new(Node::new(address, &directory, mqtt.takes_measured));
@@ -153,24 +154,24 @@ fn publisher(
     (Box::new(Readable::new(json, &directory)), Kept::in_memory())
 }
 
-/// Connects once, publishes nothing, and leaves.
+/// Connects to the broker and disconnects, without publishing.
 ///
 /// # Errors
-/// Why the broker does not take the gateway.
+/// Reason why the broker does not accept the gateway.
 pub async fn probe(profile: &Profile, mqtt: &Mqtt, trust: Trust) -> Result<(), Fault> {
-    // Under the gateway's own name the broker would send the one away that runs.
+    // A second client with the gateway's identifier would disconnect the running gateway.
     let id = format!("isotherm-{}-check-{}", profile.name, std::process::id());
     let connection = Client::of(mqtt, id, trust, &Clock::wall()).connect(None).await?;
     connection.close().await;
     Ok(())
 }
 
-/// Where in the state directory of a machine that is kept which waits for a broker.
+/// Directory of a machine's unpublished records, in its state directory.
 pub fn kept_in(state: &Path, machine: &str) -> PathBuf {
     state.join(format!("{machine}-mqtt"))
 }
 
-/// What stands in a state as people read it.
+/// Parses a time as the status contains it.
 fn moment(text: &str) -> Option<Moment> {
     let stamp: jiff::Timestamp = text.parse().ok()?;
     u64::try_from(stamp.as_nanosecond()).ok().map(Moment::from_nanos)

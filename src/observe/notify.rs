@@ -1,14 +1,14 @@
-//! What happens is posted to servers, as the profile's `[[notify]]` says: one JSON document a message, over HTTP.
+//! Posts events to the servers of `[[notify]]`, one JSON document in each message, over HTTP.
 //!
-//! Each server has an [`Outbox`]. Whoever reports an event lays a message into it and goes on; where it is full, the oldest one goes.
-//! A thread of its own, which no line and no page ever waits for, takes them out in their order. What does not arrive is tried
-//! again after pauses that grow, a few times, and then given up. That they do not arrive is an event, that they arrive again is another,
-//! and so is how many never did.
+//! Each server has an [`Outbox`]. Code that reports an event adds a message to it without waiting. If the outbox is
+//! full, the oldest message is dropped. A separate thread sends the messages in order. No line task and no page waits
+//! for it. A failed message is sent again after growing pauses, a few times, and then given up. The start of failures,
+//! their end, and the number of lost messages are events.
 //!
 //! # Layout
-//! - `outbox`: the queue, and what is laid into it. `message`: the document.
-//! - `post`, `answer`: one message on its way over TCP or TLS, what the server says, and what can go wrong.
-//! - `courier`: when what is tried again.
+//! - `outbox`: the queue, and the selection of events. `message`: the document.
+//! - `post`, `answer`: sends one message over TCP or TLS, and reads the answer.
+//! - `courier`: retries and pauses.
 
 use std::future::Future;
 use std::sync::Arc;
@@ -33,31 +33,32 @@ pub use outbox::Outbox;
 pub use post::{Failure, Post, Server};
 pub use token::read as read_token;
 
-/// Whom a server's certificate is compared with; a sentence where nobody is trusted.
+/// TLS configuration with the trusted certificates, or the reason why there is none.
 pub type Trust = Result<Arc<ClientConfig>, String>;
 
-/// What becomes of messages is told so.
+/// Callback for the results of deliveries.
 pub type Report = Arc<dyn Fn(Delivery) + Send + Sync>;
 
-/// The outboxes of a profile, which fill from the first event on.
+/// Outboxes of a profile. They fill from the first event on.
 #[derive(Debug)]
 pub struct Outboxes(Vec<Arc<Outbox>>);
 
 impl Outboxes {
-    /// One for each server.
+    /// Makes one outbox for each server.
     pub fn of(profile: &Profile, dry_run: bool) -> Outboxes {
         let machine = &profile.name;
         Outboxes(profile.notify.iter().map(|notify| Arc::new(Outbox::of(notify, machine, dry_run))).collect())
     }
 
-    /// Who has to hear of every event; `None` where nobody is to be told.
+    /// Listener for events; `None` if the profile has no servers.
     pub fn listener(&self) -> Option<EventListener> {
         let outboxes = self.0.clone();
         let listener = move |happened: Happened<'_>| outboxes.iter().for_each(|outbox| outbox.hear(happened));
         (!self.0.is_empty()).then(|| Arc::new(listener) as EventListener)
     }
 
-    /// Empties them from now on; `trust` says by whom a server's certificate must be signed. Nothing where there are none.
+    /// Starts to send the messages. `trust` gives the trusted certificates for a server. Returns `None` if there are no
+    /// servers.
     ///
     /// # Errors
     /// The system has no thread for it.
@@ -75,7 +76,7 @@ impl Outboxes {
             self.0.iter().map(|outbox| (outbox.clone(), server(outbox))).collect();
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
-            // The names of servers are looked up in these: one that hangs holds up no other.
+            // Threads for name lookups: one for each server, so that a slow lookup delays no other server.
             .max_blocking_threads(self.0.len())
             .build()?;
         let (stop, stopped) = watch::channel(false);
@@ -83,28 +84,28 @@ impl Outboxes {
         let couriers_report = report.clone();
         let thread = std::thread::Builder::new().name("notify".to_owned()).spawn(move || {
             runtime.block_on(all(routes, rules, couriers_report, stopped));
-            // A name that is still looked up holds up nobody.
+            // A name lookup that has not ended must not delay the end.
             runtime.shutdown_background();
-            // Nobody may wait for it any more.
+            // The receiver may be gone already.
             let _ = over.send(());
         })?;
         Ok(Some(Posting { outboxes: self.0, report, stop, ended, _thread: thread }))
     }
 }
 
-/// The thread that posts.
+/// The thread that sends messages.
 pub struct Posting {
     outboxes: Vec<Arc<Outbox>>,
     report: Report,
     stop: watch::Sender<bool>,
     ended: oneshot::Receiver<()>,
-    /// Nobody waits for it longer than [`Posting::finish`] does.
+    /// Never joined, because [`Posting::finish`] limits the wait.
     _thread: JoinHandle<()>,
 }
 
 impl Posting {
-    /// The gateway has ended: what waits is tried once more, for at most [`stop::MESSAGES`], or until `hurry` is ready. What has not
-    /// arrived then is reported.
+    /// Tries waiting messages once more. It ends after [`stop::MESSAGES`] at most, or when `hurry` is ready. Messages
+    /// that have not arrived by then are reported.
     pub async fn finish(self, hurry: impl Future<Output = ()>) {
         self.stop.send_replace(true);
         tokio::select! {
@@ -118,7 +119,7 @@ impl Posting {
     }
 }
 
-/// Carries all messages, until it is told to stop and they have come to their end, or their time has.
+/// Sends all messages until `stopped` is set. The rest then has [`stop::MESSAGES`].
 async fn all(
     routes: Vec<(Arc<Outbox>, Server)>,
     rules: Rules,
@@ -132,7 +133,7 @@ async fn all(
             courier::carry(&outbox, &server, rules, |delivery| report(delivery), stopped).await;
         });
     }
-    // An error means that nobody waits any more.
+    // An error means that the sender is gone.
     let _ = stopped.wait_for(|stopped| *stopped).await;
     let over = async { while couriers.join_next().await.is_some() {} };
     let _ = tokio::time::timeout(stop::MESSAGES, over).await;

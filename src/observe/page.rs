@@ -1,6 +1,6 @@
-//! The status page: a shell with what stays the same, and plain files that fill it from the live stream.
+//! The status page: static HTML, and files that fill it from the live stream.
 //!
-//! Everything is in the program; the page works on a machine network without any other.
+//! All files are part of the program, so that the page works in a network without internet access.
 
 mod login;
 mod words;
@@ -39,27 +39,27 @@ const FILES: [(&str, &str, &str); 21] = [
     ("icon.svg", "image/svg+xml", include_str!("page/icon.svg")),
 ];
 
-/// A file of the page: its content type and text.
+/// Content type and text of a file of the page.
 pub(super) fn file(name: &str) -> Option<(&'static str, &'static str)> {
     FILES.iter().find(|(known, ..)| *known == name).map(|(_, kind, text)| (*kind, *text))
 }
 
-/// What whoever looks may do.
+/// Actions that the page offers to its user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum May {
-    /// Command.
+    /// Commands.
     Command,
-    /// Look; with the operator's token also command.
+    /// Viewing; commands after signing in with the operator's token.
     SignIn,
-    /// Look; there is no token to command with.
+    /// Viewing; there is no operator's token.
     MakeToken,
 }
 
-/// What makes a token, and what the profile says of it.
+/// Command that makes a token, and its line for the profile.
 const TOKEN_LINES: &str = "isotherm token --out /etc/isotherm/operator.token\n\
                            token_file = \"/etc/isotherm/operator.token\"   # below [web]";
 
-/// The shell. Its buttons stay grey where commands would be refused anyway.
+/// Makes the page. Its buttons are disabled if commands would be refused.
 pub(super) fn front(words: &Words, status: &Status, may: May, is_signed_in: bool) -> Markup {
     let files = html! {
         link rel="stylesheet" href="/page/page.css";
@@ -92,7 +92,7 @@ pub(super) fn front(words: &Words, status: &Status, may: May, is_signed_in: bool
     )
 }
 
-/// The shell of what is read from three metres. It has no buttons.
+/// Makes the wall view, which is readable from three metres and has no buttons.
 pub(super) fn wall(words: &Words, status: &Status) -> Markup {
     let files = html! {
         link rel="stylesheet" href="/page/wall.css";
@@ -120,7 +120,7 @@ pub(super) fn wall(words: &Words, status: &Status) -> Markup {
     )
 }
 
-/// What every page begins with.
+/// Makes the part of `<head>` that all pages share.
 fn heading(title: &str) -> Markup {
     html! {
         meta charset="utf-8";
@@ -137,7 +137,7 @@ fn document(words: &Words, status: &Status, files: &Markup, body: &Markup) -> Ma
         html lang=(words.language) {
             head {
                 (heading(title(status)))
-                // Our own file, which has no `<` in it.
+                // This file is part of the program, and contains no `<`.
                 script type="application/json" id="words" { (PreEscaped(words.json)) }
                 (files)
             }
@@ -146,7 +146,7 @@ fn document(words: &Words, status: &Status, files: &Markup, body: &Markup) -> Ma
     }
 }
 
-/// What people call the machine, else its name.
+/// Label of the machine, or its name.
 fn title(status: &Status) -> &str {
     if status.label.is_empty() { &status.machine } else { &status.label }
 }
@@ -227,7 +227,7 @@ fn main(words: &Words, may: May, is_signed_in: bool) -> Markup {
     }
 }
 
-/// Its id is the key of its title.
+/// Makes a table. Its id is the key of its title.
 fn table(words: &Words, id: &'static str, columns: &[&'static str]) -> Markup {
     html! {
         section .list {
@@ -240,7 +240,7 @@ fn table(words: &Words, id: &'static str, columns: &[&'static str]) -> Markup {
     }
 }
 
-/// Asked before every command.
+/// Makes the dialog that asks before every command.
 fn question(words: &Words) -> Markup {
     html! {
         dialog #question aria-labelledby="question-title" {

@@ -1,7 +1,7 @@
-//! What was: the gateway's own logs of decisions, read in the background and bounded, whatever their size.
+//! History: the gateway's own logs of decisions, read in the background within limits, regardless of their size.
 //!
-//! For a chart a span is cut into as many stretches as there are points; of each its smallest and its largest value are
-//! kept, so that no peak is lost. For a download the rows are handed on as they stand.
+//! For a chart, the range is divided into as many intervals as there are points. The smallest and the largest value of
+//! each are kept, so that no peak is lost. A download contains the rows as they are.
 
 mod rows;
 #[cfg(test)]
@@ -16,7 +16,7 @@ use serde::Serialize;
 use isotherm_core::quantity::Moment;
 use rows::{Row, rows};
 
-/// What is asked for.
+/// Requested range and columns.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Question {
     pub(super) from: Moment,
@@ -31,17 +31,17 @@ pub(super) struct Column {
     pub(super) unit: &'static str,
 }
 
-/// The course of some columns.
+/// Values of some columns over time.
 #[derive(Debug, Serialize)]
 pub(super) struct Course {
-    /// Seconds since 1970; between rows that lie far apart stands one at which every column is null.
+    /// Seconds since 1970. A gap between rows is one point at which every column is null.
     time: Vec<f64>,
     columns: Vec<Extremes>,
-    /// So many rows were found.
+    /// Number of rows found.
     rows: u64,
 }
 
-/// The smallest and the largest value at each time; null where there is none.
+/// Smallest and largest value at each time; null if there is none.
 #[derive(Debug, Serialize)]
 struct Extremes {
     name: String,
@@ -50,7 +50,7 @@ struct Extremes {
     max: Vec<f64>,
 }
 
-/// One stretch of the span: when its first and last row were, in nanoseconds.
+/// One interval of the range, with the times of its first and last row in nanoseconds.
 #[derive(Clone, Copy)]
 struct Stretch {
     first: u64,
@@ -59,7 +59,7 @@ struct Stretch {
 
 const EMPTY: Stretch = Stretch { first: u64::MAX, last: 0 };
 
-/// How often rows lay so many powers of two of nanoseconds apart.
+/// Histogram of the distances between rows, by powers of two in nanoseconds.
 struct Distances([u64; 64]);
 
 impl Distances {
@@ -68,7 +68,7 @@ impl Distances {
         self.0[power as usize] += 1;
     }
 
-    /// Rows further apart than this have a gap between them: much further than nine in ten of them.
+    /// Distance of rows above which there is a gap: at least four times the distance of nine in ten of them.
     fn gap(&self) -> u64 {
         let most = self.0.iter().sum::<u64>() * 9 / 10;
         let mut seen = 0;
@@ -82,7 +82,8 @@ impl Distances {
     }
 }
 
-/// The course of what is asked for, in at most so many points. `goes_on` is asked at each row.
+/// Reads the values in the range, in at most `points` points. `goes_on` is called for each row; `false` ends with an
+/// error.
 ///
 /// # Errors
 /// A log cannot be read.
@@ -111,7 +112,7 @@ pub(super) fn course(
             (stretch.first, stretch.last) = (stretch.first.min(at), stretch.last.max(at));
             row.numbers(places, &mut values);
             for (value, extremes) in values.iter().zip(&mut extremes) {
-                // The other one where one is not a number.
+                // `min` and `max` ignore NaN.
                 let (low, high) = extremes[place];
                 extremes[place] = value.map_or((low, high), |value| (low.min(value), high.max(value)));
             }
@@ -164,7 +165,7 @@ impl Extremes {
     }
 }
 
-/// Hands on the rows of what is asked for as CSV, in pieces, until `take` wants no more.
+/// Sends the rows in the range as CSV, in pieces, until `take` returns `false`.
 ///
 /// # Errors
 /// A log cannot be read.
@@ -194,14 +195,14 @@ pub(super) fn download(
     Ok(())
 }
 
-/// Each whole row in the span, with the places of the columns in it.
+/// Calls `each` for every complete row in the range, with the positions of the columns in it.
 fn each_row(
     log: &Path,
     question: &Question,
     goes_on: &dyn Fn() -> bool,
     mut each: impl FnMut(Moment, &Row, &[Option<usize>]),
 ) -> io::Result<()> {
-    // One that was deleted meanwhile is past.
+    // A log that was deleted meanwhile is skipped.
     let Some((header, rows)) = rows(log, question.from) else { return Ok(()) };
     let place = |column: &Column| header.iter().position(|name| *name == column.name);
     let places: Vec<Option<usize>> = question.columns.iter().map(place).collect();
@@ -213,7 +214,7 @@ fn each_row(
         if !goes_on() {
             return ControlFlow::Break(Err(io::ErrorKind::Interrupted.into()));
         }
-        // The last one may be half written.
+        // The last row may be incomplete.
         if row.len() == header.len() {
             each(at, &row, &places);
         }

@@ -1,12 +1,12 @@
-//! The virtual nodes of a CAN interface.
+//! Virtual nodes of a CAN interface.
 //!
-//! A device of a profile is one of two kinds: one that only sends its frames in its time, and a CANopen node.
+//! A device of a profile is either a node that only sends its frames periodically, or a CANopen node.
 //!
 //! ```text
-//! dictionary  the objects of a node and the SDO server before them        both pure: bytes and a moment in, frames out
-//! node        NMT state, heartbeat, PDOs by timer or SYNC, emergencies
-//! frames      what stands in the frames of a device: its cells as bits of a frame and back
-//! power_on    a node as it is when the power comes on, from the profile
+//! dictionary  the objects of a node and its SDO server                    pure: bytes and a time in, frames out
+//! node        NMT state, heartbeat, PDOs by timer or SYNC, emergencies    pure, as dictionary
+//! frames      content of a device's frames: values as bits of a frame and back
+//! power_on    initial state of a node at power-on, from the profile
 //! line        the socket of an interface, and the time
 //! ```
 

@@ -1,6 +1,6 @@
-//! The control's side of sets and handshakes: it acknowledges a strobe a little later, and takes the values then, where
-//! there is a sequence only with another number than the last; without a handshake it takes them when the sequence
-//! changes, or, without either, as they come.
+//! Control side of sets and handshakes. With a handshake, the control acknowledges a strobe after a delay, and then
+//! accepts the values. If the set has a sequence number, that number must have changed. Without a handshake, it accepts
+//! the values when the sequence number changes. Without either, it accepts them at once.
 
 use std::time::Duration;
 
@@ -10,33 +10,33 @@ use isotherm_core::codec::{Address, Register};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Flag, OutputId, OutputSet, Profile, SetId};
 
-/// How long a control takes to see its strobe.
+/// Reaction time of a control to its strobe.
 const REACTS_AFTER: Duration = Duration::from_millis(30);
 
-/// What a control took of a set.
+/// Values that a control has accepted from a set.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Taken {
-    /// When.
+    /// Time of acceptance.
     pub at: Moment,
-    /// Of which set.
+    /// The set.
     pub set: SetId,
-    /// The words of each of its outputs, in the order of the set.
+    /// Words of each output, in the order of the set.
     pub words: Vec<Vec<u16>>,
 }
 
-/// The control behind one set.
+/// Control of one set.
 #[derive(Clone, Debug)]
 pub(super) struct Control {
     pub(super) set: SetId,
-    /// Its unit: its place in the hardware's list.
+    /// Index of its unit in the hardware's list.
     pub(super) place: usize,
     outputs: Vec<(OutputId, Address, u16)>,
-    /// Strobe and acknowledge.
+    /// Strobe and acknowledge flags.
     handshake: Option<[Flag; 2]>,
     sequence: Option<Register>,
     last_sequence: u16,
     strobe_up: bool,
-    /// When the strobe last changed.
+    /// Time of the strobe's last change.
     changed: Moment,
     acknowledges: bool,
     taken: Vec<Vec<u16>>,
@@ -63,19 +63,19 @@ impl Control {
         control
     }
 
-    /// The registers and bits that are the set's own, besides its outputs: where, and how many.
+    /// Registers and bits of the set itself, without its outputs.
     pub(super) fn own(set: &OutputSet) -> impl Iterator<Item = Register> {
         let flags = flags(set).into_iter().flatten();
         set.own_registers().chain(flags.map(|flag| flag.address))
     }
 
-    /// The words that an output of this set acts with.
+    /// Words that act for an output of this set.
     pub(super) fn taken(&self, output: OutputId) -> Option<&[u16]> {
         let place = self.outputs.iter().position(|(id, ..)| *id == output)?;
         self.taken.get(place).map(Vec::as_slice)
     }
 
-    /// Something was written to its unit; what it takes at once.
+    /// Processes a write to the unit. Returns values that are accepted at once.
     pub(super) fn look(&mut self, bank: &Bank, now: Moment) -> Option<Taken> {
         if let Some([strobe, _]) = self.handshake {
             let up = word(bank, strobe.address).is_some_and(|word| strobe.is_up(word));
@@ -89,7 +89,7 @@ impl Control {
         is_new.then(|| self.take(bank, now))
     }
 
-    /// Whether a sequence, where there is one, says another number than the last time.
+    /// Returns whether the sequence number has changed, or there is none.
     fn is_another(&mut self, bank: &Bank) -> bool {
         let sequence = self.sequence.and_then(|at| word(bank, at));
         sequence.is_none_or(|sequence| std::mem::replace(&mut self.last_sequence, sequence) != sequence)
@@ -101,7 +101,7 @@ impl Control {
         self.sequence.and_then(|at| word(bank, at)).is_none_or(|number| number == next)
     }
 
-    /// Lets time pass; what it takes now, having acknowledged it.
+    /// Advances the time. Returns values that were acknowledged and accepted now.
     pub(super) fn advance(
         &mut self,
         bank: &mut Bank,
@@ -127,7 +127,7 @@ impl Control {
         (self.acknowledges && self.is_another(bank)).then(|| self.take(bank, now))
     }
 
-    /// It was switched off and on: it knows nothing any more, and takes what its registers hold.
+    /// Restarts the control: it loses its state, and accepts the current content of its registers.
     pub(super) fn restart(&mut self, bank: &Bank, now: Moment) -> Taken {
         (self.strobe_up, self.acknowledges, self.changed, self.last_sequence) = (false, false, now, 0);
         self.take(bank, now)

@@ -1,16 +1,17 @@
-//! Faults, by a script: "from two hours on, for twenty replies, the thermocouples are silent; then normal."
+//! Faults by a script, for example: "From two hours on, the thermocouples do not answer twenty times; then they work
+//! again."
 //!
 //! ```toml
 //! [[fault]]
 //! device = "thermocouples"
 //! kind = "silent"
-//! at = "2h"          # machine time since the virtual machine began      both optional, both must have come;
-//! after = 100        # requests to that device                           without either: at once
-//! for = 20           # replies that are faulty, or …                     without either: for ever
+//! at = "2h"          # machine time since the start of the virtual machine     optional; the fault begins after both,
+//! after = 100        # requests to that device                                 and without both at once
+//! for = 20           # faulty replies, or …                                    without either: forever
 //! # for_time = "10min"
 //! ```
 //!
-//! What each kind does, on Modbus and on CAN, and its further keys: `docs/virtual.md`.
+//! `docs/virtual.md` describes the effect of each kind on Modbus and on CAN, and its further keys.
 
 use std::time::Duration;
 
@@ -26,7 +27,7 @@ mod tests;
 pub(crate) use running::{Faults, Utterance};
 pub use script::FaultError;
 
-/// The faults of one run, checked against a profile.
+/// Faults of one run, checked against a profile.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FaultScript {
     faults: Vec<Fault>,
@@ -42,7 +43,7 @@ struct Fault {
     kind: Kind,
 }
 
-/// How long a fault lasts.
+/// Duration of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Lasts {
     Replies(u64),
@@ -52,33 +53,34 @@ enum Lasts {
 
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Kind {
-    /// Something is wrong with the answers.
+    /// Wrong answers.
     Reply(ReplyFault),
-    /// Something is wrong with what is measured.
+    /// Wrong values of a signal.
     Signal { signal: SignalId, reads: Reads },
     /// The listener is closed.
     Refuse,
-    /// Somebody else writes.
+    /// Another client writes.
     Register { address: Register, words: Vec<u16> },
-    /// All that was written is forgotten.
+    /// The device restarts, and loses everything that was written.
     Restart,
-    /// Something is wrong with its handshakes.
+    /// Wrong handshakes.
     Acknowledge(AcknowledgeFault),
-    /// Something of CAN's own is wrong.
+    /// A fault that exists only on CAN.
     Can(CanFault),
 }
 
-/// What can be wrong with an acknowledge.
+/// Faults of an acknowledge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum AcknowledgeFault {
     Never,
     Stuck,
     Late(Duration),
-    /// It comes only for a set with the number after the last one that the control took, and no other set is taken.
+    /// The acknowledge comes only if the set has the number after the last one that the control took. No other set is
+    /// taken.
     NextNumber,
 }
 
-/// What a broken signal reads.
+/// Value of a broken signal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Reads {
     Raw(i64),
@@ -86,7 +88,7 @@ pub(crate) enum Reads {
     Value(f64),
 }
 
-/// What can be wrong with an answer.
+/// Faults of an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ReplyFault {
     Silent,
@@ -107,37 +109,38 @@ pub(crate) enum ReplyFault {
     OneBehind {
         stale_transaction: bool,
     },
-    /// A gateway in front of the unit gives up, with this code or silently, and stamps the late answer with the open transaction.
+    /// A gateway before the unit times out, with this code or silently. It sends the late answer with the transaction
+    /// of the open request.
     Shift {
         delay: Duration,
         code: Option<u8>,
     },
-    /// A gateway in front of the unit gives up once, with this code or silently, and keeps the late answer. Each question after that
-    /// gets what is kept, and its own answer is kept in turn.
+    /// A gateway before the unit times out once, with this code or silently, and keeps the late answer. Each later
+    /// request gets the kept answer, and its own answer is kept in turn.
     Keep {
         delay: Duration,
         code: Option<u8>,
     },
 }
 
-/// What can be wrong with a device on a CAN line beside what can be wrong with any.
+/// Faults that only devices on a CAN line can have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum CanFault {
-    /// Its frames end before the last byte that is needed.
+    /// Frames end before the last byte that is needed.
     ShortFrame,
-    /// SDO requests are refused with this code.
+    /// SDO requests are aborted with this code.
     Refusal(u32),
     /// SDO answers name another index.
     WrongIndex,
-    /// It sends frames that nobody has asked for.
+    /// The device sends frames that were not requested.
     Babbling { id: CanId, every: Duration },
-    /// It complains, and says so when that is over.
+    /// The device sends an emergency, and reports its end.
     Emergency(u16),
-    /// Its controller has trouble with the bus; once, or again and again.
+    /// The controller reports bus errors, once or repeatedly.
     Errors { error: BusError, every: Option<Duration> },
 }
 
-/// What a controller says of the bus: class and data of an error frame (linux/can/error.h).
+/// Bus error of a controller: class and data of an error frame (linux/can/error.h).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct BusError {
     pub(crate) class: u32,
@@ -145,7 +148,7 @@ pub(crate) struct BusError {
 }
 
 impl BusError {
-    /// Each with its word in a script.
+    /// All bus errors with their names in a script.
     const ALL: [(&'static str, BusError); 6] = [
         ("no-acknowledge", BusError { class: 0x020, data: [0; 8] }),
         ("stuff", BusError { class: 0x088, data: [0, 0, 0x04, 0, 0, 0, 0, 0] }),
@@ -155,7 +158,7 @@ impl BusError {
         ("restarted", BusError { class: 0x100, data: [0; 8] }),
     ];
 
-    /// The one of this word.
+    /// Finds the bus error with this name.
     pub(crate) fn named(name: &str) -> Option<BusError> {
         BusError::ALL.iter().find(|(known, _)| *known == name).map(|(_, error)| *error)
     }

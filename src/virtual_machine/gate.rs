@@ -1,4 +1,4 @@
-//! The plant's task, and the listeners that it closes and opens.
+//! Task of the plant, which also opens and closes listeners.
 
 use tokio::sync::{mpsc, oneshot, watch};
 
@@ -8,14 +8,14 @@ use crate::clock::Sleeper;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::DeviceId;
 
-/// A listener as the plant's task sees it: its devices, and the way to close and open it.
+/// A listener for the plant's task: its devices, and a channel to open and close it.
 pub(super) struct ListenerSwitch {
     pub(super) devices: Vec<DeviceId>,
     pub(super) switch: mpsc::Sender<OpenOrClose>,
     pub(super) is_open: bool,
 }
 
-/// The plant's task: ticks, samples the truth, closes and opens listeners.
+/// Runs the plant's task: ticks, samples the truth, and opens and closes listeners.
 pub(super) async fn live(
     shared: Shared,
     mut sleeper: Sleeper,
@@ -47,7 +47,7 @@ pub(super) async fn live(
 }
 
 impl ListenerSwitch {
-    /// Opens or closes the listener, and returns when that is done: the clock stands meanwhile.
+    /// Opens or closes the listener. Returns when that is done; the clock stands meanwhile.
     async fn turn(&mut self, shall_be_open: bool) -> Result<(), String> {
         if self.is_open == shall_be_open {
             return Ok(());

@@ -1,7 +1,7 @@
-//! The machine behind the sockets: plant, registers and faults in one place, brought up to date whenever asked.
+//! Simulated hardware: plant, registers and faults, updated at each access.
 //!
-//! Registers are filled at the moment of a request from the plant at that moment, so the plant's own tick decides
-//! nothing that a client could see.
+//! Registers are filled at the time of a request, from the plant at that time. The plant's own tick therefore has no
+//! effect that a client could see.
 
 use isotherm_core::codec::{Address, Encoding, Scale};
 use isotherm_core::quantity::Moment;
@@ -21,40 +21,40 @@ mod units;
 
 use units::{Unit, overlap, units, well};
 
-/// Everything of a virtual machine that is not a socket.
+/// All parts of a virtual machine except sockets.
 #[derive(Debug)]
 pub(super) struct Hardware {
     profile: Profile,
     plant: Option<Plant>,
     seed: u64,
     begin: Moment,
-    /// By device; those of one unit on one line share the first one's.
+    /// Hardware units. Devices with one unit number on one line share a unit.
     units: Vec<Unit>,
-    /// The unit of each device: its place in `units`.
+    /// Index of each device's unit in `units`.
     unit_of: Vec<usize>,
-    /// What a status signal reads while all is well; by signal.
+    /// Value of each status signal without a fault, by signal.
     well: Vec<Option<f64>>,
-    /// What corrected outputs add to their positions, µm; by output.
+    /// Amount that each corrected output adds to its position, µm, by output.
     corrections: Vec<f64>,
-    /// What a control that is none of these units applies, µm; by axis.
+    /// Offset that an external control applies, µm, by axis.
     elsewhere: Vec<Option<f64>>,
-    /// Axes the plant knows, with their place in the profile.
+    /// Axes that the plant knows, with their ids in the profile.
     axes: Vec<(AxisId, String)>,
-    /// The control behind each set.
+    /// Control of each set.
     controls: Vec<Control>,
-    /// What they took, where somebody wants to know what came over the wire.
+    /// Values that the controls have accepted; recorded only with a journal.
     pub(super) taken: Vec<Taken>,
     cycles: Vec<Cycle>,
     pub(super) faults: Faults,
     pub(super) observer: Observer,
-    /// Every request that came, where somebody wants to know.
+    /// All requests; `None` if they are not recorded.
     pub(super) journal: Option<Vec<Seen>>,
 }
 
-/// What a unit answers: the honest answer, and what is wrong with the one that is sent.
+/// Answer of a unit: the correct answer, and the fault of the one that is sent.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Reply {
-    /// `None`: nothing was done and nothing is answered.
+    /// Correct answer; `None` if the request was ignored.
     pub(super) pdu: Option<Vec<u8>>,
     pub(super) fault: Option<ReplyFault>,
 }
@@ -100,7 +100,7 @@ impl Hardware {
         }
     }
 
-    /// Lets time pass: the plant, and faults that come by themselves.
+    /// Advances the time of plant and spontaneous faults.
     pub(super) fn advance_to(&mut self, now: Moment) {
         if let Some(plant) = &mut self.plant {
             plant.advance_to(now);
@@ -118,7 +118,7 @@ impl Hardware {
         self.probe(now);
     }
 
-    /// Runs the probing cycles that are due, where the plant knows the axis.
+    /// Runs the probing cycles that are due, for axes that the plant knows.
     fn probe(&mut self, now: Moment) {
         for place in 0..self.cycles.len() {
             let axis = AxisId(self.cycles[place].axis);
@@ -131,7 +131,7 @@ impl Hardware {
         }
     }
 
-    /// Takes a sample of the truth.
+    /// Samples the truth.
     pub(super) fn observe(&mut self, now: Moment) {
         let Some(plant) = &self.plant else { return };
         let axes = self.axes.iter().map(|(axis, name)| AxisTruth {
@@ -142,13 +142,13 @@ impl Hardware {
         self.observer.sample(row);
     }
 
-    /// From now on a control that is none of these units applies this for an axis.
+    /// Sets the offset that an external control applies to an axis.
     pub(super) fn applies_elsewhere(&mut self, axis: AxisId, cz_um: f64) {
         self.elsewhere[axis.0] = Some(cz_um);
     }
 
-    /// The Cz that stands in the machine: in the axis's offset register; where it has none, in its corrected position; or
-    /// in the control that moves it instead of ours.
+    /// Cz that acts in the machine. It is the value of the axis's offset register, or else the correction of its
+    /// corrected position. An external control replaces both.
     pub(super) fn applied_um(&self, axis: AxisId) -> f64 {
         if let Some(cz_um) = self.elsewhere[axis.0] {
             return cz_um;
@@ -169,7 +169,7 @@ impl Hardware {
         if self.profile.axis(axis).diameter { 0.5 * written } else { written }
     }
 
-    /// Carries out one request to a device.
+    /// Executes one request to a device.
     pub(super) fn serve(&mut self, device: DeviceId, pdu: &[u8], now: Moment) -> Reply {
         let place = self.unit_of[device.0];
         let device = self.units[place].device;
@@ -213,7 +213,7 @@ impl Hardware {
         journal.push(Seen { at, device, function, address: address.into(), count, before, after, wanted });
     }
 
-    /// The cells a request speaks of; nothing where nobody wants to know, or where one does not exist.
+    /// Cells that a request addresses; empty if they do not exist, or without a journal.
     fn cells_of(&self, place: usize, request: &Request) -> Vec<u16> {
         let bank = self.journal.as_ref().map(|_| &self.units[place].bank);
         bank.and_then(|bank| bank.registers(request.address, request.count)).unwrap_or_default().to_vec()
@@ -233,7 +233,8 @@ impl Hardware {
         Reply { pdu: Some(answer.unwrap_or_else(|code| modbus::exception(pdu, code))), fault }
     }
 
-    /// Fills the registers of a unit with what it measures now: those that are always true, or those of this command.
+    /// Writes current measurements to the registers of a unit: all continuous ones, or those that this command
+    /// captures.
     fn measure(&mut self, place: usize, now: Moment, command: Option<Capture>) {
         let seconds = now.since(self.begin).as_secs_f64();
         let unit = &mut self.units[place];
@@ -254,7 +255,7 @@ impl Hardware {
         self.apply(place);
     }
 
-    /// A control that says what it applies applies what it was given, at once.
+    /// A control that reports its applied value applies the written value at once.
     fn apply(&mut self, place: usize) {
         for output in &self.profile.outputs {
             let Some(applied) = output.applied.as_ref().filter(|_| self.unit_of[output.device.0] == place)
@@ -268,7 +269,7 @@ impl Hardware {
         }
     }
 
-    /// Keeps what a corrected output adds to its position: D' as written, D as the scale showed it last.
+    /// Keeps the correction of a corrected output: the written D' minus the position D that the scale showed last.
     fn note_corrections(&mut self, place: usize, address: &Address, count: u16) {
         for (index, output) in self.profile.outputs.iter().enumerate() {
             let Writes::Corrected { position } = output.writes else { continue };
@@ -288,7 +289,7 @@ impl Hardware {
         }
     }
 
-    /// Does what happens to a unit once.
+    /// Executes a fault that happens to a unit once.
     fn happen(&mut self, place: usize, kind: Kind, now: Moment) {
         match kind {
             Kind::Register { address: register, words } => {
@@ -303,7 +304,7 @@ impl Hardware {
         }
     }
 
-    /// All that was written to a unit is forgotten.
+    /// Restarts a unit, which loses everything that was written.
     fn restart(&mut self, place: usize, now: Moment) {
         let unit = &mut self.units[place];
         unit.restart();
@@ -321,7 +322,7 @@ impl Hardware {
         }
     }
 
-    /// What stands in a device.
+    /// Content of a device's cells.
     #[cfg(test)]
     pub(super) fn cell(&self, device: DeviceId, address: &Address, count: u16) -> Option<&[u16]> {
         self.units[self.unit_of[device.0]].bank.read(address, count)
@@ -343,7 +344,7 @@ impl Reply {
     }
 }
 
-/// A signal's registers for what it reads.
+/// Registers of a signal for this value.
 fn cells(signal: &Signal, reads: Reads) -> Vec<u16> {
     let encoding = &signal.encoding;
     let encoded = match reads {
@@ -361,7 +362,7 @@ fn cells(signal: &Signal, reads: Reads) -> Vec<u16> {
     words
 }
 
-/// All exponent bits and a mantissa bit set: a quiet NaN in either word order, once the words are in their order.
+/// Registers of a quiet NaN: all exponent bits and a mantissa bit are set, in either word order.
 fn not_a_number(encoding: &Encoding) -> Vec<u16> {
     let width = usize::from(encoding.data_type.registers());
     let highest = if encoding.byte_swap { 0x7fff_u16.swap_bytes() } else { 0x7fff };
@@ -376,7 +377,7 @@ fn not_a_number(encoding: &Encoding) -> Vec<u16> {
     words
 }
 
-/// Sentinels are small numbers; one beyond 2^53 does not exist.
+/// Sentinel values are small. Values beyond 2^53 do not occur.
 #[allow(clippy::cast_precision_loss)]
 fn exact(raw: i64) -> f64 {
     raw as f64

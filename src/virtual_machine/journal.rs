@@ -1,4 +1,4 @@
-//! What really came over the wire, request by request: what a test holds a client to.
+//! Record of the requests that reached the devices, with which tests check a client.
 
 use isotherm_core::codec::Address;
 use isotherm_core::quantity::Moment;
@@ -7,26 +7,26 @@ use isotherm_profile::DeviceId;
 /// One request as it reached a device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Seen {
-    /// When.
+    /// Time of the request.
     pub at: Moment,
-    /// To whom; devices of one unit go by the first one's name.
+    /// Device that received it. Devices of one unit are recorded as the first of them.
     pub device: DeviceId,
-    /// The function code; 0 for what was written on a CAN line.
+    /// Function code; 0 for a write on a CAN line.
     pub function: u8,
-    /// Where: the first register or bit, the object, the place in a frame.
+    /// First register or bit, object, or field of a frame.
     pub address: Address,
-    /// How many.
+    /// Number of cells.
     pub count: u16,
-    /// What stood there when it came.
+    /// Content of the cells before the request.
     pub before: Vec<u16>,
-    /// What stood there when it had been dealt with. The client may have been told something else.
+    /// Content of the cells after the request. The client may have received another answer.
     pub after: Vec<u16>,
-    /// What a write wanted to stand there; empty for a read.
+    /// Content that a write requested; empty for a read.
     pub wanted: Vec<u16>,
 }
 
 impl Seen {
-    /// It wanted to change something.
+    /// Returns whether the request is a write.
     pub fn is_write(&self) -> bool {
         !self.wanted.is_empty()
     }

@@ -1,44 +1,44 @@
-//! The server's side of Modbus: frames, requests and answers as bytes. Pure, and nothing it is sent makes it panic.
+//! Server side of Modbus: frames, requests and answers as bytes. The module is pure, and no input causes a panic.
 
 use std::ops::Range;
 
 use super::registers::Bank;
 use isotherm_core::codec::{Register, Table, checksum};
 
-/// Bytes before the protocol data unit of Modbus TCP: transaction, protocol, length, unit.
+/// Number of bytes before the protocol data unit of Modbus TCP: transaction, protocol, length, unit.
 pub(super) const HEADER: usize = 7;
-/// Largest protocol data unit.
+/// Largest protocol data unit in bytes.
 pub(super) const LARGEST_PDU: usize = 253;
 
 /// Exception codes.
 pub(super) const ILLEGAL_FUNCTION: u8 = 1;
 const ILLEGAL_ADDRESS: u8 = 2;
 const ILLEGAL_VALUE: u8 = 3;
-/// A gateway's answer for a unit that is not there.
+/// Exception code of a gateway for a unit that does not exist.
 pub(super) const NO_SUCH_UNIT: u8 = 0x0b;
 
-/// What is around a protocol data unit.
+/// Framing of a protocol data unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Framing {
-    /// Transaction, length, unit.
+    /// Modbus TCP: transaction, length, unit.
     Tcp,
-    /// Unit, checksum.
+    /// RTU: unit, checksum.
     Rtu,
 }
 
-/// Whom a request is for, and which it is; over RTU, 0.
+/// Unit and transaction of a request; over RTU the transaction is 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Header {
     pub(super) transaction: u16,
     pub(super) unit: u8,
 }
 
-/// What came is no Modbus TCP: there is no way to find the next frame then.
+/// Error for data that is not Modbus TCP. The start of the next frame cannot be found then.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct NoModbus;
 
 impl Framing {
-    /// A frame around a protocol data unit.
+    /// Makes a frame around a protocol data unit.
     pub(super) fn frame(self, transaction: u16, unit: u8, pdu: &[u8]) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(HEADER + pdu.len());
         if self == Framing::Tcp {
@@ -54,8 +54,8 @@ impl Framing {
         bytes
     }
 
-    /// The request at the beginning of these bytes, with the place of its protocol data unit; `None` while it is not
-    /// whole, or its checksum is wrong.
+    /// Finds the first request in these bytes. Returns its header and the range of its protocol data unit. `None` if
+    /// the request is incomplete or its checksum is wrong.
     pub(super) fn request(self, bytes: &[u8]) -> Result<Option<(Header, Range<usize>)>, NoModbus> {
         match self {
             Framing::Tcp => {
@@ -72,7 +72,7 @@ impl Framing {
         }
     }
 
-    /// The bytes behind a protocol data unit.
+    /// Number of bytes after a protocol data unit.
     pub(super) fn trailer(self) -> usize {
         if self == Framing::Rtu { 2 } else { 0 }
     }
@@ -93,18 +93,18 @@ fn rtu_request(bytes: &[u8]) -> Option<(Header, Range<usize>)> {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Request {
     pub(super) function: u8,
-    /// The first cell it speaks of, and how many.
+    /// First cell; `count` is the number of cells.
     pub(super) address: Register,
     pub(super) count: u16,
-    /// What the cells shall be; empty for a read.
+    /// Values to write; empty for a read.
     pub(super) values: Vec<u16>,
 }
 
 impl Request {
-    /// Reads a protocol data unit.
+    /// Decodes a protocol data unit.
     ///
     /// # Errors
-    /// The exception code it deserves.
+    /// The exception code for an invalid request.
     pub(super) fn decode(pdu: &[u8]) -> Result<Request, u8> {
         let (&function, body) = pdu.split_first().ok_or(ILLEGAL_FUNCTION)?;
         let (table, most) = match function {
@@ -138,15 +138,15 @@ impl Request {
         Ok(Request { function, address: Register { table, offset }, count, values })
     }
 
-    /// Changes a register or a coil.
+    /// Returns whether the request writes registers or coils.
     pub(super) fn is_write(&self) -> bool {
         !self.values.is_empty()
     }
 
-    /// Carries it out. `pdu` is what it was decoded from.
+    /// Executes the request. `pdu` is the protocol data unit from which it was decoded.
     ///
     /// # Errors
-    /// The exception code.
+    /// The exception code of a failed request.
     pub(super) fn answer(&self, pdu: &[u8], bank: &mut Bank) -> Result<Vec<u8>, u8> {
         if self.is_write() {
             bank.write(&self.address.into(), &self.values).ok_or(ILLEGAL_ADDRESS)?;
@@ -162,8 +162,8 @@ impl Request {
     }
 }
 
-/// What a unit with sixteen cells in each table answers to these bytes, one request behind the other, as a connection of a
-/// virtual machine does. For whoever looks for bytes that it cannot take.
+/// Answers of a unit with sixteen cells in each table to these bytes, one request after the other. A connection of a
+/// virtual machine gives the same answers. Fuzz tests use this function.
 pub fn answered(bytes: &[u8], is_rtu: bool) -> Vec<u8> {
     let framing = if is_rtu { Framing::Rtu } else { Framing::Tcp };
     let mut bank = Bank::default();
@@ -182,7 +182,7 @@ pub fn answered(bytes: &[u8], is_rtu: bool) -> Vec<u8> {
     answers
 }
 
-/// The answer that says no.
+/// Makes an exception answer.
 pub(super) fn exception(pdu: &[u8], code: u8) -> Vec<u8> {
     vec![pdu.first().copied().unwrap_or_default() | 0x80, code]
 }

@@ -1,12 +1,12 @@
-//! The plant: lumped masses with heat sources, conduction, convection and a day's air, and where a machine has one, a
-//! structure by the modes of its finite elements. Pure: no I/O, no clock.
+//! The plant: lumped masses with heat sources, conduction, convection and daily air temperature. Some machines also
+//! have a structure, described by the modes of its finite elements. The module is pure: no I/O, no clock.
 //!
-//! It is deliberately not the compensator's formula. The true error comes from the expansion and the bending of the
-//! plant's own parts; sensors feel those parts late, rounded and with noise, and some parts have no sensor at all. So
-//! a compensation can be good, but never perfect.
+//! Its equations deliberately differ from those of the compensation. The true error results from the expansion and
+//! bending of the plant's own parts. Sensors measure these parts with a lag, rounding and noise, and some parts have no
+//! sensor. A compensation can therefore be good, but never perfect.
 //!
-//! Time moves in whole steps of [`STEP`] counted from the beginning, whoever asks and however often: the numbers at a
-//! moment do not depend on the moments that were asked for before it.
+//! Time advances in whole steps of [`STEP`], counted from the start. The values at a time therefore do not depend on
+//! earlier queries.
 
 use std::time::Duration;
 
@@ -28,10 +28,10 @@ use drive::{Ambient, Duty};
 use spec::SensorSpec;
 use structure::{Point, Structure, dot};
 
-/// The plant's own step. A machine's time constants are minutes and hours.
+/// Time step of the plant. The time constants of a machine are minutes and hours.
 pub const STEP: Duration = Duration::from_secs(1);
 
-/// A machine that warms up.
+/// A simulated machine that warms up.
 #[derive(Clone, Debug)]
 pub struct Plant {
     spec: PlantSpec,
@@ -40,32 +40,32 @@ pub struct Plant {
     steps: u64,
     ambient: Ambient,
     duty: Duty,
-    /// Power of each source on this seed's day, W.
+    /// Power of each source on the day of this seed, W.
     powers: Vec<f64>,
     warm: Temperatures,
-    /// When the run began.
+    /// Temperatures at the start of the run.
     zero: Temperatures,
     sensors: Vec<Sensor>,
-    /// Into each node, W.
+    /// Heat flow into each node, W.
     flows: Vec<f64>,
-    /// Of the structure's ports: temperatures, °C, and what comes in, W.
+    /// Temperature of each port of the structure, °C. `enters` is the heat flow into each port, W.
     ports: Vec<f64>,
     enters: Vec<f64>,
-    /// Of the structure's sinks: temperatures, °C.
+    /// Temperature at each sink of the structure, °C.
     around: Vec<f64>,
 }
 
-/// What has a temperature.
+/// Temperatures of all parts.
 #[derive(Clone, Debug, Default)]
 struct Temperatures {
     nodes: Vec<f64>,
     air: f64,
-    /// The structure's modes.
+    /// Amplitudes of the structure's modes.
     modes: Vec<f64>,
 }
 
 impl Temperatures {
-    /// The temperature at a point, °C.
+    /// Temperature at a point, °C.
     fn at(&self, spec: &PlantSpec, point: Point) -> f64 {
         let on_structure = |of: fn(&Structure) -> &Vec<Vec<f64>>, place: usize| {
             spec.structure.as_ref().map_or(0.0, |structure| dot(&of(structure)[place], &self.modes))
@@ -86,7 +86,7 @@ struct Sensor {
     random: Pcg32,
 }
 
-/// A source of random numbers of its own for every purpose, so that one more sensor changes no other's noise.
+/// Separate random number generator for each purpose, so that another sensor does not change the noise of the others.
 pub(super) fn stream(seed: u64, purpose: &str) -> Pcg32 {
     let hash = purpose.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
         (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
@@ -95,8 +95,8 @@ pub(super) fn stream(seed: u64, purpose: &str) -> Pcg32 {
 }
 
 impl Plant {
-    /// The plant on this seed's day, switched off and soaked in its air, at the moment the run begins. The hour of the
-    /// day is that of `begin` in UTC.
+    /// Makes the plant on the day of this seed at the start of the run. It is switched off, and has adapted to its air.
+    /// The hour of the day is that of `begin` in UTC.
     pub fn new(spec: &PlantSpec, seed: u64, begin: Moment) -> Plant {
         let begin_hour = (begin.as_secs_f64() / 3600.0) % 24.0;
         let ambient = Ambient::new(&spec.ambient, seed, begin_hour);
@@ -138,7 +138,7 @@ impl Plant {
         plant
     }
 
-    /// Moves time on to `now`; never back.
+    /// Advances the time to `now`. An earlier time is ignored.
     pub fn advance_to(&mut self, now: Moment) {
         self.now = self.now.max(now);
         let target = self.now.since(self.begin).as_secs() / STEP.as_secs();
@@ -148,7 +148,7 @@ impl Plant {
         }
     }
 
-    /// What a signal's module would report, in the signal's unit; `None` where the plant has no such signal.
+    /// Value that the module of a signal reports, in the signal's unit; `None` if the plant does not have this signal.
     pub fn sensor(&self, signal: &str) -> Option<f64> {
         let places = self.spec.sensors.iter().zip(&self.sensors);
         if let Some((spec, sensor)) = places.clone().find(|(spec, _)| spec.signal == signal) {
@@ -161,8 +161,8 @@ impl Plant {
         Some(f64::from(u8::from(self.duty.holds(switch.when))))
     }
 
-    /// The displacement error of an axis without compensation, µm: what Cz must cancel. Zero when the run begins. What
-    /// depends on a position is that of the present one.
+    /// Error of an axis without compensation, µm, which Cz must cancel. It is zero at the start of the run. Parts of it
+    /// may depend on the current position.
     pub fn true_error_um(&self, axis: &str) -> Option<f64> {
         let displacement = self.spec.axes.iter().find(|displacement| displacement.axis == axis)?;
         let rise = |point: Point| self.warm.at(&self.spec, point) - self.zero.at(&self.spec, point);
@@ -180,7 +180,7 @@ impl Plant {
         Some(sum(&displacement.gains) + along.sum::<f64>() + guided.unwrap_or_default())
     }
 
-    /// The time before the run: the machine stands, off, in its air.
+    /// Simulates the time before the run, in which the machine is off.
     fn soak(&mut self) {
         let length = self.spec.soak.as_secs() / STEP.as_secs();
         for step in 0..length {
@@ -242,18 +242,18 @@ impl Plant {
 }
 
 impl SensorSpec {
-    /// The temperature where it sits.
+    /// Temperature at the place of the sensor.
     fn feels(&self, spec: &PlantSpec, warm: &Temperatures) -> f64 {
         self.feels.iter().map(|(point, share)| share * warm.at(spec, *point)).sum()
     }
 
-    /// A value as its module rounds it.
+    /// A value with the rounding of its module.
     fn shows(&self, value: f64) -> f64 {
         if self.resolution > 0.0 { (value / self.resolution).round() * self.resolution } else { value }
     }
 }
 
-/// Steps as seconds. A run of 2^53 steps does not exist.
+/// Converts steps to seconds. A run of 2^53 steps does not occur.
 #[allow(clippy::cast_precision_loss)]
 fn seconds(steps: u64) -> f64 {
     steps as f64 * STEP.as_secs_f64()

@@ -1,4 +1,4 @@
-//! A serial port that is not there: a pseudo-terminal under a name that stays, unplugged and plugged in by the script.
+//! A virtual serial port: a pseudo-terminal at a fixed path, which a fault script can remove and create again.
 
 use std::fs;
 use std::io;
@@ -19,30 +19,30 @@ use tokio::sync::{mpsc, watch};
 use super::server::{Line, OpenOrClose, converse};
 use isotherm_profile::Serial;
 
-/// How often it is looked whether somebody has opened the port again.
+/// Interval of the checks whether a client has opened the port again.
 const LOOK: Duration = Duration::from_millis(5);
 
-/// The name of a port; gone when dropped.
+/// Path of a port, removed on drop.
 #[derive(Debug)]
 pub(super) struct Name {
     path: PathBuf,
-    /// A directory made for it alone.
+    /// Directory that was made only for this port.
     directory: Option<PathBuf>,
 }
 
 impl Name {
-    /// The path of the profile, where nothing else has it and it can be made.
+    /// Takes the path of the profile; `None` if it exists or cannot be made.
     pub(super) fn wanted(path: &Path) -> Option<Name> {
         let is_left_over = path.is_symlink() && !path.exists();
         if is_left_over {
             fs::remove_file(path).ok()?;
         }
-        // Tried with a target that does not exist; the port follows.
+        // Tested with a target that does not exist. The port is linked later.
         symlink("/nonexistent", path).ok()?;
         Some(Name { path: path.to_owned(), directory: None })
     }
 
-    /// One that nobody else has.
+    /// Makes a unique path.
     pub(super) fn free(bus: &str) -> io::Result<Name> {
         static COUNT: AtomicU64 = AtomicU64::new(0);
         let count = COUNT.fetch_add(1, Ordering::Relaxed);
@@ -74,7 +74,7 @@ impl Drop for Name {
     }
 }
 
-/// Serves a line on a port of this name until `stop` changes or its sender is gone.
+/// Serves a line on a port with this path until `stop` changes or its sender is dropped.
 pub(super) async fn serve(
     name: Name,
     serial: Serial,
@@ -101,7 +101,7 @@ pub(super) async fn serve(
     }
 }
 
-/// The hardware's end of a new pseudo-terminal, to which the name points.
+/// Makes a pseudo-terminal to which the path points, and returns its device end.
 fn plug_in(name: &Name) -> io::Result<(Receiver, Sender)> {
     let (hardware, path) = pseudo_terminal()?;
     name.points_to(&path)?;
@@ -122,12 +122,12 @@ fn pseudo_terminal() -> io::Result<(OwnedFd, PathBuf)> {
     Ok((hardware, PathBuf::from(std::ffi::OsString::from_vec(path))))
 }
 
-/// Answers whoever has the port open; never ends where nothing is plugged in.
+/// Answers the client that has the port open. Never returns if the port is removed.
 async fn talk(port: Option<&mut (Receiver, Sender)>, line: &Line, serial: Serial) -> io::Result<()> {
     let Some((receiver, sender)) = port else { return std::future::pending().await };
     loop {
         match converse(tokio::io::join(&mut *receiver, &mut *sender), line, Some(serial)).await {
-            // Nobody has the port open, or no longer.
+            // No client has the port open.
             Ok(()) => {}
             Err(error) if error.raw_os_error() == Some(rustix::io::Errno::IO.raw_os_error()) => {}
             Err(error) => return Err(error),

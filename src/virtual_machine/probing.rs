@@ -1,6 +1,6 @@
-//! The probing cycle of the virtual machine: at its period it measures the true error that is left with the Cz that
-//! stands in the machine, and leaves the result where the profile's probe looks for it, with its trigger: a counter that
-//! goes on by one, or a flag that stands for a while.
+//! Probing cycle of the virtual machine. It periodically measures the true error with the active Cz. The result and its
+//! trigger appear in the signals of the profile's probe. The trigger is a counter that increases by one, or a flag that
+//! stays set for a while.
 
 use std::time::Duration;
 
@@ -9,12 +9,12 @@ use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{ProbeInput, Profile, Signal};
 
-/// How long a flag stands after a probing.
+/// Time for which a flag stays set after a probing cycle.
 const FLAG: Duration = Duration::from_secs(30);
-/// A counter begins anew after this many: it fits every type.
+/// Largest value of a counter, which fits every data type. It then starts again at one.
 const MOST: u32 = 30_000;
 
-/// The cycle of one axis.
+/// Probing cycle of one axis.
 #[derive(Debug)]
 pub(super) struct Cycle {
     pub(super) axis: usize,
@@ -27,7 +27,7 @@ pub(super) struct Cycle {
 }
 
 impl Cycle {
-    /// One for each axis of the profile that has a probe.
+    /// Makes a cycle for each axis of the profile with a probe.
     pub(super) fn of(profile: &Profile, every: Duration, begin: Moment) -> Vec<Cycle> {
         let inputs = profile.axes.iter().enumerate();
         let inputs = inputs.filter_map(|(axis, settings)| settings.probe_input.map(|input| (axis, input)));
@@ -53,7 +53,7 @@ impl Cycle {
         self.due = now.next_tick(self.due, self.every);
     }
 
-    /// What this signal shows, if the cycle is what it shows.
+    /// Value of this signal if it belongs to the cycle.
     pub(super) fn shows(&self, id: SignalId, signal: &Signal, now: Moment) -> Option<f64> {
         if id == self.input.signal {
             return Some(self.result_um / self.input.micron);

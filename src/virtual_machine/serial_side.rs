@@ -1,8 +1,9 @@
-//! Serial side of a virtual gateway from Modbus TCP to a serial line, which stamps each answer with the open transaction.
+//! Serial side of a virtual gateway from Modbus TCP to a serial line. The gateway sends each answer with the
+//! transaction of the open request.
 //!
-//! The gateway gives up a slow unit before its answer has come. If another question to that unit is open when the answer
-//! arrives, the gateway takes it for the answer to that question. The answer to that question is late in turn. An answer that
-//! finds no open question is dropped, or kept until the next question comes.
+//! The gateway gives up a slow unit before its answer arrives. If another request to that unit is open when the late
+//! answer arrives, the gateway takes it as the answer to that request. The answer to that request is late in turn.
+//! Without an open request, the late answer is dropped, or kept until the next request.
 
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
@@ -12,18 +13,18 @@ use super::hardware::Reply;
 use super::modbus::exception;
 use crate::clock::Silence;
 
-/// Time on the serial line for a question and its answer.
+/// Time on the serial line for a request and its answer.
 const EXCHANGE: Duration = Duration::from_millis(5);
 
-/// Answers that have not been given yet.
+/// Late and kept answers.
 #[derive(Debug, Default)]
 pub(super) struct SerialSide(Mutex<Answers>);
 
 #[derive(Debug, Default)]
 struct Answers {
-    /// They have not arrived at the gateway.
+    /// Answers that have not arrived at the gateway.
     late: Vec<Late>,
-    /// The gateway keeps them, one at most of each unit.
+    /// Answers that the gateway keeps, at most one for each unit.
     kept: Vec<(u8, Vec<u8>)>,
 }
 
@@ -32,12 +33,12 @@ struct Late {
     unit: u8,
     pdu: Vec<u8>,
     asked: Silence,
-    /// The answer arrives so long after `asked`.
+    /// Delay of the answer since `asked`.
     delay: Duration,
 }
 
 impl SerialSide {
-    /// Returns the gateway's answer to a question that has just come, and how long it takes. `reply` is the unit's answer.
+    /// Gateway's answer to a new request, and its delay. `reply` is the unit's answer.
     pub(super) fn pass(&self, unit: u8, pdu: &[u8], reply: Reply) -> (Reply, Duration) {
         let mut answers = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let Answers { late, kept } = &mut *answers;
@@ -69,7 +70,7 @@ impl SerialSide {
     }
 }
 
-/// Answer of a gateway that does not wait for the unit as long as that takes.
+/// Answer of a gateway that times out before the unit answers.
 fn given_up(pdu: &[u8], delay: Duration, code: Option<u8>) -> (Reply, Duration) {
     (Reply { pdu: code.map(|code| exception(pdu, code)), fault: None }, delay / 2)
 }

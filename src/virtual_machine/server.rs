@@ -1,4 +1,5 @@
-//! The sockets: one listener per line, any number of connections, one request after the other on each.
+//! Sockets of the virtual machine: one listener for each line, any number of connections, and sequential requests on
+//! each.
 
 use std::io;
 use std::net::SocketAddr;
@@ -20,39 +21,40 @@ use super::serial_side::SerialSide;
 use crate::clock::{Clock, Passing};
 use isotherm_profile::{DeviceId, Serial};
 
-/// What every connection shares.
+/// State shared by all connections.
 #[derive(Clone, Debug)]
 pub(super) struct Shared {
     hardware: Arc<Mutex<Hardware>>,
     pub(super) clock: Clock,
 }
 
-/// One listener with the units behind it.
+/// One listener with its units.
 #[derive(Debug)]
 pub(super) struct Line {
     pub(super) units: Vec<(u8, DeviceId)>,
     pub(super) framing: Framing,
-    /// What is answered for a unit that is not there.
+    /// Answer for a unit that does not exist.
     pub(super) unknown_unit: UnknownUnit,
-    /// A late answer waits in parts of this length, as a gateway in the same process does: a busy computer delays both alike.
+    /// Length of the parts in which a late answer is delayed. A gateway in the same process waits in the same parts, so
+    /// that a busy computer delays both alike.
     pub(super) slice: Duration,
-    /// Used if the line is Modbus TCP.
+    /// Serial side of a gateway; used only for Modbus TCP.
     pub(super) serial_side: SerialSide,
     pub(super) shared: Shared,
 }
 
-/// Asks a listener to listen, or to close itself and every connection; it answers when it has done so.
+/// Request to listen, or to close the listener and all connections. `done` is signalled afterwards.
 #[derive(Debug)]
 pub(super) struct OpenOrClose {
     pub(super) is_open: bool,
     pub(super) done: oneshot::Sender<()>,
 }
 
-/// RTU: bytes that have not become a request after this silence never will.
+/// RTU: silence after which incomplete requests are discarded.
 const GAP: Duration = Duration::from_millis(20);
-/// Clients that speak no Modbus are told of once in this time.
+/// Minimum time between two log lines about clients that do not speak Modbus.
 const AT_MOST_EVERY: Duration = Duration::from_secs(60);
-/// Between the bytes of an answer that comes one byte at a time.
+/// Pause between the bytes of an answer that is sent one byte at a time.
 const DRIBBLE: Duration = Duration::from_millis(1);
 
 impl Shared {
@@ -60,13 +62,14 @@ impl Shared {
         Shared { hardware: Arc::new(Mutex::new(hardware)), clock }
     }
 
-    /// A panic while it was locked ends its task, which ends the machine; until then its numbers are still numbers.
+    /// Locks the hardware. A panic under the lock ends its task, and thus the machine. Until then the values remain
+    /// usable.
     pub(super) fn hardware(&self) -> MutexGuard<'_, Hardware> {
         self.hardware.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// Serves a line until `stop` changes or its sender is gone.
+/// Serves a line until `stop` changes or its sender is dropped.
 pub(super) async fn serve(
     listener: TcpListener,
     line: Arc<Line>,
@@ -75,7 +78,7 @@ pub(super) async fn serve(
 ) -> io::Result<()> {
     let address = listener.local_addr()?;
     let mut listener = Some(listener);
-    // A socket that is bound and does not listen refuses, and keeps the port from everybody else.
+    // A bound socket that does not listen refuses connections, and keeps the port reserved.
     let mut closed: Option<TcpSocket> = None;
     let mut connections = JoinSet::new();
     let mut strangers = Strangers::default();
@@ -120,7 +123,7 @@ pub(super) async fn serve(
     Ok(())
 }
 
-/// A socket at this address that does not listen yet.
+/// Makes a socket at this address that does not listen yet.
 fn bound(address: SocketAddr) -> io::Result<TcpSocket> {
     let socket = if address.is_ipv4() { TcpSocket::new_v4()? } else { TcpSocket::new_v6()? };
     socket.set_reuseaddr(true)?;
@@ -128,7 +131,7 @@ fn bound(address: SocketAddr) -> io::Result<TcpSocket> {
     Ok(socket)
 }
 
-/// The next connection; never, where nothing listens.
+/// Next connection; never returns without a listener.
 async fn accept(listener: Option<&TcpListener>) -> io::Result<(TcpStream, SocketAddr)> {
     match listener {
         Some(listener) => listener.accept().await,
@@ -136,7 +139,8 @@ async fn accept(listener: Option<&TcpListener>) -> io::Result<(TcpStream, Socket
     }
 }
 
-/// A client may go as it likes, and is told of where it sent what is no Modbus; a panic ends the machine.
+/// Evaluates the end of a connection. Returns the address of a client that did not speak Modbus. A panic ends the
+/// machine.
 fn report(ended: Result<(SocketAddr, io::Result<()>), JoinError>) -> io::Result<Option<SocketAddr>> {
     match ended {
         Ok((_, Ok(()))) => Ok(None),
@@ -149,8 +153,8 @@ fn report(ended: Result<(SocketAddr, io::Result<()>), JoinError>) -> io::Result<
     }
 }
 
-/// Clients that sent what is no Modbus: the first is told of at once, those after it by their number once in a while. Whoever
-/// sends such things as fast as he can fills no log.
+/// Clients that did not speak Modbus. The first one is logged at once, later ones are counted and logged occasionally.
+/// Such clients thus cannot fill the log.
 #[derive(Debug, Default)]
 struct Strangers {
     passing: Passing,
@@ -160,7 +164,7 @@ struct Strangers {
 }
 
 impl Strangers {
-    /// What there is to tell now.
+    /// Text to log now.
     fn came(&mut self, peer: SocketAddr) -> Option<String> {
         self.untold += 1;
         self.last = Some(peer);
@@ -185,7 +189,7 @@ impl Strangers {
     }
 }
 
-/// One connection, until the client closes it or sends what is no Modbus.
+/// Serves one connection until the client closes it or sends data that is not Modbus.
 async fn serve_client(stream: TcpStream, peer: SocketAddr, line: Arc<Line>) -> (SocketAddr, io::Result<()>) {
     let ended = async {
         stream.set_nodelay(true)?;
@@ -194,7 +198,7 @@ async fn serve_client(stream: TcpStream, peer: SocketAddr, line: Arc<Line>) -> (
     (peer, ended.await)
 }
 
-/// Answers requests until the stream ends or brings what is no Modbus. A serial line takes its time for each byte.
+/// Answers requests until the stream ends or contains data that is not Modbus. A serial line delays each byte.
 pub(super) async fn converse<S>(mut stream: S, line: &Line, pace: Option<Serial>) -> io::Result<()>
 where
     S: AsyncRead + AsyncWrite + Unpin,
@@ -225,7 +229,7 @@ where
             let asked = received.drain(..pdu.end + framing.trailer()).len();
             let bytes = match responder.say(header, &reply) {
                 Say::Bytes(bytes) => bytes,
-                // A serial line has nothing that could be closed.
+                // A serial line has no connection to close.
                 Say::Goodbye if pace.is_none() => return Ok(()),
                 Say::Nothing | Say::Goodbye => continue,
             };
@@ -233,7 +237,7 @@ where
                 tokio::time::sleep(serial.bytes(asked + bytes.len())).await;
             }
             match reply.fault {
-                // A line goes on meanwhile; who asks over TCP waits.
+                // A serial line continues meanwhile; a TCP connection waits.
                 Some(ReplyFault::Late(delay)) if framing == Framing::Rtu => {
                     let slice = line.slice;
                     late.spawn(async move {
@@ -277,12 +281,12 @@ impl Line {
     }
 }
 
-/// What goes out on one connection.
+/// Output of one connection.
 #[derive(Debug)]
 pub(super) struct Responder {
     framing: Framing,
     is_mute: bool,
-    /// The honest answer to the request before: its transaction and protocol data unit.
+    /// Correct answer to the previous request: its transaction and protocol data unit.
     before: Option<(u16, Vec<u8>)>,
 }
 
@@ -338,7 +342,7 @@ impl Responder {
     }
 }
 
-/// The same bytes, but one.
+/// The same bytes with one change.
 fn changed(pdu: &[u8], at: usize, change: impl Fn(u8) -> u8) -> Vec<u8> {
     let mut bytes = pdu.to_vec();
     if let Some(byte) = bytes.get_mut(at) {
@@ -347,7 +351,7 @@ fn changed(pdu: &[u8], at: usize, change: impl Fn(u8) -> u8) -> Vec<u8> {
     bytes
 }
 
-/// The answer to a read with this many bytes more, in agreement with its own byte count. Exceptions stay as they are.
+/// Answer to a read with a number of bytes added or removed, and a matching byte count. Exceptions are unchanged.
 fn resized(pdu: &[u8], by: isize) -> Vec<u8> {
     let is_exception = pdu.first().is_none_or(|function| function & 0x80 != 0);
     let wanted = pdu.len().saturating_add_signed(by).max(2);

@@ -1,61 +1,61 @@
-//! What really happens to the tool: each axis's error, what is applied against it, and what is left.
+//! True state of the tool: the error of each axis, the applied Cz, and the residual error.
 
 use std::time::Duration;
 
 use isotherm_core::quantity::Moment;
 
-/// Samples begin this long after the run: the warm-up with its transient belongs to them, the setting up does not.
+/// Time of the first sample since the start of the run. The warm-up transient is included, the setup is not.
 const FIRST_SAMPLE: Duration = Duration::from_secs(60);
 
-/// One axis at one moment, µm.
+/// One axis at one time, µm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisTruth {
-    /// Without compensation.
+    /// Error without compensation.
     pub error_um: f64,
-    /// The Cz that stands in the machine.
+    /// Active Cz.
     pub cz_um: f64,
 }
 
-/// All axes at one moment, in the order of [`Summary::axes`].
+/// All axes at one time, in the order of [`Summary::axes`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct TruthRow {
-    /// When.
+    /// Time of the sample.
     pub at: Moment,
-    /// One for each axis the plant knows the true error of.
+    /// Values of each axis with a known true error.
     pub axes: Vec<AxisTruth>,
 }
 
 /// Smallest and largest value of a run, µm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extent {
-    /// Smallest.
+    /// Smallest value.
     pub min_um: f64,
-    /// Largest.
+    /// Largest value.
     pub max_um: f64,
 }
 
-/// The whole run of one axis. Both extents are over the same samples: one a second, from the first minute on.
+/// Whole run of one axis. Both extents use the same samples: one each second, from the first minute on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AxisSummary {
-    /// Its name in the profile.
+    /// Name in the profile.
     pub axis: String,
-    /// How many samples.
+    /// Number of samples.
     pub samples: u64,
-    /// The error alone.
+    /// Error without compensation.
     pub uncompensated: Extent,
-    /// The error and what was applied against it.
+    /// Error with compensation.
     pub compensated: Extent,
 }
 
-/// The whole run.
+/// Summary of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
-    /// One for each axis the plant knows the true error of; none without a plant.
+    /// Summary of each axis with a known true error; empty without a plant.
     pub axes: Vec<AxisSummary>,
 }
 
 impl AxisTruth {
-    /// What is left: error + Cz.
+    /// Residual error: error + Cz.
     pub fn residual_um(self) -> f64 {
         self.error_um + self.cz_um
     }
@@ -64,7 +64,7 @@ impl AxisTruth {
 impl Extent {
     const NOTHING: Extent = Extent { min_um: f64::INFINITY, max_um: f64::NEG_INFINITY };
 
-    /// Largest minus smallest; zero before the first sample.
+    /// Largest minus smallest value; zero before the first sample.
     pub fn range_um(self) -> f64 {
         (self.max_um - self.min_um).max(0.0)
     }
@@ -75,19 +75,19 @@ impl Extent {
     }
 }
 
-/// Gathers samples into a summary.
+/// Collects samples for a summary.
 #[derive(Clone, Debug)]
 pub(super) struct Observer {
     begin: Moment,
     pub(super) summary: Summary,
     pub(super) latest: Option<TruthRow>,
-    /// Some of the rows, until somebody takes them.
+    /// Some of the rows, until they are taken.
     pub(super) course: Vec<TruthRow>,
 }
 
-/// The course has a row this often.
+/// Interval of the rows in `course`.
 const ROW_EVERY: Duration = Duration::from_secs(10);
-/// Nobody takes it where it is as long as this.
+/// Length at which no more rows are added, because they are not used.
 const LONGEST_COURSE: usize = 10_000;
 
 impl Observer {

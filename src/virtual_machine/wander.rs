@@ -1,4 +1,4 @@
-//! Plausible values for signals no plant knows: any profile can be served, only not a true error.
+//! Plausible values for signals that the plant does not have, so that any profile can be served.
 
 use std::f64::consts::TAU;
 
@@ -8,7 +8,7 @@ use rand_distr::{Distribution, StandardNormal};
 use super::plant::stream;
 use isotherm_profile::Signal;
 
-/// The value of a signal this many seconds after the run began.
+/// Value of a signal at this time in seconds since the start of the run.
 pub(super) fn wander(signal: &Signal, seed: u64, seconds: f64) -> f64 {
     let phase: f64 = stream(seed, &signal.name).random_range(0.0..TAU);
     let wave = |period: f64| (TAU * seconds / period + phase).sin();
@@ -26,7 +26,7 @@ pub(super) fn wander(signal: &Signal, seed: u64, seconds: f64) -> f64 {
     }
 }
 
-/// New every second, and the same whenever that second is asked for.
+/// Noise that changes every second, and is the same for every query of that second.
 #[allow(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

@@ -1,4 +1,4 @@
-//! A slow device and a readout on one line: what a person watches does not wait for what takes its time.
+//! A slow device and a readout on one line: the readout does not wait for the whole round of the slow device.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use std::io::{Read, Write};
@@ -13,12 +13,12 @@ use isotherm_core::quantity::Moment;
 
 use crate::support::starved::Starved;
 
-/// What the slow device takes for an answer.
+/// Answer time of the slow device.
 const SLOW: Duration = Duration::from_millis(100);
-/// Its requests in one round.
+/// Requests to the slow device in one round.
 const POLLS: usize = 10;
 
-/// Holding register 10 of unit 2 is the readout, 20 the heartbeat.
+/// Profile. Holding register 10 of unit 2 is the readout, 20 the heartbeat.
 const MACHINE: &str = r#"
 [machine]
 name = "fair"
@@ -69,7 +69,7 @@ every = "250ms"
 
 type Seen = Arc<Mutex<Vec<(u8, u16, Moment)>>>;
 
-/// Everything is 1; unit 1 thinks about it. Keeps when what was asked for.
+/// Serves registers that are all 1; unit 1 answers slowly. Records the time of each request.
 fn serve(seen: Seen, clock: Clock) -> SocketAddr {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
@@ -119,13 +119,13 @@ async fn a_readout_and_a_heartbeat_wait_for_one_request_of_a_slow_device_and_not
     let source = gateway.source();
     let starved = Starved::of(std::process::id());
     let turns = || source.status().buses[0].jitter_ms.iter().map(|(_, count)| count).sum::<u64>();
-    // The first write comes after the first round: before it nothing is known.
+    // The first write follows the first round, because no value is known before.
     let written = |register: u16| -> Vec<Moment> {
         let seen = seen.lock().unwrap();
         seen.iter().filter(|entry| entry.0 >= 5 && entry.1 == register).map(|entry| entry.2).collect()
     };
     let rounds = || seen.lock().unwrap().iter().filter(|entry| entry.0 < 5 && entry.1 == 90).count();
-    // On a busy computer that takes longer.
+    // A busy computer needs longer.
     let enough = async {
         tokio::time::sleep(Duration::from_secs(6)).await;
         for _ in 0..1200 {
@@ -136,8 +136,8 @@ async fn a_readout_and_a_heartbeat_wait_for_one_request_of_a_slow_device_and_not
         }
     };
     gateway.run(enough, std::future::ready(())).await;
-    // The period, the slow answer that was under way, and what a busy computer adds; a round takes a second. What gateway and device
-    // wait for a processor counts for neither.
+    // The limit is the period, one slow answer, and a margin for a busy computer; a whole round takes a second. Time in
+    // which gateway and device wait for a processor is not counted.
     let busy = Duration::from_millis(200);
     for (name, register, every) in [("readout", 10, 50), ("heartbeat", 20, 250)] {
         let at = written(register);

@@ -1,6 +1,6 @@
-//! The gateway against servers that are not ours, and the virtual machine against a client that is not ours.
+//! Tests of the gateway with servers of other projects, and of the virtual machine with a client of another project.
 //!
-//! They need pymodbus and libmodbus; `tests/run interop` installs both. Without them these tests fail and say so.
+//! They need pymodbus and libmodbus; `tests/run interop` installs both. Without them these tests fail with a message.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -21,12 +21,12 @@ fn here(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/interop").join(name)
 }
 
-/// Where `tests/run` puts the tools of these tests.
+/// Directory of the tools that `tests/run` installs for these tests.
 fn tools() -> PathBuf {
     Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap().join("tools")
 }
 
-/// Python with pymodbus.
+/// Returns a command that runs a script in Python with pymodbus.
 fn python(script: &str) -> Command {
     let python = tools().join("venv/bin/python");
     assert!(
@@ -39,7 +39,7 @@ fn python(script: &str) -> Command {
     command
 }
 
-/// The server of libmodbus, compiled from its C source.
+/// Compiles the server of libmodbus from its C source, and returns the command to run it.
 fn compiled(directory: &Path) -> Command {
     let program = directory.join("server");
     let mut compile = Command::new("cc");
@@ -52,18 +52,18 @@ fn compiled(directory: &Path) -> Command {
     Command::new(program)
 }
 
-/// A server or a client that takes a line and answers a line.
+/// Server or client that reads commands as lines, and answers each with a line.
 struct Foreign(Running);
 
 impl Foreign {
-    /// Starts a server; where it listens: a port number, or the path of a serial port.
+    /// Starts a server. Returns it with its port number or the path of its serial port.
     fn serves(mut command: Command) -> (Foreign, String) {
         let mut running = Running::start(&mut command);
         let place = running.hears("listening ").trim_start_matches("listening ").to_owned();
         (Foreign(running), place)
     }
 
-    /// Starts a server over TCP; the lines of a profile that describe it.
+    /// Starts a server over TCP. Returns it with the lines of a profile that describe it.
     fn server(command: Command) -> (Foreign, String) {
         let (server, port) = Foreign::serves(command);
         (server, format!("type = \"modbus-tcp\"\naddress = \"127.0.0.1:{port}\""))
@@ -71,9 +71,9 @@ impl Foreign {
 
     #[track_caller]
     fn ask(&mut self, line: &str) -> String {
-        // In one piece: the C server takes what it reads for a whole line.
+        // Written in one piece, because the C server takes each read for a whole line.
         self.0.stdin().write_all(format!("{line}\n").as_bytes()).unwrap();
-        // What it logs may stand between the answers.
+        // Lines of its log may be between the answers.
         loop {
             if let Some(answer) = self.0.hears("> ").strip_prefix("> ") {
                 return answer.to_owned();
@@ -96,7 +96,7 @@ impl Foreign {
             .collect()
     }
 
-    /// A 32-bit register, its high word first.
+    /// Reads a 32-bit value, high word first.
     #[track_caller]
     fn number(&mut self, what: &str) -> i32 {
         let words = self.words(&format!("get {what} 2"));
@@ -107,7 +107,7 @@ impl Foreign {
         self.set("1 input 0", &[bed.cast_unsigned(), wheelhead.cast_unsigned()]);
     }
 
-    /// The counter sends its low word first.
+    /// Sets the position. The counter has its low word first.
     fn position(&mut self, counts: i32) {
         let bytes = counts.to_be_bytes();
         let (high, low) =
@@ -116,16 +116,17 @@ impl Foreign {
     }
 }
 
-/// The profile with its line made of something else.
+/// Returns the profile with another line.
 fn profile(line: &str) -> String {
     let written = "type    = \"modbus-tcp\"\naddress = \"127.0.0.1:1\"              # the test says where its server listens";
     assert!(PROFILE.contains(written));
-    // Longer than a foreign server takes for an answer on a busy computer. A port is listened to for some timeouts before it is used.
+    // Longer than a foreign server needs on a busy computer. On a serial port, the line listens for some timeouts
+    // before use.
     let timeout = if line.contains("port = ") { "timeout = \"1s\"" } else { "timeout = \"3s\"" };
     PROFILE.replace(written, line).replace("timeout = \"300ms\"", timeout)
 }
 
-/// Runs the gateway on a machine behind this server and looks into the server's registers.
+/// Runs the gateway with a machine on this server, and checks the registers of the server.
 fn follows_the_machine(server: &mut Foreign, line: &str) {
     let home = tempfile::tempdir().unwrap();
     let profile = file(home.path(), "machine.toml", &profile(line));
@@ -148,7 +149,7 @@ fn follows_the_machine(server: &mut Foreign, line: &str) {
     let mut gateway = isotherm(home.path());
     let mut gateway = Running::start(gateway.arg("run").arg(&profile));
     gateway.hears("axis z: armed");
-    // Temperatures in tenths of a degree and the position in 0.1 µm, from the reference case on.
+    // Temperatures in 0.1 °C and the position in 0.1 µm, beginning with the reference case.
     let cases: [(i16, i16, i32); 5] = [
         (275, 240, 1_234_567),
         (281, 240, 1_234_567),
@@ -181,7 +182,7 @@ fn follows_the_machine(server: &mut Foreign, line: &str) {
 fn the_gateway_follows_a_machine_that_pymodbus_serves() {
     let (mut server, line) = Foreign::server(python("server.py"));
     follows_the_machine(&mut server, &line);
-    // Each unit has registers of its own there: nothing was written to another unit.
+    // Each unit of this server has its own registers: nothing was written to another unit.
     assert_eq!(server.words("get 1 holding 104 2"), [0, 0]);
     assert_eq!(server.words("get 2 holding 10 2"), [0, 0]);
     assert_eq!(server.words("get 4 holding 106 2"), [0, 0]);
@@ -248,7 +249,7 @@ fn a_foreign_client_reads_and_writes_the_virtual_machine_on_a_serial_line_of_960
     assert!(!Path::new(&port).is_symlink(), "the port is left behind");
 }
 
-/// Runs the virtual machine on this line and speaks to it from outside.
+/// Runs the virtual machine on this line, and accesses it with a foreign client.
 fn reads_and_writes(home: &Path, place: &str, line: &str) {
     let profile = file(home, "machine.toml", &profile(line));
     let mut devices = isotherm(home);

@@ -1,5 +1,5 @@
-//! A control that applies K0 + tanβ·(P − P0) itself, and the level beyond which a model is not believed: the gateway
-//! over a real socket, with a device that keeps what is written in the order in which it came.
+//! Tests of a control that applies K0 + tanβ·(P − P0) itself, and of the level above which a model is rejected. The
+//! gateway runs over a real socket. The device records all writes in order.
 #![allow(clippy::unwrap_used, reason = "a test may stop where it stands")]
 
 use std::collections::BTreeMap;
@@ -78,22 +78,22 @@ type = "i16"
 scale = 0.01
 "#;
 
-/// Twenty holding registers, and every write with its value in order.
+/// Twenty holding registers, and all writes in order.
 #[derive(Default)]
 struct Bank {
     words: [u16; 20],
     written: Vec<(u16, u16)>,
-    /// The first connections end after so many answers each.
+    /// Numbers of answers of the first connections, the next one last.
     lives: Vec<usize>,
-    /// Registers that were written on a connection on which nobody had read them.
+    /// Registers that were written on a connection without a read of them before.
     unseen: Vec<u16>,
     connections: BTreeMap<usize, Life>,
 }
 
-/// A connection.
+/// State of a connection.
 #[derive(Default)]
 struct Life {
-    /// How many answers it still brings.
+    /// Answers until the connection ends.
     left: usize,
     seen: Vec<u16>,
 }
@@ -129,12 +129,12 @@ fn serve(bank: &Arc<Mutex<Bank>>) -> SocketAddr {
     })
 }
 
-/// Runs the gateway beside what `script` does with its state; the script's end stops it.
+/// Runs the gateway together with `script`, which sees its state. The gateway stops when the script ends.
 fn beside(bank: &Arc<Mutex<Bank>>, script: impl FnOnce(&dyn Source) + Send + 'static) {
     with(PROFILE, bank, None, script);
 }
 
-/// The same with another profile, or with other periods than the profile's.
+/// Runs the gateway with another profile, and optionally with other periods than those of the profile.
 fn with(
     text: &str,
     bank: &Arc<Mutex<Bank>>,

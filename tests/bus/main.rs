@@ -1,4 +1,4 @@
-//! Lines and devices: what goes over the wire, and which replies are accepted.
+//! Tests of lines and devices: the bytes on the wire, and which replies are accepted.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot go on fails")]
 

@@ -1,6 +1,7 @@
-//! The line to an OPC UA server, and a whole gateway on it, beside a server that is not ours: asyncua, in Python, over real sockets.
+//! Tests of the line to an OPC UA server, and of a whole gateway on it. The server is asyncua, in Python, over real
+//! sockets.
 //!
-//! `tests/run opcua` installs it, and builds the feature. Without asyncua these tests fail and say so.
+//! `tests/run opcua` installs it, and builds the feature. Without asyncua these tests fail with a message.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 

@@ -1,5 +1,5 @@
-//! `pipeline = 2`: a corrected position and the question for the next one in one go, against devices that bear it and such
-//! as do not.
+//! Tests of `pipeline = 2`: a corrected position and the request for the next one are sent together, to devices that
+//! support it and to others.
 #![allow(clippy::unwrap_used, reason = "a test may stop where it stands")]
 
 use std::io::{ErrorKind, Read, Result, Write};
@@ -65,27 +65,27 @@ scale = 0.01
 
 const QUESTION: usize = 12;
 
-/// What a device makes of a question that is there before it has answered the one before it.
+/// Reaction of a device to a request that arrives before it has answered the one before.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Bears {
     It,
-    /// It is never answered.
+    /// The request is never answered.
     Loses,
-    /// It is answered under the number of another one.
+    /// The request is answered with the number of another one.
     Renumbers,
-    /// The first is answered, and the connection closed.
+    /// The first request is answered, and the connection is closed.
     Closes,
 }
 
-/// A scale whose position goes on with each look, and what it was asked.
+/// Scale whose position changes with each read, and its record of the requests.
 #[derive(Default)]
 struct Scale {
     position: u16,
-    /// What was written last.
+    /// Last written value.
     holds: [u8; 2],
     pairs: u32,
     writes: u32,
-    /// Values that were written for another position than the last that was told.
+    /// Position and written value of each write for another position than the last one read.
     wrong: Vec<(u16, u16)>,
 }
 
@@ -106,7 +106,7 @@ fn answer(scale: &Mutex<Scale>, bears: Bears, question: &Question, stream: &mut 
     }
     scale.writes += 1;
     scale.holds = question.words()[0].to_be_bytes();
-    // The bed is as warm as its reference: nothing is to be added.
+    // The bed has its reference temperature, so the correction is zero.
     if question.words() != [scale.position] {
         let wrong = (scale.position, question.words()[0]);
         scale.wrong.push(wrong);
@@ -133,7 +133,7 @@ fn answer(scale: &Mutex<Scale>, bears: Bears, question: &Question, stream: &mut 
     Ok(())
 }
 
-/// Whether another question is there already.
+/// Returns whether another request has arrived.
 fn is_followed(stream: &TcpStream) -> Result<bool> {
     stream.set_nonblocking(true)?;
     let found = stream.peek(&mut [0; QUESTION]);
@@ -144,7 +144,7 @@ fn is_followed(stream: &TcpStream) -> Result<bool> {
     }
 }
 
-/// The gateway at this device, as fast as both can, beside a script. What was written is read back, or its echo is enough.
+/// Runs the gateway with this device and a script, as fast as both can. `verify` is the verification of writes.
 fn run(address: SocketAddr, verify: &str, script: impl FnOnce(&dyn Source) + Send + 'static) -> Status {
     let pace = Pace { polls: Duration::from_micros(1), axes: Duration::from_millis(5) };
     let text = PROFILE.replace("ADDRESS", &address.to_string()) + &format!("verify = \"{verify}\"\n");
@@ -163,7 +163,7 @@ fn a_device_that_bears_it_is_asked_for_the_next_position_while_it_is_given_the_l
         });
         let scale = scale.lock().unwrap();
         assert_eq!(scale.wrong, [], "each position is corrected as it was told last");
-        // Whether the second one has come when the first is looked at is up to the system; mostly it has.
+        // The system decides whether the second request has arrived when the first is processed. Usually it has.
         assert!(scale.pairs > scale.writes / 2, "{verify}: {} of {}", scale.pairs, scale.writes);
         assert_eq!(reported(&status, "pipeline-given-up"), 0, "{:?}", events(&status));
         assert_eq!(status.devices[0].state, "ok", "{:?}", events(&status));
@@ -198,7 +198,7 @@ fn a_device_that_does_not_bear_it_is_asked_one_at_a_time_after_that_was_noticed(
 fn check_online_tries_it_with_reads_and_names_the_device_that_does_not_bear_it() {
     let home = tempfile::tempdir().unwrap();
     let profile = home.path().join("readout.toml");
-    // What is answered is waited for as long as a busy computer may take.
+    // An answer may take as long as a busy computer needs.
     for (bears, timeout, words, fails) in [
         (Bears::It, "20s", "device scale: two questions at a time: both answered", false),
         (

@@ -1,4 +1,4 @@
-//! Sensors of this computer, in a tree of files that looks like the kernel's, and in a named pipe that hangs as a driver does.
+//! Sensors of this computer: a directory tree like that of the kernel, and a named pipe that hangs like a driver.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 

@@ -1,5 +1,5 @@
-//! Modbus/TCP Security: a line to a virtual machine behind TLS, and what is told where the two ends do not trust each
-//! other.
+//! Tests of Modbus/TCP Security: a line to a virtual machine with a TLS proxy, and the faults if the ends do not trust
+//! each other.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use std::net::SocketAddr;
@@ -35,11 +35,11 @@ const NOW: (i32, i32) = (2020, 2099);
 const READ: Request<'static> = Request::Read { from: Register { table: Table::Input, offset: 0 }, count: 2 };
 const PROFILE: &str = include_str!("../interop/machine.toml");
 
-/// The machine of the tests against foreign servers, its line secured by these files.
+/// Returns the machine of the tests with foreign servers. Its line is secured by these files.
 fn secured(address: &str, more: &str, ca: &str, ours: &Signed) -> Result<Profile, Errors> {
     let tls = format!("tls = {{ ca = \"ca.pem\", cert = \"gw.pem\", key = \"gw.key\"{more} }}");
     let text = PROFILE.replacen("address = \"127.0.0.1:1\"", &format!("address = \"{address}\"\n{tls}"), 1);
-    // Longer than a busy computer takes for a handshake.
+    // Longer than a busy computer needs for a handshake.
     let text = text.replace("timeout = \"300ms\"", "timeout = \"5s\"");
     let files =
         [("ca.pem", ca.as_bytes()), ("gw.pem", ours.cert.as_bytes()), ("gw.key", ours.key.as_bytes())];
@@ -56,7 +56,7 @@ fn refused(address: &str, more: &str, ca: &str, ours: &Signed) -> Vec<ProfileErr
     }
 }
 
-/// A virtual machine, and before it whoever speaks TLS for it, as stunnel does in the field. It asks for a certificate.
+/// Starts a virtual machine with a TLS proxy, as stunnel in practice. The proxy asks for a certificate.
 async fn serve(
     ours: &Signed,
     trusts: &Authority,
@@ -65,7 +65,7 @@ async fn serve(
     serve_whoever(ours, Some(trusts), versions).await
 }
 
-/// The same; where it trusts nobody, it does not ask who comes.
+/// Starts a virtual machine with a TLS proxy. Without `trusts`, the proxy does not ask for a certificate.
 async fn serve_whoever(
     ours: &Signed,
     trusts: Option<&Authority>,
@@ -106,7 +106,7 @@ async fn serve_whoever(
     (address, machine)
 }
 
-/// What the first device answers to a read on the line of this profile.
+/// Sends a read to the first device on the line of this profile, and returns the answer.
 async fn asked(profile: &Profile) -> Result<Answer, Fault> {
     let devices: Vec<_> =
         profile.devices.iter().enumerate().map(|(place, device)| (DeviceId(place), device)).collect();
@@ -258,7 +258,7 @@ fn files_of_no_use_are_reported_at_their_keys_all_at_once() {
     assert!(found.iter().all(|error| error.line.is_some()), "{}", Errors(found.clone()));
 }
 
-/// What is logged meanwhile, on this thread.
+/// Log of this thread.
 #[derive(Clone, Default)]
 struct Log(Arc<Mutex<Vec<u8>>>);
 

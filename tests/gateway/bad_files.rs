@@ -1,5 +1,5 @@
-//! Whatever lies in the place of a file, the program starts and ends at once and says what is there: pipes, devices,
-//! sockets, directories, files without an end; and files that are nobody else's business are made so.
+//! Paths at which something other than the expected file is: pipes, devices, sockets, directories, endless files. The
+//! program starts and ends at once, and reports what is there. Files that must be private are created so.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -13,14 +13,14 @@ use crate::support::process;
 use process::{Running, file, isotherm, nowhere};
 
 const MACHINE: &str = include_str!("../interop/machine.toml");
-/// Limit for a start and an end. What waits for a pipe or reads a device without an end takes any time.
+/// Limit for a start and an end. A program that waits for a pipe, or reads an endless device, exceeds it.
 const SOON: Duration = process::PATIENCE;
 const SECRET: &str = "root:$6$nobody$knows:20228:0:99999:7:::";
 
-/// What is said of it, and how it is laid there.
+/// Words of the message about it, and the function that creates it.
 type Obstacle = (&'static str, fn(&Path));
 
-/// What may lie in the place of a file.
+/// Things that may be at the path of a file.
 const OBSTACLES: [Obstacle; 5] = [
     ("a named pipe", |path| assert!(Command::new("mkfifo").arg(path).status().unwrap().success())),
     ("a device", |path| symlink("/dev/zero", path).unwrap()),
@@ -29,7 +29,7 @@ const OBSTACLES: [Obstacle; 5] = [
     ("larger than", |path| std::fs::File::create(path).unwrap().set_len(65 << 20).unwrap()),
 ];
 
-/// The machine with one piece of text replaced.
+/// The machine with one part of its text replaced.
 fn with(from: &str, to: &str) -> String {
     assert!(MACHINE.contains(from), "{from}");
     MACHINE.replacen(from, to, 1)
@@ -61,7 +61,7 @@ impl Home {
         run
     }
 
-    /// Starts, ends soon with this code, and has said these words.
+    /// Checks that the program starts, ends soon with this code, and prints these words.
     #[track_caller]
     fn refuses(&self, code: i32, words: &[&str]) {
         let mut program = Running::start(&mut self.run());
@@ -73,7 +73,7 @@ impl Home {
         }
     }
 
-    /// Starts, runs, and ends soon after it was asked to; what it has said.
+    /// Checks that the program starts, runs, and ends soon after it was asked to. Returns what it has printed.
     #[track_caller]
     fn runs_and_ends(&self) -> String {
         let mut program = Running::start(&mut self.run());
@@ -132,7 +132,7 @@ fn logs_and_scripts_that_are_none_are_refused_at_once() {
             let mut program = Running::start(command.arg(&there));
             let status = program.ends_within(SOON);
             let said = program.said.join("\n");
-            // A directory is a place for logs.
+            // A directory is accepted as a place for logs.
             assert!(!status.success() && said.contains("there.csv"), "{verb} on {what}: {said}");
             assert!(said.contains(what) || *what == "a directory", "{verb} on {what}: {said}");
         }
@@ -174,7 +174,7 @@ fn what_lies_in_the_place_of_the_command_socket_is_left_alone_and_named() {
         home.refuses(1, &["interop.sock", "something else lies here: move it away"]);
         assert!(socket.symlink_metadata().is_ok());
     }
-    // Somebody who lets nobody in.
+    // A listener that accepts no connection.
     let home = Home::new(MACHINE);
     let socket = home.state.join("interop.sock");
     let _deaf = std::os::unix::net::UnixListener::bind(&socket).unwrap();
@@ -187,7 +187,7 @@ fn what_lies_in_the_place_of_the_command_socket_is_left_alone_and_named() {
     std::thread::sleep(Duration::from_millis(200));
     home.refuses(1, &["interop.sock", "another gateway"]);
     drop(callers);
-    // In the place of the directory.
+    // Obstacles at the path of the state directory.
     for (_, lay) in [OBSTACLES[0], OBSTACLES[3], OBSTACLES[4]] {
         let mut home = Home::new(MACHINE);
         home.state = home.path("there");

@@ -1,5 +1,5 @@
-//! A disk that is full, read-only, gone or cut off by the power: what is kept is whole, the rest is told, and the gateway
-//! goes on.
+//! Disks that are full, read-only, missing or cut off by a power failure. What is stored is complete, the rest is
+//! reported, and the gateway continues.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -13,7 +13,7 @@ use process::{PATIENCE, Running, file, free_port, isotherm, until};
 
 const MACHINE: &str = include_str!("../interop/machine.toml");
 
-/// A machine with its devices, and a directory for its state.
+/// Machine with its devices, and a directory for its state.
 struct Home {
     home: tempfile::TempDir,
     profile: PathBuf,
@@ -44,7 +44,7 @@ impl Home {
         run
     }
 
-    /// As a shell does it after these words.
+    /// Command that runs the gateway in a shell after these words.
     fn run_after(&self, words: &str) -> Command {
         let run = self.run();
         let mut shell = Command::new("sh");
@@ -63,7 +63,7 @@ impl Home {
         self.names().into_iter().filter(|name| name.ends_with(".csv")).collect()
     }
 
-    /// Waits until there are so many logs with rows in each.
+    /// Waits until there are this many logs with rows in each of them.
     #[track_caller]
     fn has_rows_in(&self, logs: usize) {
         until("there are rows in every log", || {
@@ -77,7 +77,7 @@ impl Home {
         });
     }
 
-    /// Every log gives its decisions and its actions again.
+    /// Checks that every log gives its decisions and its actions again. Returns the number of logs.
     #[track_caller]
     fn replays(&self) -> usize {
         let logs = self.logs();
@@ -104,7 +104,7 @@ fn is_there(path: &Path) {
 #[test]
 fn a_full_disk_is_reported_and_when_there_is_room_again_everything_goes_on_whole() {
     let home = Home::new();
-    // So much fits into a file, and no more: what is over it is written in part, as on a disk that is full.
+    // Limit of the file size. A row beyond it is written in part, as on a full disk.
     let mut program = Running::start(&mut home.run_after("trap '' XFSZ; ulimit -S -f 3"));
     program.hears("axis z: armed");
     program.hears("the log cannot be kept");
@@ -152,7 +152,7 @@ fn cut_off_by_the_power_in_the_middle_of_a_row_each_log_is_read_and_gone_on_with
     assert_eq!(home.replays(), 4, "{:?}", home.names());
 }
 
-/// The program as somebody who is not root: a copy of it, from where anybody may start it.
+/// The program as a user who is not root: a copy of it, which every user may start.
 fn as_nobody(home: &Home) -> Command {
     let run = home.run();
     let program = home.path("isotherm");
@@ -198,7 +198,7 @@ fn a_directory_that_is_deleted_while_running_is_made_again() {
     program.hears("axis z: armed");
     let state = home.state.join("interop.state.json");
     is_there(&state);
-    // Whoever deletes it may meet a file that is being made.
+    // The deletion may meet a file that is just being created.
     until("it is deleted", || std::fs::remove_dir_all(&home.state).map_err(|error| error.to_string()));
     is_there(&state);
     assert_eq!(mode(&home.state), 0o750);
@@ -226,7 +226,7 @@ fn a_recording_and_a_first_profile_on_a_full_disk_name_the_file_and_what_to_do()
     let home = Home::new();
     let full = home.path("full");
     std::fs::create_dir(&full).unwrap();
-    // A disk of one page, which is taken.
+    // A disk of one page, which is full.
     let fill = "mount -t tmpfs -o size=4k none \"$1\" && head -c 4096 /dev/zero >\"$1/taken\" && shift && \"$@\"; code=$?; ls \"$LEFT\" >&2; exit $code";
     let on_it = |words: &[&std::ffi::OsStr]| {
         let isotherm = isotherm(home.home.path());

@@ -1,7 +1,7 @@
-//! Devices that are not slow or silent but mad: connections reset by the hundred, floods of garbage, answers byte by byte.
+//! Devices that send floods: hundreds of connections that are reset, endless garbage, answers byte by byte.
 //!
-//! On wall time, because the sockets are real and there is nothing to wait for between them. The clock of a reading that
-//! comes back is the line's backoff.
+//! The tests run in wall-clock time, because the sockets are real and there is nothing to wait for between them. The
+//! back-off of the line determines when a reading returns.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -48,15 +48,16 @@ unit = "degC"
 max_age = "5s"
 "#;
 
-/// How long the storm lasts.
+/// Duration of the flood.
 const STORM: Duration = Duration::from_secs(2);
-/// What a device reads that answers.
+/// Value that a device reads when it answers.
 const VALUE: u8 = 42;
-/// In the storm there is time for pauses of 1 s and 2 s; one more of 4 s may have begun at its end, after a request that
-/// waits for its answer. On a busy computer that is lost as well, and pauses of 8 s and 16 s follow.
+/// Limit for the recovery. The flood leaves time for pauses of 1 s and 2 s. One more of 4 s may have begun at its end,
+/// after a request that waits for its answer. On a busy computer that request is lost as well, and pauses of 8 s and 16
+/// s follow.
 const RECOVERY: Duration = Duration::from_secs(60);
 
-/// Serves every connection with `act` on a thread of its own. Connections that were made are counted.
+/// Serves every connection with `act` on a separate thread. Counts the connections.
 fn server(act: impl Fn(TcpStream) + Send + Sync + 'static) -> (SocketAddr, Arc<AtomicU64>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
@@ -72,7 +73,7 @@ fn server(act: impl Fn(TcpStream) + Send + Sync + 'static) -> (SocketAddr, Arc<A
     (address, count)
 }
 
-/// Answers each request as a device does, its bytes written as `write` likes.
+/// Answers each request as a device does. `write` writes the bytes.
 fn answer(mut stream: TcpStream, mut write: impl FnMut(&mut TcpStream, &[u8]) -> std::io::Result<()>) {
     let mut asked = [0; 12];
     while stream.read_exact(&mut asked).is_ok() {
@@ -87,13 +88,13 @@ fn sanely(stream: TcpStream) {
     answer(stream, |stream, bytes| stream.write_all(bytes));
 }
 
-/// Closes with a reset instead of an end: bytes that nobody has read make the system say so.
+/// Closes the connection with a reset, which the system sends if there are unread bytes.
 fn reset(stream: &TcpStream) {
     let _ = stream.set_nonblocking(true);
     let _ = socket2::SockRef::from(stream).set_linger(Some(Duration::ZERO));
 }
 
-/// A storm that is over after [`STORM`].
+/// Server with a flood that is over after [`STORM`].
 fn storm(rage: impl Fn(TcpStream) + Send + Sync + 'static) -> (SocketAddr, Arc<AtomicU64>) {
     let clock = Clock::wall();
     let over = clock.now().after(STORM);
@@ -108,7 +109,7 @@ struct After {
     recovered: Duration,
 }
 
-/// The memory of this process, MiB.
+/// Memory of this process, MiB.
 fn memory() -> f64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();
     let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
@@ -120,14 +121,14 @@ fn value(status: &Status, name: &str) -> Option<f64> {
     status.signals.iter().find(|signal| signal.name == name).and_then(|signal| signal.value)
 }
 
-/// Runs a gateway on a mad device and a sane one until the mad one reads well after its storm.
+/// Runs a gateway with a misbehaving device and a normal one, until the first one reads well after its flood.
 fn weather(mad: SocketAddr) -> After {
     let (sane, _) = server(sanely);
     let text = PROFILE.replace("MAD", &mad.to_string()).replace("SANE", &sane.to_string());
 
     let loaded = parse(Path::new("storm.toml"), &text, &[], &[]).unwrap_or_else(|errors| panic!("{errors}"));
     let mut profile = loaded.profile;
-    // Longer than a busy computer takes; of the mad one each lost answer is waited for.
+    // Longer than a busy computer needs. The gateway waits for each lost answer of the misbehaving device.
     for bus in &mut profile.buses {
         bus.timeout = Duration::from_millis(if bus.name == "mad" { 900 } else { 10_000 });
     }
@@ -145,7 +146,7 @@ fn weather(mad: SocketAddr) -> After {
                 tokio::time::sleep(Duration::from_millis(20)).await;
                 let status = source.status();
                 let device = status.devices.iter().find(|device| device.name == "mad").unwrap();
-                // On a busy computer that is before there were enough requests.
+                // On a busy computer that may be before there were enough requests.
                 let is_asked = status.devices.iter().all(|device| device.requests > 5);
                 if device.state == "ok" && value(&status, "mad").is_some() && is_asked {
                     recovered = Some(clock.now().since(begun.after(STORM)));
@@ -160,7 +161,7 @@ fn weather(mad: SocketAddr) -> After {
     })
 }
 
-/// No panic, bounded memory, a sane neighbour, nothing believed that was not said.
+/// Checks that nothing panics, memory is bounded, the other device is not affected, and only true values were accepted.
 fn holds(after: &After) {
     assert!(!after.outcome.failed, "{:?}", after.status.events);
     assert!(after.grown < 32.0, "{} MiB more", after.grown);

@@ -1,6 +1,6 @@
-//! The program as a person starts it, on a computer whose clock is wrong and is set while it runs (libfaketime, which
-//! takes the place of the C library's time of day): the axis follows its model, no step is larger than one, and each file
-//! of the log gives its decisions again.
+//! The program as an operator starts it, on a computer whose clock is wrong and is set while it runs. The library
+//! libfaketime replaces the time of day of the C library. The axis follows its model, no write changes more than one
+//! step, and each log file gives its decisions again.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -62,14 +62,14 @@ word_order = "msw-first"
 scale = 0.1
 "#;
 
-/// The library, wherever this Debian keeps it.
+/// Path of the library, which depends on the Debian version.
 fn library() -> PathBuf {
     let found = std::fs::read_dir("/usr/lib").unwrap().flatten().map(|entry| entry.path());
     let mut found = found.map(|place| place.join("faketime/libfaketime.so.1")).filter(|path| path.exists());
     found.next().unwrap_or_else(|| panic!("libfaketime is missing: apt-get install libfaketime"))
 }
 
-/// The devices of the machine, on a thread of their own and by the right time.
+/// Devices of the machine, on a separate thread and with the right time.
 fn machine() -> (Window, SocketAddr) {
     let (tell, here) = channel();
     std::thread::spawn(move || {
@@ -86,7 +86,7 @@ fn machine() -> (Window, SocketAddr) {
     here.recv().unwrap()
 }
 
-/// What was written to the offset, in its order, counts.
+/// Values written to the offset in their order, counts.
 fn writes(window: &Window) -> Vec<i32> {
     let offset = |seen: &&isotherm::virtual_machine::Seen| {
         seen.is_write() && seen.address.register().is_some_and(|register| register.offset == 104)

@@ -1,14 +1,14 @@
-//! I12: killed at any instant and started again, what an operator has in a register and what we have in it is what it
-//! was or what was intended. The program itself is killed (SIGKILL) a thousand times, while the register lives on in this
-//! process, and an operator changes it now and then in between.
+//! Invariant I12: the program is killed at any instant and started again. Operator offset and gateway share in a
+//! register are then as before or as intended. The program itself is killed (SIGKILL) hundreds of times. The register
+//! stays alive in this process, and an operator changes it from time to time.
 //!
-//! What is truly whose is counted from the wire: a write of the gateway changes our share by what it changes the
-//! register by, an edit of the operator (thousands of counts) changes his. What the gateway takes its share to be it
-//! says when it arms.
+//! The true division is counted from the wire. A write of the gateway changes the gateway share by the change of the
+//! register. An edit of the operator (thousands of counts) changes the operator offset. When the gateway arms, it
+//! reports the share that it assumes.
 //!
-//! Half of the instants count from what the gateway says, so that a slow computer moves them with the gateway. The devices
-//! must not deal with a write after `late`: their thread measures how late it runs itself. A life in which it ran too late
-//! is void. The machine then begins again, and another life takes its place.
+//! Half of the instants count from a message of the gateway, so that a slow computer delays them with the gateway. The
+//! devices must not process a write after `late`, so their thread measures its own delay. A life in which the delay was
+//! too long is void. The machine then starts again, and another life replaces it.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -31,19 +31,21 @@ use crate::support::tell;
 
 use process::{Running, file, isotherm};
 
-/// Independent machines, each with a register, a disk and a gateway of its own.
+/// Independent machines, each with its own register, disk and gateway.
 const LANES: u64 = 10;
-/// Kills of all machines together; `TEST_KILLS=1000` is more.
+/// Kills of all machines together; `TEST_KILLS=1000` sets another number.
 const KILLS: u64 = 300;
-/// A gateway lives at most this long after its start, or after it has armed, ms: it starts, arms, and makes a dozen changes.
+/// Longest life of a gateway after its start, or after it has armed, ms. In this time it starts, arms, and makes a
+/// dozen changes.
 const LONGEST_LIFE: u64 = 700;
-/// The devices may run this late, ms: half of `late`, because a write may be under way as long before they see it.
+/// Longest delay of the devices, ms. It is half of `late`, because a write may be under way for as long before they see
+/// it.
 const LATEST: u64 = 75;
-/// Lives of one machine that may be void, and how long it may take: a computer that is too busy ends it with fewer kills.
+/// Limit of void lives of one machine, and of its time. A computer that is too busy ends it with fewer kills.
 const MOST_VOID: u64 = 100;
 const LONGEST: Duration = Duration::from_secs(300);
 
-/// What one write may change, in counts of 0.1 µm.
+/// Largest change of one write, in counts of 0.1 µm.
 const STEP: i32 = 10;
 
 const PROFILE: &str = r#"
@@ -93,15 +95,15 @@ scale = 0.1
 share = "ledger"
 "#;
 
-/// What it says when it arms.
+/// Message of a gateway that arms.
 const ARMED: &str = "armed, starting from";
-/// What it says where only a person can tell, and where it does not know of anything of ours.
+/// Messages of a gateway that needs the operator to confirm the division, or knows of no share.
 const QUESTION: &str = "are taken to be ours";
 const FIRST: &str = "nothing of ours is known in it";
-/// Its last words, where its time was not enough.
+/// Last message of a gateway whose time to stop was not enough.
 const BEFORE: &str = "isotherm: stopped before the fault actions had come to their end";
 
-/// An operator at the CNC: reads and writes the whole register.
+/// Operator at the CNC, who reads and writes the whole register.
 struct Operator(TcpStream);
 
 impl Operator {
@@ -130,22 +132,23 @@ impl Operator {
     }
 }
 
-/// The devices ran so late that a write may have been dealt with after `late`: what the gateway says then proves nothing.
+/// The devices were so late that a write may have been processed after `late`. The reports of the gateway then prove
+/// nothing.
 #[derive(Debug)]
 struct Void;
 
-/// One machine.
+/// One machine with its gateway.
 struct Lane {
     window: Window,
-    /// How late the devices ran at most since this was taken, ms.
+    /// Longest delay of the devices since this was last read, ms.
     behind: Arc<AtomicU64>,
     operator: Operator,
     home: tempfile::TempDir,
     up: PathBuf,
     down: PathBuf,
-    /// What it decides is next to nothing.
+    /// Profile with very small decisions.
     still: PathBuf,
-    /// Counts that are truly the operator's and ours, as the wire has it so far.
+    /// True operator offset and gateway share, from the wire so far, counts.
     base: i32,
     share: i32,
     seen: usize,
@@ -155,14 +158,14 @@ struct Lane {
     begun: Moment,
 }
 
-/// What happened.
+/// Number of events.
 #[derive(Clone, Copy, Debug, Default)]
 struct Count {
     kills: u64,
     writes: u64,
     armed: u64,
     edits: u64,
-    /// Killed with a promise on disk, that had arrived and that had not.
+    /// Kills with a promise on disk that had arrived, and with one that had not.
     arrived: u64,
     outstanding: u64,
     questions: u64,
@@ -173,7 +176,7 @@ fn counts(words: &[u16]) -> i32 {
     i32::from(words[0].cast_signed()) << 16 | i32::from(words[1])
 }
 
-/// "… {after}12.3 µm …" in counts of 0.1 µm.
+/// Parses "… {after}12.3 µm …" to counts of 0.1 µm.
 fn reported(line: &str, after: &str) -> Option<i32> {
     let number = line.split(after).nth(1)?.split(' ').next()?;
     let micron: f64 = number.replace('−', "-").parse().ok()?;
@@ -181,7 +184,7 @@ fn reported(line: &str, after: &str) -> Option<i32> {
     Some((micron * 10.0).round() as i32)
 }
 
-/// The share that a gateway reports at its end: as it was verified last, and each value that may still arrive.
+/// Shares that a gateway reports at its end: the one that was last verified, and each value that may still arrive.
 fn shares(line: &str) -> Vec<i32> {
     let verified = reported(line, "holds ").or_else(|| reported(line, "held "));
     let arriving = line.split_once("may still arrive").map_or("", |(before, _)| before);
@@ -217,15 +220,16 @@ impl Lane {
         Running::start(isotherm(self.home.path()).arg("run").arg(profile).arg("--state").arg(state))
     }
 
-    /// The register once everything that was sent before has been dealt with. A gateway's last request waits in the same
-    /// thread as the operator's: when that answers his third question, every connection has had its turn.
+    /// Returns the register value after all earlier requests were processed. The last request of a gateway waits in the
+    /// same thread as those of the operator. When the third request of the operator is answered, every connection has
+    /// had its turn.
     fn settled(&mut self) -> i32 {
         self.operator.read();
         self.operator.read();
         self.operator.read()
     }
 
-    /// Another machine with the same devices takes the place of one of which an observation was void.
+    /// Replaces a machine with a void observation by another one with the same devices.
     fn begins_again(&mut self) {
         self.count.voids += 1;
         let _ = std::fs::remove_dir_all(self.home.path().join("state"));
@@ -235,7 +239,8 @@ impl Lane {
         self.behind.store(0, Ordering::SeqCst);
     }
 
-    /// Goes on with the bookkeeping: never more than a step at once, never beyond the limit, and nothing in between.
+    /// Continues the count from the wire. No write changes more than one step or goes beyond the limit, and nothing
+    /// else writes.
     fn count_on(&mut self) -> Result<(), Void> {
         if self.behind.swap(0, Ordering::SeqCst) > LATEST {
             return Err(Void);
@@ -260,7 +265,7 @@ impl Lane {
         Ok(())
     }
 
-    /// What the disk says at the moment of a kill.
+    /// Checks the document on disk at the moment of a kill.
     fn look_at_the_ledger(&mut self) {
         let path = self.home.path().join("state/joint.state.json");
         let Ok(text) = std::fs::read_to_string(path) else { return };
@@ -315,7 +320,7 @@ impl Lane {
         Ok(())
     }
 
-    /// A person does as he is told, and arms.
+    /// Does what the gateway asks the operator to do, and arms.
     fn answer(&mut self) -> Result<(), Void> {
         self.count.questions += 1;
         let mut gateway = self.run(&self.up);
@@ -329,8 +334,8 @@ impl Lane {
         assert!(arm.status().unwrap().success());
         gateway.hears(ARMED);
         if !gateway.hears_one_of(&["are ours", QUESTION]).contains("are ours") {
-            // It turned to what may as well be a write of ours while he armed: he looks again, and says so again, which is
-            // refused within a second of the last time.
+            // While the operator armed, the register may have received a write of the gateway. The operator then reads
+            // it and confirms again. That is refused within one second of the last time.
             process::until("he is heard again", || match arm.output().unwrap() {
                 output if output.status.success() => Ok(()),
                 output => Err(String::from_utf8_lossy(&output.stderr).into_owned()),
@@ -342,7 +347,7 @@ impl Lane {
         self.count_on()
     }
 
-    /// The last one is asked to stop, and takes its share back: exactly the operator's part is left.
+    /// Stops the last gateway, which takes its share back. Only the operator offset is left.
     fn end(mut self) -> Count {
         while self.takes_its_share_back().is_err() {
             self.begins_again();
@@ -353,7 +358,7 @@ impl Lane {
         self.count
     }
 
-    /// A life that is not void. Returns whether there is time for another.
+    /// Runs lives until one is not void. Returns whether there is time for another.
     fn lives(&mut self) -> bool {
         while self.live_and_die().is_err() {
             self.begins_again();
@@ -364,13 +369,13 @@ impl Lane {
         !self.is_over()
     }
 
-    /// Whether the computer is too busy for its devices.
+    /// Returns whether the computer is too busy for its devices.
     fn is_over(&self) -> bool {
         self.count.voids > MOST_VOID || self.clock.now().since(self.begun) > LONGEST
     }
 
-    /// Where the gateway comes to its end before (each write waits for the disk), what it says of its share is so, and the
-    /// next goes on.
+    /// Stops a gateway until its share is taken back. If a stop was too short (each write waits for the disk), its
+    /// report of the share must be true, and the next gateway continues.
     fn takes_its_share_back(&mut self) -> Result<(), Void> {
         const TRIES: usize = 100;
         let mut profile = self.up.clone();
@@ -381,13 +386,13 @@ impl Lane {
                 return Ok(());
             };
             assert!(shares(line).contains(&self.share), "{} in truth: {said}", self.share);
-            // What a slow disk has left of it becomes less with each that follows.
+            // The share that a slow disk has left becomes smaller with each further stop.
             profile = self.still.clone();
         }
         panic!("{TRIES} times in a row it did not come to its end");
     }
 
-    /// What a gateway says that arms and is asked to stop.
+    /// Runs a gateway that arms and is then stopped. Returns what it has printed.
     fn stopped(&mut self, profile: &Path) -> Result<String, Void> {
         let mut gateway = self.run(profile);
         if !gateway.hears_one_of(&[ARMED, QUESTION, FIRST]).contains(ARMED) {
@@ -404,7 +409,7 @@ impl Lane {
     }
 }
 
-/// Measures in the thread of the devices how late that runs.
+/// Measures the delay of the thread of the devices.
 async fn measure(behind: Arc<AtomicU64>) {
     const TICK: Duration = Duration::from_millis(5);
     let clock = Clock::wall();
@@ -416,7 +421,7 @@ async fn measure(behind: Arc<AtomicU64>) {
     }
 }
 
-/// A machine on a thread of its own, because its devices must answer while a gateway is killed.
+/// Runs a machine on a separate thread, because its devices must answer while a gateway is killed. Returns its counts.
 fn lane(seed: u64, kills: u64) -> Count {
     let (tell, here) = channel();
     let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
@@ -470,7 +475,7 @@ fn killed_at_hundreds_of_instants_no_share_is_ever_lost_or_doubled() {
     if all.kills < kills {
         return tell(&format!("only {} of {kills} kills: the computer was too busy: {all:?}", all.kills));
     }
-    // The instants that matter were among them.
+    // The important instants must be among them.
     assert!(all.armed * 10 > kills * 3 && all.edits * 20 > kills * 3, "{all:?}");
     assert!(all.arrived * 300 > kills && all.outstanding * 300 > kills, "{all:?}");
 }

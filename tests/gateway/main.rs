@@ -1,4 +1,4 @@
-//! Whole gateways against devices, people, disks and processes that misbehave.
+//! Tests of whole gateways with devices, operators, disks and processes that misbehave.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot go on fails")]
 

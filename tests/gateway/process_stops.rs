@@ -1,11 +1,11 @@
-//! The computer stands still, and goes on: the program is stopped by SIGSTOP for seconds and minutes, while it waits for
-//! an answer, between a reading and its write, and at any moment. It goes on, tells it once, and acts on nothing that is
-//! older than `max_age`.
+//! Pauses of the computer: the program is stopped by SIGSTOP for seconds and minutes. It is stopped while it waits for
+//! an answer, between a reading and its write, and at any moment. It then continues, reports the pause once, and does
+//! nothing that is based on readings older than `max_age`.
 //!
-//! A computer that is too busy stands still as well, and the program says so. What it says more often than it was stopped is
-//! void where the kernel's own account has a thread of it, or of the device, kept waiting for so long; then it is tried again.
+//! A computer that is too busy pauses as well, and the program reports it. Additional reports are void if the kernel
+//! shows that a thread of the program or of the device had to wait for so long. The test then tries again.
 //!
-//! `TEST_STANDS_STILL_FOR=60,600` names other spans, in seconds; `tests/run long` does these.
+//! `TEST_STANDS_STILL_FOR=60,600` sets other times, in seconds; `tests/run long` uses these.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use std::io::{Read, Write};
@@ -24,33 +24,33 @@ use crate::support::tell;
 use device::{Device, STEP, State, Times};
 use process::{Running, file, isotherm};
 
-/// How long it stands still where nothing else is asked for, s.
+/// Default durations of a pause, s.
 const SPANS: [u64; 2] = [5, 14];
-/// A short while, longer than any reading lives.
+/// Short pause, longer than the largest age of a reading.
 const SHORT: Duration = Duration::from_millis(1200);
-/// Short whiles of one run, and runs side by side.
+/// Short pauses in one run, and runs in parallel.
 const SHORTS: usize = 5;
 const RUNS: u64 = 2;
-/// How long the axis has to go on.
+/// Time in which the axis must continue.
 const PATIENCE: Duration = Duration::from_secs(60);
 const MAX_AGE: Duration = Duration::from_secs(1);
-/// A thread that waits so long for a processor makes a gap of a second together with what it meant to wait.
+/// A thread that waits for a processor for this long pauses for a second, together with its intended wait.
 const STARVED: Duration = Duration::from_millis(300);
-/// How often a run is tried whose observation is void.
+/// Number of attempts if the observation of a run is void.
 const TRIES: usize = 4;
 const TIMES: Times =
     Times { timeout: Duration::from_millis(200), every: Duration::from_millis(500), max_age: MAX_AGE };
 
-/// When it is made to stand still.
+/// Moment at which the program is paused.
 #[derive(Clone, Copy, Debug)]
 enum Phase {
-    /// It waits for an answer, which comes while it stands still and asks for something else.
+    /// The program waits for an answer, which comes during the pause and requests another value.
     Answer,
-    /// It has decided a step and is silent before it sends it.
+    /// The program has decided a step, and has not sent it yet.
     Decided,
 }
 
-/// A program, its device, and what was wrong.
+/// Program, its device, and the errors found.
 struct Lane {
     name: String,
     device: Device,
@@ -77,7 +77,7 @@ impl Lane {
         Lane { name, device, program, page, stood_still: 0, wrong: Vec::new(), starved, _home: home }
     }
 
-    /// The axis comes to where it is asked to go.
+    /// Checks that the axis reaches the requested value.
     fn arrives(&mut self, at: i16) {
         self.device.asks(at);
         let arrived = |state: &State| (state.offset() == at).then_some(());
@@ -99,7 +99,8 @@ impl Lane {
         self.program.goes_on();
     }
 
-    /// Stopped while it waits for an answer: that comes meanwhile, and is of the past when it is found.
+    /// Pauses the program while it waits for an answer. The answer comes during the pause, and is too old when it is
+    /// read.
     fn while_it_waits(&mut self, span: Duration) {
         let standing = self.device.offset();
         self.device.hold();
@@ -113,7 +114,7 @@ impl Lane {
         self.stands_still_for(span);
     }
 
-    /// Stopped between a reading and the write that it asked for: there is nothing to be written any more.
+    /// Pauses the program between a reading and its write. After the pause, the write is no longer needed.
     fn while_it_is_silent(&mut self, span: Duration) {
         for _ in 0..100 {
             self.device.asks(self.device.offset() + 20 * STEP);
@@ -127,14 +128,14 @@ impl Lane {
                 self.stands_still_for(span);
                 return;
             }
-            // It had sent it before it stopped.
+            // It had sent the write before it stopped.
             self.program.goes_on();
             std::thread::sleep(MAX_AGE);
         }
         panic!("{}: it was never stopped in time", self.name);
     }
 
-    /// How often it says that it stood still: to a program that asks, and on stderr once it has ended.
+    /// Number of pauses that the program reports: over its API, and on stderr after its end.
     fn has_reported(&mut self) -> (u64, usize) {
         let status = status(&self.page);
         let reported = status["event_counts"]["stood-still"].as_u64().unwrap_or_default();
@@ -151,13 +152,13 @@ impl Lane {
         (reported, self.program.said.iter().filter(|line| line.contains("stood still")).count())
     }
 
-    /// Whether the computer kept a thread from the processor for so long that the program may call it a standstill, together with
-    /// what it waits for itself.
+    /// Returns whether the computer kept a thread from the processor for so long that the program may report a pause.
+    /// The intended wait of the thread is added to that time.
     fn was_starved(&self) -> bool {
         self.starved.iter().any(|starved| starved.longest() >= STARVED)
     }
 
-    /// Everything that was wrong, a line each; `None` where the observation is void.
+    /// All errors, one line each. `None` if the observation is void.
     fn end(mut self) -> Option<Vec<String>> {
         let was_starved = self.was_starved();
         let (reported, said) = self.has_reported();
@@ -179,7 +180,7 @@ impl Lane {
     }
 }
 
-/// What the program tells of itself; nothing where it does not.
+/// Status of the program. Null if it does not answer.
 fn status(page: &str) -> serde_json::Value {
     let ask = || {
         let mut stream = TcpStream::connect(page).ok()?;
@@ -211,7 +212,7 @@ fn for_long(span: Duration, phase: Phase) -> Option<Vec<String>> {
         Phase::Answer => lane.while_it_waits(span),
         Phase::Decided => lane.while_it_is_silent(span),
     }
-    // What it does now, it does by itself.
+    // Everything from now on is its own action.
     std::thread::sleep(MAX_AGE);
     let standing = lane.device.offset();
     lane.arrives(standing + 3 * STEP);
@@ -219,7 +220,7 @@ fn for_long(span: Duration, phase: Phase) -> Option<Vec<String>> {
     lane.end()
 }
 
-/// At any moment of its cycle; what it is asked for is another thing each time.
+/// Pauses the program at any moment of its cycle. It requests another value each time.
 fn for_short(seed: u64) -> Option<Vec<String>> {
     let mut lane = Lane::new(format!("{SHORTS} times {SHORT:?}, seed {seed}"), Duration::from_millis(20));
     let mut random = Pcg32::seed_from_u64(seed);
@@ -230,7 +231,7 @@ fn for_short(seed: u64) -> Option<Vec<String>> {
         std::thread::sleep(Duration::from_millis(600 + random.random_range(0..600)));
         lane.program.stands_still();
         asked = -asked;
-        // An answer that is under way is still one of before.
+        // An answer that is under way still contains the value from before.
         std::thread::sleep(Duration::from_millis(60));
         lane.device.asks(asked);
         lane.stands_still_for(SHORT);
@@ -240,7 +241,7 @@ fn for_short(seed: u64) -> Option<Vec<String>> {
     lane.end()
 }
 
-/// What was wrong in the first run that is not void; nothing where all of them are.
+/// Errors of the first run that is not void. Empty if all of them are void.
 fn tried(run: impl Fn() -> Option<Vec<String>>) -> Vec<String> {
     (0..TRIES).find_map(|_| run()).unwrap_or_else(|| {
         tell(&format!("a program that stands still: {TRIES} runs are void, the computer was too busy"));
@@ -248,7 +249,7 @@ fn tried(run: impl Fn() -> Option<Vec<String>>) -> Vec<String> {
     })
 }
 
-/// Runs them side by side; each tells what was wrong.
+/// Runs the lanes in parallel, and collects their errors.
 #[track_caller]
 fn side_by_side(lanes: Vec<Box<dyn FnOnce() -> Vec<String> + Send>>) {
     let lanes: Vec<_> = lanes.into_iter().map(std::thread::spawn).collect();

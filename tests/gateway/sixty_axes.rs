@@ -1,6 +1,7 @@
-//! Sixty axes on the sensors' own line: nobody's turn makes a sensor stale, and what is written rests on fresh readings.
+//! Sixty axes on the line of the sensors. No turn makes a sensor stale, and every write is based on fresh readings.
 //!
-//! The temperatures are a ramp, so each value tells when it was read, and each offset how old the reading below it is.
+//! The temperatures are a ramp. Therefore each value shows when it was read, and each offset shows the age of its
+//! reading.
 #![allow(clippy::unwrap_used, reason = "a test may stop where it stands")]
 #![allow(clippy::disallowed_types, reason = "ages on a real line are the wall's")]
 #![allow(clippy::cast_possible_truncation, reason = "counts that are known to be small")]
@@ -22,23 +23,23 @@ use crate::support::tell;
 
 const ANSWER_AFTER: Duration = Duration::from_millis(30);
 const MAX_AGE: Duration = Duration::from_secs(4);
-/// What the way to the device, our own rounding and a busy computer may add. A turn of all axes takes five seconds.
+/// Additional age through transmission, rounding and a busy computer. A turn of all axes takes five seconds.
 const ON_THE_WAY: Duration = Duration::from_secs(1);
-/// Where a thread waits so long for a processor, nothing is known of the age of a reading.
+/// If a thread waits for a processor for this long, the age of a reading is not known.
 const STARVED: Duration = Duration::from_secs(1);
-/// How long a busy computer may take.
+/// Time limit on a busy computer.
 const PATIENCE: Duration = Duration::from_secs(300);
 const SENSORS: u16 = 8;
 const AXES: u16 = 60;
-/// °C a second, and what an axis makes of one, µm.
+/// Slope of the temperature in °C/s, and gain of an axis in µm/°C.
 const RAMP: f64 = 0.02;
 const GAIN: f64 = 10.0;
 const REFERENCE: f64 = 20.0;
-/// µm a count of an output, °C a count of a sensor.
+/// Size of one count of an output in µm, and of a sensor in °C.
 const COUNT: f64 = 1e-4;
 const FINE: f64 = 1e-5;
 
-/// A register whose value changed, and how old the reading was on which that rests, both when it came.
+/// Change of a register, and the age of its reading at that time.
 struct Move {
     at: Instant,
     axis: u16,
@@ -49,7 +50,7 @@ struct Machine {
     begun: Instant,
     registers: BTreeMap<u16, u16>,
     moves: Vec<Move>,
-    /// When the sensors were read.
+    /// Times at which the sensors were read.
     read: Vec<Instant>,
     refused: Option<u16>,
     refusals: u32,
@@ -69,12 +70,12 @@ impl Machine {
         }))
     }
 
-    /// How often the register of an axis was changed.
+    /// Number of changes of the register of an axis.
     fn moves_of(&self, axis: u16) -> usize {
         self.moves.iter().filter(|one| one.axis == axis).count()
     }
 
-    /// What every sensor shows now.
+    /// Temperature that every sensor shows now, counts.
     fn temperature(&self) -> i32 {
         ((REFERENCE + RAMP * self.begun.elapsed().as_secs_f64()) / FINE).round() as i32
     }
@@ -191,19 +192,19 @@ fn profile(address: SocketAddr, axes: u16, every: &str) -> isotherm_profile::Pro
     loaded.unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 
-/// What was seen from the moment at which every axis was armed.
+/// Observations since every axis was armed.
 #[derive(Debug, Default)]
 struct Seen {
     armed_after: Duration,
-    /// The longest that a thread of this process, gateway and devices, waited for a processor.
+    /// Longest wait of a thread of this process, gateway and devices, for a processor.
     starved: Duration,
-    /// Signals that were no longer good, and why.
+    /// Signals that became bad, with their quality.
     spoilt: Vec<String>,
     reported: BTreeMap<String, u64>,
 }
 
-/// Runs the gateway until every axis is armed and each of these has moved so often since its start. On a busy computer that takes
-/// longer.
+/// Runs the gateway until every axis is armed and each of these axes has moved this often since its start. On a busy
+/// computer that takes longer.
 fn run(
     profile: isotherm_profile::Profile,
     machine: &Arc<Mutex<Machine>>,
@@ -259,7 +260,7 @@ fn events(status: &Status) -> Vec<&str> {
     status.events.iter().map(|event| event.text.as_str()).collect()
 }
 
-/// How often each axis moved, and how old the oldest reading below a move was.
+/// Prints the number of moves of each axis, and the age of the oldest reading of a move. Returns the numbers.
 fn reported(machine: &Machine, axes: u16, seen: &Seen) -> Vec<usize> {
     let counts: Vec<usize> = (0..axes).map(|axis| machine.moves_of(axis)).collect();
     let old = machine.moves.iter().filter(|one| one.age > MAX_AGE + ON_THE_WAY).count();

@@ -1,5 +1,6 @@
-//! A computer that is suspended for a minute and wakes: its monotonic clock, by which every timer goes, stood still, and
-//! the machine went on getting warm. The gateway goes on, tells it once, and acts on nothing of before.
+//! A computer that is suspended for a minute and wakes. Its monotonic clock, on which every timer depends, did not
+//! advance, and the machine became warmer. The gateway continues, reports it once, and does nothing that is based on
+//! earlier readings.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use std::net::TcpListener;
@@ -21,22 +22,22 @@ use device::{Device, STEP, State, Times};
 const SUSPENDED: Duration = Duration::from_secs(60);
 const PATIENCE: Duration = Duration::from_secs(60);
 const MAX_AGE: Duration = Duration::from_secs(1);
-/// What a thread waits at most for a processor where the age of a reading says something.
+/// Longest wait of a thread for a processor with which the age of a reading is known.
 const KEPT_WAITING: Duration = Duration::from_millis(100);
 const TIMES: Times =
     Times { timeout: Duration::from_millis(200), every: Duration::from_millis(500), max_age: MAX_AGE };
 
-/// A computer with a gateway and what it is wired to.
+/// Computer with a gateway and its device.
 struct Computer {
     device: Device,
     source: Arc<dyn Source>,
-    /// How long it was suspended, ms.
+    /// Time for which the computer was suspended, ms.
     slept: Arc<AtomicU64>,
     starved: Starved,
 }
 
 impl Computer {
-    /// Runs a gateway beside a script; the script's end stops it.
+    /// Runs a gateway in parallel with a script. The end of the script stops it.
     fn beside(script: impl FnOnce(&Computer) + Send + 'static) {
         let slept = Arc::new(AtomicU64::new(0));
         let counted = slept.clone();
@@ -73,7 +74,8 @@ impl Computer {
         assert!(arrived.is_some(), "stands at {} and not at {at}: {reported:#?}", self.device.offset());
     }
 
-    /// After it woke: nothing of before was acted upon, it is told once, and the axis goes where it is asked to.
+    /// Checks the state after waking: no earlier reading was used, the pause was reported once, and the axis reaches
+    /// its target.
     #[track_caller]
     fn goes_on(&self) {
         std::thread::sleep(MAX_AGE);
@@ -81,7 +83,7 @@ impl Computer {
         self.arrives(standing + 3 * STEP);
         self.arrives(standing);
         let wrong = device::acted_wrongly(&self.device.state().seen, MAX_AGE);
-        // A gateway that waits for a processor may do so between its last look at the clock and the write.
+        // A gateway may have to wait for a processor between its last clock sample and the write.
         let is_old = |text: &String| text.contains("rests on a reading");
         let is_void = self.starved.longest() >= KEPT_WAITING && wrong.iter().all(is_old);
         assert!(is_void || wrong.is_empty(), "{wrong:#?}");
@@ -89,7 +91,7 @@ impl Computer {
             tell(&format!("a suspended computer: void, it was too busy: {wrong:?}"));
         }
         let status = self.source.status();
-        // A busy computer stands still as well, for seconds.
+        // A busy computer pauses as well, for seconds.
         let reported = status.events.iter().filter(|event| event.text.contains("stood still for 6"));
         assert_eq!(reported.count(), 1, "{:?}", status.events);
     }

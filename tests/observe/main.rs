@@ -1,4 +1,4 @@
-//! The page, the API, metrics and everything that is published.
+//! Tests of the page, the API, metrics, and everything that is published.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot go on fails")]
 

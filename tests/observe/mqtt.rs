@@ -1,7 +1,8 @@
-//! A whole gateway beside a real broker, mosquitto, and its own reader: what is published arrives, in the clear and inside TLS; the
-//! broker dies, hangs and comes back; what arrives moves nothing.
+//! Tests of a complete gateway with a real broker, mosquitto, and its client. Published messages arrive over plain TCP
+//! and TLS. The broker dies, hangs and comes back. Received messages move no axis.
 //!
-//! They need mosquitto, its clients and pysparkplug, which `tests/run mqtt` installs. Without them these tests fail and say so.
+//! These tests need mosquitto, its clients and pysparkplug, which `tests/run mqtt` installs. Without them the tests
+//! fail with a hint.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 

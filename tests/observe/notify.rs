@@ -1,4 +1,4 @@
-//! One message on its way to servers of every kind, over real sockets.
+//! Delivery of one message to different servers, over real sockets.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use std::future::Future;
@@ -25,14 +25,14 @@ use process::{Running, file};
 const NOW: (i32, i32) = (2020, 2099);
 const BODY: &str = "{\"text\":\"µ\"}";
 
-/// The server that a profile names so; whom it trusts is in `ca`.
+/// Server with this URL. `ca` contains the trusted certificates.
 fn to(url: &str, ca: Option<&str>) -> Server {
     let url = Url::parse(url).unwrap();
     let notify = Notify { name: "notify[0]".into(), url, on: vec![ALARM], token_file: None, ca: None };
     Server::of(&notify, tls::visitor(ca.map(str::as_bytes)).map(Arc::new))
 }
 
-/// Somebody who does this with the one connection that is made to him.
+/// Starts a server that handles its only connection with `serve`.
 async fn once<F: Future<Output = ()> + Send>(
     serve: impl FnOnce(TcpStream) -> F + Send + 'static,
 ) -> SocketAddr {
@@ -42,7 +42,7 @@ async fn once<F: Future<Output = ()> + Send>(
     address
 }
 
-/// Somebody who answers this to a request.
+/// Starts a server that gives this answer to a request.
 async fn answering(answer: &'static str) -> SocketAddr {
     once(move |mut stream| async move {
         let mut request = vec![0; 4096];
@@ -93,7 +93,7 @@ async fn who_is_not_there_is_told_from_who_says_nothing() {
     assert!(waited.is_err(), "whoever carries the message waits as long as it likes");
 }
 
-/// What a server sees of a request that comes inside TLS.
+/// Starts a server with TLS. Returns its address, and a receiver of the request.
 async fn secured(signed: &Signed) -> (SocketAddr, tokio::sync::oneshot::Receiver<String>) {
     let config = tls::server(signed.cert.as_bytes(), signed.key.as_bytes()).unwrap();
     let acceptor = TlsAcceptor::from(Arc::new(config));
@@ -118,7 +118,7 @@ async fn a_server_with_a_certificate_of_the_plants_own_authority_is_posted_to() 
     let authority = Authority::new();
     for (signed, ca) in [
         (authority.signs("localhost", NOW), authority.cert.clone()),
-        // One that it has signed itself, for another name: it is known by itself.
+        // A self-signed certificate for another name, which the client trusts itself.
         {
             let signed = signs_itself("hooks", NOW);
             (signed.clone(), signed.cert)
@@ -136,7 +136,7 @@ async fn a_server_with_a_certificate_of_the_plants_own_authority_is_posted_to() 
     }
 }
 
-/// A web server as Python has one, inside TLS. It says at which port, and then what is posted to it.
+/// A web server in Python with TLS. It prints its port, and then the posted messages.
 const OF_PYTHON: &str = r#"
 import http.server, ssl, sys
 

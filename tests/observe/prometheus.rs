@@ -1,7 +1,8 @@
-//! Prometheus itself: it takes the configuration of the manual, scrapes a gateway over TLS with the token for that, and has an answer to
-//! every query of the dashboard; its `promtool` looks at names, rules and alarms.
+//! Tests with Prometheus itself. It accepts the configuration of the manual, scrapes a gateway over TLS with the scrape
+//! token, and answers every query of the dashboard. Its `promtool` checks names, rules and alarms.
 //!
-//! Needs Debian's package prometheus, unpacked by `tests/run tools`. Without it these tests fail and say so.
+//! The tests need Debian's package prometheus, which `tests/run tools` unpacks. Without it these tests fail with a
+//! hint.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 

@@ -1,6 +1,7 @@
-//! Logs and events as Parquet, read by DuckDB: what is in them, and the drift of a fleet over a year by the query of the manual.
+//! Logs and events as Parquet files, read by DuckDB. The tests check their content, and the query of the manual for the
+//! drift of a fleet over a year.
 //!
-//! Needs duckdb below `target/tools`, where `tests/run tools` puts it. Without it these tests fail and say so.
+//! The tests need duckdb below `target/tools`; `tests/run tools` installs it. Without it, they fail with a message.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -15,7 +16,7 @@ use crate::support::process;
 
 use process::{Running, file, free_port, isotherm, until};
 
-/// The rows that DuckDB answers with, below this directory.
+/// Executes a query with DuckDB in this directory, and returns the rows.
 fn ask(home: &Path, sql: &str) -> Value {
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap();
     let python = target.join("tools/venv/bin/python");
@@ -30,7 +31,7 @@ fn ask(home: &Path, sql: &str) -> Value {
     serde_json::from_slice(&ended.stdout).unwrap()
 }
 
-/// Exports a machine into `fleet`: its exit code, and all that it said.
+/// Exports a machine to `fleet`. Returns the exit code and the whole output.
 fn export(home: &Path, profile: &Path) -> (i32, String) {
     let mut command = isotherm(home);
     command.arg("export").arg(profile).arg("--parquet").arg(home.join("fleet"));
@@ -39,7 +40,7 @@ fn export(home: &Path, profile: &Path) -> (i32, String) {
     (ended.status.code().unwrap(), said)
 }
 
-/// A machine of this name, whose devices would answer at this port.
+/// Profile of a machine with this name, and with devices at this port.
 fn profile(home: &Path, name: &str, port: u16) -> PathBuf {
     let chapter = include_str!("../../docs/commissioning.md");
     let block = chapter.split("```toml\n").nth(1).unwrap().split("```").next().unwrap();
@@ -79,7 +80,7 @@ fn what_a_gateway_has_logged_is_in_the_parquet_files_cell_by_cell_with_moments_t
     let (code, said) = export(home, &profile);
     assert_eq!(code, 0, "{said}");
 
-    // Every cell that DuckDB finds in the CSV it finds in the Parquet file, but for the machine's memory.
+    // Every cell of the CSV file that DuckDB reads is also in the Parquet file, except the memory of the machine.
     let apart = ask(
         home,
         "CREATE VIEW csv AS SELECT * EXCLUDE (time, machine_memory, machine_zero, machine_clock), time::TIMESTAMPTZ AS time, \
@@ -132,12 +133,12 @@ fn a_day_that_has_not_changed_is_left_alone_and_one_that_has_is_written_anew_and
         "mill-7-2026-01-31.csv",
         &format!("{head}2026-01-31T10:00:00Z,20.5,armed,1,1,active,\"{{\"\"a\"\":1}}\"\n"),
     );
-    // The clock was set, the profile has another signal, and the power went while a row was written.
+    // The clock was set, the profile has another signal, and the power failed while a row was written.
     let second = "time,bed,head,z_permit,z_raw_um,z_cz_um,z_state,machine_memory\n\
                   2026-01-31T09:00:00.123456789Z,20.5,,armed,,2.5,holding,\n2026-01-31T09:00:10Z,20.5,1.0,arm";
     log("mill-7-2026-01-31.2.csv", second);
     log("mill-7-2026-02-01.csv", &format!("{head}2026-02-01T10:00:00Z,,off,,0,off,\n"));
-    // Of another machine, and of the outputs.
+    // Logs of another machine, and of outputs.
     log("mill-70-2026-01-31.csv", &format!("{head}2026-01-31T10:00:00Z,1,armed,1,1,active,\n"));
     log("mill-7-2026-01-31.outputs.csv", "time,output,fact\n");
     let (code, said) = export(home, &profile);
@@ -155,7 +156,7 @@ fn a_day_that_has_not_changed_is_left_alone_and_one_that_has_is_written_anew_and
 
     let (code, said) = export(home, &profile);
     assert!(code == 0 && said.contains("decisions of 0 days written, 2 as they were"), "{said}");
-    // A file server keeps less of a time than a disk: what it gives back must be what was set.
+    // A file server may store times with a lower resolution than a disk. The time that was set must survive that.
     for name in files(&place) {
         let time = place.join(name).metadata().unwrap().modified().unwrap();
         let since = time.duration_since(std::time::UNIX_EPOCH).unwrap();
@@ -197,7 +198,8 @@ fn a_log_that_cannot_be_read_is_told_and_keeps_no_other_day_from_being_written()
     );
 }
 
-/// A year of a machine, a row an hour: Cz swings by `swing` µm a day and has gone `drift` µm when the year is over.
+/// Logs of a machine over a year, with a row per hour. Cz swings by `swing` µm a day, and changes by `drift` µm in the
+/// year.
 fn year(state: &Path, machine: &str, axis: &str, (swing, drift): (f64, f64)) {
     let begin: jiff::civil::Date = "2025-11-01".parse().unwrap();
     for day in 0..365_i32 {
@@ -241,7 +243,7 @@ fn the_drift_of_every_machine_over_a_year_is_one_query_of_the_manual() {
             )
         })
         .collect();
-    // The largest first; the swing of a day, with what a day's drift adds; and the drift of a year.
+    // The largest is first. The columns are the swing of a day with the drift of a day, and the drift of the year.
     let expected = [("mill-7", "x", 20.0, -36.5), ("grinder-3", "z", 8.0, 3.65), ("lathe-1", "z", 4.0, 0.0)];
     assert_eq!(rows.len(), expected.len(), "{found}");
     for (row, (machine, axis, range, drift)) in rows.iter().zip(expected) {
@@ -262,7 +264,7 @@ fn a_machine_that_has_not_run_here_is_said_to_be_one_with_the_directory_that_was
     let (code, said) = export(home, &profile);
     assert!(code == 1 && said.contains(&words), "{words}\n{said}");
     assert!(!said.contains("No such file") && !home.join("fleet").exists(), "{said}");
-    // Another machine may have.
+    // Another machine may have run here.
     std::fs::create_dir(&state).unwrap();
     let (code, said) = export(home, &profile);
     assert!(code == 0 && said.contains(&words), "{words}\n{said}");

@@ -1,4 +1,4 @@
-//! From logs and meshes to models, sensors and reports.
+//! Tests of the offline verbs: from logs and meshes to models, sensor places and reports.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot go on fails")]
 

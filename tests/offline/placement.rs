@@ -1,4 +1,5 @@
-//! The own finite elements against CalculiX, which somebody else wrote: the same FE input files, the same numbers.
+//! Comparison of the project's finite elements with CalculiX, an independent program: the same FE input files must give
+//! the same numbers.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -84,7 +85,7 @@ fn temperatures_and_displacements_of_every_case_are_what_calculix_computes() {
     }
 }
 
-/// Kinds of load that the cases of the column do not have, for an hour.
+/// Load case of an hour with kinds of loads that the cases of the column do not contain.
 fn other_loads(column: &Column) -> LoadCase {
     let mut load = column.load(Warming::SpindleHour);
     load.held = column.mesh.node_sets["BASE"].iter().map(|node| (*node, 23.0)).collect();

@@ -1,6 +1,6 @@
-//! The reports of `identify`, `select` and `report`, as files that a customer is sent: whole, true, and legible in a browser.
+//! Reports of `identify`, `select` and `report`, as files for a customer: complete, correct, and legible in a browser.
 //!
-//! The last test needs chromium and python3; `tests/run page` installs both. Without them it fails and says so.
+//! The last test needs chromium and python3; `tests/run page` installs both. Without them, it fails with a message.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -86,7 +86,7 @@ scale = 0.1
 verify = "read-back"
 "#;
 
-/// A day of a plant of our own: the bearing bends it after 25 minutes, the oil at once.
+/// Day of a simulated machine. The bearing deforms it with a lag of 25 minutes, the oil immediately.
 fn day(number: u32) -> String {
     let mut text = "time,bearing,oil,ambient,spindle_rpm,z_error_um\n".to_owned();
     let (mut bearing, mut bent, mut oil) = (0.0_f64, 0.0, 0.0);
@@ -96,7 +96,7 @@ fn day(number: u32) -> String {
         bearing += (if runs { 8.0 + f64::from(number) } else { 0.0 } - bearing) / 15.0;
         bent += (bearing - bent) / 25.0;
         oil += (pump - oil) / 20.0;
-        // A wave that no sensor sees: something is left over.
+        // A wave that no sensor measures causes a residual error.
         let unseen = 0.4 * (f64::from(minute) / 9.0 + f64::from(number)).sin();
         let ambient = 20.0 + (f64::from(minute) / 80.0 + f64::from(number)).sin();
         let rpm = if runs { 3000 } else { 0 };
@@ -107,7 +107,7 @@ fn day(number: u32) -> String {
             6 + minute / 60,
             minute % 60,
             20.0 + bearing,
-            // A reading never stands quite still.
+            // A reading is never quite constant.
             20.0 + oil + 0.02 * f64::from(minute).sin(),
             3.0 * bent - 2.0 * oil + unseen
         )
@@ -120,7 +120,7 @@ fn days(home: &Path) -> Vec<PathBuf> {
     (1..=4).map(|number| file(home, &format!("day-{number}.csv"), &day(number))).collect()
 }
 
-/// The page and the JSON of one call.
+/// Page and JSON of one call.
 fn made(home: &Path, before: &[&str], after: &[&str]) -> (String, Value) {
     let page = home.join("report.html");
     let mut command = isotherm(home);
@@ -143,7 +143,7 @@ fn drifted(home: &Path) -> (String, Value) {
     made(home, &["report"], &["--profile", file(home, "plant.toml", PROFILE).to_str().unwrap()])
 }
 
-/// The cells of the rows of the first table after this heading, without tags.
+/// Cells of the rows of the first table after this heading, without tags.
 fn rows(page: &str, heading: &str) -> Vec<Vec<String>> {
     let after = page.split_once(&format!("<h2>{heading}</h2>")).unwrap_or_else(|| panic!("no {heading}")).1;
     let body = after.split_once("<tbody>").unwrap().1.split_once("</tbody>").unwrap().0;
@@ -154,7 +154,7 @@ fn rows(page: &str, heading: &str) -> Vec<Vec<String>> {
     body.split("<tr").skip(1).map(cells).collect()
 }
 
-/// As the report writes it.
+/// Formats a figure like the report.
 fn shown(value: &Value) -> String {
     format!("{:.2}", value.as_f64().unwrap()).replace('-', "−")
 }
@@ -187,7 +187,7 @@ fn the_report_of_a_model_is_one_file_with_every_run_and_the_figures_of_the_json(
     let mean = table.last().unwrap();
     assert_eq!(mean[1], shown(&json["mean_range_um"]));
     assert!(page.contains(&format!("{} µm", shown(&json["worst_range_um"]))));
-    // The terms, the stand-ins and what the logs hold.
+    // The terms, the substitutes, and the content of the logs.
     for term in json["terms"].as_array().unwrap() {
         assert!(page.contains(&format!(">{}</th>", term["signal"].as_str().unwrap())));
     }
@@ -207,7 +207,7 @@ fn the_report_of_a_model_is_one_file_with_every_run_and_the_figures_of_the_json(
     ] {
         assert!(page.contains(words), "{words}");
     }
-    // One picture a run, and one a sensor.
+    // One chart for each run, and one for each sensor.
     for said in [
         "measured, predicted and left over in day-4",
         "ambient over every run",
@@ -286,7 +286,7 @@ fn a_report_that_cannot_be_written_says_where() {
     assert!(String::from_utf8_lossy(&ended.stderr).contains("cannot write /nowhere/out.html"));
 }
 
-/// Measures both reports as wide as a phone: how wide they become, and their smallest letters.
+/// Measures the reports at the width of a phone: their width, and their smallest letters.
 #[test]
 fn a_browser_shows_the_reports_as_wide_as_a_phone_with_legible_letters() {
     let home = tempfile::tempdir().unwrap();

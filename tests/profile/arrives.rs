@@ -1,4 +1,4 @@
-//! Keys that change what arrives at the machine: only the profile sets them, or names them in `allow_override`.
+//! Keys that change what arrives at the machine. Only the profile sets them, or names them in `allow_override`.
 
 use isotherm_core::quantity::Micron;
 use isotherm_profile::{Output, Profile};
@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use super::*;
 
-/// A value of its type for each key that no layer may set.
+/// Value of the correct type for each key that no layer may set.
 const VALUES: [(&str, &str); 44] = [
     ("acknowledge", "\"coil:3\""),
     ("axis", "\"y\""),
@@ -56,7 +56,7 @@ const VALUES: [(&str, &str); 44] = [
     ("zeros", "true"),
 ];
 
-/// The same for keys whose name means something else in another table.
+/// Values for keys whose name has another meaning in another table.
 const OTHERS: [(&str, &str); 10] = [
     ("bus.cell.sync", "{ every = \"1s\" }"),
     ("device.cnc.node", "9"),
@@ -70,7 +70,7 @@ const OTHERS: [(&str, &str); 10] = [
     ("set.block.version", "{ register = \"holding:124\", value = 1 }"),
 ];
 
-/// One table of each kind: what is written, or sends on what it reads.
+/// One table of each kind that is written, or whose reading is forwarded.
 const TABLES: [(&str, &str); 7] = [
     ("Output", "output.cnc_z"),
     ("Set", "set.block"),
@@ -81,7 +81,7 @@ const TABLES: [(&str, &str); 7] = [
     ("Bus", "bus.cell"),
 ];
 
-/// The grinder, with a set.
+/// Returns the profile of the grinder with a set.
 fn machine() -> String {
     format!("{GRINDER}\n[set.block]\n")
 }
@@ -97,7 +97,7 @@ fn value(path: &str) -> &'static str {
     known.unwrap_or_else(|| panic!("{path} needs a value in this test")).1
 }
 
-/// Every key of these tables, and whether the schema says that it arrives at the machine.
+/// Returns every key of these tables, and whether its rule in the schema is "arrives".
 fn keys() -> Vec<(String, bool)> {
     let schema = isotherm_profile::schema();
     let keys = TABLES.iter().flat_map(|(name, table)| {
@@ -111,7 +111,7 @@ fn keys() -> Vec<(String, bool)> {
     keys.collect()
 }
 
-/// A layer that sets this key: its name in errors, and what comes of it over this profile.
+/// Loads a profile with a layer that sets this key. Returns the layer's name in errors, and the errors.
 fn layered(way: &str, text: &str, path: &str, value: &str) -> (String, Vec<ProfileError>) {
     let pair = |name: String, value: &str| vec![(name, value.to_owned())];
     let plain = value.strip_prefix('"').and_then(|value| value.strip_suffix('"')).unwrap_or(value);
@@ -175,7 +175,7 @@ fn every_key_that_does_not_arrive_at_the_machine_stays_free() {
         ("bus.cell.timeout", "\"200ms\""),
         ("device.cnc.every", "\"2s\""),
         ("device.cnc.quirks", "{ max_gap = 3 }"),
-        // Nothing is written to these, and no position comes from them.
+        // Nothing is written to these devices, and no position is read from them.
         ("device.module.unit", "9"),
         ("signal.bed.scale", "0.01"),
         ("signal.bed.register", "\"input:9\""),
@@ -183,7 +183,7 @@ fn every_key_that_does_not_arrive_at_the_machine_stays_free() {
         ("output.cnc_z.refresh", "\"3s\""),
         ("heartbeat.every", "\"2s\""),
         ("axis.z.limit", "39.0"),
-        // The same as in the profile.
+        // These values equal those of the profile.
         ("output.cnc_z.scale", "0.10"),
         ("output.cnc_z.type", "\"i32\""),
     ] {
@@ -192,7 +192,7 @@ fn every_key_that_does_not_arrive_at_the_machine_stays_free() {
             assert!(errors.is_empty(), "{way}: {path} = {value}: {}", Errors(errors));
         }
     }
-    // The device of a position that is sent on counts as one that is written to.
+    // The device of a forwarded position counts as one that is written to.
     let (_, errors) = layered("environment", GRINDER, "device.counter.unit", "9");
     assert_eq!(of_layers(&errors).len(), 1, "{}", Errors(errors));
 }
@@ -270,7 +270,7 @@ fn what_the_profile_allows_is_listed_first_and_says_so() {
     );
 }
 
-/// What the control makes of a correction: the µm that it reads, by the profile alone.
+/// Returns the correction in µm that the control reads, by the profile without layers.
 fn at_control(alone: &Profile, merged: &Profile, place: usize, share: f64) -> f64 {
     let (written, read): (&Output, &Output) = (&merged.outputs[place], &alone.outputs[place]);
     let axis = merged.axis(written.axis);
@@ -323,11 +323,11 @@ proptest! {
                 let slack = 0.0501;
                 let read = at_control(&alone, &loaded.profile, place, share);
                 prop_assert!(read.abs() <= limit + slack, "{read} µm, by {settings:?} {environment:?}");
-                // The sign is the profile's, too.
+                // The sign is also that of the profile.
                 let meant = loaded.profile.axes[0].settings.guard.limit.get() * share;
                 prop_assert!((read - meant).abs() <= slack, "{read} for {meant}");
             }
-            // What is written passes the last check, which reads it by the profile alone.
+            // The last check, which uses the profile without layers, admits the written values.
             let output = &loaded.profile.outputs[place];
             let view = loaded.profile.control_view(output).unwrap();
             prop_assert_eq!(view.encoding.scale, alone.outputs[place].encoding.scale);

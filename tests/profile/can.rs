@@ -1,4 +1,4 @@
-//! CAN lines: DBC files, process data, objects, frames, and everything that cannot be together on one line.
+//! CAN lines: DBC files, process data, objects, frames, and conflicts on one line.
 
 use super::*;
 
@@ -22,7 +22,7 @@ pub(crate) fn changed(from: &str, to: &str) -> String {
     LATHE.replacen(from, to, 1)
 }
 
-/// The only error of the lathe with one piece of text replaced.
+/// Checks the only error of the lathe after a replacement in its text.
 #[track_caller]
 pub(crate) fn wrong(from: &str, to: &str, key: &str, words: &[&str]) {
     let found = errors(lathe(&changed(from, to)));
@@ -39,7 +39,7 @@ pub(crate) fn device<'a>(loaded: &'a Loaded, name: &str) -> &'a Device {
     found.unwrap_or_else(|| panic!("no {name}"))
 }
 
-/// Where a signal lies in its frames.
+/// Returns the field of a signal in its frames.
 fn field<'a>(profile: &'a Profile, signal: &str) -> &'a Field {
     let mut found = profile.signals.iter().filter(|known| known.name == signal).map(|known| &known.address);
     let Some(Address::Frame(field)) = found.next() else { panic!("{signal} is in no frame") };
@@ -93,7 +93,7 @@ fn frames_become_values_with_the_shared_sentinels_scales_and_conditions() {
         let words = field(&profile, name).read(frame).unwrap()?;
         signal.encoding.decode(words.registers())
     };
-    // 22 bits at bit 18: (25 + 16384) · 128 = 2,100,352 counts, and 2 in the status before them.
+    // 22 bits from bit 18: (25 + 16384) · 128 = 2,100,352 counts. The status in the two bits before is 2.
     let bits = (2_100_352u64 << 18 | 2 << 16).to_le_bytes();
     assert_eq!((read("wheelhead", &bits), read("wheelhead_status", &bits)), (Ok(25.0), Ok(2.0)));
     assert_eq!(read("column", &[0x90, 0x01, 0, 0]), Ok(25.0));
@@ -324,7 +324,7 @@ fn everything_wrong_on_a_can_line_is_reported_at_once() {
     );
 }
 
-/// One's name may be the beginning of the other's.
+/// One name may be a prefix of the other.
 #[test]
 fn two_devices_with_values_in_one_frame_are_both_named() {
     let device = |name: &str, start: u8| {

@@ -1,4 +1,4 @@
-//! What cannot be on one CAN line together, and what is written there.
+//! Conflicts on one CAN line, and the frames written there.
 
 use isotherm_profile::Verify;
 

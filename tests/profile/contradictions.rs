@@ -233,7 +233,7 @@ fn a_page_for_the_network_wants_tls_or_that_somebody_says_it_may_be_plain() {
     assert!(tls.cert.ends_with("page.pem") && tls.key.is_absolute());
     let half = Errors(errors(to("tls = { cert = \"page.pem\" }"))).to_string();
     assert!(half.contains("web.tls.key") && half.contains("docs/page.md"), "{half}");
-    // On this computer nobody else listens.
+    // On this computer there is no other listener.
     assert!(
         with(listen, &format!("{listen}\nplain = true"))
             .unwrap()
@@ -311,7 +311,7 @@ fn a_timeout_as_long_as_anything_is_due_on_its_line_is_one_warning_whatever_that
     assert!(loaded.warnings.is_empty(), "{:?}", loaded.warnings);
 }
 
-/// Each of them alone is refused; of any two, both are.
+/// Each mistake alone is reported, and so are both of any two.
 #[test]
 fn no_error_holds_another_back() {
     let faults = [

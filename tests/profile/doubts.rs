@@ -1,9 +1,9 @@
-//! What is allowed and probably not meant: `check` says so, and what each model asks for.
+//! Settings that are allowed but probably wrong: the warnings of `check`, and the value of each model.
 
 use super::*;
 use isotherm_profile::preview::Preview;
 
-/// The one warning about the grinder with one piece of text replaced.
+/// Checks the only warning about the grinder after a replacement in its text.
 #[track_caller]
 fn doubt(from: &str, to: &str, key: &str, words: &[&str]) {
     assert!(GRINDER.contains(from), "{from}");
@@ -26,7 +26,7 @@ fn a_model_that_asks_for_more_than_the_limit_at_20_degrees_all_over_is_doubted()
     let words = ["20 °C all over", "48 µm", "limit of 40 µm", "reference"];
     doubt("gain = 2.4, reference = 20.0", "gain = 2.4, reference = 0.0", "axis.z.model[0]", &words);
     doubt("c = 23.4", "c = 0.0", "axis.z.model[1]", &["`bed only`", "48 µm"]);
-    // A datum at zero takes it off again.
+    // A datum at zero subtracts the value again.
     let at_datum = GRINDER
         .replacen("gain = 2.4, reference = 20.0", "gain = 2.4, reference = 0.0", 1)
         .replacen("rate = 0.5", "rate = 0.5\ndatum = \"zero\"", 1);
@@ -48,7 +48,7 @@ fn limits_and_gains_of_another_unit_are_doubted() {
     doubt("gain = 2.4", "gain = -101.0", &format!("{at}[0].gain"), &["−101 µm/°C", "expansion"]);
     let words = ["3450000 µm/°C", "11.5e-6"];
     doubt("expansion = 11.5e-6", "expansion = 11.5", &format!("{at}[1].expansion"), &words);
-    // A speed is no temperature.
+    // A speed is not a temperature.
     let speed = GRINDER.replacen(
         "unit = \"degC\"\n\n[signal.wheelhead_open]",
         "unit = \"count\"\n\n[signal.wheelhead_open]",
@@ -62,7 +62,7 @@ fn limits_and_gains_of_another_unit_are_doubted() {
 #[test]
 fn a_start_that_nothing_tells_is_doubted() {
     let without = GRINDER.replacen("on = \"hydraulics\"\n", "", 1);
-    // The formula's t counts from it too: one word for the whole machine.
+    // The formula's `t` is counted from the start too. There is one warning for the whole machine.
     doubted(&without, "machine", &["first good reading", "for good", "on = ", "`difference`"]);
     let of_t = without.replacen("reference = \"start\"", "reference = 20.0", 1);
     doubted(&of_t, "machine", &["`bed only`", "first good reading"]);

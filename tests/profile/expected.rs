@@ -1,4 +1,4 @@
-//! `expected` of a model: what it becomes, and what is wrong with one.
+//! `expected` of a model: resolution and mistakes.
 
 use std::time::Duration;
 

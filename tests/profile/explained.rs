@@ -1,4 +1,4 @@
-//! What the profile tells people and programs: the explanation, the schema, errors as documents.
+//! Output for operators and programs: the preview, the schema, errors as documents.
 
 use super::*;
 

@@ -1,8 +1,8 @@
-//! Remedies that must be right: ports that are too large, IPv6 addresses without brackets, units that a profile does not know.
+//! Hints that must be correct: ports that are too large, IPv6 addresses without brackets, unsupported units.
 
 use super::*;
 
-/// The help of the only error, which is at this key.
+/// Returns the hint of the only error, which is at this key.
 #[track_caller]
 fn help(text: &str, key: &str) -> String {
     let found = errors(parse(text));
@@ -60,7 +60,7 @@ fn an_ipv6_address_without_brackets_is_refused_and_shown_with_them() {
     for address in ["[::1]:15921", "[fe80::1%2]:502", "plc.cell:502", "10.0.0.7:1502"] {
         assert!(parse(&bus(address)).is_ok(), "{address}");
     }
-    // What is nothing of that kind gets an example that is right.
+    // Any other text gets a hint with a valid example.
     for address in ["10.0.0.7:", "10.0.0.7:http", ":502", "a:b:c"] {
         let help = help(&bus(address), "bus.cell.address");
         assert!(help.contains("as \"192.168.0.10:502\""), "{address}: {help}");
@@ -87,7 +87,7 @@ fn a_unit_that_a_profile_does_not_know_is_converted_at_the_scale_that_stands_the
         let help = help(&wheelhead(unit), "signal.wheelhead.unit");
         assert!(help.starts_with(&format!("did you mean `{meant}`?")), "{unit}: {help}");
     }
-    // In a variable it is the scale of the profile that counts.
+    // For a variable, the scale of the profile applies.
     let variable = [("ISOTHERM__SIGNAL__BED__UNIT".to_owned(), "degF".to_owned())];
     let found = errors(isotherm_profile::parse(Path::new("machine.toml"), GRINDER, &[], &variable));
     assert!(found[0].help.as_ref().unwrap().contains("scale = 0.05556 and offset = -17.78"), "{}", found[0]);

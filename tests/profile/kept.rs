@@ -1,4 +1,4 @@
-//! Sources of a profile that were kept: the same profile, whatever has become of its files.
+//! Kept sources of a profile: the same profile is loaded after its files have changed.
 
 use std::fs::File;
 use std::path::Path;
@@ -82,7 +82,7 @@ fn pairs(name: &str, value: &str) -> Vec<(String, String)> {
     vec![(name.to_owned(), value.to_owned())]
 }
 
-/// The profile from its files, and its sources.
+/// Loads the profile from its files, and keeps its sources.
 fn kept(path: &Path) -> (Loaded, Sources) {
     let environment = pairs("ISOTHERM__BUS__CELL__ADDRESS", "127.0.0.1:77");
     let settings = pairs("machine.label", "M 7");
@@ -193,7 +193,7 @@ fn sources_that_were_cut_or_are_of_another_form_are_refused_and_nothing_panics()
     for form in ["isotherm-sources 2\n", "isotherm\n", ""] {
         assert!(open(form.as_bytes()).is_err(), "{form}");
     }
-    // A cut behind a record is a shorter list: the seal of the handover sees it.
+    // A cut after a record gives a shorter list, which the checksum of the handover detects.
     for end in 0..whole.len() {
         if let Ok(sources) = open(&whole[..end]) {
             let _ = isotherm_profile::load_from(&path, &sources);

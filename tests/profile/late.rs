@@ -1,4 +1,4 @@
-//! How long a write that was not answered may still arrive on a line.
+//! Time during which a write without an answer may still arrive on a line.
 
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ const PORT: &str =
     "type = \"modbus-rtu\"\nport = \"/dev/serial/by-id/usb-FTDI_FT232R-if00-port0\"\nbaud = 19200";
 const TIMEOUT: &str = "timeout = \"300ms\"";
 
-/// The first bus of the grinder with these lines instead of its own.
+/// Returns the grinder with these lines in place of those of its first bus.
 fn on(line: &str, keys: &str) -> String {
     GRINDER.replacen(TCP, line, 1).replacen(TIMEOUT, keys, 1)
 }

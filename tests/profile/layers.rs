@@ -1,4 +1,4 @@
-//! Layers: the file, the local file beside it, variables and flags.
+//! Layers: the file, the local file next to it, variables and flags.
 
 use super::*;
 
@@ -148,7 +148,7 @@ fn a_layer_above_the_profile_tightens_a_guard_and_never_loosens_it() {
         let guard = if key.starts_with("axis.z.on_fault") { "axis.z.on_fault" } else { key };
         let allow = format!("allow_override = [\"{guard}\"]\n");
         assert!(error.help.as_ref().unwrap().contains(allow.trim()), "{error}");
-        // What else is wrong with it is not about the layers any more.
+        // Its other mistakes do not concern the layers.
         let allowed = with(looser, &allow);
         let reported = allowed.map_or_else(|errors| errors.to_string(), |_| String::new());
         assert!(!reported.contains("of the profile"), "{reported}");

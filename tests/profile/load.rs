@@ -1,4 +1,4 @@
-//! How full each line is: what `check` tells beforehand.
+//! Load of each line, as `check` reports it in advance.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -12,7 +12,8 @@ const THROUGH_SERVER: &str = "type = \"modbus-rtu-over-tcp\"\naddress = \"127.0.
 const SERIAL: &str =
     "type = \"modbus-rtu\"\nport = \"/dev/serial/by-id/usb-FTDI_FT232R-if00-port0\"\nbaud = 19200";
 
-/// One register read once a second, and axes with this period and these keys at the output of each; then more tables.
+/// Returns a machine with one register that is read once per second, and axes with this period. `output` is added to
+/// the output of each axis, and `more` to the end.
 fn machine(line: &str, axes: u16, every: &str, output: &str, more: &str) -> String {
     let mut text = format!(
         "[machine]\nname = \"cell\"\n[bus.cell]\n{line}\n[device.module]\nbus = \"cell\"\nunit = 1\n\
@@ -69,26 +70,26 @@ fn what_is_asked_in_a_second_is_polls_and_what_each_kind_of_write_takes() {
     let set = "[set.block]\nsequence = \"holding:99\"\n".to_owned();
     let handshake =
         "handshake = { strobe = \"coil:20\", acknowledge = \"discrete:20\", timeout = \"800ms\" }";
-    // Axes, their output's keys, further tables, exchanges of polls and of writes in a second.
+    // Number of axes, keys of their output, further tables, exchanges per second for polls and for writes.
     let cases: [(u16, &str, String, f64, f64); 14] = [
         (0, "", none.clone(), 1.0, 0.0),
-        // Read, write, read back, each ten seconds.
+        // Read, write and read back, every ten seconds.
         (1, "verify = \"read-back\"", none.clone(), 1.0, 0.3),
         (1, "verify = \"echo\"", none.clone(), 1.0, 0.1),
-        // A change begins the time of the refresh anew: five writes in ten seconds.
+        // A change restarts the refresh period: five writes in ten seconds.
         (1, "refresh = \"2s\"", none.clone(), 1.0, 1.5),
         (1, "refresh = \"3s\"", none.clone(), 1.0, 1.2),
         (1, "refresh = \"20s\"", none.clone(), 1.0, 0.3),
-        // Read, promised, read, written, read back; and looked at.
+        // Read, promise on disk, read, write, read back; plus the periodic read.
         (1, "share = \"ledger\"", none.clone(), 1.0, 0.4),
         (1, "share = \"ledger\"\nrefresh = \"2s\"", none.clone(), 1.0, 0.4),
         (1, "", capture, 1.0 + 2.0 * 2.5, 0.3),
         (1, "", corrected("verify = \"echo\""), 3.5, 0.3 + 2.5),
         (1, "", corrected("verify = \"read-back\""), 3.5, 0.3 + 2.0 * 2.5),
         (1, "", heartbeat, 1.0, 2.3),
-        // One request reads, one writes, one reads back what lies side by side, however many axes.
+        // One request reads, one writes and one reads back the adjacent registers, for any number of axes.
         (3, "set = \"block\"", set, 1.0, 0.3),
-        // With it: clear, strobe up, risen twice asked, strobe down, dropped twice asked.
+        // With the handshake: clear, strobe up, rise read twice, strobe down, drop read twice.
         (1, handshake, none, 1.0, 1.0),
     ];
     for (axes, output, more, polls, writes) in cases {
@@ -105,13 +106,13 @@ fn what_is_asked_in_a_second_is_polls_and_what_each_kind_of_write_takes() {
 fn an_exchange_takes_what_its_line_is_made_of() {
     let quirks = |keys: &str| format!("{TCP}\nquirks = {{ {keys} }}");
     let parity = format!("{SERIAL}\nparity = \"even\"");
-    // Line, milliseconds of one exchange, milliseconds assumed for an answer.
+    // Line, milliseconds of one exchange, assumed answer time in milliseconds.
     let cases = [
         (TCP.to_owned(), 10.0, 10.0),
         (THROUGH_SERVER.to_owned(), 30.0, 30.0),
         // 8 and 7 characters of 0.5208 ms, two silences of 2.0052 ms.
         (SERIAL.to_owned(), 21.823, 10.0),
-        // The same with 0.5729 ms.
+        // The same numbers with 0.5729 ms per character.
         (parity, 22.604, 10.0),
         (quirks("pause_between_requests = \"5ms\""), 15.0, 10.0),
         (quirks("close_after_each = true, pause_after_connect = \"50ms\""), 70.0, 10.0),
@@ -156,7 +157,7 @@ fn sixty_axes_with_a_ledger_each_beside_their_sensors_are_too_much_each_second_a
             assert!(reported.contains("help: update the axes less often"), "{reported}");
         }
     }
-    // What a device of 30 ms makes of it, as the last figure foretells.
+    // With an answer time of 30 ms, the load is as the last figure predicts.
     let found = load(&ledger("10s"));
     is_near(found.exchanges_per_second * 30.0 / 10.0, 75.0, "30 ms an answer");
 }

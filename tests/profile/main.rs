@@ -1,4 +1,4 @@
-//! Profiles: what is wrong is told at its place, all at once; what is right becomes final types.
+//! Profiles: all mistakes are reported at once with their places, and valid profiles become final types.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -35,14 +35,14 @@ mod sysfs;
 mod templates;
 mod together;
 
-/// A machine in which everything that is built is used.
+/// Machine that uses every implemented feature.
 const GRINDER: &str = include_str!("grinder.toml");
 
 fn parse(text: &str) -> Result<Loaded, Errors> {
     isotherm_profile::parse(Path::new("machine.toml"), text, &[], &[])
 }
 
-/// The grinder with one piece of text replaced.
+/// Loads the grinder after a replacement in its text.
 fn with(from: &str, to: &str) -> Result<Loaded, Errors> {
     assert!(GRINDER.contains(from), "{from}");
     parse(&GRINDER.replacen(from, to, 1))
@@ -55,7 +55,7 @@ fn errors(result: Result<Loaded, Errors>) -> Vec<ProfileError> {
     }
 }
 
-/// The only error, whose place must point at `at`.
+/// Returns the only error, whose place must be at the text `at`.
 #[track_caller]
 fn only_error(text: &str, key: &str, at: &str) -> ProfileError {
     let found = errors(parse(text));

@@ -1,4 +1,4 @@
-//! Slips of the pen: unknown keys, wrong types, wrong words, missing keys, broken text.
+//! Typing mistakes: unknown keys, wrong types, unknown words, missing keys, broken text.
 
 use super::*;
 

@@ -1,4 +1,4 @@
-//! Lags, slopes, levels and datums: taken where they make sense, refused with a remedy where they do not.
+//! Lags, slopes, levels and datums: valid combinations, and hints for invalid ones.
 
 use isotherm_core::compensation::model::{Kind, Reference};
 use isotherm_core::compensation::settings::Datum;
@@ -116,7 +116,7 @@ fn what_is_taken_at_zero_is_not_taken_twice() {
     only_error(&text, "axis.z.datum", "\"zero\"");
 }
 
-/// The grinder's offset output replaced by the three parts of a line.
+/// Returns the grinder with its offset output replaced by the three parts of a line.
 #[allow(clippy::unwrap_used, reason = "the blocks are there")]
 fn line_of(from: &str, to: &str) -> String {
     let block = &GRINDER[GRINDER.find("[output.cnc_z]").unwrap()..];

@@ -1,4 +1,4 @@
-//! `[mqtt]`: what is published, to whom, and what is refused or warned of.
+//! `[mqtt]`: content and recipients of publications, with errors and warnings.
 
 use super::*;
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! `[[notify]]`: where what is posted.
+//! `[[notify]]`: servers, and the events that are posted to them.
 
 use isotherm_profile::TRIGGERS;
 use isotherm_profile::preview::Preview;
@@ -74,7 +74,7 @@ fn how_long_a_stop_takes_is_said_with_whoever_is_told_of_it_and_without() {
             .trim_end()
             .ends_with(", then at most 4s until the broker has the last state")
     );
-    // Both are waited for at once.
+    // Both waits run at the same time.
     let both = ", then at most 4s until the broker has the last state and the last messages are posted";
     assert!(stop(&format!("{broker}{}", posts(TABLE))).trim_end().ends_with(both));
 }
@@ -102,7 +102,7 @@ fn what_is_wrong_with_an_address_is_said_and_what_is_secret_of_it_is_not() {
         let said = errors(parse(&posts(&TABLE.replace(url, to))))[0].to_string();
         assert!(!said.contains("hidden"), "{said}");
     }
-    // Nor where something else is wrong with the same line.
+    // The secret is not shown either if another key of the same line is wrong.
     let inline = format!("notify = [{{ url = \"{url}\", on = [\"alarm\"], tokn_file = \"x\" }}]\n{GRINDER}");
     let said = errors(parse(&inline))[0].to_string();
     assert!(said.contains("unknown key `tokn_file`") && !said.contains("hidden"), "{said}");

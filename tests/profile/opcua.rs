@@ -1,4 +1,4 @@
-//! OPC UA: nodes where others have registers, and what belongs to another kind of line.
+//! OPC UA: nodes in place of registers, and keys that belong to another kind of line.
 
 use super::*;
 use isotherm_core::codec::{Address, DataType};
@@ -52,7 +52,7 @@ node = "ns=2;s=/Sinumerik/SEA/offset"
 type = "f64"
 "#;
 
-/// The server with one piece of text replaced is refused with these words, at this key.
+/// Checks the only error of the server after a replacement in its text.
 #[track_caller]
 fn no_server(from: &str, to: &str, key: &str, at: &str, words: &[&str]) {
     assert!(SERVER.contains(from), "{from}");
@@ -255,7 +255,7 @@ fn a_node_belongs_to_a_server() {
     assert!(error.to_string().contains("a device on an OPC UA line"), "{error}");
 }
 
-/// The server with two outputs in a set that has every word it can have.
+/// Server with two outputs in a set that has every possible word.
 const SET: &str = r#"set = "line"
 restart = { boot_counter = { node = "ns=2;s=boots" } }
 
@@ -293,7 +293,7 @@ type = "u16"
 every = "500ms"
 "#;
 
-/// The same with one piece of text replaced is refused with these words, at this key.
+/// Checks the only error of the server with the set after a replacement in its text.
 #[track_caller]
 fn no_set(from: &str, to: &str, key: &str, at: &str, words: &[&str]) {
     let text = format!("{SERVER}{SET}");

@@ -1,4 +1,4 @@
-//! `sha256` of a model: a file beside it that was changed is refused at the key that names it.
+//! `sha256` of a model: a changed file is rejected at the key that names it.
 
 use super::data::{ENVELOPE, File, HALVED, HALVES, NETWORK, NETWORK_KEYS, STAND_INS, machine, refused_at};
 use super::*;
@@ -7,14 +7,14 @@ use isotherm_profile::sha256;
 const FILES: [File<'_>; 3] =
     [("e.json", ENVELOPE.as_bytes()), ("h.json", HALVES.as_bytes()), ("s.json", STAND_INS.as_bytes())];
 
-/// A model with three files, each of them sealed.
+/// Returns a model with three files and their SHA-256.
 fn sealed() -> String {
     let seal = |(key, (_, content)): (&str, &File<'_>)| format!("\nsha256.{key} = \"{}\"", sha256(content));
     let seals: String = ["envelope", "halves", "stand_ins"].into_iter().zip(&FILES).map(seal).collect();
     format!("{HALVED}\nstand_ins = \"s.json\"{seals}")
 }
 
-/// What is said of seals.
+/// Returns the warnings about SHA-256.
 fn doubts(loaded: &Loaded) -> Vec<ProfileError> {
     loaded.warnings.iter().filter(|warning| warning.message.contains("sha256")).cloned().collect()
 }
@@ -34,7 +34,7 @@ fn a_seal_is_what_sha256sum_prints_in_capitals_as_well() {
 fn a_file_that_was_changed_is_refused_at_the_key_that_names_it_with_what_to_do() {
     for (changed, key) in [(0, "envelope"), (1, "halves"), (2, "stand_ins")] {
         let (name, content) = FILES[changed];
-        // As good as it was, for whoever reads no more than the JSON.
+        // The content is equal for a reader of JSON.
         let content = [content, b"\n"].concat();
         let mut files = FILES;
         files[changed].1 = &content;

@@ -1,4 +1,4 @@
-//! Lines that speak RTU: settings, ports, units, and whether what is polled fits into their time.
+//! RTU lines: settings, ports, units, and whether the polls fit into the time of the line.
 
 use super::*;
 use isotherm_profile::{Parity, Serial, Transport};
@@ -6,7 +6,7 @@ use isotherm_profile::{Parity, Serial, Transport};
 const TCP: &str = "type = \"modbus-tcp\"\naddress = \"127.0.0.1:1502\"";
 const PORT: &str = "port = \"/dev/serial/by-id/usb-FTDI_FT232R-if00-port0\"";
 
-/// The grinder on a serial line with these keys.
+/// Returns the grinder on a serial line with these keys.
 fn on(keys: &str) -> String {
     assert!(GRINDER.contains(TCP));
     GRINDER.replacen(TCP, &format!("type = \"modbus-rtu\"\n{keys}"), 1)
@@ -112,7 +112,8 @@ fn a_serial_line_is_explained_with_its_settings_and_the_time_that_its_polls_take
     for words in [
         "bus cell: Modbus RTU at /dev/serial/by-id/usb-FTDI_FT232R-if00-port0, timeout 300ms",
         "9600 baud 8N1: 1.04 ms a character, 4.01 ms silence before a request",
-        // Two registers, then one bit: 8 + 9 and 8 + 6 bytes of 1.0417 ms, four silences of 4.01 ms, two pauses of 5 ms.
+        // Two registers, then one bit: 8 + 9 and 8 + 6 bytes of 1.0417 ms, four silences of 4.01 ms, two pauses of 5
+        // ms.
         "module: 31 bytes take 58 ms of every 1000 ms",
         "% of the line; writes and the devices' own time to answer come on top",
     ] {

@@ -1,11 +1,12 @@
-//! The coefficients of the shipped profiles are what `profiles/identify` finds. All machines: `tests/run profiles`.
+//! The coefficients of the shipped profiles are those that `profiles/identify` finds. All machines: `tests/run
+//! profiles`.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use std::path::Path;
 use std::process::{Command, Output};
 
-/// The script on these profiles, beside whose directory it keeps its logs.
+/// Runs the script on these profiles. It stores its logs next to their directory.
 fn check(profiles: &Path, machine: &str) -> Output {
     let out = profiles.with_file_name("out");
     let mut command = Command::new("bash");
@@ -13,7 +14,7 @@ fn check(profiles: &Path, machine: &str) -> Output {
     command.env("OUT", out).env("ISOTHERM", env!("CARGO_BIN_EXE_isotherm")).output().unwrap()
 }
 
-/// A copy, so that a gain can be changed.
+/// Copies the profiles, so that a gain can be changed.
 fn copied(home: &Path) -> std::path::PathBuf {
     let (from, to) = (Path::new(env!("CARGO_MANIFEST_DIR")).join("profiles"), home.join("profiles"));
     std::fs::create_dir(&to).unwrap();

@@ -1,4 +1,4 @@
-//! What a stop does, and how long it takes at most, as `check` says it.
+//! Effect and longest duration of a stop, as `check` reports them.
 
 use isotherm_profile::OnStop;
 use isotherm_profile::preview::Preview;
@@ -17,7 +17,7 @@ fn stop_of(text: &str) -> (String, serde_json::Value) {
 
 #[test]
 fn check_says_how_long_a_stop_takes_at_most_and_how_much_a_late_write_adds() {
-    // 40 µm at 0.5 µm/s, two steps of 2 s more; six times 300 ms, and 2 s at the end.
+    // 40 µm at 0.5 µm/s, two steps of 2 s more; six timeouts of 300 ms, and 2 s at the end.
     let (line, json) = stop_of(GRINDER);
     let whole = "the fault actions run, without their waiting time: at most 1m 28s, and 30s more where a write that was not \
                  answered may still arrive";

@@ -1,4 +1,4 @@
-//! Sensors of this computer: found by name, only read, and what belongs to another kind of line.
+//! Sensors of this computer: names, read-only use, and keys that belong to another kind of line.
 
 use super::*;
 use isotherm_core::codec::Address;
@@ -31,7 +31,7 @@ sensor = "iio:mcp9808"
 scale = 1.01
 "#;
 
-/// The computer with one piece of text replaced is refused with these words, at this key.
+/// Checks the only error of the computer's profile after a replacement in its text.
 #[track_caller]
 fn no_pc(from: &str, to: &str, key: &str, at: &str, words: &[&str]) {
     assert!(PC.contains(from), "{from}");

@@ -1,4 +1,4 @@
-//! Device templates in a profile: what they fill in, what a profile may say over them, and what is refused.
+//! Device templates in a profile: added keys, overridden keys, and mistakes.
 
 use super::*;
 

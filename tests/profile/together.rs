@@ -1,4 +1,4 @@
-//! Sets of outputs, handshakes and boot counters: what is taken, what is refused, and what is said of it.
+//! Sets of outputs, handshakes and boot counters: valid forms, mistakes, and previews.
 
 use super::*;
 
@@ -7,7 +7,7 @@ const SHARE: &str = "share = \"whole\"";
 const HANDSHAKE: &str =
     "handshake = { strobe = \"coil:20\", acknowledge = \"discrete:20\", timeout = \"800ms\" }";
 
-/// The grinder whose CNC is asked to take its value, with one piece of the handshake replaced.
+/// Checks the only error of the grinder with a handshake after a replacement in it.
 #[track_caller]
 fn shaken_refused(from: &str, to: &str, key: &str, at: &str, words: &[&str]) {
     assert!(HANDSHAKE.contains(from), "{from}");

@@ -1,5 +1,5 @@
-//! Every order of up to six events around one device: it is replaced, restarted or silent while polls, writes and checks are under way.
-//! No reading of another device is used, and nothing is written to it.
+//! Search over every order of up to six events around one device. It is replaced, restarted or silent while polls,
+//! writes and checks are under way. No reading of another device is used, and nothing is written to another device.
 
 use std::time::Duration;
 
@@ -8,7 +8,7 @@ use isotherm_core::quantity::Moment;
 
 const DEPTH: usize = 6;
 
-/// A rule that the search can do without.
+/// Rule that the search can deactivate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Rule {
     /// A lost connection breaks continuity.
@@ -55,11 +55,11 @@ const EVENTS: [Event; 7] = [
 struct World {
     line: Line,
     without: Option<Rule>,
-    /// The device that answers is the one that was expected.
+    /// Whether the device that answers is the expected one.
     is_right: bool,
     is_connected: bool,
     continuity: DeviceContinuity,
-    /// Checks that were read and not taken yet: after so many breaks, of the right device or not.
+    /// Checks that were read and not processed yet: the number of breaks, and whether the correct device was read.
     read: Option<(u64, bool)>,
     now: Moment,
 }
@@ -72,7 +72,7 @@ impl World {
         World { line, without, is_right, is_connected: true, continuity, read: None, now }
     }
 
-    /// The connection is made again if it was lost.
+    /// Connects again if the connection was lost.
     fn connect(&mut self) {
         if !self.is_connected && self.without != Some(Rule::Connection) {
             self.continuity.breaks(Break::ConnectionLost, self.now);
@@ -88,7 +88,8 @@ impl World {
         }
     }
 
-    /// Takes the gateway's question from the line. A write that meets a lost connection is not sent again before the checks.
+    /// Executes an event, seen from the gateway's requests on the line. A write that meets a lost connection is not
+    /// sent again before the checks.
     fn apply(&mut self, event: Event) -> Result<(), &'static str> {
         match event {
             Event::Replaced => {
@@ -124,7 +125,7 @@ impl World {
         }
     }
 
-    /// When the faults are over, checks find out what it is.
+    /// Checks that the device is identified correctly after the faults.
     fn comes_to_rest(mut self) -> Result<(), &'static str> {
         self.apply(Event::CheckAsked)?;
         self.apply(Event::CheckDone)?;
@@ -147,7 +148,7 @@ fn other() -> Difference {
     }
 }
 
-/// The shortest counterexample, if there is one, and the number of worlds.
+/// Returns the shortest counterexample, if there is one, and the number of worlds.
 fn search(line: Line, without: Option<Rule>) -> (Option<(Vec<Event>, &'static str)>, usize) {
     let mut layer: Vec<(Vec<Event>, World)> =
         [true, false].map(|is_right| (Vec::new(), World::new(line, without, is_right))).into();

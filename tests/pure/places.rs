@@ -1,9 +1,9 @@
-//! Every order of up to eight events around the places of outputs: the gateway starts with a changed profile, drives its outputs, and a
-//! person arms an axis or sets a register to zero.
+//! Search over every order of up to eight events around the places of outputs. The gateway starts with a changed
+//! profile and drives its outputs. The operator arms an axis or sets a register to zero.
 //!
-//! - The same Cz is never in two registers, unless a person has confirmed the place of the output.
-//! - A register that is no output's any more and keeps a value of ours is named.
-//! - What an operator has in a shared register becomes ours only if a person arms the axis.
+//! - The same Cz is never in two registers, unless the operator has confirmed the place of the output.
+//! - A register that belongs to no output any more and keeps a value of the gateway is reported.
+//! - An operator offset in a shared register becomes the gateway's only if the operator arms the axis.
 
 use std::collections::{BTreeMap, HashSet};
 
@@ -26,16 +26,16 @@ const PROFILES: [Option<Output>; 7] = [
     Some(("a", "z", 0, Owner::Ledger)),
 ];
 
-/// A rule that the search can do without.
+/// Rule that the search can deactivate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Rule {
-    /// A former place waits for a person over further starts.
+    /// A former place waits for the operator over further starts.
     Open,
-    /// An axis waits for a person.
+    /// An axis waits for the operator.
     Waits,
     /// An output that was driven is in doubt when it is moved.
     Driven,
-    /// The operator's part of a shared register stays his.
+    /// The operator offset of a shared register stays the operator's.
     Owner,
 }
 
@@ -45,7 +45,7 @@ enum Event {
     Driven,
     Armed(&'static str),
     Zeroed(usize),
-    /// An operator enters a value into a shared register.
+    /// The operator enters a value into a shared register.
     Entered,
 }
 
@@ -69,9 +69,9 @@ const EVENTS: [Event; 13] = [
 struct World {
     without: Option<Rule>,
     profile: Option<Output>,
-    /// By register: value of ours that no person has left there, µm.
+    /// Value of the gateway in each register that the operator has not accepted there, µm.
     ours: [f64; REGISTERS],
-    /// Registers with a part of an operator, as far as the state of the last run knows of it.
+    /// Registers with an operator offset, as far as the state of the last run contains it.
     operators: [bool; REGISTERS],
     /// State of the last run.
     places: BTreeMap<String, OutputPlace>,
@@ -101,7 +101,7 @@ impl World {
             Event::Armed(axis) => self.is_armed(axis),
             Event::Zeroed(register) => (self.ours[register], self.operators[register]) = (0.0, false),
             Event::Entered => {
-                // What is in a register whose place is in doubt is a person's to see.
+                // The operator sees the value of a register whose place is in doubt.
                 if let Some((_, axis, register, Owner::Ledger)) = self.profile
                     && !self.waits(axis)
                 {
@@ -136,7 +136,7 @@ impl World {
             Some(Found::Same | Found::Renamed(_)) => self.was_driven,
             _ => open.iter().any(|former| is.is_at(&former.place)),
         });
-        // The register is read right after the start.
+        // The register is read directly after the start.
         let read = profile.map(|(_, _, register, _)| self.ours[register]);
         self.held = read.filter(|_| self.was_driven);
         let shared =
@@ -157,7 +157,7 @@ impl World {
         self.former.iter().any(|former| former.axes.contains(axis))
     }
 
-    /// The axis is armed by itself unless it waits for a person.
+    /// Arms the axis automatically, unless it waits for the operator, and drives its output.
     fn drives(&mut self) -> Result<(), &'static str> {
         let Some((_, axis, register, owner)) = self.profile else { return Ok(()) };
         if self.waits(axis) {
@@ -170,7 +170,7 @@ impl World {
         Ok(())
     }
 
-    /// A person who arms an axis leaves what is in the former registers that are named.
+    /// Arms an axis. The operator accepts the values in the reported former registers.
     fn is_armed(&mut self, armed: &str) {
         let profile = self.profile;
         let present = profile.map(|(_, _, register, _)| register);
@@ -191,7 +191,7 @@ impl World {
             is_open
         });
         self.former = former;
-        // An output whose axis is armed may write at any moment.
+        // An output whose axis is armed may write at any time.
         self.was_driven = true;
         self.held = present.map(|register| self.ours[register]);
     }
@@ -232,7 +232,7 @@ fn place((_, axis, register, share): Output) -> OutputPlace {
     }
 }
 
-/// The shortest counterexample, if there is one, and the number of worlds.
+/// Returns the shortest counterexample, if there is one, and the number of worlds.
 fn search(without: Option<Rule>) -> (Option<(Vec<Event>, &'static str)>, usize) {
     let mut layer = vec![(Vec::new(), World::new(without))];
     // Two ways may lead to the same world.

@@ -1,12 +1,12 @@
-//! Budgets: counts that stand in `tests/rules/budget` and may only become smaller.
+//! Budgets: counts in `tests/rules/budget` that may only decrease.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
-/// Variable that lets a test write its budget.
+/// Environment variable with which a test writes its budget.
 const WRITES: &str = "TEST_WRITES_BUDGET";
 
-/// A key that is counted more often than its budget allows.
+/// A key whose count is above its budget.
 pub(super) struct Above {
     pub(super) key: String,
     pub(super) count: usize,
@@ -15,10 +15,10 @@ pub(super) struct Above {
 
 type Counts = BTreeMap<String, usize>;
 
-/// Compares counts with the budget `tests/rules/budget/NAME.csv`. `explain` lists what to change for the keys that are
+/// Compares counts with the budget `tests/rules/budget/NAME.csv`. `explain` lists the necessary changes for the keys
 /// above their budget.
 ///
-/// With `TEST_WRITES_BUDGET=1` a budget follows a file that was renamed or divided, as long as its total does not grow.
+/// With `TEST_WRITES_BUDGET=1`, the budget is updated after a file was renamed or divided, if the total does not grow.
 pub(super) fn hold(name: &str, key: &str, counts: &Counts, explain: impl Fn(&[Above]) -> String) {
     let allowed = parse(&read(name).unwrap_or_default());
     let above = above(counts, &allowed);
@@ -28,13 +28,13 @@ pub(super) fn hold(name: &str, key: &str, counts: &Counts, explain: impl Fn(&[Ab
     settle(name, &print(key, counts), is_refused.then(|| explain(&above) + hint));
 }
 
-/// The budget of this name; `None` if there is none yet.
+/// Reads the budget of this name; `None` if it does not exist.
 pub(super) fn read(name: &str) -> Option<String> {
     std::fs::read_to_string(file(name)).ok()
 }
 
-/// Fails if the budget differs from what was counted. With `TEST_WRITES_BUDGET=1` the budget is written, unless there is a
-/// `refusal`, which says what to change.
+/// Fails if the budget differs from the counts. With `TEST_WRITES_BUDGET=1`, it writes the budget instead, unless there
+/// is a `refusal`, which says what to change.
 pub(super) fn settle(name: &str, counted: &str, refusal: Option<String>) {
     let file = file(name);
     let before = read(name);
@@ -62,14 +62,14 @@ fn file(name: &str) -> PathBuf {
     super::root().join("tests/rules/budget").join(format!("{name}.csv"))
 }
 
-/// Rows that are only in one of two texts.
+/// Rows that are in only one of two texts.
 fn changes(before: &str, after: &str) -> Vec<String> {
     let (old, new): (BTreeSet<&str>, BTreeSet<&str>) = (before.lines().collect(), after.lines().collect());
     let gone = old.difference(&new).map(|row| format!("- {row}"));
     gone.chain(new.difference(&old).map(|row| format!("+ {row}"))).collect()
 }
 
-/// The last column of each row is the count, the columns before it are the key.
+/// Parses a budget. The last column of each row is the count, the columns before it are the key.
 fn parse(text: &str) -> Counts {
     let rows = text.lines().skip(1).filter_map(|row| row.rsplit_once(','));
     rows.map(|(key, count)| (key.to_owned(), count.parse().unwrap())).collect()

@@ -1,4 +1,4 @@
-//! Circles of files that import each other.
+//! Circular imports between files.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,9 +12,9 @@ pub(super) enum ParentImports {
     Counted,
 }
 
-/// Sets of more than `most` files in which each file imports each other one, directly or through others.
+/// Sets of more than `most` files in which each file imports each other file, directly or through others.
 ///
-/// A name that a module hands on is imported from the file that defines it.
+/// A name that a module re-exports counts as imported from the file that defines it.
 pub(super) fn larger_than(most: usize, sources: &[Source], parents: ParentImports) -> Vec<Vec<String>> {
     let places: BTreeMap<Place, usize> =
         sources.iter().enumerate().map(|(place, source)| (Place::of(source), place)).collect();
@@ -69,7 +69,7 @@ pub(super) fn larger_than(most: usize, sources: &[Source], parents: ParentImport
     circles.into_iter().collect()
 }
 
-/// A module: its crate, and its path in there.
+/// A module: its crate, and its path in the crate.
 #[derive(Clone, PartialEq, Eq, PartialOrd, Ord)]
 struct Place {
     home: String,
@@ -83,7 +83,7 @@ impl Place {
         Place { home: source.home().to_owned(), modules }
     }
 
-    /// The deepest module that a path in this one leads to, and what is left of the path.
+    /// Deepest module to which a path in this module leads, and the rest of the path.
     fn find(&self, path: &[String], places: &BTreeMap<Place, usize>) -> Option<(Place, Vec<String>)> {
         let mut rest = path;
         let mut at = self.clone();
@@ -128,7 +128,7 @@ fn reach(from: usize, arrows: &[BTreeSet<usize>]) -> BTreeSet<usize> {
     reached
 }
 
-/// The budget of these circles: each file that is in one, and the file by which the circle is named.
+/// Formats the budget of these circles: each file in a circle, and the file that names the circle.
 fn print(circles: &[Vec<String>]) -> String {
     let depth = |file: &str| file.matches('/').count();
     let mut rows = Vec::new();
@@ -141,7 +141,7 @@ fn print(circles: &[Vec<String>]) -> String {
     format!("file,circle\n{}", rows.concat())
 }
 
-/// Lists each circle that is larger than any of those its files were in; `None` if there is none.
+/// Lists each circle that is larger than all circles that contained its files; `None` if there is none.
 fn grown(circles: &[Vec<String>], budget: &str) -> Option<String> {
     let rows: BTreeMap<&str, &str> = budget.lines().skip(1).filter_map(|row| row.split_once(',')).collect();
     let size = |name: &str| rows.values().filter(|other| **other == name).count();
@@ -189,7 +189,7 @@ fn a_circle_may_lose_files_or_fall_apart_and_may_not_grow() {
     assert!(explained.starts_with("5 files import each other, 4 are allowed; new among them: src/e.rs."));
 }
 
-/// A source file of this path with this code.
+/// A source file with this path and this code.
 fn source(path: &str, code: &str) -> Source {
     Source { path: path.to_owned(), text: code.to_owned(), code: code.to_owned(), tests: Vec::new() }
 }

@@ -1,6 +1,6 @@
-//! Rules of the language in comments, messages and documentation.
+//! Language rules for comments, messages and documentation.
 //!
-//! Each rule counts its findings per file. `tests/rules/budget` has how many each file may still have.
+//! Each rule counts its findings per file. `tests/rules/budget` contains the allowed number for each file.
 
 use std::collections::BTreeMap;
 
@@ -13,11 +13,11 @@ mod openings;
 mod phrases;
 mod sentences;
 
-/// One place that breaks a rule.
+/// A place that breaks a rule.
 struct Finding {
-    /// Row of the budget in which the place is counted: the file, or the file and the phrase.
+    /// Key of the budget row that counts the place: the file, or the file and the phrase.
     key: String,
-    /// File and line, the rule, and how to mend the text.
+    /// File and line, the rule, and how to correct the text.
     complaint: String,
 }
 

@@ -1,4 +1,4 @@
-//! Pieces of Rust text that are not code: comments, string literals and characters.
+//! Lexer for the parts of Rust text that are not code: comments, string literals and character literals.
 
 use std::ops::Range;
 
@@ -12,13 +12,13 @@ pub(super) enum Kind {
 
 pub(super) struct Piece {
     pub(super) kind: Kind,
-    /// Byte range in the text, marks and quotes included.
+    /// Byte range in the text, including marks and quotes.
     pub(super) range: Range<usize>,
     /// Number of the line on which the piece begins.
     pub(super) line: usize,
 }
 
-/// Every piece of a text, in order.
+/// Pieces of a text, in order.
 pub(super) fn pieces(text: &str) -> Vec<Piece> {
     let mut found = Vec::new();
     let (mut at, mut line) = (0, 1);

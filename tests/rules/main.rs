@@ -1,4 +1,4 @@
-//! The order of the house: which room may know which, and what stands nowhere.
+//! Rules for the structure of the project: allowed imports, the location of files, and forbidden words.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -12,8 +12,8 @@ mod lexer;
 mod security;
 mod source;
 
-/// Which rooms of its crate each room may import, where Cargo cannot hold it. A name behind `::` narrows it to that part
-/// of the room. `src/lib.rs` and `crates/core/src/lib.rs` draw the same.
+/// Allowed imports between the modules of a crate, which Cargo cannot check. A name after `::` restricts the import to
+/// that part of the module. `src/lib.rs` and `crates/core/src/lib.rs` contain the same as a drawing.
 const ARROWS: [(&str, &str, &[&str]); 19] = [
     ("crates/core", "border", &[]),
     ("crates/core", "quantity", &[]),
@@ -74,7 +74,7 @@ const TOP: [&str; 16] = [
 
 const LONGEST: usize = 600;
 
-/// Parts of the names of files that may use the word for the time between login and logout, of a client of OPC UA or of a
+/// Parts of file names. These files may use the word for the time between login and logout, of an OPC UA client or of a
 /// browser at the page.
 const LOGINS: [&str; 6] =
     ["opcua", "page", "observe/http", "docs/api.md", "docs/threat-model.md", "tests/security"];
@@ -83,7 +83,8 @@ fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// Files of the project: those under version control. If there is none, all but build and dot directories.
+/// Files of the project: those under version control. Without version control, all files except those in build and dot
+/// directories.
 fn files() -> Vec<PathBuf> {
     let listed = Command::new("git").args(["ls-files", "-z"]).current_dir(root()).output();
     if let Ok(listed) = listed
@@ -136,7 +137,7 @@ fn every_arrow_points_left() {
 
 #[test]
 fn the_table_of_arrows_has_no_circle() {
-    // Each room may only know rooms that can be put before it.
+    // Each module may only import modules that can be placed before it.
     let mut placed: Vec<(&str, &str)> = Vec::new();
     while placed.len() < ARROWS.len() {
         let next = ARROWS.iter().find(|(home, room, may)| {
@@ -192,7 +193,7 @@ fn no_more_than_three_files_import_each_other() {
     assert!(reported.is_empty(), "circles of imports:\n  {}", reported.join("\nand\n  "));
 }
 
-/// Decisions and the meaning of a profile are the same wherever the crates run.
+/// Decisions, and the meaning of a profile, do not depend on the program that uses the crates.
 #[test]
 fn nothing_in_crates_knows_a_runtime_a_connection_or_a_command_line() {
     for entry in std::fs::read_dir(root().join("crates")).unwrap() {
@@ -217,7 +218,7 @@ fn only_the_clock_knows_what_time_it_is() {
     assert!(wrong.is_empty(), "the time comes from crate::clock, not here: {wrong:?}");
 }
 
-/// `println!` and its like panic where nobody takes what they print.
+/// `println!` and similar macros panic if the output is closed.
 #[test]
 fn what_a_verb_prints_goes_through_one_place() {
     let words = ["println!", "print!(", "stdout().write"];
@@ -259,7 +260,7 @@ fn nothing_lies_at_the_top_that_does_not_belong_there() {
 
 #[test]
 fn the_project_speaks_of_itself_and_leaves_nothing_for_later() {
-    // Written in two halves, so that this file does not find itself.
+    // Each word is divided, so that this file does not find itself.
     let words =
         [concat!("ses", "sion"), concat!("ses", "sions"), concat!("ag", "ent"), concat!("ag", "ents")];
     let marks = [
@@ -273,7 +274,7 @@ fn the_project_speaks_of_itself_and_leaves_nothing_for_later() {
     ];
     let mut wrong = Vec::new();
     for file in files() {
-        // The lock file and the licence are not our words.
+        // The lock file and the licence are not texts of the project.
         if ["Cargo.lock", "LICENSE"].iter().any(|name| file == Path::new(name)) {
             continue;
         }
@@ -311,7 +312,7 @@ fn every_shipped_profile_is_taken_without_a_word() {
     assert!(count >= 9, "the shipped machines are gone");
 }
 
-/// The shell of an image ends with the code of the last program of a pipe alone.
+/// The exit code of a pipe in the shell of an image is that of the last program only.
 #[test]
 fn no_image_is_built_through_a_pipe_whose_first_program_may_fail() {
     let is_image =

@@ -1,4 +1,5 @@
-//! Promises about security: each has its test. SECURITY.md says where to report a weakness, and what happens then.
+//! Security promises: each one must have a test. SECURITY.md must say where to report a weakness, and how it is
+//! handled.
 
 use std::os::unix::fs::PermissionsExt;
 
@@ -8,7 +9,7 @@ fn read(path: &str) -> String {
     std::fs::read_to_string(root().join(path)).unwrap()
 }
 
-/// The cells of every row of the threat model's tables that say which test shows it, without their heads.
+/// Cells of each row in the tables of the threat model that name tests, without the heads.
 fn rows(text: &str) -> Vec<Vec<&str>> {
     let mut rows = Vec::new();
     let mut names_tests = false;
@@ -25,7 +26,7 @@ fn rows(text: &str) -> Vec<Vec<&str>> {
     rows
 }
 
-/// Tests that a cell names: words between backticks are the name of a test, a path below `tests` is a script.
+/// Tests that a cell names. A word in backticks is the name of a test, a path below `tests` is a script.
 fn tests(cell: &str) -> Vec<&str> {
     let quoted = cell.split('`').skip(1).step_by(2);
     let is_word = |name: &str| !name.contains(|c: char| !c.is_alphanumeric() && c != '_');
@@ -60,7 +61,7 @@ fn every_test_that_the_threat_model_names_is_there() {
         .filter_map(|file| std::fs::read_to_string(root().join(file)).ok());
     let sources: String = sources.collect();
     let run = read("tests/run");
-    // A script is a test where it can be started, and `tests/run` does.
+    // A script counts as a test if it is executable, and `tests/run` starts it.
     let is_script = |name: &str| {
         let mode = std::fs::metadata(root().join(name)).map(|found| found.permissions().mode());
         mode.is_ok_and(|mode| mode & 0o111 != 0) && run.lines().any(|line| line.trim().starts_with(name))
@@ -75,7 +76,7 @@ fn every_test_that_the_threat_model_names_is_there() {
     assert!(!is_there("tests/dist/no-such-script") && !is_there("a_test_that_nobody_has_ever_written"));
 }
 
-/// The text below a heading, until the next of its level.
+/// Text below a heading, up to the next heading of its level.
 fn below<'a>(text: &'a str, heading: &str) -> &'a str {
     let level = heading.split(' ').next().unwrap();
     let begin =

@@ -1,40 +1,40 @@
-//! Rust text without comments, strings and tests, and the paths in it that begin at the crate.
+//! Rust source text without comments, strings and tests, and the paths in it.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use super::lexer;
 
-/// A source file whose comments, strings and test modules are gone.
+/// A source file, with and without comments, strings and test modules.
 pub(super) struct Source {
-    /// From the root of the repository: `src/gateway/apply.rs`.
+    /// Path from the root of the repository: `src/gateway/apply.rs`.
     pub(super) path: String,
-    /// As it is on disk.
+    /// Text on disk.
     pub(super) text: String,
-    /// Code only: comments, strings and test modules are blank. Byte positions are those of `text`.
+    /// Code in which comments, strings and test modules are replaced by spaces. Byte positions are those of `text`.
     pub(super) code: String,
-    /// Byte ranges of the items that only tests see.
+    /// Byte ranges of the items that only exist in tests.
     pub(super) tests: Vec<Range<usize>>,
 }
 
 impl Source {
-    /// The text with its test modules blank; comments and strings are there.
+    /// Text in which only test modules are replaced by spaces.
     pub(super) fn product(&self) -> String {
         blank(&self.text, self.tests.iter().cloned())
     }
 
-    /// The crate it belongs to, by its directory: `crates/core`; empty for the program.
+    /// Crate by its directory: `crates/core`; empty for the program.
     pub(super) fn home(&self) -> &str {
         self.path.split_once("src/").map_or("", |(home, _)| home.trim_end_matches('/'))
     }
 
-    /// The module directly under the crate: `gateway`.
+    /// Top-level module of the crate: `gateway`.
     pub(super) fn room(&self) -> &str {
         let rest = self.path.split_once("src/").map_or(self.path.as_str(), |(_, rest)| rest);
         rest.split('/').next().unwrap_or(rest).trim_end_matches(".rs")
     }
 
-    /// Every path that begins at the crate, as its segments, the trees of `use` spread out.
+    /// Paths that begin with `crate`, as lists of segments. Trees of `use` are expanded.
     pub(super) fn crate_paths(&self) -> Vec<Vec<String>> {
         let mut found = Vec::new();
         for (at, begin) in self.code.match_indices("crate::") {
@@ -46,8 +46,8 @@ impl Source {
         found
     }
 
-    /// Every path in the code, imports spread out: those that begin at the crate, at this module or above it, and those that
-    /// may begin at a module inside it.
+    /// Paths in the code, with imports expanded. They begin with the crate, with this module or a parent, or may begin
+    /// with a child module.
     pub(super) fn paths(&self) -> Vec<Vec<String>> {
         let mut found = self.imports("use ");
         for begin in ["crate::", "super::", "self::"] {
@@ -68,7 +68,7 @@ impl Source {
         found
     }
 
-    /// The paths of what it hands on from elsewhere.
+    /// Paths of the names that it re-exports.
     pub(super) fn hands_on(&self) -> Vec<Vec<String>> {
         ["pub use ", "pub(crate) use ", "pub(super) use "]
             .iter()
@@ -87,7 +87,7 @@ impl Source {
         found
     }
 
-    /// `super::` chains that leave the room, which would hide an arrow from this test.
+    /// Chains of `super::` that leave the top-level module, and would hide an import from this test.
     pub(super) fn escapes(&self) -> Vec<String> {
         let depth = self.path.split_once("src/").map_or("", |(_, rest)| rest).split('/').count();
         let chains = self.code.match_indices("super::").filter(|(at, _)| !self.code[..*at].ends_with("::"));
@@ -96,7 +96,7 @@ impl Source {
     }
 }
 
-/// Whether a path begins here. The path of `pub(in …)` imports nothing.
+/// Returns whether a path begins here. The path of `pub(in …)` imports nothing.
 fn is_a_beginning(code: &str, at: usize) -> bool {
     let before = &code[..at];
     !before.ends_with(|c: char| c.is_alphanumeric() || c == '_' || c == ':') && !before.ends_with("pub(in ")
@@ -107,7 +107,7 @@ fn line_of(code: &str, at: usize) -> String {
     code[begin..].lines().next().unwrap_or_default().trim().to_owned()
 }
 
-/// Spreads `a::{b, c::{d, e}}` out. Gives back what follows the tree.
+/// Expands `a::{b, c::{d, e}}`. Returns the text after the tree.
 fn tree<'a>(text: &'a str, before: &[String], found: &mut Vec<Vec<String>>) -> &'a str {
     let mut path = before.to_vec();
     let mut rest = text.trim_start();
@@ -123,7 +123,8 @@ fn tree<'a>(text: &'a str, before: &[String], found: &mut Vec<Vec<String>>) -> &
             }
         }
         let end = rest.find(|c: char| !c.is_alphanumeric() && c != '_').unwrap_or(rest.len());
-        // `*`, or something that is no path: one step on, so that a broken tree cannot hang the test.
+        // For `*`, or a character outside a path, it advances by one character, so that an incomplete tree cannot cause
+        // an endless loop.
         let end = if end == 0 { rest.chars().next().map_or(0, char::len_utf8) } else { end };
         path.push(rest[..end].to_owned());
         rest = rest[end..].trim_start();
@@ -139,7 +140,7 @@ fn tree<'a>(text: &'a str, before: &[String], found: &mut Vec<Vec<String>>) -> &
     }
 }
 
-/// Every source file of every crate, but for the modules that only tests see.
+/// All source files of every crate, except modules that only exist in tests.
 pub(super) fn all(root: &Path) -> Vec<Source> {
     let mut files = Vec::new();
     walk(&root.join("src"), &mut files);
@@ -176,12 +177,12 @@ fn walk(directory: &Path, files: &mut Vec<PathBuf>) {
     }
 }
 
-/// The text with comments, strings and characters blank.
+/// Text in which comments, strings and characters are replaced by spaces.
 fn bare(text: &str) -> String {
     blank(text, lexer::pieces(text).into_iter().map(|piece| piece.range))
 }
 
-/// The text with these byte ranges blank. Lines and byte positions stay as they are.
+/// Text in which these byte ranges are replaced by spaces. Lines and byte positions do not change.
 fn blank(text: &str, ranges: impl IntoIterator<Item = Range<usize>>) -> String {
     let mut bytes = text.as_bytes().to_vec();
     for range in ranges {
@@ -194,7 +195,7 @@ fn blank(text: &str, ranges: impl IntoIterator<Item = Range<usize>>) -> String {
     String::from_utf8(bytes).unwrap()
 }
 
-/// The byte ranges of the items that only tests see, and the test modules that lie in files of their own.
+/// Byte ranges of the items that only exist in tests, and the test modules with their own files.
 fn test_items(code: &str, path: &str) -> (Vec<Range<usize>>, Vec<String>) {
     let mark = "#[cfg(test)]";
     let mut ranges = Vec::new();
@@ -216,7 +217,7 @@ fn test_items(code: &str, path: &str) -> (Vec<Range<usize>>, Vec<String>) {
     (ranges, declared)
 }
 
-/// The length of a block that begins here.
+/// Length of a block that begins here.
 fn block(text: &str) -> usize {
     let mut depth = 0usize;
     for (at, c) in text.char_indices() {

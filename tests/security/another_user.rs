@@ -1,4 +1,4 @@
-//! A user of this computer who is neither the gateway's nor in its group.
+//! Attacks by a user of this computer who is neither the gateway's user nor in its group.
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use crate::on_time::OnTime;
 use crate::process::{Running, file, isotherm};
 use crate::rig::{EVERY, walker};
 
-/// The program where any user may start it.
+/// Copies the program to a place where any user may start it.
 fn program(open: &Path) -> PathBuf {
     let program = open.join("isotherm");
     let built = env!("CARGO_BIN_EXE_isotherm");
@@ -51,7 +51,7 @@ fn who_may_not_command_a_gateway_that_runs_reads_that_it_runs_and_who_may() {
         (ended.status.code(), String::from_utf8_lossy(&ended.stderr).into_owned())
     };
     if !is_root {
-        // Nobody else is there: then it is a socket that its own user may not use.
+        // Without another user, the test uses a socket that its own user may not use.
         mode(&state.join("of-another-user.sock"), 0o000);
     }
     for more in [&[][..], &[Path::new("--state"), &state]] {

@@ -1,5 +1,5 @@
-//! Bytes that nobody has checked, into everything that takes such: the inputs that the fuzzer kept (`tests/fuzz` says how
-//! to look for more), and as many again made of them by chance, the same in every run.
+//! Unchecked bytes for every parser: the inputs that the fuzzer has kept (`tests/fuzz` describes how to find more), and
+//! random mutations of them. The mutations are the same in every run.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "these are tests")]
 
@@ -13,7 +13,8 @@ use rand_pcg::Pcg32;
 #[path = "../corpus/targets.rs"]
 mod targets;
 
-/// Inputs by chance for each target, unless `INPUTS` in the environment says how many; `TARGET` names one of them.
+/// Number of mutations for each target. `INPUTS` in the environment sets another number, and `TARGET` selects one
+/// target.
 const BY_CHANCE: usize = 300;
 
 fn corpus(name: &str) -> Vec<(PathBuf, Vec<u8>)> {
@@ -36,7 +37,7 @@ fn every_input_that_the_fuzzer_kept_is_still_taken_without_a_panic() {
     }
 }
 
-/// A kept input with some of its bytes changed, doubled, left out, or joined with another's.
+/// A kept input with some bytes changed, inserted or removed, or joined with a part of another input.
 fn mutated(inputs: &[(PathBuf, Vec<u8>)], random: &mut Pcg32) -> Vec<u8> {
     let mut pick = |below: usize| random.random_range(0..below.max(1));
     let mut bytes = inputs[pick(inputs.len())].1.clone();

@@ -1,4 +1,4 @@
-//! More than come through the door, and those who come in and do nothing.
+//! More connections than the page accepts, and connections that do nothing.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use crate::rig::Machine;
 
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// The page of a machine that is not there, within these limits.
+/// Starts the page of a fake machine, with these limits.
 async fn page(limits: Limits) -> SocketAddr {
     page_of(Arc::default(), limits).await
 }
@@ -29,7 +29,7 @@ async fn page_of(fake: Arc<Fake>, limits: Limits) -> SocketAddr {
     address
 }
 
-/// The page of a machine that is held, as every gateway has it.
+/// Starts the page of a compensated machine, as every gateway has it.
 fn machine() -> (Machine, OnTime, SocketAddr) {
     let mut machine = Machine::start(None, &[], "[web]\nlisten = \"127.0.0.1:0\"\ncommands = \"local\"\n");
     let page = machine.page();
@@ -37,14 +37,14 @@ fn machine() -> (Machine, OnTime, SocketAddr) {
     (machine, on_time, page)
 }
 
-/// A connection from 127.0.0.`from`.
+/// Connects from 127.0.0.`from`.
 async fn from(from: u8, page: SocketAddr) -> TcpStream {
     let socket = TcpSocket::new_v4().unwrap();
     socket.bind(([127, 0, 0, from], 0).into()).unwrap();
     socket.connect(page).await.unwrap()
 }
 
-/// What is answered to this on a connection that stays open; nothing where it was closed.
+/// Sends a request on a connection that stays open. Returns the answer; empty if the connection was closed.
 async fn asks(stream: &mut TcpStream, page: SocketAddr, path: &str) -> String {
     let request = format!("GET {path} HTTP/1.1\r\nHost: {page}\r\n\r\n");
     let mut answer = [0; 64 * 1024];
@@ -60,7 +60,7 @@ async fn is_in(stream: &mut TcpStream, page: SocketAddr) -> bool {
     asks(stream, page, "/healthz").await.starts_with("HTTP/1.1 200")
 }
 
-/// Until the page closes it.
+/// Reads until the page closes the connection.
 async fn ended(stream: &mut TcpStream) -> String {
     let mut said = Vec::new();
     let read = tokio::time::timeout(PATIENCE, stream.read_to_end(&mut said)).await;
@@ -85,7 +85,7 @@ async fn sixteen_of_one_address_come_in_and_sixty_four_of_all() {
     assert_eq!(inside.len(), 64);
     let mut late = from(5, page).await;
     assert!(!is_in(&mut late, page).await);
-    // Whoever goes makes room.
+    // A closed connection makes room for another one.
     inside.pop();
     let mut waited = Duration::ZERO;
     while !is_in(&mut from(5, page).await, page).await {
@@ -106,7 +106,7 @@ async fn whoever_comes_too_late_is_told_why() {
     assert!(said.starts_with("HTTP/1.1 503") && said.contains("as many connections as it may"), "{said}");
 }
 
-/// A byte a second of this, as long as anybody takes it.
+/// Sends one byte of this text each second, as long as the page accepts it.
 async fn drips(stream: &mut TcpStream, text: &str) -> String {
     let (mut reader, mut writer) = stream.split();
     let mut said = Vec::new();
@@ -199,7 +199,7 @@ async fn a_reader_who_takes_nothing_gives_his_place_back() {
     let page = page(limits).await;
     let mut greedy = from(1, page).await;
     let all = format!("GET /api/status HTTP/1.1\r\nHost: {page}\r\n\r\n").repeat(20_000);
-    // The page stops taking requests when nobody takes its answers.
+    // The page stops accepting requests when the client does not read its answers.
     let _ = tokio::time::timeout(Duration::from_secs(1), greedy.write_all(all.as_bytes())).await;
     let mut waited = Duration::ZERO;
     while !is_in(&mut from(2, page).await, page).await {

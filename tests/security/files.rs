@@ -1,5 +1,5 @@
-//! No file brings the program down: each is refused in a sentence, soon, and without the memory of the computer. Meanwhile a
-//! gateway on the same computer holds its machine on time.
+//! No file crashes the program. It rejects each one with a sentence, soon, and without using all memory. Meanwhile a
+//! gateway on the same computer compensates its machine on time.
 
 mod decks;
 mod logs;

@@ -1,4 +1,4 @@
-//! The page behind TLS: nothing of it without, and a certificate that is renewed while it is served.
+//! The page over TLS. It does not answer without TLS, and its certificate is renewed while it is served.
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
@@ -20,7 +20,7 @@ use crate::site::OPERATOR;
 
 const WEB: &str = "[web]\nlisten = \"127.0.0.1:0\"\ncommands = \"local\"\ntls = { cert = \"page.pem\", key = \"page.key\" }\n";
 
-/// Asks whoever shows a certificate of this authority.
+/// Sends a request to a server with a certificate of this authority.
 fn asks(authority: &str, page: SocketAddr, request: &str) -> Result<String, String> {
     let mut roots = RootCertStore::empty();
     roots.add(CertificateDer::from_pem_slice(authority.as_bytes()).unwrap()).unwrap();
@@ -39,7 +39,7 @@ fn asks(authority: &str, page: SocketAddr, request: &str) -> Result<String, Stri
     Ok(answer)
 }
 
-/// As a program that renews certificates does it: each file in one go, one after the other.
+/// Replaces certificate and key like a program that renews certificates: each file atomically, one after the other.
 fn lay(home: &Path, signed: &Signed) {
     for (name, text) in [("page.pem", &signed.cert), ("page.key", &signed.key)] {
         std::fs::write(home.join("new"), text).unwrap();
@@ -73,7 +73,7 @@ fn the_page_speaks_tls_alone_and_shows_what_lies_in_its_files_now() {
     let answer = healthy(&first).unwrap();
     assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
     assert!(ask(page, &get(page, "/healthz")).is_none_or(|answer| !answer.starts_with("HTTP/1.1")));
-    // Over TLS a browser keeps its visit from pages that are read without, from scripts, and from other hosts.
+    // Over TLS, the browser protects the session cookie from plain pages, from scripts, and from other hosts.
     let sign_in = format!("token={OPERATOR}");
     let head = format!(
         "POST /login HTTP/1.1\r\nHost: {page}\r\nOrigin: https://{page}\r\nContent-Length: {}\r\nConnection: close\r\n\r\n",
@@ -101,7 +101,7 @@ fn the_page_speaks_tls_alone_and_shows_what_lies_in_its_files_now() {
     machine.gateway.hears("the page still shows its old certificate");
     healthy(&second).unwrap();
 
-    // The handshake has as long as a head.
+    // The handshake has the same timeout as a head.
     let mut silent = silent;
     silent.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
     assert_eq!(silent.read(&mut [0; 16]).unwrap_or(0), 0, "it is still open");

@@ -1,5 +1,5 @@
-//! Layers above the profile: the environment of a gateway loosens no guard and changes nothing that arrives at the machine, and
-//! what it sets is listed everywhere.
+//! Layers above the profile. The environment of a gateway cannot loosen a guard or change what is written to the
+//! machine. All outputs list the settings that it changes.
 
 use std::process::Output;
 

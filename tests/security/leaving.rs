@@ -1,5 +1,5 @@
-//! What goes out by itself, and what is kept: no socket but those of devices, page and commands, no file but those that the manual
-//! lists, and in them nobody's name but of those who commanded.
+//! Outgoing connections and kept data. The gateway has only sockets of devices, page and commands, and only the files
+//! that the manual lists. The files contain only names of users who sent commands.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Read, Write};
@@ -13,11 +13,11 @@ use std::time::Duration;
 use crate::process::{PATIENCE, until};
 use crate::site::{BOTH, OPERATOR, Site, VIEWER, bearer};
 
-/// A name that is looked up, or a host that does not answer, is waited for longer than this.
+/// Interval of the samples. A name lookup, or a connection to a silent host, takes longer.
 const LOOKS_EVERY: Duration = Duration::from_millis(20);
-/// Before it connects a socket stands in no table, and after it was reset.
+/// Maximum number of samples in which a socket may be in no table, before it connects or after a reset.
 const STANDS_NOWHERE: usize = 200;
-/// Both ends of the pair by which a signal comes to the loop.
+/// Number of sockets of the pair that delivers signals to the runtime.
 const OF_SIGNALS: usize = 2;
 
 /// A socket of a process, as the kernel lists it.
@@ -28,13 +28,13 @@ enum Socket {
         own: SocketAddr,
         other: SocketAddr,
     },
-    /// UDP, raw, packets.
+    /// UDP, raw or packet socket.
     Datagrams(&'static str),
     Unix(String),
     Unknown,
 }
 
-/// The sockets of this process by their inodes.
+/// Sockets of this process, by inode.
 fn sockets(process: u32) -> BTreeMap<u64, Socket> {
     let proc = Path::new("/proc").join(process.to_string());
     let Ok(entries) = std::fs::read_dir(proc.join("fd")) else { return BTreeMap::new() };
@@ -76,7 +76,7 @@ fn sockets(process: u32) -> BTreeMap<u64, Socket> {
     found
 }
 
-/// `0100007F:1F90`: words as this computer has them, then the port.
+/// Parses `0100007F:1F90`: words in the byte order of this computer, then the port.
 fn address(text: &str) -> Option<SocketAddr> {
     let (host, port) = text.split_once(':')?;
     let words = (0..host.len() / 8).map(|word| u32::from_str_radix(&host[word * 8..word * 8 + 8], 16).ok());
@@ -89,7 +89,7 @@ fn address(text: &str) -> Option<SocketAddr> {
     Some(SocketAddr::new(host, u16::from_str_radix(port, 16).ok()?))
 }
 
-/// To whom the sockets of a gateway may go.
+/// Allowed targets of a gateway's sockets.
 #[derive(Clone, Debug)]
 struct May {
     page: SocketAddr,
@@ -102,7 +102,7 @@ impl May {
         match socket {
             Socket::Listens(own) => *own == self.page,
             Socket::Tcp { own, other } => *own == self.page || self.devices.contains(other),
-            // Each gateway tells others of this computer by an abstract socket what it writes to.
+            // Each gateway announces its registers to other gateways of this computer over an abstract socket.
             Socket::Unix(path) => {
                 *path == self.commands || path.is_empty() || path.starts_with("@isotherm/1/")
             }
@@ -112,7 +112,7 @@ impl May {
     }
 }
 
-/// Looks at the sockets of a process until it is asked what it saw.
+/// Samples the sockets of a process in a thread until it is stopped.
 struct Watch {
     ends: Arc<AtomicBool>,
     thread: JoinHandle<Watched>,
@@ -132,7 +132,7 @@ impl Watch {
         let thread = std::thread::spawn(move || {
             let (mut watched, mut nowhere) = (Watched::default(), BTreeMap::<u64, usize>::new());
             loop {
-                // What is there when it is asked is seen.
+                // The sockets at the time of the stop are sampled as well.
                 let is_last = until.load(Ordering::Relaxed);
                 let found = sockets(process);
                 let unnamed = found.values().filter(|socket| **socket == Socket::Unix(String::new())).count();
@@ -168,7 +168,7 @@ impl Watch {
     }
 }
 
-/// The files that the manual says lie in the state directory.
+/// Files of the state directory that the manual lists.
 fn listed() -> Vec<String> {
     let chapter = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/time-and-state.md");
     let chapter = std::fs::read_to_string(chapter).unwrap();
@@ -179,7 +179,8 @@ fn listed() -> Vec<String> {
     first.flat_map(|cell| cell.split('`').skip(1).step_by(2)).map(str::to_owned).collect()
 }
 
-/// `walker-2026-01-31.2.csv` is what `NAME-DATE.csv` says of the machine `walker`.
+/// Returns whether a file name matches a pattern of the manual: `walker-2026-01-31.2.csv` matches `NAME-DATE.csv` for
+/// the machine `walker`.
 fn is_of(file: &str, pattern: &str, machine: &str) -> bool {
     let pattern = pattern.replace("NAME", machine);
     let Some((before, behind)) = pattern.split_once("DATE") else { return file == pattern };
@@ -200,9 +201,9 @@ fn has_word(text: &str, word: &str) -> bool {
     text.split(|c: char| !c.is_alphanumeric() && !"-_".contains(c)).any(|other| other == word)
 }
 
-/// Whoever looks on from here asks for nothing.
+/// Address of a client that only views.
 const LOOKER: &str = "127.0.0.9";
-/// Whoever commands.
+/// Address of a client that sends commands.
 const COMMANDER: &str = "127.0.0.8";
 
 #[test]
@@ -229,7 +230,7 @@ fn a_gateway_goes_to_nobody_but_its_devices_and_keeps_nothing_but_what_is_listed
     assert!(looks_on.read(&mut [0; 1000]).unwrap() > 0);
     let armed = site.send_from(COMMANDER, "POST", "/api/arm", &bearer(OPERATOR), "");
     assert_eq!(armed.code, 200, "{armed:?}");
-    // Its line is cut once, and found again.
+    // Its line is interrupted once, and works again.
     site.was_on_time();
     site.device.is_down(true);
     std::thread::sleep(Duration::from_secs(1));
@@ -282,7 +283,7 @@ fn a_gateway_goes_to_nobody_but_its_devices_and_keeps_nothing_but_what_is_listed
         for line in lines.filter(|line| !line.contains("\"kind\":\"armed\"")) {
             assert!(!has_word(line, &user) && !line.contains(COMMANDER), "{file}: {line}");
         }
-        // One that is called as something in every log cannot be told from it.
+        // A host name that occurs in every log as another name cannot be distinguished.
         if host.len() > 1 && !["walker", "bed", "cnc", "cnc_z", "localhost"].contains(&host.as_str()) {
             assert!(!has_word(&text, &host), "{host} stands in {file}");
         }
@@ -293,7 +294,7 @@ fn a_gateway_goes_to_nobody_but_its_devices_and_keeps_nothing_but_what_is_listed
 fn a_socket_to_somebody_else_is_seen_of_whatever_kind() {
     let site = Site::with(BOTH);
     let may = May { page: site.address, devices: Vec::new(), commands: String::new() };
-    // This process has many of its own: what is looked for is among them.
+    // This process has many other sockets, so that the test looks for its own among them.
     let watch = Watch::of(std::process::id(), may);
     let other = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let tcp = std::net::TcpStream::connect(other.local_addr().unwrap()).unwrap();

@@ -1,4 +1,4 @@
-//! What somebody tries who means no good, and what stands afterwards. Each module is one kind of attack.
+//! Attacks on a gateway, and their results. Each module contains one kind of attack.
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot go on fails")]
 
 mod another_user;

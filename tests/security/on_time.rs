@@ -1,4 +1,4 @@
-//! The measure of every attack: meanwhile the machine is held on time.
+//! Measure of every attack: the machine must be polled on time meanwhile.
 
 use std::io::Write;
 use std::net::TcpListener;
@@ -18,27 +18,28 @@ use crate::rig::Machine;
 use crate::support::starved::{Starved, worked};
 use crate::support::tell;
 
-/// Polls stay within this of their time, whoever attacks.
+/// Largest allowed delay of a poll during an attack.
 const WITHIN: Duration = Duration::from_millis(50);
-/// A computer that lets everybody be later than this has stood still: that is rare, or the measure is none.
+/// Delay of the computer itself above which it must have stalled. This must be rare, otherwise the measurement is
+/// invalid.
 const STOOD_STILL: Duration = Duration::from_millis(250);
-/// A computer that is later than this is busy: then nobody knows how late one poll would have been on an idle one.
+/// Delay of the computer above which it counts as busy. The delay of a single poll is then not meaningful.
 const BUSY: Duration = Duration::from_millis(10);
-/// Either may happen once, and at one poll of so many.
+/// Each of these may occur once, and in one of this number of polls.
 const RARELY: usize = 50;
 
-/// As long as this lives, the device is polled on time, by its own clock: else the test fails where it ends.
+/// Guard that asserts at its drop that the device was polled on time, by the clock of the device.
 pub(crate) struct OnTime {
     device: Device,
     every: Duration,
     from: Moment,
-    /// What the gateway waits for a processor.
+    /// Time for which the gateway waited for a processor.
     starved: Starved,
     before: Work,
 }
 
 impl OnTime {
-    /// From the next poll on, by the gateway of this number.
+    /// Begins with the next poll, for the gateway with this process id.
     pub(crate) fn from_now(device: &Device, every: Duration, gateway: u32) -> OnTime {
         for control in CONTROLS.iter() {
             next_poll(&control.0);
@@ -47,7 +48,7 @@ impl OnTime {
         OnTime { device: device.clone(), every, from: next_poll(device), starved, before }
     }
 
-    /// The polls that came later than they may, where this computer itself was not late.
+    /// Polls that came too late although the computer itself was not late.
     fn late(&self) -> Vec<String> {
         let polls: Vec<Moment> =
             polls(&self.device.state()).into_iter().filter(|at| *at >= self.from).collect();
@@ -72,7 +73,7 @@ impl OnTime {
         }
         let test = std::thread::current().name().unwrap_or_default().to_owned();
         if excused_ones > 0 {
-            // Not by `println!`: of a test that holds nobody would see it.
+            // `println!` would hide the line if the test passes.
             let _ = writeln!(
                 std::io::stderr(),
                 "{test}: of {} polls {excused_ones} later than {WITHIN:?} beside the computer's own lateness, {most:?} at most",
@@ -101,12 +102,12 @@ impl Drop for OnTime {
     }
 }
 
-/// How late this computer itself was about this span.
+/// Delay of this computer itself around this time span.
 pub(crate) fn excused(from: Moment, to: Moment) -> Duration {
     CONTROLS.iter().map(|control| control.worst(from, to)).max().unwrap_or_default()
 }
 
-/// When the device was polled.
+/// Times at which the device was polled.
 pub(crate) fn polls(state: &State) -> Vec<Moment> {
     let is_poll = |seen: &&Seen| matches!(seen.what, What::Asked { .. });
     state.seen.iter().filter(is_poll).map(|seen| seen.at).collect()
@@ -118,18 +119,18 @@ fn next_poll(device: &Device) -> Moment {
     device.wait(PATIENCE, next).expect("the device is polled no more")
 }
 
-/// A machine that nobody attacks, held by a gateway in this process: as late as its polls come, so late does this computer let
-/// anybody's be.
+/// A machine without an attack, compensated by a gateway in this process. The delay of its polls shows the delay that
+/// the computer causes for all programs.
 struct Control(Device);
 
-/// It is polled more often than any other: whatever delays one of theirs is to be seen in one of its own.
+/// Poll interval of the control machine. It is shorter than that of all others, so that every stall is visible in it.
 const CONTROLLED_EVERY: Duration = Duration::from_millis(50);
-/// What delays the one delays the other a moment before or after it.
+/// Time before and after a delay in which the control machine may show the same delay.
 const BESIDE: Duration = Duration::from_secs(1);
-/// Where there are more cores, a process that has none finds one.
+/// Maximum number of control machines. With more cores, a waiting process finds a free one.
 const MOST_CORES: usize = 8;
 
-/// One on each core: the others may be idle while whoever is on one waits.
+/// One control machine on each core: the other cores may be idle while a process waits for one.
 static CONTROLS: LazyLock<Vec<Control>> = LazyLock::new(|| {
     let cores = core_affinity::get_core_ids().unwrap_or_default();
     assert!(!cores.is_empty(), "which cores this process may use is not known");
@@ -139,7 +140,8 @@ static CONTROLS: LazyLock<Vec<Control>> = LazyLock::new(|| {
 impl Control {
     fn on(core: CoreId) -> Control {
         let (tells, told) = channel();
-        // Until this process ends. Device and gateway are there, too: threads stay where they were begun.
+        // Runs until this process ends. Device and gateway run on the same core, because threads keep the affinity of
+        // their creator.
         std::thread::spawn(move || {
             assert!(core_affinity::set_for_current(core));
             let device = Device::listen(TcpListener::bind("127.0.0.1:0").unwrap(), Duration::ZERO);
@@ -159,7 +161,7 @@ impl Control {
         Control(told.recv().unwrap())
     }
 
-    /// The latest that it was polled about this span.
+    /// Longest delay of its polls around this time span.
     fn worst(&self, from: Moment, to: Moment) -> Duration {
         let (from, to) = (from.before(BESIDE), to.after(BESIDE));
         let polls = polls(&self.0.state());
@@ -168,12 +170,12 @@ impl Control {
     }
 }
 
-/// What the processors of this computer have done so far, in ticks.
+/// Work of this computer's processors so far, in ticks.
 #[derive(Clone, Copy, Default)]
 struct Work {
     all: u64,
     idle: u64,
-    /// Work of this test and of what it has started.
+    /// Work of this test and of the programs that it has started.
     own: u64,
 }
 
@@ -182,7 +184,7 @@ impl Work {
         let read = |path: &Path| std::fs::read_to_string(path).unwrap_or_default();
         let text = read(Path::new("/proc/stat"));
         let words = text.lines().next().unwrap_or_default().split_whitespace().skip(1);
-        // For users, for the system, idle, and what others had of the computer below.
+        // Ticks for users, for the system, idle ones, and those of other virtual machines.
         let ticks: Vec<u64> = words.take(8).filter_map(|word| word.parse().ok()).collect();
         let group = worked(&read(Path::new("/proc/self/stat"))).map(|(group, _)| group);
         let processes = std::fs::read_dir("/proc").into_iter().flatten().flatten();
@@ -191,7 +193,7 @@ impl Work {
         Work { all: ticks.iter().sum(), idle: ticks.iter().skip(3).take(2).sum(), own }
     }
 
-    /// Whether others had more than a third of this computer since then.
+    /// Returns whether other programs had more than a third of this computer since then.
     fn is_shared_since(self, before: Work) -> bool {
         let [all, idle, own] = [
             self.all.saturating_sub(before.all),
@@ -208,11 +210,11 @@ fn a_machine_whose_gateway_stands_still_for_seconds_is_not_held_on_time() {
     let on_time = machine.on_time();
     assert_eq!(on_time.late(), [""; 0]);
     machine.gateway.stands_still();
-    // Longer than a busy computer is late itself.
+    // The delay is longer than that of a busy computer.
     std::thread::sleep(Duration::from_secs(4));
     machine.gateway.goes_on();
     next_poll(&machine.device);
     assert_ne!(on_time.late(), [""; 0]);
-    // It would fail this test, too.
+    // The guard would fail this test as well.
     std::mem::forget(on_time);
 }

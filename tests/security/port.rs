@@ -1,4 +1,4 @@
-//! The page's port is somebody else's: the machine is held all the same.
+//! Another program has the port of the page: the machine is compensated nevertheless.
 
 use std::net::TcpListener;
 use std::time::Duration;
@@ -29,6 +29,6 @@ fn a_taken_port_keeps_no_machine_from_being_held_and_the_page_comes_when_it_is_f
     let events = machine.verb("events").output().unwrap();
     let events = String::from_utf8_lossy(&events.stdout).into_owned();
     assert_eq!(events.matches("perhaps a gateway that is running").count(), 1, "{events}");
-    // A page that is waited for would not be there before the port is free.
+    // If the gateway waited for the page, it would not poll before the port is free.
     assert!(polled < Duration::from_secs(30), "{polled:?}");
 }

@@ -1,4 +1,4 @@
-//! Servers of `[[notify]]`: what arrives there, and what they may do to the machine, whatever they do.
+//! Servers of `[[notify]]`: the messages that arrive, and the effect of misbehaving servers on the machine.
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -12,10 +12,10 @@ use serde_json::Value;
 use crate::process::{file, until};
 use crate::rig::Machine;
 
-/// Heads and documents, as they came.
+/// Heads and documents in the order of arrival.
 type Taken = Arc<Mutex<Vec<(String, Value)>>>;
 
-/// A server that does this with each connection, which is counted from 0.
+/// Starts a server that handles each connection with `serve`. Connections are counted from 0.
 fn server(serve: impl Fn(usize, TcpStream, &Taken) + Send + Sync + 'static) -> (SocketAddr, Taken) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let (address, taken) = (listener.local_addr().unwrap(), Taken::default());
@@ -29,7 +29,7 @@ fn server(serve: impl Fn(usize, TcpStream, &Taken) + Send + Sync + 'static) -> (
     (address, taken)
 }
 
-/// Reads a request; what is answered to it.
+/// Reads a request. Returns its head and its document.
 fn request(stream: &mut TcpStream) -> Option<(String, Value)> {
     let mut bytes = Vec::new();
     loop {
@@ -47,7 +47,7 @@ fn request(stream: &mut TcpStream) -> Option<(String, Value)> {
 
 #[test]
 fn what_happens_arrives_in_its_order_with_the_token_and_what_is_secret_stands_nowhere() {
-    // The first one is not taken twice.
+    // The server rejects the first message twice.
     let (address, taken) = server(|place, mut stream, taken| {
         let Some(request) = request(&mut stream) else { return };
         let answer =
@@ -131,7 +131,7 @@ fn servers_that_hang_drip_flood_and_break_off_hold_up_no_poll_and_a_stop_for_two
         let _ = request(&mut stream);
         let _ = stream.write_all(b"HTTP/1.1 2");
     });
-    // Nobody listens there, and nobody knows that name.
+    // No server listens at this address, and this name does not exist.
     let servers = [hangs, drips, floods, breaks].map(|address| address.to_string());
     let servers = servers.into_iter().chain(["127.0.0.1:1".to_owned(), "no-such-host.invalid".to_owned()]);
     let table = |server: String| {
@@ -144,7 +144,7 @@ fn servers_that_hang_drip_flood_and_break_off_hold_up_no_poll_and_a_stop_for_two
     machine.is_held();
     let on_time = machine.on_time();
     for _ in 0..60 {
-        // Most of them are refused: that is what happens.
+        // Most of them are rejected, and each rejection is an event.
         machine.verb("zero").output().unwrap();
         std::thread::sleep(Duration::from_millis(50));
     }
@@ -159,12 +159,12 @@ fn servers_that_hang_drip_flood_and_break_off_hold_up_no_poll_and_a_stop_for_two
     machine.gateway.signal("TERM");
     assert!(machine.gateway.ends_within(Duration::from_secs(60)).success());
     let took = Passing::default().passed() - asked;
-    // A stop that waits for the silent server would take twenty.
+    // A stop that waited for the silent server would take twenty seconds.
     assert!(took < Duration::from_secs(18), "{took:?}");
     let said = machine.gateway.said.join("\n");
     for place in 0..6 {
         let count = said.matches(&failed(place)).count();
-        // Of one that says nothing it is known after twenty seconds, which may not have passed.
+        // A silent server is reported after twenty seconds, which may not have passed.
         assert!(count == 1 || (place < 2 && count == 0), "{place} {said}");
         let words = format!("notify[{place}]: ");
         assert!(

@@ -1,4 +1,4 @@
-//! How often somebody may command, and how much of a flood is logged.
+//! Rate limits of commands and log lines.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -17,7 +17,7 @@ fn now() -> Duration {
     Passing::default().passed()
 }
 
-/// How many of them may have been taken since then.
+/// Maximum number of commands that may have been accepted since then.
 fn most(begun: Duration) -> usize {
     usize::try_from((now() - begun).as_secs()).unwrap() + 1
 }
@@ -66,7 +66,7 @@ fn commands_over_the_socket_and_over_http_share_one_a_second() {
         asked += 2;
     }
     assert!((1..=most(begun)).contains(&taken) && asked > 2 * taken, "{taken} of {asked}");
-    // What nobody knows is refused as often.
+    // Unknown commands have the same rate limit.
     let begun = now();
     let refused = (0..200).filter(|_| ask("zero axis=q\n").contains("no axis q")).count();
     assert!((1..=most(begun)).contains(&refused), "{refused}");
@@ -89,7 +89,7 @@ fn whoever_disarms_again_within_a_second_finds_nothing_armed() {
     assert_eq!(site.post("/api/disarm", &operator).code, 200);
     soon("arm");
     assert!(is_armed());
-    // Soon after the one before, and not late.
+    // Soon after the last command.
     assert_eq!(site.post("/api/disarm", &operator).code, 200);
     assert!(!is_armed());
     let begun = now();

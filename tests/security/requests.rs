@@ -1,4 +1,4 @@
-//! Requests that mean one thing to us and another to whoever passes them on, and those that a foreign page sends.
+//! Requests that a proxy and the gateway interpret differently, and requests from other sites.
 
 use std::io::{Read, Write};
 

@@ -1,4 +1,4 @@
-//! A gateway of one axis, its device, and what it takes to see whether the machine noticed.
+//! A gateway with one axis, its device, and the tools to check that the machine was not affected.
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -10,9 +10,10 @@ use crate::device::{Device, Times, profile};
 use crate::on_time::OnTime;
 use crate::process::{PATIENCE, Running, file, isotherm};
 
-/// How often the device is polled.
+/// Poll interval of the device.
 pub(crate) const EVERY: Duration = Duration::from_millis(200);
-/// The device is in this process: where that is late, it is no device that does not answer, which is asked less and less.
+/// Timeouts for a device in this process. They are long, because a stall of this process must not count as a missing
+/// answer, which would cause back-off.
 const TIMES: Times = Times { timeout: Duration::from_secs(5), every: EVERY, max_age: Duration::from_secs(5) };
 
 pub(crate) struct Machine {
@@ -22,15 +23,15 @@ pub(crate) struct Machine {
     pub(crate) gateway: Running,
 }
 
-/// As long as it lasts, its machine is held on time: else the test fails where it ends.
+/// Guard that asserts at its drop that its machine was compensated on time.
 pub(crate) struct Beside {
-    /// Looked at before the gateway ends.
+    /// Dropped, and thus checked, before the gateway ends.
     _on_time: OnTime,
     _machine: Machine,
 }
 
 impl Machine {
-    /// A gateway with these arguments, under this limit of file descriptors, and with this in its profile.
+    /// Starts a gateway with these arguments, with this limit of file descriptors, and with this part of a profile.
     pub(crate) fn start(descriptors: Option<u32>, arguments: &[&str], web: &str) -> Machine {
         let (device, text) = walker();
         let home = tempfile::tempdir().unwrap();
@@ -46,40 +47,40 @@ impl Machine {
         Machine { home, device, profile, gateway }
     }
 
-    /// One that is held on time beside what a test does elsewhere on this computer.
+    /// Starts a compensated machine that must be on time during a test on the same computer.
     pub(crate) fn beside() -> Beside {
         let machine = Machine::start(None, &[], "");
         machine.is_held();
         Beside { _on_time: machine.on_time(), _machine: machine }
     }
 
-    /// Where the page listens, as the gateway says it.
+    /// Address of the page, from the output of the gateway.
     pub(crate) fn page(&mut self) -> SocketAddr {
         let line = self.gateway.hears("page http");
         line.rsplit('/').next().unwrap().parse().unwrap()
     }
 
-    /// A verb of this machine.
+    /// Makes the command of a verb for this machine.
     pub(crate) fn verb(&self, verb: &str) -> Command {
         let mut command = isotherm(self.home.path());
         command.arg(verb).arg(&self.profile).arg("--state").arg(self.home.path());
         command
     }
 
-    /// What a verb says that knows the profile alone.
+    /// Output of a verb that needs only the profile.
     pub(crate) fn verb_of_profile(&self, verb: &str, options: &[&str]) -> String {
         let output = isotherm(self.home.path()).arg(verb).arg(&self.profile).args(options).output().unwrap();
         [output.stdout, output.stderr].map(|said| String::from_utf8(said).unwrap()).concat()
     }
 
-    /// The axis holds the machine.
+    /// Waits until the axis moves.
     pub(crate) fn is_held(&self) {
         self.device.asks(2000);
         let moves = self.device.wait(PATIENCE, |state| (state.writes() > 0).then_some(()));
         moves.expect("the axis does not move");
     }
 
-    /// The device is up again, and polled; how long that took.
+    /// Brings the device back. Returns the time until it was polled.
     pub(crate) fn comes_back(&self) -> Duration {
         let up = self.device.now();
         self.device.is_down(false);
@@ -89,21 +90,21 @@ impl Machine {
         polled.expect("the device is not polled again").since(up)
     }
 
-    /// From now on it is held on time, as long as what is returned lives.
+    /// Begins to check that the machine is polled on time, until the guard is dropped.
     pub(crate) fn on_time(&self) -> OnTime {
         OnTime::from_now(&self.device, EVERY, self.gateway.id())
     }
 }
 
-/// A device, and the profile of a machine that it is all of.
+/// A device, and the profile of a machine with only this device.
 pub(crate) fn walker() -> (Device, String) {
     let device = Device::listen(TcpListener::bind("127.0.0.1:0").unwrap(), Duration::ZERO);
-    // Nobody is to hold up a poll but those who attack.
+    // Only an attacker should delay a poll.
     let text = profile(device.address(), TIMES).replace("\"100ms\" }", "\"1ms\" }");
     (device, text)
 }
 
-/// A whole answer to this request, where there is one.
+/// Complete answer to this request; `None` if there is none.
 pub(crate) fn ask(page: SocketAddr, request: &str) -> Option<String> {
     let mut stream = TcpStream::connect(page).ok()?;
     stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
@@ -113,7 +114,7 @@ pub(crate) fn ask(page: SocketAddr, request: &str) -> Option<String> {
     (!answer.is_empty()).then_some(answer)
 }
 
-/// The request of a page, after whose answer the connection ends.
+/// Request for a page. The connection ends after the answer.
 pub(crate) fn get(page: SocketAddr, path: &str) -> String {
     format!("GET {path} HTTP/1.1\r\nHost: {page}\r\nConnection: close\r\n\r\n")
 }

@@ -1,4 +1,4 @@
-//! A gateway with its page, its device, and whoever comes to it over real sockets.
+//! A gateway with its page and its device, and clients over real sockets.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
@@ -13,7 +13,7 @@ use crate::device::{Device, Times, profile};
 use crate::on_time::OnTime;
 use crate::process::{Running, file, isotherm, until};
 
-/// The device is in this process: see `rig`.
+/// Timeouts for a device in this process: see `rig`.
 const TIMES: Times = Times {
     timeout: Duration::from_secs(5),
     every: Duration::from_millis(500),
@@ -22,14 +22,14 @@ const TIMES: Times = Times {
 pub(crate) const OPERATOR: &str = "commands-and-more-than-that";
 pub(crate) const VIEWER: &str = "looks-and-no-more-than-that";
 pub(crate) const SCRAPER: &str = "collects-figures-and-no-more";
-/// What the profile says of both tokens.
+/// Profile lines for the operator's and the viewer's token.
 pub(crate) const BOTH: &str = "token_file = \"operator.token\"\nviewer_token_file = \"viewer.token\"\n";
 
-/// And of that of whoever collects figures.
+/// Profile line for the scraper's token.
 pub(crate) const SCRAPES: &str = "scrape_token_file = \"scrape.token\"\n";
 
 pub(crate) struct Site {
-    /// Looked at before anything ends: whatever a test does here, the machine is held on time.
+    /// Dropped, and thus checked, before anything ends: the machine must be compensated on time during the test.
     on_time: Option<OnTime>,
     pub(crate) home: tempfile::TempDir,
     pub(crate) device: Device,
@@ -38,7 +38,7 @@ pub(crate) struct Site {
     pub(crate) address: SocketAddr,
 }
 
-/// What came back.
+/// Answer of the page.
 #[derive(Debug)]
 pub(crate) struct Reply {
     pub(crate) code: u16,
@@ -57,13 +57,13 @@ impl Reply {
     }
 }
 
-/// A header with a token.
+/// Header with a token.
 pub(crate) fn bearer(token: &str) -> String {
     format!("Authorization: Bearer {token}\r\n")
 }
 
 impl Site {
-    /// One whose axis is off until somebody arms it; these lines stand below `[web]`.
+    /// Starts a gateway with these lines in `[web]`. Its axis is off until an operator arms it.
     pub(crate) fn with(web: &str) -> Site {
         Site::of(web, |text| text.replace("arm = \"auto\"", "arm = \"manual\""))
     }
@@ -72,7 +72,7 @@ impl Site {
         Site::at("127.0.0.1", web, change)
     }
 
-    /// The same where the page listens on other addresses than this computer's own.
+    /// Starts a gateway with the page at another address than loopback.
     pub(crate) fn at(listen: &str, web: &str, change: impl FnOnce(String) -> String) -> Site {
         let device = Device::listen(TcpListener::bind("127.0.0.1:0").unwrap(), Duration::ZERO);
         let home = tempfile::tempdir().unwrap();
@@ -101,12 +101,12 @@ impl Site {
         Site { on_time: Some(on_time), home, device, profile, gateway, address }
     }
 
-    /// Until now the machine was held on time; what comes, as a line that is cut, may keep it from that.
+    /// Ends the check of poll times, because the next steps may delay polls, for example an interrupted line.
     pub(crate) fn was_on_time(&mut self) {
         drop(self.on_time.take());
     }
 
-    /// A verb of this machine: its exit code, and all that it said.
+    /// Runs a verb for this machine. Returns its exit code and its output.
     pub(crate) fn verb(&self, words: &[&str]) -> (i32, String) {
         let (verb, options) = words.split_first().unwrap();
         let mut command = isotherm(self.home.path());
@@ -116,17 +116,17 @@ impl Site {
         (output.status.code().unwrap(), said)
     }
 
-    /// A token file with this in it from now on.
+    /// Replaces the content of a token file.
     pub(crate) fn token(&self, name: &str, token: &str) {
         std::fs::write(self.home.path().join(name), token).unwrap();
     }
 
-    /// Comes from this address of the computer.
+    /// Connects from this address of the computer.
     pub(crate) fn connect(&self, from: &str) -> TcpStream {
         let from: IpAddr = from.parse().unwrap();
         let socket = Socket::new(Domain::IPV4, Type::STREAM, None).unwrap();
         socket.bind(&SocketAddr::from((from, 0)).into()).unwrap();
-        // From another address than loopback to that address.
+        // A client with another address than loopback connects to that address.
         let to =
             if from.is_loopback() { self.address } else { SocketAddr::from((from, self.address.port())) };
         socket.connect(&to.into()).unwrap();
@@ -164,8 +164,8 @@ impl Site {
         format!("{method} {path} HTTP/1.1\r\nHost: {host}\r\n{headers}Content-Length: {length}\r\n\r\n{body}")
     }
 
-    /// The same request over and over on one connection, a hundred at a time, for as long as `goes_on` says; how often each code
-    /// came back.
+    /// Sends the same request repeatedly on one connection, a hundred at a time, as long as `goes_on` returns true.
+    /// Returns the number of answers with each code.
     pub(crate) fn floods(
         &self,
         (method, path, headers, body): (&str, &str, &str, &str),
@@ -205,7 +205,7 @@ impl Site {
     }
 }
 
-/// The code of one answer, its body taken off.
+/// Reads one answer with its body, and returns its code.
 fn answered(reader: &mut impl BufRead) -> u16 {
     let (mut code, mut length) = (0, 0);
     loop {

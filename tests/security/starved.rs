@@ -1,4 +1,4 @@
-//! Whoever only connects, and says nothing: the page's share is theirs at the most.
+//! Clients that only connect and send nothing can use only the page's share of the resources.
 
 use std::io::{ErrorKind, Read};
 use std::net::{SocketAddr, TcpStream};
@@ -16,7 +16,7 @@ use crate::on_time;
 use crate::process::until;
 use crate::rig::{Machine, ask, get};
 
-/// Sockets that are open and silent; one that is closed is opened again a second later.
+/// Open sockets that send nothing. A closed one is opened again a second later.
 struct Silent {
     ends: Arc<AtomicBool>,
     thread: Option<JoinHandle<usize>>,
@@ -51,7 +51,7 @@ impl Silent {
         Silent { ends, thread: Some(thread) }
     }
 
-    /// How many connections it took.
+    /// Number of connections that were made.
     fn end(mut self) -> usize {
         self.ends.store(true, Ordering::Relaxed);
         self.thread.take().unwrap().join().unwrap()
@@ -65,19 +65,19 @@ fn is_closed(socket: &mut TcpStream) -> bool {
     }
 }
 
-/// The bytes of the file that the gateway kept most recently whose name ends so.
+/// Size in bytes of the largest file of the gateway with this suffix.
 fn kept(machine: &Machine, end: &str) -> u64 {
     let entries = std::fs::read_dir(machine.home.path()).unwrap().map(|entry| entry.unwrap());
     let sizes = entries.filter(|entry| entry.file_name().to_string_lossy().ends_with(end));
     sizes.map(|entry| entry.metadata().unwrap().len()).max().unwrap_or(0)
 }
 
-/// What is kept for the next start.
+/// State that is kept for the next start.
 fn state_kept(machine: &Machine) -> String {
     std::fs::read_to_string(machine.home.path().join("walker.state.json")).unwrap_or_default()
 }
 
-/// How long a verb takes on this computer while nobody attacks.
+/// Duration of a verb on this computer without an attack.
 fn a_verb_takes(machine: &Machine) -> Duration {
     let begun = machine.device.now();
     let status = machine.verb("status").output().unwrap();
@@ -87,7 +87,7 @@ fn a_verb_takes(machine: &Machine) -> Duration {
 
 const HEARTBEAT: &str = "[heartbeat]\ndevice = \"cnc\"\nregister = \"holding:20\"\nevery = \"200ms\"\n";
 
-/// Of five heartbeats a second two come at least, while the computer itself is not late.
+/// Asserts that at least two of five heartbeats in a second arrive, apart from delays of the computer itself.
 fn beats(machine: &Machine, from: Moment) {
     let now = machine.device.now();
     let excused = 2 * on_time::excused(from, now);
@@ -114,7 +114,7 @@ fn two_thousand_silent_sockets_take_nothing_from_lines_commands_and_files() {
     beats(&machine, full);
     drop(on_time);
 
-    // The line has to connect anew.
+    // The gateway has to connect to the device again.
     machine.device.is_down(true);
     std::thread::sleep(Duration::from_secs(6));
     let returned = machine.comes_back();
@@ -153,7 +153,7 @@ fn two_thousand_silent_sockets_take_nothing_from_lines_commands_and_files() {
     assert_eq!(said.matches("and so many of one address").count(), 1, "{said}");
 }
 
-/// Connections to the command socket that stay silent; each that is closed is opened again at once.
+/// Opens connections to the command socket that send nothing. A closed one is opened again at once.
 fn silent_commands(socket: &Path, count: usize, ends: &Arc<AtomicBool>) -> JoinHandle<usize> {
     let (socket, ends) = (socket.to_owned(), Arc::clone(ends));
     let limit = getrlimit(Resource::Nofile);

@@ -1,4 +1,4 @@
-//! Texts of others that steer terminals and forge lines: they are refused, or shown escaped.
+//! Text from outside that contains control characters or forged lines. The program rejects it, or shows it escaped.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -15,7 +15,7 @@ const MACHINE: &str = include_str!("../interop/machine.toml");
 const TOKEN: &str = "0123456789abcdef0123456789abcdef";
 const FORGED: &str = "FORGED axis z: armed by the owner";
 
-/// Neither a line that begins with what was forged, nor anything that steers a terminal.
+/// Asserts that the output contains no line that begins with the forged text, and no control characters.
 #[track_caller]
 fn is_honest(said: &str) {
     assert!(!said.chars().any(|one| one.is_control() && one != '\n' && one != '\t'), "{said:?}");
@@ -27,7 +27,7 @@ fn said(command: &mut Command) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
 }
 
-/// A directory whose name would clear the screen and begin a line of its own.
+/// A directory with a name that would clear the screen and begin a new line.
 fn hostile(home: &Path) -> PathBuf {
     let directory = home.join(format!("a\u{1b}[2J\n{FORGED}"));
     std::fs::create_dir(&directory).unwrap();

@@ -1,11 +1,11 @@
-//! Who may look, and who may command.
+//! Permissions for viewing and for commands.
 
 use std::os::unix::fs::PermissionsExt;
 
 use crate::process::{isotherm, until};
 use crate::site::{BOTH, OPERATOR, SCRAPER, SCRAPES, Site, VIEWER, bearer};
 
-/// Everything that changes something.
+/// All requests that change something.
 const COMMANDS: [(&str, &str, &str); 12] = [
     ("POST", "/api/arm", ""),
     ("POST", "/api/disarm", ""),
@@ -63,7 +63,7 @@ fn what_a_proxy_has_sent_on_is_never_local() {
         assert_eq!(site.get("/api/status", header).code, 403, "{header}");
         assert_eq!(site.get("/healthz", header).code, 200);
     }
-    // What a proxy says that says nothing.
+    // A request of a proxy that sends no header of its own.
     for (request, code) in [("GET /api/status", "403"), ("POST /api/arm", "403"), ("GET /healthz", "200")] {
         let mut line = site.connect("127.0.0.1");
         let text = format!("{request} HTTP/1.0\r\nHost: {}\r\nContent-Length: 0\r\n\r\n", site.address);
@@ -142,7 +142,8 @@ fn whoever_has_the_scrapers_token_reads_the_metrics_and_nothing_else_not_even_by
     let only = counted.lines().find(|line| line.contains("why=\"only-scrapes\"")).unwrap();
     assert!(only.rsplit(' ').next().unwrap().parse::<u32>().unwrap() >= 9, "{only}");
 
-    // Beyond this computer it is enough to collect figures; nobody looks with it.
+    // On other addresses, a scraper's token alone is sufficient for the page to listen. Viewing is not possible with
+    // it.
     let site = Site::at("0.0.0.0", &format!("plain = true\n{SCRAPES}"), |text| text);
     assert_eq!((site.get("/metrics", &scrapes).code, site.get("/api/status", &scrapes).code), (200, 403));
     let from = elsewhere();
@@ -249,10 +250,10 @@ fn a_stolen_visit_is_no_token_and_ends_when_its_token_does() {
     });
 }
 
-/// An address of this computer that others have, too: all of its own are one.
+/// Address of this computer that is not loopback. A client at loopback counts as one address.
 fn elsewhere() -> String {
     let socket = std::net::UdpSocket::bind("0.0.0.0:0").unwrap();
-    // Nothing is sent.
+    // `connect` of a UDP socket sends nothing.
     socket
         .connect("198.51.100.1:9")
         .expect("a network: from this computer's own addresses nobody is elsewhere");
@@ -280,7 +281,7 @@ fn a_hundred_thousand_wrong_tokens_are_a_few_lines_and_the_right_one_from_elsewh
         sent < 100_000
     });
     let wrong_ones = codes.iter().find(|(code, _)| *code == 401).unwrap().1;
-    // Five a minute, and five in each minute that it took.
+    // Five wrong tokens each minute are checked, for every minute that the test took.
     assert!(wrong_ones <= 20 && codes.iter().map(|(_, count)| count).sum::<usize>() == 100_000, "{codes:?}");
     assert_eq!(worked, 11);
     let posted = site.floods(("POST", "/api/disarm", &wrong, ""), |sent| sent < 1000);
@@ -335,7 +336,7 @@ fn a_browser_gets_a_page_to_sign_in_and_a_program_an_answer_it_can_read() {
     assert!(closed.code == 429 && closed.body.contains("Wait a minute"), "{closed:?}");
 }
 
-/// Needs chromium and python3, as `tests/observe/page.rs`.
+/// Test with chromium and python3, as `tests/observe/page.rs`.
 #[test]
 fn a_person_signs_in_commands_and_signs_out_in_a_real_browser() {
     let site = Site::with(BOTH);
@@ -370,7 +371,8 @@ fn a_token_that_others_may_read_or_that_is_short_keeps_the_gateway_from_starting
     let again = isotherm(home.path()).args(["token", "--out"]).arg(&token).output().unwrap();
     assert_eq!(again.status.code(), Some(1), "one that is there is not touched");
     let site = Site::with("");
-    // At a place of its own: where a gateway writes already, another one refuses for that reason.
+    // The device has another address, because a second gateway for the same registers would be rejected for that
+    // reason.
     let profile = std::fs::read_to_string(&site.profile).unwrap().replace("127.0.0.1", "127.0.0.3");
     let profile = profile.replace("[web]\n", &format!("[web]\ntoken_file = \"{}\"\n", token.display()));
     let profile = crate::process::file(home.path(), "machine.toml", &profile);

@@ -1,4 +1,5 @@
-//! One machine by one seed: its gateway, which is killed, stopped, suspended and started again, and its people.
+//! Simulation of one machine by one seed. The gateway is killed, stopped, suspended and started again; operators use
+//! the page.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -29,33 +30,33 @@ use crate::stream::{Shared, SimulatedDial};
 use crate::time::Passage;
 
 const SECOND: Duration = Duration::from_secs(1);
-/// How often somebody looks at the page.
+/// Interval at which an operator checks the page.
 const VISIT: Duration = Duration::from_secs(20);
-/// The date on the computer's clock, where that is right.
+/// Wall-clock time of the computer at the start, if its clock is correct.
 const BEGIN: Moment = Moment::from_nanos(1_767_225_600_000_000_000);
 
-/// A rule that the gateway is without, to show what it is for.
+/// A rule that is removed from the gateway, to show that it is necessary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Without {
     Nothing,
-    /// A reading is as old as its question.
+    /// The age of a reading is counted from the request.
     Age,
-    /// The namespace of a server is the one behind its index when it was first seen.
+    /// The namespace of a server is identified by its URI.
     Uris,
 }
 
-/// What came of it.
+/// Result of a simulation.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Outcome {
     pub(crate) ran: Duration,
     pub(crate) counts: Counts,
     pub(crate) changes: u64,
     pub(crate) taken: u64,
-    /// Registers that have gone back from values in other settings.
+    /// Number of registers that returned from values read with other settings.
     pub(crate) went_back: u64,
-    /// Two runs of one seed have the same.
+    /// Hash of all notes; equal in two runs of one seed.
     pub(crate) fingerprint: u64,
-    /// The first breach, with what happened before.
+    /// First violation, with the notes before it.
     pub(crate) breach: Option<String>,
 }
 
@@ -65,7 +66,7 @@ pub(crate) fn profile() -> Profile {
     parsed(TEXT)
 }
 
-/// The same machine without a check of its module.
+/// Profile of the machine without a check of its module.
 pub(crate) fn profile_without_checks() -> Profile {
     parsed(&text_without_checks())
 }
@@ -74,7 +75,7 @@ pub(crate) fn text_without_checks() -> String {
     TEXT.replace("verify = [{ register = \"holding:60\", equals = 7, what = \"type code\" }]\n", "")
 }
 
-/// The same machine, whose thermometers and whose control are servers of OPC UA.
+/// Profile of the machine in which sensors and control are OPC UA servers.
 pub(crate) fn profile_of_nodes() -> Profile {
     let mut text = TEXT.to_owned();
     for line in ["sensors", "cnc"] {
@@ -98,7 +99,7 @@ pub(crate) fn parsed(text: &str) -> Profile {
     parsed.unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 
-/// Runs the machine of this seed for so long.
+/// Runs the machine of this seed for this time.
 pub(crate) fn run(scene: &Scene, seed: u64, span: Duration, without: Without) -> Outcome {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build();
     let runtime = runtime.unwrap_or_else(|error| panic!("no runtime: {error}"));
@@ -116,11 +117,11 @@ struct Day<'a> {
     next: (Duration, Happening),
     visits_at: Duration,
     people: People,
-    /// An edit waits for a moment at which an operator may type.
+    /// Pending edit, until a time at which an operator may enter it.
     edit: Option<(usize, u16, i64)>,
 }
 
-/// Why a run of the gateway ends.
+/// Reason for the end of a run of the gateway.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum End {
     Killed,
@@ -184,19 +185,19 @@ impl<'a> Day<'a> {
         }
     }
 
-    /// No gateway runs until then; the machine does.
+    /// Simulates the machine without a gateway until this time.
     async fn absent(&mut self, until: Duration) {
         while self.passage.now() < until {
             let at = until.min(self.next.0);
             self.passage.timer(at).await;
             if self.passage.now() >= self.next.0 {
-                // Whoever is not there is neither killed nor stopped.
+                // There is no gateway that could be killed or stopped.
                 let _ = self.happens(None);
             }
         }
     }
 
-    /// One run of the gateway, until something ends it.
+    /// Runs the gateway once, until an event ends it.
     async fn run_gateway(&mut self, span: Duration) -> End {
         {
             let mut world = self.shared.world();
@@ -275,7 +276,7 @@ impl<'a> Day<'a> {
         End::Killed
     }
 
-    /// What is due happens. `Some` where that ends the gateway.
+    /// Executes the due event. Returns the reason if the event ends the gateway.
     fn happens(&mut self, source: Option<&Arc<dyn Source>>) -> Option<End> {
         let (_, what) = self.next;
         let now = self.passage.now();
@@ -288,7 +289,7 @@ impl<'a> Day<'a> {
             Happening::Foreign(value) => self.edit = Some((CNC, X, value)),
             Happening::FullDisk(span) => {
                 self.disk_full_until = now + span;
-                // What is promised must be on disk first.
+                // The gateway must write its promises to disk before it writes to the control.
                 world.keeps_waiting(CNC, now + span);
                 world.did(now, "the disk is full for s", span.as_secs());
             }
@@ -314,7 +315,7 @@ impl<'a> Day<'a> {
         end
     }
 
-    /// The operator types, or somebody else writes, at a moment at which nobody reads or writes there.
+    /// Writes the pending edit of the operator or of another client, while no request is under way.
     fn types(&mut self, now: Duration) {
         let Some((line, at, value)) = self.edit else { return };
         let mut world = self.shared.world();
@@ -323,7 +324,8 @@ impl<'a> Day<'a> {
         let register = world.machine.laws.registers.iter().find(|one| one.line == line && one.at == at);
         let Some(register) = register.filter(|_| is_quiet && !world.is_held(line)) else { return };
         let to = if at == Y { register.value + value } else { value };
-        // Nobody types what is under way, what was sent lately, or zero; nor before it is known that the control restarted.
+        // An operator does not enter a value under way, a recently sent value, or zero. The gateway must also have read
+        // the register after a restart of the control.
         if to == 0 || register.was_sent(to, now) || !register.is_known() {
             return;
         }
@@ -337,7 +339,7 @@ impl<'a> Day<'a> {
     }
 }
 
-/// What was broken, and what happened before.
+/// Text of a violation, with the notes before it.
 fn story(world: &World, why: &str) -> String {
     let mut story = String::new();
     for (at, note) in world.notes.iter().skip(world.notes.len().saturating_sub(90)) {

@@ -1,4 +1,4 @@
-//! A disk in memory, which may be full, and outlives every gateway.
+//! In-memory disk, which may be full, and exists longer than a gateway.
 
 use std::collections::HashMap;
 use std::io::{ErrorKind, Result};
@@ -12,7 +12,7 @@ use isotherm::gateway::Disk;
 pub(crate) struct MemoryDisk {
     files: Arc<Mutex<HashMap<PathBuf, Vec<u8>>>>,
     pub(crate) is_full: Arc<AtomicBool>,
-    /// Of a gateway that was killed nothing comes to the disk any more.
+    /// Whether the gateway was killed; its writes then fail.
     pub(crate) is_dead: Arc<AtomicBool>,
 }
 

@@ -2,24 +2,24 @@
 
 use isotherm_core::codec::checksum;
 
-/// Transaction, protocol, length and unit.
+/// Length of the header: transaction, protocol, length and unit.
 const HEADER: usize = 7;
-/// Number of the device on each line.
+/// Unit number of the device on each line.
 const UNIT: u8 = 1;
-/// Bytes of a checksum.
+/// Length of a checksum in bytes.
 const SUM: usize = 2;
 
-/// Kind of the frames on a line.
+/// Kind of frames on a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Framing {
-    /// Modbus TCP: an answer has the transaction of its question.
+    /// Modbus TCP: a reply contains the transaction of its request.
     Tcp,
-    /// RTU through a serial server, which passes the bytes on: an answer does not name its question.
+    /// RTU through a serial server, which forwards the bytes. A reply does not identify its request.
     Rtu,
 }
 
 impl Framing {
-    /// Returns the message in a frame, or `None` if the frame is too short for one.
+    /// Returns the message in a frame; `None` if the frame is too short.
     pub(crate) fn message(self, frame: &[u8]) -> Option<&[u8]> {
         match self {
             Framing::Tcp => frame.get(HEADER..),
@@ -27,7 +27,7 @@ impl Framing {
         }
     }
 
-    /// Returns the transaction of a question; zeros if frames have none.
+    /// Returns the transaction of a request; zeros if frames have none.
     pub(crate) fn transaction(self, frame: &[u8]) -> [u8; 2] {
         match (self, frame) {
             (Framing::Tcp, [high, low, ..]) => [*high, *low],

@@ -1,4 +1,5 @@
-//! The laws, held against what is on the wire and what is true. Nothing of the gateway is asked.
+//! Laws of the offset, checked against the bytes on the lines and the true state of the machine. The check does not
+//! query the gateway.
 
 use std::time::Duration;
 
@@ -6,77 +7,79 @@ use crate::machine::{CNC, CORRECTED, PLC, Question, READOUT, SENSORS, W, X, Y, Z
 use crate::panel::{Panel, REGISTERS};
 use crate::second_master::Signs;
 
-/// A reading is used for so long after its question; a position.
+/// Maximum age of a reading since its request, and of a position.
 const MAX_AGE: Duration = Duration::from_secs(3);
 const MAX_AGE_OF_POSITION: Duration = Duration::from_millis(500);
-/// A last look at the clock, in a runtime that counts milliseconds.
+/// Tolerance for the last clock sample, in a runtime with millisecond resolution.
 const LOOK: Duration = Duration::from_millis(2);
-/// Counts of a step, in tenths of a micrometre.
+/// Maximum step in counts of 0.1 µm.
 const STEP: i64 = 10;
-/// Counts by which a change may lead away from what the temperatures require: the deadband, half a count, what they change by within
-/// `MAX_AGE`, and one count beside a sum that must not be zero.
+/// Maximum counts by which a change may increase the distance to the target of the temperatures. It covers the
+/// deadband, half a count of rounding, the change of the target within `MAX_AGE`, and one count that avoids a sum of
+/// zero.
 const AWAY: f64 = 3.5;
-/// How long a value that was sent is no value for an operator.
+/// Time after sending during which a value cannot be an operator's edit.
 const REMEMBERED: Duration = Duration::from_secs(330);
 
-/// One register that is held to the laws.
+/// A register that is checked.
 #[derive(Clone, Debug)]
 pub(crate) struct Register {
     pub(crate) name: &'static str,
     pub(crate) line: usize,
     pub(crate) at: u16,
     limit: i64,
-    /// What stands there.
+    /// Current register value.
     pub(crate) value: i64,
-    /// The operator's part; nothing in a register that is ours alone.
+    /// Operator offset; 0 in a register that only the gateway writes to.
     pub(crate) his: i64,
-    /// When the gateway was last shown what stands there, and what that was.
+    /// Time and value of the last read by the gateway.
     shown: Option<(Duration, i64)>,
-    /// When somebody else than the gateway last changed it.
+    /// Time of the last change by another client than the gateway.
     pub(crate) moved_at: Option<Duration>,
-    /// His part before a restart of the control that the gateway was not shown yet: a write brings it back.
+    /// Operator offset before a restart of the control that the gateway has not read yet. A write restores it.
     lost: Option<i64>,
-    /// Somebody has changed it, or another gateway has begun, since a gateway was last shown it.
+    /// Whether another client has changed the register, or another gateway has started, since a gateway last read it.
     is_news: bool,
-    /// What arrives next rests on what somebody has changed since: nobody can promise where it takes the register.
+    /// Whether the next write was decided before a change by another client. Its result is then not checked.
     is_excused: bool,
-    /// What was sent there lately.
+    /// Recently sent values with their times.
     sent: Vec<(Duration, i64)>,
-    /// The last of them that was another value than the register was known to hold.
+    /// Last sent value that differed from the last read value.
     changed_to: Option<i64>,
-    /// The temperature that its axis follows.
+    /// Sensor that the axis depends on.
     channel: usize,
 }
 
-/// All that is known of the truth.
+/// True state of the machine, and the state of the checks.
 #[derive(Clone, Debug)]
 pub(crate) struct Laws {
     pub(crate) registers: [Register; REGISTERS],
-    /// When each sensor was last asked for what it then said.
+    /// Time of the last request to each sensor whose reply arrived.
     read_at: [Option<Duration>; 2],
-    /// The same for values in other settings that no check could have shown yet.
+    /// Time of the last such request for a value with other settings that no check could have detected yet.
     misread_at: [Option<Duration>; 2],
     pub(crate) panel: Panel,
     /// Signs of another master on the line of the module.
     pub(crate) signs: Signs,
-    /// Positions that the gateway was shown, the newest last, µm.
+    /// Positions that the gateway has read, the latest last, µm.
     positions: Vec<(Duration, i64)>,
-    /// What was last added to a position, in tenths of a micrometre.
+    /// Last correction of a position, in units of 0.1 µm.
     pub(crate) corrected: Option<i64>,
-    /// When this gateway was last shown something that it has not done, without the time that the computer slept.
+    /// Time at which this gateway last read a change that it had not made. It does not include the time in which the
+    /// computer slept.
     pub(crate) news_at: Duration,
-    /// What the PLC took last, if nothing has cleared it since.
+    /// Last set that the PLC has taken; `None` after it was cleared.
     taken: Option<[i64; 2]>,
     pub(crate) taken_count: u64,
     pub(crate) changes: u64,
-    /// The first breach.
+    /// First violation.
     pub(crate) broken: Option<String>,
 }
 
-/// What a write that is on its way rests on.
+/// Reads on which a write under way depends.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Rests {
-    /// When its register was last shown before it left.
+    /// Time of the last read of the register before the write was sent.
     shown_at: Option<Duration>,
 }
 
@@ -119,7 +122,7 @@ impl Laws {
         }
     }
 
-    /// What stands in the registers at the beginning.
+    /// Register values at the start.
     pub(crate) fn standing(&self) -> Vec<(usize, u16, i64)> {
         self.registers.iter().map(|register| (register.line, register.at, register.value)).collect()
     }
@@ -128,24 +131,24 @@ impl Laws {
         self.broken.get_or_insert(why);
     }
 
-    /// A sensor was asked at this moment, and its answer was handed over in time.
+    /// Records a valid reading of a sensor, whose request was sent at this time.
     pub(crate) fn read(&mut self, channel: usize, asked: Duration) {
         self.read_at[channel] = self.read_at[channel].max(Some(asked));
     }
 
-    /// The same while the module is set otherwise.
+    /// Records a reading while the module has other settings.
     pub(crate) fn misread(&mut self, channel: usize, asked: Duration) {
         if self.panel.is_hidden() {
             self.misread_at[channel] = self.misread_at[channel].max(Some(asked));
         }
     }
 
-    /// Returns whether both sensors were read, and nothing else was taken for their values.
+    /// Returns whether both sensors were read recently, and no other value was used as their reading.
     pub(crate) fn has_readings(&self, now: Duration) -> bool {
         self.read_at.iter().all(|asked| is_recent(*asked, now)) && self.signs.has_no_mistake(now)
     }
 
-    /// The gateway was given the type code of the module, which that had at this time.
+    /// Records a reply with the type code of the module, which had this code at `seen_at`.
     pub(crate) fn checks(&mut self, is_expected: bool, seen_at: Duration, now: Duration) {
         let ours = self.ours();
         match is_expected {
@@ -157,12 +160,12 @@ impl Laws {
         }
     }
 
-    /// The module is set otherwise from now on.
+    /// Records a change of the module's settings.
     pub(crate) fn settings_change(&mut self, now: Duration) {
         self.panel.changes(self.ours(), now);
     }
 
-    /// A connection to the module is made.
+    /// Records a new connection to the module.
     pub(crate) fn connects(&mut self, line: usize) {
         if line == SENSORS {
             self.panel.breaks();
@@ -170,7 +173,7 @@ impl Laws {
         }
     }
 
-    /// Axes are armed that were off.
+    /// Records that axes are armed that were off.
     pub(crate) fn arms(&mut self, was_off: impl Fn(&str) -> bool) {
         for (place, ours) in self.ours().into_iter().enumerate() {
             if was_off(self.registers[place].name) {
@@ -179,7 +182,7 @@ impl Laws {
         }
     }
 
-    /// A question leaves on a line, on which nothing fails if it is fair.
+    /// Records a request on a line. `is_fair` is whether nothing fails on this line.
     pub(crate) fn asks(&mut self, line: usize, now: Duration, is_fair: bool) {
         self.panel.asks(line, now, is_fair);
         for (place, ours) in self.ours().into_iter().enumerate() {
@@ -192,7 +195,7 @@ impl Laws {
         }
     }
 
-    /// Counts of the gateway in the registers, without the operator's.
+    /// Gateway shares in the registers, in counts.
     fn ours(&self) -> [i64; REGISTERS] {
         self.registers.each_ref().map(|register| register.value - register.his)
     }
@@ -204,7 +207,7 @@ impl Laws {
         }
     }
 
-    /// The gateway was shown these registers, as they were when the device answered.
+    /// Records a read reply with these registers, which the device sent at `at`.
     pub(crate) fn shows(&mut self, line: usize, from: u16, words: &[u8], at: Duration, awake: Duration) {
         let mut is_news = false;
         for register in self.registers.iter_mut().filter(|register| register.line == line) {
@@ -220,7 +223,8 @@ impl Laws {
         }
     }
 
-    /// Another gateway begins: it knows nothing of the readout, and finds what the one before it may have been told.
+    /// Records the start of another gateway. It does not know the last correction of the readout, and finds values that
+    /// its predecessor may have sent.
     pub(crate) fn begins(&mut self) {
         self.corrected = None;
         self.panel.begins();
@@ -228,7 +232,7 @@ impl Laws {
         self.registers.iter_mut().for_each(|register| register.is_news = true);
     }
 
-    /// A write leaves the gateway, while the temperatures require this of the axes, µm.
+    /// Checks a write that the gateway sends. `wanted` are the targets of the axes in µm by the temperatures.
     pub(crate) fn leaves(&mut self, line: usize, asked: Question, wanted: [f64; 5], now: Duration) -> Rests {
         if line == SENSORS {
             self.signs.asks(asked, now);
@@ -240,7 +244,7 @@ impl Laws {
         }
         let mut broken = None;
         let rested_on = (self.read_at, self.misread_at);
-        // The gateway cannot know yet that there is another master.
+        // The gateway cannot have detected the other master yet.
         let is_mistaken = is_recent(self.signs.mistaken_at(), now);
         for (index, register) in self.registers.iter_mut().enumerate() {
             let place = register.at.checked_sub(at).filter(|place| register.line == line && *place < count);
@@ -268,7 +272,7 @@ impl Laws {
         rests
     }
 
-    /// A readout gets a position that was measured lately, and a Cz that is at most a step from the one before.
+    /// Checks a corrected position: it must be based on a recent position, and Cz may change by at most a step.
     fn corrects(&mut self, words: [u16; 8], now: Duration) -> Option<String> {
         let shown = i64::from(words[0]) << 16 | i64::from(words[1]);
         let recent = |asked: &Duration| now.saturating_sub(*asked) <= MAX_AGE_OF_POSITION + LOOK;
@@ -276,7 +280,7 @@ impl Laws {
         if recent.peek().is_none() {
             return Some(format!("R3: {shown} is shown without a position"));
         }
-        // A tenth of a micrometre for what is rounded.
+        // Tolerance of 0.1 µm for rounding.
         let fits =
             |cz: &i64| self.corrected.is_none_or(|last| (cz - last).abs() <= STEP + 1) && cz.abs() <= 201;
         let found = recent.map(|(_, position)| shown - 10 * position).find(fits);
@@ -290,7 +294,7 @@ impl Laws {
         None
     }
 
-    /// What arrives next on this line rests on this.
+    /// Records the reads on which the next write on this line depends.
     pub(crate) fn rests_on(&mut self, line: usize, rests: Rests) {
         for register in self.registers.iter_mut().filter(|register| register.line == line) {
             register.is_excused =
@@ -298,7 +302,7 @@ impl Laws {
         }
     }
 
-    /// A value of ours comes to stand in a register.
+    /// Checks a value of the gateway that arrives in a register.
     pub(crate) fn arrives(&mut self, line: usize, at: u16, value: i64) {
         let mut broken = None;
         for register in
@@ -324,7 +328,7 @@ impl Laws {
         }
     }
 
-    /// The PLC takes what stands in its block.
+    /// Checks the set that the PLC takes from its block.
     pub(crate) fn takes(&mut self, set: [i64; 2]) {
         self.taken_count += 1;
         let before = self.taken.replace(set).unwrap_or(set);
@@ -334,7 +338,7 @@ impl Laws {
         }
     }
 
-    /// The control on this line has nothing in its registers any more.
+    /// Records that the control on this line has lost its register values.
     pub(crate) fn cleared(&mut self, line: usize, now: Duration) {
         for (place, register) in self.registers.iter_mut().enumerate() {
             if register.line != line {
@@ -350,7 +354,7 @@ impl Laws {
         }
     }
 
-    /// Somebody else puts this there.
+    /// Records a write by another client.
     pub(crate) fn moved(&mut self, line: usize, at: u16, value: i64, now: Duration) {
         for (place, register) in self.registers.iter_mut().enumerate() {
             if (register.line, register.at) == (line, at) {
@@ -365,8 +369,8 @@ impl Laws {
 }
 
 impl Register {
-    /// Returns why a change to this value is against the laws, if it is. It may rest on a reading, on a value in other settings that no
-    /// check could have shown yet, or on nothing if it is the way back from such values.
+    /// Returns the violation by a change to this value, if any. A change may be based on a recent reading, or on a
+    /// value with other settings that no check could have detected yet. The return from such values needs no reading.
     fn forbids(
         &self,
         sent: i64,
@@ -379,7 +383,7 @@ impl Register {
         let age = |asked: Option<Duration>| Some(now.saturating_sub(asked?));
         let is_recent = |age: Option<Duration>| age.is_some_and(|age| age <= MAX_AGE + LOOK);
         let (age, misread) = (age(read_at[self.channel]), age(misread_at[self.channel]));
-        // Counts of ours, if the gateway knows what the operator's are.
+        // Gateway share in counts, if the gateway can know the operator offset.
         let his = (self.is_known() && self.lost.is_none()).then_some(self.his);
         let ours = self.shown.zip(his).map(|((_, shown), his)| (shown - his, sent - his));
         if is_recent(misread) {
@@ -397,7 +401,8 @@ impl Register {
             let since = since.unwrap_or_default();
             return Some(format!("R3: {name} is changed to {sent} on readings {age:?} old{since}"));
         }
-        // A control that refused it is sent the same again, while its axis keeps its value. In between it may be sent what it holds.
+        // If a control has refused a change while the axis keeps its value, the same value may be sent again. Meanwhile
+        // the current register value may be sent too.
         let is_repeated = self.changed_to == Some(sent);
         let (shown, sent) = ours.filter(|_| !is_repeated)?;
         let off = |ours: i64| (ours as f64 - 10.0 * wanted).abs();
@@ -406,19 +411,19 @@ impl Register {
             .then(|| format!("R11: {name} is changed from {shown} to {sent}, and {wanted} µm are required"))
     }
 
-    /// The gateway was shown what somebody else did last.
+    /// Returns whether the gateway has read the last change by another client.
     pub(crate) fn is_known(&self) -> bool {
         self.moved_at.is_none_or(|moved| self.shown.is_some_and(|(at, _)| at > moved))
     }
 
-    /// Nobody types what was sent there lately, or is very near to it.
+    /// Returns whether the gateway has recently sent this value. An operator does not enter it.
     pub(crate) fn was_sent(&self, value: i64, now: Duration) -> bool {
         let lately = self.sent.iter().filter(|(at, _)| now.saturating_sub(*at) < REMEMBERED);
         lately.map(|(_, sent)| *sent).any(|sent| sent == value)
     }
 }
 
-/// Returns whether what was asked for at this time may still be used.
+/// Returns whether the reply to a request at this time may still be used.
 fn is_recent(asked: Option<Duration>, now: Duration) -> bool {
     asked.is_some_and(|asked| now.saturating_sub(asked) <= MAX_AGE + LOOK)
 }

@@ -1,4 +1,4 @@
-//! The lines: what becomes of each question on its way, and of its answer.
+//! Simulated lines: the fate of each request, and of its reply.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -19,67 +19,68 @@ use crate::second_master::{self, Content, OtherExchange, OtherMaster};
 use crate::serial_side::{Delay, PATIENCE, SerialSide};
 use crate::time::Passage;
 
-/// How long anything is on its way at most; the gateway is told 30 s.
+/// Maximum delay of a request. The profile allows 30 s.
 pub(crate) const LATE: Duration = Duration::from_millis(29_500);
 const SECOND: Duration = Duration::from_secs(1);
 const MILLI: Duration = Duration::from_millis(1);
 
-/// What becomes of one question.
+/// Fate of one request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Fate {
-    /// It is done and answered.
+    /// Executed and answered.
     Done,
-    /// It is done, and the answer takes this long.
+    /// Executed at once; the reply takes this time.
     Slow(Duration),
-    /// It never arrives.
+    /// Lost.
     Lost,
-    /// It is done, and the answer is lost.
+    /// Executed, and the reply is lost.
     AnswerLost,
-    /// It is done and answered after so long.
+    /// Delayed: executed and answered after this time.
     Held(Duration),
-    /// It is done, and the device says this exception.
+    /// Executed, and answered with this exception.
     DoneAndDenied(u8),
-    /// It is not done, and the device says so.
+    /// Not executed, and answered with this exception.
     Refused(u8),
-    /// It is done, and this byte of the answer is another.
+    /// Executed, and this byte of the reply is changed.
     Corrupted(u8),
-    /// It is done, and five bytes come that are nothing.
+    /// Executed, and the reply is five invalid bytes.
     Garbled,
-    /// The connection ends before it is done.
+    /// Not executed; the connection ends before.
     CutBefore,
-    /// The connection ends after it was done.
+    /// Executed; the connection ends after that.
     CutAfter,
-    /// It is done, and its unit answers this long after its gateway has given up, with this exception or silently.
+    /// Executed; the unit answers this long after the timeout of its Modbus gateway, which sends this exception or
+    /// nothing.
     Late(Duration, Option<u8>),
-    /// It is done, and the computer sleeps for so long before it looks at the answer.
+    /// Executed; the computer sleeps for this time before it reads the reply.
     Asleep(Duration),
-    /// The gateway is killed before it is done.
+    /// Not executed; the gateway is killed before.
     KilledBefore,
-    /// The gateway is killed after it was done.
+    /// Executed; the gateway is killed after that.
     KilledAfter,
 }
 
-/// What a line does with everything.
+/// Condition of a line, which affects all its requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Weather {
     Fair,
     Silent,
-    /// Of a hundred, so many are lost, or their answers.
+    /// This percentage of requests or replies is lost.
     Lossy(u32),
-    /// All of them are done when it is over.
+    /// All requests are executed at the end of this condition.
     Jammed,
     Slow(Duration),
-    /// Of a hundred, so many are done and denied.
+    /// This percentage is executed and answered with this exception.
     Denying(u32, u8),
     Garbling(u32),
     Refusing(u8),
     Closing(u32),
-    /// Of a hundred, so many are answered after the gateway to the serial line has given up, with this exception or silently.
+    /// This percentage is answered after the timeout of the Modbus gateway, which sends this exception or nothing.
     Shifting(u32, Option<u8>),
     Unreachable,
 }
 
-/// A question that somebody on the way keeps.
+/// Delayed request.
 #[derive(Clone, Copy, Debug)]
 struct Flight {
     due: Duration,
@@ -90,7 +91,7 @@ struct Flight {
     rests: Rests,
 }
 
-/// An answer on its way to the gateway.
+/// Reply under way to the gateway.
 #[derive(Clone, Debug)]
 struct Coming {
     at: Duration,
@@ -98,17 +99,17 @@ struct Coming {
     asked_at: Duration,
     asked: Question,
     content: Content,
-    /// The question to which the device gave it, and when the device saw that.
+    /// Request to which the device sent it, and the time of the device's state.
     answers: Question,
     seen_at: Duration,
-    /// Nothing has changed it on its way.
+    /// Whether the reply is unchanged.
     is_sound: bool,
 }
 
 pub(crate) struct Line {
     pub(crate) weather: Weather,
     pub(crate) until: Duration,
-    /// What becomes of the next write, or of the next question to what measures.
+    /// Fate of the next write, or of the next request to a measuring device.
     pub(crate) next: Option<Fate>,
     timeout: Duration,
     pub(crate) framing: Framing,
@@ -116,13 +117,13 @@ pub(crate) struct Line {
     connection: u64,
     is_open: bool,
     coming: VecDeque<Coming>,
-    /// When it was last used.
+    /// Time of the last request.
     pub(crate) used_at: Duration,
-    /// A write that was not answered, or a control that did not take it, keeps the gateway waiting until then.
+    /// End of the time in which the gateway may wait for a missing reply to a write, or for the control to take it.
     waits_until: Duration,
 }
 
-/// Something that happened, small enough to be noted each time.
+/// Event in a compact form, which is stored each time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Note {
     Asked(usize, Brief, Fate),
@@ -132,7 +133,7 @@ pub(crate) enum Note {
     Did(&'static str, i64),
 }
 
-/// How often each thing happened.
+/// Number of events of each kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Counts {
     pub(crate) exchanges: u64,
@@ -140,35 +141,35 @@ pub(crate) struct Counts {
     pub(crate) faults: u64,
     pub(crate) runs: u64,
     pub(crate) arrived_late: u64,
-    /// Changes of the settings at the panel of the module with the thermocouples.
+    /// Changes of the settings at the panel of the thermocouple module.
     pub(crate) settings: u64,
-    /// Answers of that module which a gateway did not wait for.
+    /// Replies of that module that came after the timeout of the Modbus gateway.
     pub(crate) late_answers: u64,
-    /// Answers of another master to questions of the gateway, and how often a gateway must have noticed it.
+    /// Replies of another master used for requests of the gateway, and how often a gateway must have detected it.
     pub(crate) foreign_answers: u64,
     pub(crate) noticed: u64,
 }
 
-/// Everything outside of the gateway.
+/// Everything outside the gateway.
 pub(crate) struct World {
     pub(crate) machine: Machine,
     pub(crate) lines: [Line; LINES.len()],
-    /// What the module with the thermocouples is behind.
+    /// Serial side of the thermocouple module.
     serial: SerialSide,
     pub(crate) other: OtherMaster,
     pub(crate) random: Pcg32,
     pub(crate) passage: Passage,
     pub(crate) counts: Counts,
-    /// Connections of the gateway that lives; those of one that was killed carry nothing.
+    /// First connection of the running gateway. Connections of a killed gateway have no effect.
     oldest_alive: u64,
     newest: u64,
-    /// The gateway was killed: nothing that it still does has an effect.
+    /// Whether the gateway was killed. Its actions then have no effect.
     pub(crate) is_killed: bool,
     disk_is_dead: Arc<AtomicBool>,
     pub(crate) notes: VecDeque<(Duration, Note)>,
     pub(crate) fingerprint: u64,
     pub(crate) servers: Servers,
-    /// Everything is printed as it happens.
+    /// Whether notes are printed immediately.
     is_traced: bool,
 }
 
@@ -225,23 +226,23 @@ impl World {
         self.notes.push_back((now, note));
     }
 
-    /// Something else than a question happened, with a number that says more.
+    /// Records an event that is not a request, with a number.
     pub(crate) fn did(&mut self, now: Duration, what: &'static str, number: u64) {
         self.note(now, Note::Did(what, i64::try_from(number).unwrap_or(i64::MAX)));
     }
 
-    /// From now on, for so long, a line does this with everything.
+    /// Sets the condition of a line for this time.
     pub(crate) fn turns(&mut self, line: usize, weather: Weather, now: Duration, span: Duration) {
         (self.lines[line].weather, self.lines[line].until) = (weather, now + span);
         self.note(now, Note::Weather(line, weather, span.as_secs()));
     }
 
-    /// Whether anything is on its way on a line.
+    /// Returns whether a request is delayed on a line.
     pub(crate) fn is_held(&self, line: usize) -> bool {
         !self.lines[line].flights.is_empty()
     }
 
-    /// What was kept on the way arrives when it is due.
+    /// Delivers delayed requests that are due.
     pub(crate) fn pass(&mut self, now: Duration) {
         for place in 0..self.lines.len() {
             while let Some(first) =
@@ -276,7 +277,7 @@ impl World {
         }
     }
 
-    /// The line of the module carries an exchange of another master.
+    /// Simulates an exchange of another master on the line of the module.
     fn carries(&mut self, exchange: OtherExchange) {
         let weather = self.weather(SENSORS, exchange.asked);
         let is_lost = match weather {
@@ -301,13 +302,13 @@ impl World {
         flights.min_by_key(|(_, flight)| flight.due).map(|(place, _)| place)
     }
 
-    /// Whatever the gateway still does has no effect from now on.
+    /// Kills the gateway. Its further actions have no effect.
     pub(crate) fn kill(&mut self) {
         self.is_killed = true;
         self.disk_is_dead.store(true, Ordering::Relaxed);
     }
 
-    /// Everything of the gateway that was killed is gone, but for what somebody on the way keeps.
+    /// Removes the killed gateway and its connections. Delayed requests remain.
     pub(crate) fn bury(&mut self) {
         self.is_killed = false;
         self.disk_is_dead.store(false, Ordering::Relaxed);
@@ -316,12 +317,12 @@ impl World {
         self.other.loses_step();
     }
 
-    /// The connection on this line ends.
+    /// Ends the connection on this line.
     pub(crate) fn cut(&mut self, line: usize) {
         self.lines[line].is_open = false;
     }
 
-    /// A new connection; `None` where there is nobody.
+    /// Opens a connection; `None` if nothing accepts it.
     pub(crate) fn dial(&mut self, line: usize) -> Option<u64> {
         let now = self.passage.now();
         self.pass(now);
@@ -347,13 +348,13 @@ impl World {
         line.weather
     }
 
-    /// Returns whether nothing fails on this line, nor keeps the gateway waiting.
+    /// Returns whether nothing fails on this line, and the gateway need not wait on it.
     fn is_fair(&mut self, line: usize, now: Duration) -> bool {
         let has_fair_weather = self.weather(line, now) == Weather::Fair;
         has_fair_weather && self.lines[line].next.is_none() && now >= self.lines[line].waits_until
     }
 
-    /// Until then, and for as long as a late write is waited for, a gateway may have to wait on this line.
+    /// Records that a gateway may have to wait on this line until then, and for the maximum delay of a write after it.
     pub(crate) fn keeps_waiting(&mut self, line: usize, until: Duration) {
         let waits_until = &mut self.lines[line].waits_until;
         *waits_until = (*waits_until).max(until + LATE + 2 * SECOND);
@@ -376,7 +377,7 @@ impl World {
             Weather::Silent => Fate::Lost,
             Weather::Lossy(share) if percent < share && percent % 2 == 0 => Fate::AnswerLost,
             Weather::Lossy(share) if percent < share => Fate::Lost,
-            // An answer that is later than four timeouts cannot be distinguished from the next one on RTU.
+            // On RTU, a reply that is later than four timeouts cannot be distinguished from the next one.
             Weather::Jammed if self.lines[line].framing == Framing::Rtu => Fate::Lost,
             Weather::Jammed => Fate::Held(left),
             Weather::Slow(most) => Fate::Slow(most * percent / 100),
@@ -387,14 +388,14 @@ impl World {
             Weather::Closing(share) if percent < share && percent % 2 == 0 => Fate::CutBefore,
             Weather::Closing(share) if percent < share => Fate::CutAfter,
             Weather::Shifting(share, code) if percent < share => {
-                // A gateway that is waited for has its answer within three timeouts more.
+                // A gateway that waits for late replies receives it within three further timeouts.
                 Fate::Late(MILLI * self.random.random_range(10..540), code)
             }
             _ => Fate::Done,
         }
     }
 
-    /// A question leaves the gateway on this connection.
+    /// Simulates a request of the gateway on this connection.
     pub(crate) fn asks(&mut self, line: usize, connection: u64, frame: &[u8]) {
         if connection < self.oldest_alive || self.is_killed {
             return;
@@ -420,7 +421,7 @@ impl World {
         let wanted = self.machine.wanted(now);
         let rests = self.machine.laws.leaves(line, asked, wanted, now);
         if matches!(fate, Fate::Refused(_)) {
-            // The readout shows what it showed before.
+            // The readout still displays its last value.
             self.machine.laws.corrected = corrected;
         }
         let is_answered = match fate {
@@ -449,7 +450,7 @@ impl World {
         if line == SENSORS
             && let Some(delay) = on_serial_side(fate)
         {
-            // Without an answer the gateway has given up silently.
+            // No reply: the Modbus gateway has given up silently.
             let Some(passed) = self.serial.pass(asked, answer, delay, now) else { return };
             (at, answer, (answers, seen_at)) = (passed.at, passed.message, passed.of);
             if answers != asked {
@@ -498,7 +499,7 @@ impl World {
         }
     }
 
-    /// What the gateway reads on this connection: bytes, the end, or when there may be something.
+    /// Returns what the gateway reads on this connection: bytes, the end, or the time of possible new data.
     pub(crate) fn hears(&mut self, line: usize, connection: u64) -> Heard {
         let now = self.passage.now();
         self.pass(now);
@@ -514,7 +515,7 @@ impl World {
             Some(first) if first.at <= now => {
                 let Some(coming) = line.coming.pop_front() else { return Heard::End };
                 let is_in_time = now.saturating_sub(coming.asked_at) <= line.timeout + 2 * MILLI;
-                // A late answer may be used for a question that was repeated: it is as old as the first.
+                // A late reply may be used for a repeated request. Its age counts from the first request.
                 let is_on_rtu = line.framing == Framing::Rtu;
                 if coming.is_sound && is_on_rtu {
                     let signs = &mut self.machine.laws.signs;
@@ -538,11 +539,11 @@ impl World {
         }
     }
 
-    /// The gateway was answered, in time and in order.
+    /// Passes a reply that the gateway accepts to the laws.
     fn tell_laws(&mut self, line: usize, coming: &Coming, now: Duration) {
         let Some(message) = self.lines[line].framing.message(&coming.bytes) else { return };
         let Question::Read { function, at, .. } = coming.asked else { return };
-        // A value that belongs to another question is none of this one's.
+        // A reply to another request is not a value of this one.
         if message.first() != Some(&function) || message.len() < 4 || coming.answers != coming.asked {
             return;
         }
@@ -553,7 +554,7 @@ impl World {
         let laws = &mut self.machine.laws;
         let _ = (line == SENSORS).then(|| laws.panel.answers());
         match line {
-            // A reading of another module is none.
+            // A reading of another module does not count.
             SENSORS if function == 4 && !is_of_other => {
                 for (channel, two) in (at..).map_while(channel).zip(data.chunks_exact(2)) {
                     match value(u16::from_be_bytes([two[0], two[1]])) {
@@ -577,15 +578,15 @@ impl World {
     }
 }
 
-/// What is read on a connection.
+/// Result of reading on a connection.
 pub(crate) enum Heard {
     Bytes(Vec<u8>),
     End,
-    /// Nothing yet; there may be something then.
+    /// Nothing yet, and the time of possible new data.
     Nothing(Option<Duration>),
 }
 
-/// Returns what the serial side of a gateway does with a question of this fate. `None` if it does not come to that.
+/// Delay on the serial side for a request with this fate. `None` if the request does not reach it.
 fn on_serial_side(fate: Fate) -> Option<Option<Delay>> {
     match fate {
         Fate::Done | Fate::Slow(_) => Some(None),

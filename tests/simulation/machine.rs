@@ -1,11 +1,11 @@
-//! The machine: what really is warm, where the axes really are, and what really stands in the registers.
+//! Simulated machine: the true temperatures, axis positions and register values.
 
 use std::f64::consts::TAU;
 use std::time::Duration;
 
 use crate::laws::Laws;
 
-/// The lines; each has one device.
+/// Lines; each has one device.
 pub(crate) const SENSORS: usize = 0;
 pub(crate) const CNC: usize = 1;
 pub(crate) const PLC: usize = 2;
@@ -13,7 +13,7 @@ pub(crate) const SCALE: usize = 3;
 pub(crate) const READOUT: usize = 4;
 pub(crate) const LINES: [&str; 5] = ["sensors", "cnc", "plc", "scale", "readout"];
 
-/// What a module says of an open thermocouple.
+/// Raw value of a module for an open thermocouple.
 pub(crate) const OPEN: i64 = -32_768;
 
 /// Registers of the profile.
@@ -25,46 +25,47 @@ pub(crate) const W: u16 = 32;
 pub(crate) const COMPLEMENT: u16 = 34;
 pub(crate) const CORRECTED: u16 = 40;
 pub(crate) const BEAT: u16 = 50;
-/// Type code of the module with the thermocouples.
+/// Register of the thermocouple module's type code.
 pub(crate) const TYPE_CODE: u16 = 60;
 pub(crate) const EXPECTED: u16 = 7;
-/// First of the two input registers that another master reads, and by how much the places that they measure are warmer, °C.
+/// First of the two input registers that another master reads, and the higher temperature of their measuring points,
+/// °C.
 pub(crate) const OTHERS: u16 = 300;
 const WARMER: f64 = 13.0;
-/// Another module is put in or taken out within this time.
+/// Time in which a module is exchanged.
 const EXCHANGE: Duration = Duration::from_secs(3);
 
-/// Five devices and what they measure.
+/// Five devices, and what they measure.
 pub(crate) struct Machine {
-    /// By line.
+    /// Holding registers by line.
     holding: [[u16; 64]; LINES.len()],
-    /// What a thermocouple's wire is broken until.
+    /// End of the time in which the wire of each thermocouple is broken.
     pub(crate) open_until: [Duration; 2],
-    /// Another module answers in the place of that with the thermocouples, from and to.
+    /// Begin and end of the time in which another module answers instead of the thermocouple module.
     pub(crate) other_module: (Duration, Duration),
     /// Settings of the module that were changed at its panel.
     panel: Settings,
     strobe: bool,
     acknowledge: bool,
-    /// The PLC does not look at its strobe until then.
+    /// Time until which the PLC does not evaluate its strobe.
     pub(crate) deaf_until: Duration,
     taken_sequence: u16,
     phases: [f64; 4],
-    /// Temperatures about which bed and column move.
+    /// Mean temperatures of bed and column.
     bases: [f64; 2],
     pub(crate) laws: Laws,
 }
 
-/// Other settings of the module, from and to, and how it counts meanwhile.
+/// Changed settings of the module: begin, end, and scale.
 #[derive(Clone, Copy, Debug, Default)]
 struct Settings {
     from: Duration,
     to: Duration,
-    /// Counts for a degree.
+    /// Counts per °C.
     counts: u16,
 }
 
-/// A question, as the device understands it.
+/// A request as the device reads it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Question {
     Read { function: u8, at: u16, count: u16 },
@@ -72,7 +73,7 @@ pub(crate) enum Question {
     Nonsense,
 }
 
-/// A question, as far as it is noted.
+/// A request in a compact form for notes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Brief {
     function: u8,
@@ -146,20 +147,20 @@ impl Machine {
         machine
     }
 
-    /// Degrees: a slow day with a quick unrest on it.
+    /// Temperature in °C: a slow variation with a fast one on it.
     pub(crate) fn temperature(&self, channel: usize, now: Duration) -> f64 {
         let turn = |period: f64, phase: f64| (TAU * (now.as_secs_f64() / period + phase)).sin();
         let (slow, quick) = (self.phases[2 * channel], self.phases[2 * channel + 1]);
         self.bases[channel] + 4.0 * turn(9000.0 + 3000.0 * slow, slow) + 0.6 * turn(420.0, quick)
     }
 
-    /// Micrometres that the temperatures require of x, y, z, w and u.
+    /// Targets of x, y, z, w and u by the temperatures, µm.
     pub(crate) fn wanted(&self, now: Duration) -> [f64; 5] {
         let [bed, column] = [0, 1].map(|channel| self.temperature(channel, now) - self.bases[channel]);
         [(2.0 * bed).clamp(-8.0, 8.0), -2.0 * column, 1.5 * bed, 1.5 * column, 2.0 * column]
     }
 
-    /// Micrometres.
+    /// Position in µm.
     fn position(&self, now: Duration) -> i32 {
         let turn = (TAU * (now.as_secs_f64() / 40.0 + self.phases[0])).sin();
         #[allow(clippy::cast_possible_truncation, reason = "a metre at most")]
@@ -167,7 +168,7 @@ impl Machine {
         position
     }
 
-    /// Does what a question asks for, and says what the device answers; `None` for what it does not know.
+    /// Executes a request, and returns the reply; `None` for an unknown request.
     pub(crate) fn answer(&mut self, line: usize, asked: Question, now: Duration) -> Option<Vec<u8>> {
         match asked {
             Question::Read { function: 3, at: TYPE_CODE, .. } if line == SENSORS => {
@@ -209,24 +210,24 @@ impl Machine {
         }
     }
 
-    /// Returns whether another module answers in the place of that with the thermocouples.
+    /// Returns whether another module answers instead of the thermocouple module.
     pub(crate) fn has_other_module(&self, now: Duration) -> bool {
         (self.other_module.0..self.other_module.1).contains(&now)
     }
 
-    /// Returns whether somebody puts a module in or takes it out, so that the line is dead.
+    /// Returns whether the module is being exchanged, so that nothing answers on the line.
     pub(crate) fn is_without_module(&self, now: Duration) -> bool {
         let (from, to) = self.other_module;
         to > from && [from, to].iter().any(|begin| (*begin..*begin + EXCHANGE).contains(&now))
     }
 
-    /// The module counts otherwise from now on for so long, and its type code says so.
+    /// Changes the scale of the module for this time. Its type code changes too.
     pub(crate) fn sets(&mut self, counts: u16, now: Duration, span: Duration) {
         self.panel = Settings { from: now, to: now + span, counts };
         self.laws.settings_change(now);
     }
 
-    /// Returns whether the module is set otherwise.
+    /// Returns whether the module has changed settings.
     pub(crate) fn has_other_settings(&self, now: Duration) -> bool {
         (self.panel.from..self.panel.to).contains(&now)
     }
@@ -240,7 +241,7 @@ impl Machine {
             return word(OPEN);
         }
         let counts = match (self.has_other_module(now), self.has_other_settings(now)) {
-            // The other module counts tenths of a degree.
+            // The other module has a scale of 0.1 °C.
             (true, _) => 10.0,
             (_, true) => f64::from(self.panel.counts),
             _ => 100.0,
@@ -250,7 +251,7 @@ impl Machine {
         word(raw)
     }
 
-    /// The PLC takes a set when its strobe is up, its check word fits and its number is another than the last.
+    /// The PLC takes a set if its strobe is high, its check word is correct, and its number differs from the last one.
     fn look_at_strobe(&mut self, now: Duration) {
         if now < self.deaf_until {
             return;
@@ -264,7 +265,7 @@ impl Machine {
         self.acknowledge = self.strobe;
     }
 
-    /// The control on this line comes up again: with nothing in its registers, or with what it remembers.
+    /// Restarts the control on this line. It loses its register values, or keeps them.
     pub(crate) fn restarts(&mut self, line: usize, forgets: bool, now: Duration) {
         if line == PLC {
             (self.strobe, self.acknowledge, self.taken_sequence) = (false, false, 0);
@@ -275,7 +276,7 @@ impl Machine {
         }
     }
 
-    /// Somebody else than the gateway puts this there.
+    /// Writes a value on behalf of another client than the gateway.
     pub(crate) fn puts(&mut self, line: usize, at: u16, value: i64, now: Duration) {
         self.holding[line][usize::from(at)] = word(value);
         self.laws.moved(line, at, value, now);
@@ -286,7 +287,7 @@ impl Machine {
     }
 }
 
-/// Channel of an input register: bed, column, and column at the place where it must be asked for by itself.
+/// Channel of an input register: bed, column, and column again at an address that requires a separate request.
 pub(crate) fn channel(at: u16) -> Option<usize> {
     match at {
         0 => Some(0),
@@ -295,7 +296,8 @@ pub(crate) fn channel(at: u16) -> Option<usize> {
     }
 }
 
-/// Channel of an input register, also of one that another master reads, and by how much its place is warmer, °C.
+/// Channel of an input register, also of one that another master reads, and the higher temperature of its measuring
+/// point, °C.
 fn sensor(at: u16) -> Option<(usize, f64)> {
     let of_other = || at.checked_sub(OTHERS).map(usize::from).filter(|channel| *channel < 2);
     channel(at).map(|channel| (channel, 0.0)).or_else(|| of_other().map(|channel| (channel, WARMER)))

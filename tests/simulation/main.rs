@@ -1,7 +1,7 @@
-//! Whole gateways on simulated machines, by seed. What happens to one: `script.rs`; what it is held to: `laws.rs` and
-//! `people.rs`.
+//! Simulation of whole gateways on simulated machines, by seed. `script.rs` contains the events, `laws.rs` and
+//! `people.rs` the checks.
 //!
-//! `cargo run --release --example simulate -- --seeds 1..1000 --for 8h` does the same for longer.
+//! `cargo run --release --example simulate -- --seeds 1..1000 --for 8h` runs longer simulations.
 
 #![allow(clippy::unwrap_used, reason = "these are tests")]
 
@@ -31,26 +31,35 @@ use scene::Scene;
 const HOUR: Duration = Duration::from_secs(3600);
 const DAY: Duration = Duration::from_secs(8 * 3600);
 
-/// Seeds that once showed a defect which is mended:
-/// - 22: a change that a control had refused went out again while its axis held, on a reading that was just too old.
-/// - 621073451707: what a control refused was wanted no more, and the register of an operator was never said to take
-///   anything again.
-/// - 754: a strobe that was kept on the way rose after it had been given up, and its acknowledge stood for ever.
-/// - 914: a late set put the number back, and the control passed over the next set, which bore a number that it knew.
-/// - 1795833836: a set that the registers held by half was begun and given up in each turn, and with that the next attempt put off.
-/// - 1795872391: a module that refused everything for a while also refused its checks. That was taken for changed settings, and the
-///   axes moved back to what they had held before, without readings.
-/// - 900004: a computer slept to the end of the storm, and the script began no calm after that. Somebody wrote to a register in it.
+/// Seeds that once found a defect, which is corrected:
+/// - 22: after a control had refused a change, the gateway sent it again while its axis kept its value. The reading was
+///   slightly too old.
+/// - 621073451707: a refused change was no longer requested. The gateway never reported that the register with an
+///   operator offset accepted writes again.
+/// - 754: a delayed strobe rose after it had been given up, and its acknowledgement stayed high.
+/// - 914: a late set restored an old number. The control ignored the next set, because it had that number already.
+/// - 1795833836: the registers contained half of a set. The gateway began and gave it up in each turn, which also
+///   delayed the next attempt.
+/// - 1795872391: a module that refused all requests for a time also refused its checks. The gateway concluded that its
+///   settings had changed, and moved the axes back to their earlier values without readings.
+/// - 900004: a computer slept until the end of the storm, and the script began no calm after it. Another client wrote
+///   to a register in the calm.
 const MENDED: [u64; 7] = [22, 754, 914, 900_004, 1_795_833_836, 1_795_872_391, 621_073_451_707];
 
-/// The same of changes at a panel:
-/// - 43: a control refused a change. The axis kept that value after the change at the panel was found, and the control was asked for it again.
-/// - 59: the check read another value, and was refused when all checks were read after that. The readings were used as before.
-/// - 7024: a person armed an axis in the moment in which the check was read. It went back to a Cz from before it was off.
-/// - 7125: the machine was switched on in the first round of checks. Nothing went back, although no reference is captured then.
-/// - 7141: the module refused its checks before one brought another value. Nothing went back, because the module was in doubt already.
-/// - 1795898153: a control refused the way back, and was sent what it held in between. The law took the next attempt for a new change.
-/// - 400067: the module was silent for two poll periods before its check was read. The law did not count that as lost contact.
+/// Seeds that once found a defect with changes at a panel:
+/// - 43: a control refused a change. The axis kept that value after the change at the panel was found, and the gateway
+///   requested it from the control again.
+/// - 59: a check read another value. When all checks were read after that, the module refused it. The readings were
+///   used as before.
+/// - 7024: an operator armed an axis while the check was being read. The axis returned to a Cz from before it was off.
+/// - 7125: the machine was switched on during the first round of checks. No axis returned, although no reference is
+///   captured then.
+/// - 7141: the module refused its checks before one of them returned another value. No axis returned, because the
+///   module was already doubtful.
+/// - 1795898153: a control refused the return, and received its current register value meanwhile. The law treated the
+///   next attempt as a new change.
+/// - 400067: the module was silent for two poll periods before its check was read. The law did not count that as lost
+///   contact.
 const MENDED_AT_A_PANEL: [u64; 7] = [43, 59, 7024, 7125, 7141, 400_067, 1_795_898_153];
 
 #[test]
@@ -72,14 +81,14 @@ fn every_seed_with_a_panel_whose_defect_is_mended_holds_the_laws() {
     assert_eq!(many.broken, [], "{many}");
 }
 
-/// A number in the environment, by which `tests/run` and its stage `depth` choose seeds.
+/// Number in an environment variable, with which `tests/run` and its stage `depth` select seeds.
 fn number(name: &str, otherwise: u64) -> u64 {
     std::env::var(name)
         .map_or(otherwise, |text| text.parse().unwrap_or_else(|_| panic!("{name}={text}: say 50")))
 }
 
-/// Ten seeds that no run had before, three hours each. `TEST_SEEDS=50` takes more, `TEST_SEED_HOURS=8` a whole day, and
-/// `TEST_FRESH_SEEDS_FROM` repeats those of a run.
+/// Simulates ten new seeds for three hours each. `TEST_SEEDS=50` runs more seeds, `TEST_SEED_HOURS=8` longer ones.
+/// `TEST_FRESH_SEEDS_FROM` repeats the seeds of a run.
 #[test]
 fn fresh_seeds_hold_the_laws() {
     let (first, count) = (number("TEST_FRESH_SEEDS_FROM", 1), number("TEST_SEEDS", 10));
@@ -93,7 +102,7 @@ fn fresh_seeds_hold_the_laws() {
 
 #[test]
 fn sensors_and_control_that_are_servers_of_nodes_hold_the_same_laws() {
-    // Two for three hours, and six for a day in depth.
+    // Two seeds for three hours; in the stage `depth`, more seeds for a longer time.
     let seeds: Vec<u64> = (1..=number("TEST_SEEDS", 10) / 5).collect();
     let hours = number("TEST_SEED_HOURS", 3);
     let (scene, span) = (Scene::usual(day::profile_of_nodes()), HOUR * u32::try_from(hours).unwrap());
@@ -103,7 +112,7 @@ fn sensors_and_control_that_are_servers_of_nodes_hold_the_same_laws() {
     assert!(many.counts.faults > 25 * hours * count && many.changes > 250 * hours * count, "{many}");
 }
 
-/// Another module is put in the place of that with the thermocouples. Without a check its readings move the machine.
+/// Another module replaces the thermocouple module. Without a check, its readings move the machine.
 #[test]
 fn without_checks_the_simulation_finds_readings_of_another_module() {
     let scene = Scene::usual(day::profile_without_checks());
@@ -111,16 +120,18 @@ fn without_checks_the_simulation_finds_readings_of_another_module() {
     assert!(many.broken.iter().any(|(_, story)| story.contains("R3")), "{many}");
 }
 
-/// An answer as old as itself, and none too late: changes go out on readings that are too old.
+/// Without this rule, a reading is as old as its reply, and none is too old. The gateway then sends changes that are
+/// based on old readings.
 #[test]
 fn without_the_age_that_begins_with_the_question_the_simulation_finds_old_readings() {
-    // The fourth finds some soon.
+    // Seed 4 finds such a change soon.
     let seeds: Vec<u64> = std::iter::once(4).chain(1..=40).collect();
     let many = Many::run(&Scene::usual(day::profile()), &seeds, DAY, 1, Without::Age);
     assert!(many.broken.iter().any(|(_, story)| story.contains("R3")), "{many}");
 }
 
-/// A server that is restarted has its namespaces in another order. By their indices alone, another machine is read and written.
+/// A restarted server has its namespaces in another order. By index alone, the gateway would read and write another
+/// machine.
 #[test]
 fn without_the_uris_behind_the_indices_the_simulation_finds_writes_to_another_machine() {
     let many = Many::run(&Scene::usual(day::profile_of_nodes()), &[1, 2], DAY, 1, Without::Uris);
@@ -135,7 +146,7 @@ fn seeds_beyond() -> Vec<u64> {
 
 #[test]
 fn changes_at_a_panel_move_nothing_for_longer_than_a_period_of_the_check_and_are_walked_back() {
-    // An hour each, and three in depth.
+    // One hour for each seed; up to three hours in the stage `depth`.
     let (seeds, hours) = (seeds_beyond(), number("TEST_SEED_HOURS", 1).min(3));
     let span = HOUR * u32::try_from(hours).unwrap();
     let many = Many::run(&Scene::panel(day::TEXT), &seeds, span, 2, Without::Nothing);
@@ -174,7 +185,7 @@ fn a_second_master_moves_nothing_once_it_was_noticed() {
     assert!(many.counts.foreign_answers > 5 * count && many.counts.noticed > count / 2, "{many}");
 }
 
-/// Two answers of the other master in a row agree with each other. Only the last good reading speaks against them.
+/// Two replies of the other master in a row are consistent. Only the last good reading shows that they are wrong.
 #[test]
 fn without_a_limit_of_their_rate_the_simulation_finds_readings_of_another_master() {
     let many = Many::run(&Scene::second_master(false), &[1, 2, 3, 4, 5, 6], HOUR, 2, Without::Nothing);

@@ -1,4 +1,4 @@
-//! Many seeds, one after the other on each of some threads.
+//! Many seeds, divided among some threads.
 
 use std::fmt;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -11,7 +11,7 @@ use crate::link::Counts;
 use crate::scene::Scene;
 use crate::time::Stopwatch;
 
-/// What came of many seeds.
+/// Results of many seeds.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Many {
     pub(crate) seeds: u64,
@@ -21,12 +21,12 @@ pub(crate) struct Many {
     pub(crate) changes: u64,
     pub(crate) taken: u64,
     pub(crate) went_back: u64,
-    /// The seeds that broke a law, and how.
+    /// Seeds that violated a law, with the description.
     pub(crate) broken: Vec<(u64, String)>,
 }
 
 impl Many {
-    /// Runs these seeds, each for `span`. Without a rule it ends with the first that breaks a law.
+    /// Runs each of these seeds for `span`. If a rule is removed, it ends with the first violation.
     pub(crate) fn run(
         scene: &Scene,
         seeds: &[u64],

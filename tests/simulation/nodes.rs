@@ -1,5 +1,6 @@
-//! A server of OPC UA in the simulation: its nodes are the registers of a device, and what befalls the line befalls what lies below.
-//! It has another namespace with the same nodes, of another machine. After each restart both have changed places.
+//! Simulated OPC UA server. Its nodes are the registers of a device, and the faults of the line affect the device
+//! behind it. A second namespace has the same nodes for another machine. After each restart, both namespaces have
+//! exchanged their indexes.
 
 use isotherm::fieldbus::departure::Departure;
 use isotherm::fieldbus::error::{CallerFault, Fault};
@@ -11,26 +12,27 @@ use isotherm_core::reading::{Reason, Status};
 
 use crate::stream::Shared;
 
-/// BadDeviceFailure: a write may have been done.
+/// BadDeviceFailure: the write may have been executed.
 const FAILED: Status = Status(0x808b_0000);
 
-/// The device below; a server has no such number.
+/// Unit of the device behind the server; the server itself has no such number.
 const UNIT: u8 = 1;
 
-/// What the nodes of the other machine hold: 90 °C, and the same type code.
+/// Values of the other machine's nodes: 90 °C, and the same type code.
 const OTHERS: [(&str, u16); 1] = [("holding:60", 7)];
 const OTHER: u16 = 9000;
 
 pub(crate) struct Nodes {
     pub(crate) below: ModbusTcp,
     pub(crate) shared: Shared,
-    /// Where the namespace is that the profile names by index. `None`: it is taken to be there.
+    /// Current index of the namespace that the profile names by index. `None` if the gateway uses the index of the
+    /// profile.
     pub(crate) namespaces: Option<NamespaceTable>,
-    /// The servers when the connection was made.
+    /// State of the servers when the connection was opened.
     pub(crate) servers: Servers,
 }
 
-/// Servers of a machine, all of them restarted together.
+/// Servers of a machine, which are restarted together.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Servers {
     pub(crate) are_there: bool,
@@ -38,7 +40,7 @@ pub(crate) struct Servers {
 }
 
 impl Servers {
-    /// Their NamespaceArray.
+    /// Namespace array of the servers.
     pub(crate) fn array(self) -> Vec<String> {
         let (first, second) =
             if self.starts.is_multiple_of(2) { ("machine", "other") } else { ("other", "machine") };
@@ -50,13 +52,14 @@ impl Servers {
     }
 }
 
-/// `ns=1;s=holding:10`
+/// Parses the register in a node identifier like `ns=1;s=holding:10`.
 fn register(id: &NodeId) -> Result<Register, Fault> {
     let Identifier::Text(name) = &id.identifier else { return Err(Fault::Status(Status::NO_SUCH_NODE)) };
     name.parse().map_err(|_| Fault::Status(Status::NO_SUCH_NODE))
 }
 
-/// What a device says no with, in the words of a server: done is what one of the first three says no to in neither of them.
+/// Converts an exception of the device to the status of the server. The first three exclude that the request was
+/// executed, as in Modbus.
 fn status(exception: u8) -> Status {
     match exception {
         1 => Status::NOT_WRITABLE,
@@ -67,7 +70,7 @@ fn status(exception: u8) -> Status {
 }
 
 impl Nodes {
-    /// Returns whether the node is one of this machine. `None` if the server does not have it.
+    /// Returns whether the node belongs to this machine. `None` if the server does not have it.
     fn is_ours(&self, id: &NodeId) -> Option<bool> {
         let Namespace::Index(named) = id.namespace else { return None };
         let index = match &self.namespaces {
@@ -77,7 +80,7 @@ impl Nodes {
         Some(self.servers.is_ours(index))
     }
 
-    /// Reading of a node of the other machine, or of none.
+    /// Reading of a node of the other machine, or of an unknown node.
     fn of_other(&self, node: &Node) -> NodeReading {
         let name = node.id.to_string();
         let known = OTHERS.iter().find(|(place, _)| name.ends_with(place));
@@ -120,7 +123,7 @@ impl Nodes {
         }
     }
 
-    /// All of them in one question, which asks for what lies between them, too.
+    /// Reads all nodes with one request, including the registers between them.
     async fn read(&mut self, nodes: &[Node], departure: &mut Departure) -> Result<Answer, Fault> {
         let places: Vec<Register> = nodes.iter().map(|node| register(&node.id)).collect::<Result<_, _>>()?;
         if nodes.iter().any(|node| self.is_ours(&node.id) != Some(true)) {

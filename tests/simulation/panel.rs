@@ -1,47 +1,49 @@
-//! Laws of settings that are changed at the panel of the module with the thermocouples, while contact with it lasts.
+//! Laws for settings that are changed at the panel of the thermocouple module, while contact with the module lasts.
 //!
-//! - Values in other settings move a register for no longer than it takes to read the check once more, and no faster than `rate`.
-//! - From the answer on by which the check finds the change, a register moves only towards what it held when the check passed last.
-//!   It stops within [`BAND`] of that.
-//! - It is back there as soon as `rate` allows, and [`BACK_LATER`]. After silence it may stay where it is: the gateway cannot know whether
-//!   the module is the one whose check passed.
-//! - When the check has passed again, only right values move it.
+//! - Values with other settings move a register only until the next check, and no faster than `rate`.
+//! - After the reply by which the check finds the change, a register moves only towards its value at the last passed
+//!   check. It stops within [`BAND`] of that value.
+//! - It returns there as fast as `rate` allows, with a delay of at most [`BACK_LATER`]. After a loss of contact it may
+//!   keep its value: the gateway cannot know whether the module is the one that passed the check.
+//! - After the check has passed again, only correct values move it.
 //!
-//! What the check says is known from its answers on the line. What a register held is known from the machine. Time counts only
-//! while a gateway asks and nothing fails on the line ([`FairTime`]).
+//! The results of checks are taken from the replies on the line, and register values from the machine. Only time counts
+//! in which a gateway sends requests and nothing fails on the line ([`FairTime`]).
 
 use std::time::Duration;
 
 use crate::machine::{LINES, SENSORS};
 
-/// Speed of the registers, µm/s, of a machine with changes at a panel.
+/// Maximum rate of the registers of a machine with changes at a panel, µm/s.
 pub(crate) const RATE: f64 = 0.2;
-/// The same in counts per second.
+/// Maximum rate in counts per second.
 const COUNTS_PER_SECOND: f64 = 10.0 * RATE;
 
 /// Period of the check.
 const PERIOD: Duration = Duration::from_secs(60);
-/// A check that is due is read after the next poll: a second later at most, and a turn of the line. If bad weather has kept it from being
-/// answered, it is read once more up to three seconds later.
+/// Maximum delay of a due check. It is read after the next poll, at most one second and one turn of the line later. If
+/// a fault prevented its reply, it is read again up to three seconds later.
 const LATER: Duration = Duration::from_secs(5);
-/// A way back begins with the next step of the axis, and may wait for a read, a handshake and the last write.
+/// Maximum delay of a return. It begins with the next step of the axis, and may wait for a read, a handshake and the
+/// last write.
 const BACK_LATER: Duration = Duration::from_secs(10);
-/// A change that was decided before the check passed again leaves within a period of its axis.
+/// Maximum delay of a change that was decided before the check passed again. It is sent within a period of its axis.
 const DECIDED: Duration = Duration::from_secs(2);
-/// Counts between what a register held and what its axis had decided when the check was read: a step, the deadband, and what is
-/// rounded.
+/// Maximum difference in counts between a register value and the decision of its axis when the check was read: a step,
+/// the deadband, and rounding.
 const BAND: i64 = 12;
-/// Counts that a register may move more than `rate` allows: one step that had been decided before.
+/// Counts that a register may move in addition to `rate`: one step that was decided before.
 const DECIDED_BEFORE: f64 = 11.0;
-/// So many questions to the module without a value are two poll periods of silence, which break contact with it.
+/// Number of successive requests to the module without a value that break contact. It corresponds to two poll periods
+/// of silence.
 const SILENCE: u32 = 2;
-/// The gateway asks more often than this.
+/// Maximum time between two requests of a running gateway.
 const PAUSE: Duration = Duration::from_secs(2);
 
-/// Registers that are held to these laws.
+/// Number of registers that are subject to these laws.
 pub(crate) const REGISTERS: usize = 4;
 
-/// Time of one line in which a gateway asks and nothing fails.
+/// Time of one line in which a gateway sends requests and nothing fails.
 #[derive(Clone, Copy, Debug, Default)]
 struct FairTime {
     passed: Duration,
@@ -49,45 +51,46 @@ struct FairTime {
     was_fair: bool,
 }
 
-/// Present change at the panel, and ways of the registers since the check passed last.
+/// Current change at the panel, and movements of the registers since the last passed check.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Panel {
     fair: [FairTime; LINES.len()],
     change: Option<Change>,
-    /// When the check passed again after a change that it had found.
+    /// Time at which the check passed again after a change that it had found.
     passed_at: Option<Duration>,
-    /// Contact with the module has lasted since its check passed last.
+    /// Whether contact with the module has lasted since the last passed check.
     has_contact: bool,
-    /// Questions to the module in a row without a value.
+    /// Number of successive requests to the module without a value.
     unanswered: u32,
     ways: [Way; REGISTERS],
-    /// Registers that had left what they held, and went back.
+    /// Number of registers that had moved away and returned.
     pub(crate) went_back: u64,
 }
 
-/// Settings that were changed after the check passed last.
+/// Change of settings after the last passed check.
 #[derive(Clone, Copy, Debug)]
 struct Change {
     at: Duration,
-    /// Fair time of the module's line then.
+    /// Fair time of the module's line at the change.
     fair: Duration,
-    /// The gateway was given another value of the check than expected.
+    /// Whether the gateway has read an unexpected value of the check.
     is_found: bool,
 }
 
-/// Way of one register. Counts are those of the gateway, without the operator's.
+/// Movement of one register. Counts are those of the gateway, without the operator offset.
 #[derive(Clone, Debug, Default)]
 struct Way {
-    /// Counts when the settings were changed; `None` if somebody else has changed the register since.
+    /// Counts at the change of settings; `None` if another client has changed the register since.
     from: Option<i64>,
-    /// Counts when the check passed last, and when its axis was armed since. The same of the time before, if it was still on its way
-    /// back there: a control in trouble may have refused it. Or if the gateway has not seen yet that the control lost them.
+    /// Counts to which the register may return: those at the last passed check, and at each arming since. If it was
+    /// still returning to earlier counts, these are allowed too, because a control may have refused them. They are also
+    /// allowed if the gateway has not read yet that the control lost them.
     held: Vec<i64>,
-    /// Somebody else has changed the register since the check passed last.
+    /// Whether another client has changed the register since the last passed check.
     is_touched: bool,
-    /// Fair time of its line at which it must be back.
+    /// Fair time of its line at which it must have returned.
     back_by: Option<Duration>,
-    /// It had left what it held when the check found the change.
+    /// Whether it had moved away when the check found the change.
     was_away: bool,
 }
 
@@ -102,7 +105,7 @@ impl FairTime {
 }
 
 impl Panel {
-    /// A question leaves on a line, on which nothing fails if it is fair.
+    /// Records a request on a line. `is_fair` is whether nothing fails on this line.
     pub(crate) fn asks(&mut self, line: usize, now: Duration, is_fair: bool) {
         self.fair[line].asks(now, is_fair);
         if line == SENSORS {
@@ -113,14 +116,14 @@ impl Panel {
         }
     }
 
-    /// The module has answered with a value.
+    /// Records a reply of the module with a value.
     pub(crate) fn answers(&mut self) {
         self.unanswered = 0;
     }
 
-    /// The settings are changed now, while the registers hold these counts.
+    /// Records a change of settings, with the current counts of the registers.
     pub(crate) fn changes(&mut self, ours: [i64; REGISTERS], now: Duration) {
-        // A change that was found and has not passed since: no value of the module is used.
+        // A change was found, and the check has not passed since. The gateway uses no value of the module.
         if self.change.is_some_and(|change| change.is_found) {
             return;
         }
@@ -128,8 +131,8 @@ impl Panel {
         self.ways.iter_mut().zip(ours).for_each(|(way, ours)| way.from = Some(ours));
     }
 
-    /// The gateway was given the expected value, which the module had at this time. The registers hold these counts, which the gateway
-    /// has seen or not.
+    /// Records the expected value of the check, which the module had at `seen_at`. `ours` contains the counts of the
+    /// registers, and whether the gateway has read them.
     pub(crate) fn passes(&mut self, ours: [(i64, bool); REGISTERS], seen_at: Duration, now: Duration) {
         let is_over = self.change.is_some_and(|change| change.at <= seen_at);
         let was_found = is_over && self.change.take().is_some_and(|change| change.is_found);
@@ -146,14 +149,14 @@ impl Panel {
         }
     }
 
-    /// The gateway was given another value. The registers are on these lines and hold these counts.
+    /// Records an unexpected value of the check, with the line and the counts of each register.
     pub(crate) fn fails(&mut self, lines: [usize; REGISTERS], ours: [i64; REGISTERS]) {
         let Some(change) = self.change.as_mut().filter(|change| !change.is_found) else { return };
         change.is_found = true;
         for ((way, line), ours) in self.ways.iter_mut().zip(lines).zip(ours) {
             let must_go_back = self.has_contact && !way.is_touched;
             way.was_away = way.away(ours).is_some_and(|away| away > BAND);
-            // It may go back to any of them.
+            // The register may return to any of these values.
             let farthest = way.held.iter().map(|held| (ours - held).abs()).max();
             way.back_by = farthest.filter(|_| must_go_back).map(|away| {
                 let takes = Duration::from_secs_f64(away as f64 / COUNTS_PER_SECOND);
@@ -162,60 +165,61 @@ impl Panel {
         }
     }
 
-    /// Contact with the module is broken. A gateway that finds a change after that does not know what was held before.
+    /// Records a loss of contact with the module. A gateway that finds a change after it does not know the earlier
+    /// values.
     pub(crate) fn breaks(&mut self) {
         self.has_contact = false;
     }
 
-    /// Another gateway begins, which knows nothing of what was held.
+    /// Records the start of another gateway, which does not know the earlier values.
     pub(crate) fn begins(&mut self) {
         self.has_contact = false;
         self.ways.iter_mut().for_each(|way| (way.held, way.back_by) = (Vec::new(), None));
     }
 
-    /// An axis is armed, whose register holds these counts.
+    /// Records the arming of an axis, with the counts of its register.
     pub(crate) fn arms(&mut self, place: usize, ours: i64) {
         self.ways[place].held.push(ours);
     }
 
-    /// Somebody else than the gateway changes a register.
+    /// Records a change of a register by another client.
     pub(crate) fn touched(&mut self, place: usize) {
         let way = &mut self.ways[place];
         (way.from, way.is_touched, way.back_by) = (None, true, None);
     }
 
-    /// Returns whether the gateway cannot know yet that the settings are others.
+    /// Returns whether the gateway cannot know yet that the settings have changed.
     pub(crate) fn is_hidden(&self) -> bool {
         let fair = self.fair[SENSORS].passed;
         self.change.is_some_and(|change| !change.is_found && fair - change.fair <= PERIOD + LATER)
     }
 
-    /// Returns how long ago the settings were changed, if the check has not passed since.
+    /// Returns the time since the change of settings, if the check has not passed since.
     pub(crate) fn changed_for(&self, now: Duration) -> Option<Duration> {
         self.change.map(|change| now.saturating_sub(change.at))
     }
 
-    /// Returns how far a register comes by these counts, if that is farther than `rate` allows since the change.
+    /// Returns the distance that a register moves to these counts, if it is more than `rate` allows since the change.
     pub(crate) fn too_far(&self, place: usize, ours: i64, now: Duration) -> Option<i64> {
         let moved = (ours - self.ways[place].from?).abs();
         let allowed = COUNTS_PER_SECOND * self.changed_for(now)?.as_secs_f64() + DECIDED_BEFORE;
         (moved as f64 > allowed).then_some(moved)
     }
 
-    /// Returns whether a register may go back now.
+    /// Returns whether a register may return now.
     pub(crate) fn may_go_back(&self, place: usize, now: Duration) -> bool {
         let has_just_passed = self.passed_at.is_some_and(|at| now.saturating_sub(at) <= DECIDED);
         let is_found = self.change.is_some_and(|change| change.is_found);
         (is_found || has_just_passed) && !self.ways[place].held.is_empty()
     }
 
-    /// Returns whether a change from one value to another leads back.
+    /// Returns whether a change from one value to another is part of the return.
     pub(crate) fn leads_back(&self, place: usize, from: i64, to: i64) -> bool {
         let leads = |held: &i64| (to - held).abs() <= BAND || (to - held).abs() < (from - held).abs();
         self.ways[place].held.iter().any(leads)
     }
 
-    /// Returns how far away a register still is, if it must be back by now.
+    /// Returns the remaining distance of a register that must have returned by now.
     pub(crate) fn is_late(&mut self, place: usize, line: usize, ours: i64) -> Option<i64> {
         let way = &mut self.ways[place];
         way.back_by.take_if(|by| self.fair[line].passed >= *by)?;
@@ -226,7 +230,7 @@ impl Panel {
 }
 
 impl Way {
-    /// Counts from here to what was held; `None` if nothing is known of that.
+    /// Distance in counts to the nearest allowed value; `None` without one.
     fn away(&self, ours: i64) -> Option<i64> {
         self.held.iter().map(|held| (ours - held).abs()).min()
     }

@@ -1,4 +1,5 @@
-//! People: they look at the page, make right what only they can, arm again; and in a calm they expect everything right.
+//! Operators: they check the page, correct registers, and arm axes again. At the end of a calm, everything must be
+//! correct.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -9,26 +10,26 @@ use isotherm::observe::status::{Command, Source, Status};
 use crate::link::{Note, World};
 use crate::machine::{BEAT, CNC, X, Y};
 
-/// Micrometres by which a register may be off: the deadband, a step's wait, what the drift makes of a second.
+/// Maximum error of a register in µm: the deadband, the wait for a step, and the drift in a second.
 const TOLERANCE: f64 = 0.6;
 
-/// What somebody did to a register is told so soon after the gateway was first shown it.
+/// Maximum time in which a change by another client is reported after the gateway has read it.
 const TOLD_WITHIN: Duration = Duration::from_secs(60);
-/// A heartbeat of one a second has counted in so long.
+/// Time in which a heartbeat with one beat per second must have changed.
 const BEATS_WITHIN: Duration = Duration::from_secs(3);
 
 const AXES: [&str; 4] = ["x", "y", "z", "w"];
 
 #[derive(Clone, Debug, Default)]
 pub(crate) struct People {
-    /// How often somebody was said to have changed a register.
+    /// Number of reported changes by other clients.
     blames: u64,
-    /// The heartbeat, and when it was looked at.
+    /// Value of the heartbeat at the last visit, with the time.
     beat: Option<(Duration, i64)>,
 }
 
 impl People {
-    /// Somebody comes by. Whoever arms has seen what stands there.
+    /// Simulates a visit of an operator, who reads the register values on the page before arming.
     pub(crate) fn visit(&mut self, world: &mut World, source: &Arc<dyn Source>, now: Duration) {
         world.pass(now);
         let status = source.status();
@@ -42,7 +43,7 @@ impl People {
         if status.axes.iter().all(|axis| axis.armed) {
             return;
         }
-        // Nobody types while something is on its way, or where the page does not show the newest.
+        // The operator writes nothing while a request is delayed, because the page may not show the latest value.
         if (0..world.lines.len()).any(|line| world.is_held(line)) {
             return;
         }
@@ -55,7 +56,7 @@ impl People {
         if !armed(&status, "y") {
             let output = status.outputs.iter().find(|output| output.name == "cnc_y");
             let axis = status.axes.iter().find(|axis| axis.name == "y");
-            // What stands there, and what of it is taken to be ours.
+            // Register value, and the gateway share in it, as shown on the page.
             let shown = output.and_then(|output| output.value).zip(axis.and_then(|axis| axis.verified_um));
             let Some((shown, share)) = shown.map(|(shown, share)| (tenths(shown), tenths(share))) else {
                 return;
@@ -80,18 +81,19 @@ impl People {
         let _ = source.command(Command::Arm, None, &Arc::new(Asker::new(Way::Api, "a person")));
     }
 
-    /// Who is said to have changed a register has done so, or a control has restarted, not long ago.
+    /// Returns a violation if the gateway reports a change by another client without a recent change or restart of a
+    /// control.
     fn is_blamed(&mut self, world: &World, status: &Status) -> Option<String> {
         let count = |kind: &str| status.event_counts.get(kind).copied().unwrap_or_default();
         let blames = count("foreign-change") + count("operator-change");
-        // A gateway that was started anew counts from nothing.
+        // The counts of a restarted gateway begin at zero.
         let more = blames > std::mem::replace(&mut self.blames, blames) && blames > 0;
         let is_long_ago = world.passage.awake().saturating_sub(world.machine.laws.news_at) > TOLD_WITHIN;
         (more && is_long_ago)
             .then(|| format!("R2: somebody is blamed, and nobody has touched anything; {}", reported(status)))
     }
 
-    /// At the end of a calm: what is not as it should be.
+    /// Returns an incorrect state at the end of a calm.
     pub(crate) fn what_is_wrong(
         &self,
         world: &mut World,
@@ -127,7 +129,7 @@ impl People {
     }
 }
 
-/// Once another master was noticed, there is an alarm until ten minutes after its last sign.
+/// After the detection of another master, an alarm must be active until ten minutes after its last sign.
 fn is_not_reported(world: &World, status: &Status, now: Duration) -> Option<String> {
     let is_reported = status.alarms.iter().any(|alarm| alarm.id == "trouble of bus sensors");
     let must_be = world.machine.laws.signs.must_be_reported(now);

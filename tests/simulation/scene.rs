@@ -1,4 +1,4 @@
-//! Machines of the simulation: a profile, and what happens to its thermometers beyond the usual.
+//! Simulated machines: a profile, and additional events of its thermocouple module.
 
 use isotherm_profile::Profile;
 
@@ -6,39 +6,41 @@ use crate::day;
 use crate::panel::RATE;
 use crate::second_master::MAX_RATE;
 
-/// Profile of a machine, and what else happens to it.
+/// Profile of a machine, and its additional events.
 #[derive(Clone, Debug)]
 pub(crate) struct Scene {
     pub(crate) profile: Profile,
     pub(crate) beyond: Beyond,
 }
 
-/// Events of the module with the thermocouples that only some machines have.
+/// Events of the thermocouple module that only some machines have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Beyond {
-    /// None.
+    /// No additional events.
     Nothing,
     /// Its settings are changed at its panel while contact lasts.
     Panel,
-    /// It is behind a gateway to a serial line, which gives a late answer to the question that is open then.
+    /// Modbus gateway between line and module, which uses a late reply for the request that is open then.
     Shifts,
-    /// It is on an RTU line with another master.
+    /// RTU line with another master.
     SecondMaster,
 }
 
 impl Scene {
-    /// The usual machine, by this profile.
+    /// The usual machine, with this profile.
     pub(crate) fn usual(profile: Profile) -> Scene {
         Scene { profile, beyond: Beyond::Nothing }
     }
 
-    /// The same with changes at the panel. Its axes are slow, so that it matters for how long they follow wrong values.
+    /// Machine with changes at the panel. Its axes are slow, so that the time for which they follow wrong values
+    /// matters.
     pub(crate) fn panel(text: &str) -> Scene {
         let profile = day::parsed(&text.replace("rate = 1.0", &format!("rate = {RATE}")));
         Scene { profile, beyond: Beyond::Panel }
     }
 
-    /// The same behind a gateway that shifts answers, by two requests of the same form. The profile says that it is there, or denies it.
+    /// Machine behind a Modbus gateway that exchanges replies between two requests of the same form. `is_known` is
+    /// whether the profile declares the Modbus gateway.
     pub(crate) fn gateway(is_known: bool) -> Scene {
         let [_, warmer] = Beyond::Shifts.bases();
         let line = "bus = \"sensors\"\nunit = 1\n";
@@ -53,8 +55,8 @@ impl Scene {
         Scene { profile: day::parsed(&text.join("\n")), beyond: Beyond::Shifts }
     }
 
-    /// The same on an RTU line behind a serial server, with another master. The profile limits how fast the temperatures change, or does
-    /// not.
+    /// Machine on an RTU line behind a serial server, with another master. `is_limited` is whether the profile limits
+    /// the rate of the temperatures.
     pub(crate) fn second_master(is_limited: bool) -> Scene {
         let (bus, age) = ("[bus.sensors]\ntype = \"modbus-", "max_age = \"3s\"\n");
         let text = day::TEXT.replace(&format!("{bus}tcp\""), &format!("{bus}rtu-over-tcp\""));
@@ -65,7 +67,7 @@ impl Scene {
 }
 
 impl Beyond {
-    /// Of a hundred events, so many are of this kind.
+    /// Percentage of events of this kind.
     pub(crate) fn share(self) -> u32 {
         match self {
             Beyond::Nothing => 0,
@@ -75,7 +77,7 @@ impl Beyond {
         }
     }
 
-    /// Temperatures about which bed and column move, °C. Values that are exchanged must show.
+    /// Mean temperatures of bed and column, °C. They differ if exchanged values must be detected.
     pub(crate) fn bases(self) -> [f64; 2] {
         match self {
             Beyond::Nothing | Beyond::Panel | Beyond::SecondMaster => [20.0, 20.0],

@@ -1,4 +1,5 @@
-//! What happens to a machine, drawn by seed: a fault a minute for twenty-four minutes, then six in which nothing fails.
+//! Events of a machine, drawn by seed. A storm has on average one fault per minute for 24 minutes; then a calm of six
+//! minutes has none.
 
 use std::time::Duration;
 
@@ -12,30 +13,30 @@ use crate::second_master::{self, Habit};
 
 const SECOND: Duration = Duration::from_secs(1);
 const MILLI: Duration = Duration::from_millis(1);
-/// A storm and a calm.
+/// Duration of a storm with its calm.
 pub(crate) const ROUND: Duration = Duration::from_secs(1800);
 const STORM: Duration = Duration::from_secs(1440);
-/// A calm begins so long after the last fault has begun at least.
+/// Time in the round at which the state is checked. The calm before it is long enough to recover from the last fault.
 pub(crate) const LOOKED_AT: Duration = Duration::from_secs(1795);
 
-/// One thing that happens.
+/// One event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Happening {
     Weather(usize, Weather, Duration),
-    /// To the next write on a line.
+    /// Fate of the next write on a line.
     Next(usize, Fate),
     OpenWire(usize, Duration),
-    /// Another module in the place of that with the thermocouples.
+    /// Another module replaces the thermocouple module.
     OtherModule(Duration),
-    /// The module is set at its panel to so many counts for a degree.
+    /// The module is set at its panel to this number of counts per °C.
     Panel(u16, Duration),
-    /// Another master asks the module with the thermocouples.
+    /// Another master sends requests to the thermocouple module.
     SecondMaster(Habit, Duration),
     Restart(usize, bool),
     Deaf(Duration),
-    /// The operator adds so many counts to what stands in his register.
+    /// The operator adds these counts to the register with an operator offset.
     Edit(i64),
-    /// Somebody else writes to a register that is ours.
+    /// Another client writes to a register that only the gateway uses.
     Foreign(i64),
     FullDisk(Duration),
     /// The computer is suspended.
@@ -46,7 +47,7 @@ pub(crate) enum Happening {
     Look,
 }
 
-/// The next happening after this moment and the last one, and what it is.
+/// Next event after this time and the last event, with its time.
 pub(crate) fn next(
     random: &mut Pcg32,
     beyond: Beyond,
@@ -63,14 +64,14 @@ pub(crate) fn next(
         return (round + STORM, Happening::Calm);
     }
     if now < round + LOOKED_AT {
-        // A computer that slept to the end of the storm met its last fault there.
+        // If a computer slept to the end of the storm, its last fault was then.
         let is_calm = last == Happening::Calm;
         return if is_calm { (round + LOOKED_AT, Happening::Look) } else { (now, Happening::Calm) };
     }
     (round + ROUND + gap, draw(random, beyond, STORM))
 }
 
-/// Nothing that was drawn in a storm happens in its calm.
+/// Remaining time of the storm. Faults of a storm must end before its calm.
 pub(crate) fn left_of_storm(now: Duration) -> Duration {
     let round = ROUND * u32::try_from(now.as_secs() / ROUND.as_secs()).unwrap_or_default();
     (round + STORM).saturating_sub(now)
@@ -81,7 +82,7 @@ fn exponential(random: &mut Pcg32, mean: f64) -> Duration {
     Duration::from_secs_f64(-mean * share.ln()).max(MILLI)
 }
 
-/// `left`: of the storm.
+/// Draws an event; `left` is the remaining time of the storm.
 fn draw(random: &mut Pcg32, beyond: Beyond, left: Duration) -> Happening {
     if let Some(happening) = draw_beyond(random, beyond, left) {
         return happening;
@@ -149,7 +150,8 @@ fn draw(random: &mut Pcg32, beyond: Beyond, left: Duration) -> Happening {
     }
 }
 
-/// Draws whether an event happens that only some machines have, and that event. It takes nothing from the usual days.
+/// Draws an additional event; `None` without one. Machines without additional events draw no random number here, so
+/// that their days do not change.
 fn draw_beyond(random: &mut Pcg32, beyond: Beyond, left: Duration) -> Option<Happening> {
     if beyond == Beyond::Nothing || random.random_range(0..100) >= beyond.share() {
         return None;
@@ -157,9 +159,9 @@ fn draw_beyond(random: &mut Pcg32, beyond: Beyond, left: Duration) -> Option<Hap
     match beyond {
         Beyond::Nothing => None,
         Beyond::Panel => {
-            // Whole degrees, tenths, and two that are harder to see.
+            // Whole degrees, tenths, and two scales that are harder to detect.
             let counts = [1, 10, 80, 120][random.random_range(0..4)];
-            // It is set right before the storm is over.
+            // The settings are restored before the end of the storm.
             Some(Happening::Panel(counts, (SECOND * random.random_range(10..240)).min(left)))
         }
         Beyond::Shifts => {
@@ -174,7 +176,7 @@ fn draw_beyond(random: &mut Pcg32, beyond: Beyond, left: Duration) -> Option<Hap
     }
 }
 
-/// What happens to lines, devices and the computer.
+/// Executes an event of a line, a device or the computer.
 pub(crate) fn befalls(world: &mut World, what: Happening, now: Duration) {
     match what {
         Happening::Weather(line, weather, span) => world.turns(line, weather, now, span),
@@ -194,7 +196,7 @@ pub(crate) fn befalls(world: &mut World, what: Happening, now: Duration) {
             world.did(now, "a control restarts, and forgets everything: 1", u64::from(forgets));
         }
         Happening::OtherModule(span) => {
-            // Taking it out again belongs to the storm.
+            // The removal of the module is part of the storm.
             let span = span.min(left_of_storm(now).saturating_sub(4 * SECOND));
             world.machine.other_module = (now, now + span);
             world.did(now, "another module is put in for s", span.as_secs());

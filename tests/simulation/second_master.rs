@@ -1,25 +1,27 @@
-//! Another master on the line of the module with the thermocouples, and what the gateway can know of it.
+//! Another master on the line of the thermocouple module, and its signs for the gateway.
 //!
-//! It reads other registers of the same unit, with the function and the length of the gateway's read. The gateway receives its answers,
-//! and on some days its questions. The line carries one question and its answer at a time. A question of the gateway that begins
-//! meanwhile is destroyed or is answered after that.
+//! It reads other registers of the same unit, with the same function and length as the gateway. The gateway receives
+//! its replies, and on some days its requests. The line carries one request and its reply at a time. A request of the
+//! gateway that begins meanwhile is destroyed, or is answered later.
 //!
-//! Law: no register moves on a value of the other registers, except before the first sign of the other master. [`Signs`] knows from the
-//! frames that a gateway has read whether there was a sign. By `docs/serial.md` these are signs:
+//! Law: no register moves on a value of the other registers, except before the first sign of the other master.
+//! [`Signs`] determines from the frames that a gateway has read whether there was a sign. By `docs/serial.md`, these
+//! are signs:
 //!
-//! - A question that this gateway did not send.
-//! - The second of two answers within ten minutes that no question of this gateway was open for. Those that are read between two
-//!   questions count as one. No answer counts if the module has not answered a question in time shortly before.
+//! - A request that this gateway did not send.
+//! - The second of two replies within ten minutes for which the gateway had no open request. Replies between two
+//!   requests count as one. No reply counts if the module has recently not answered a request in time.
 //!
-//! An answer of the other master that comes to an open question of its form before such a sign may move registers for as long as a
-//! reading is used. A sign that a gateway reads while it waits for late answers does not count, because it discards them.
+//! Before such a sign, a reply of the other master may arrive for an open request of the same form. It may move
+//! registers as long as a reading is used. A sign that a gateway reads while it waits for late replies does not count,
+//! because the gateway discards them.
 //!
-//! Two limits of the gateway are not in the law, and the scene keeps away from them, see [`OtherMaster::comes`]:
+//! Two limits of the gateway are not part of the law, and the simulation avoids them, see [`OtherMaster::comes`]:
 //!
-//! - Two answers of the other master in a row agree with each other. Only the last good reading speaks against them, by `max_rate`. A
-//!   gateway that has no reading, or an old one, uses them.
-//! - An answer that was used before the first sign is the last good reading for `max_rate`. Until that allows the difference, true
-//!   readings are rejected, and two more answers of the other master in a row are used.
+//! - Two replies of the other master in a row are consistent. Only the last good reading shows that they are wrong, by
+//!   `max_rate`. A gateway without a recent reading uses them.
+//! - A reply that was used before the first sign is the last good reading for `max_rate`. Until that allows the
+//!   difference, true readings are rejected, and two further replies of the other master in a row are used.
 
 use std::time::Duration;
 
@@ -31,46 +33,47 @@ use crate::machine::{OTHERS, Question};
 const SECOND: Duration = Duration::from_secs(1);
 const MILLI: Duration = Duration::from_millis(1);
 
-/// Limit for the signals of the module, K/s. They change by 0.012 at most. The other registers differ by 13 K, which this allows after
-/// 217 s.
+/// Rate limit for the signals of the module, K/s. They change by at most 0.012 K/s. The other registers differ by 13 K,
+/// which the limit allows after 217 s.
 pub(crate) const MAX_RATE: f64 = 0.06;
 
-/// The other master reads this.
+/// Request of the other master.
 pub(crate) const QUESTION: Question = Question::Read { function: 4, at: OTHERS, count: 2 };
-/// Time between an answer and the next one that had to wait for it.
+/// Time between a reply and the next one that had to wait for it.
 const GAP: Duration = Duration::from_millis(5);
-/// Exchanges before this are left out: no gateway ran, or its computer slept.
+/// Age beyond which exchanges are skipped: no gateway ran, or its computer slept.
 const LEFT_OUT: Duration = Duration::from_secs(3);
-/// The other master is in step with the gateway for no longer than this, and only if it was away for so long.
+/// Maximum time for which the other master is synchronous with the gateway, and the absence that it requires.
 const LONGEST_IN_STEP: Duration = Duration::from_secs(60);
 const AWAY: Duration = Duration::from_secs(120);
-/// A mistake is forgotten after this: `max_rate` has allowed the true readings again.
+/// Time after which a mistaken reading has no effect: `max_rate` has allowed the true readings again.
 const RECOVERED: Duration = Duration::from_secs(600);
 
-/// Habits of the other master during one visit.
+/// Behaviour of the other master during one visit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Habit {
     pub(crate) turns: Turns,
     pub(crate) carried: Carried,
 }
 
-/// Moments at which the other master asks.
+/// Times at which the other master sends requests.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Turns {
-    /// Every few hundred milliseconds.
+    /// At intervals of a few hundred milliseconds.
     #[default]
     Free,
-    /// With each question of the gateway: both have the same period. Most of the gateway's questions are destroyed.
+    /// Together with each request of the gateway, because both have the same period. Most requests of the gateway are
+    /// destroyed.
     InStep,
 }
 
 /// Frames of the other master that the gateway receives.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Carried {
-    /// Answers, as from a serial server with two clients.
+    /// Replies, as from a serial server with two clients.
     #[default]
     Answers,
-    /// Questions and answers, as on the wires of the line.
+    /// Requests and replies, as on the wires of the line.
     Both,
 }
 
@@ -80,11 +83,11 @@ pub(crate) struct OtherMaster {
     habit: Habit,
     until: Duration,
     next_at: Duration,
-    /// The line carries an exchange until then.
+    /// Time until which an exchange occupies the line.
     busy_until: Duration,
 }
 
-/// A question of the other master and its answer.
+/// A request of the other master and its reply.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct OtherExchange {
     pub(crate) asked: Duration,
@@ -92,30 +95,30 @@ pub(crate) struct OtherExchange {
     carried: Carried,
 }
 
-/// Result of a question of the gateway on a line with another master.
+/// Effect of another master on a request of the gateway.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Meeting {
     /// Exchange that the other master begins at the same time.
     pub(crate) exchange: Option<OtherExchange>,
-    /// The exchange on the line has destroyed the question.
+    /// Whether the exchange on the line has destroyed the request.
     pub(crate) is_destroyed: bool,
-    /// When the answer begins, if the module needs no time.
+    /// Time at which the reply begins, if the module needs no time.
     pub(crate) from: Duration,
 }
 
 /// Content of a frame that the gateway receives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Content {
-    /// An answer to the gateway.
+    /// Reply to the gateway.
     Answer,
-    /// An exception for the gateway.
+    /// Exception for the gateway.
     Exception,
     OtherQuestion,
     OtherAnswer,
 }
 
 impl Content {
-    /// Content of a message of the module to the gateway.
+    /// Content of a message from the module to the gateway.
     pub(crate) fn of(message: &[u8]) -> Content {
         let is_exception = message.first().is_some_and(|function| function & 0x80 != 0);
         if is_exception { Content::Exception } else { Content::Answer }
@@ -123,8 +126,8 @@ impl Content {
 }
 
 impl OtherMaster {
-    /// The other master comes for so long. It is in step with the gateway only if the gateway has used a good reading shortly before:
-    /// `has_reading` says that the readings are recent and that none was mistaken.
+    /// Begins a visit of the other master. It is synchronous with the gateway only if the gateway has recently used a
+    /// good reading. `has_reading` is whether the readings are recent and none was mistaken.
     pub(crate) fn comes(&mut self, habit: Habit, has_reading: bool, now: Duration, span: Duration) {
         let was_away = self.until.is_zero() || now.saturating_sub(self.until) >= AWAY;
         let (turns, span) = match habit.turns {
@@ -134,12 +137,12 @@ impl OtherMaster {
         (self.habit, self.until, self.next_at) = (Habit { turns, ..habit }, now + span, now);
     }
 
-    /// Another gateway begins, whose period has another phase.
+    /// Records the start of another gateway, whose period has another phase.
     pub(crate) fn loses_step(&mut self) {
         self.habit.turns = Turns::Free;
     }
 
-    /// When the other master asks next, if it does so by itself.
+    /// Time of the next request, if it does not depend on the gateway.
     pub(crate) fn next_at(&self) -> Option<Duration> {
         let next = self.next_at.max(self.busy_until);
         (self.habit.turns == Turns::Free && next < self.until).then_some(next)
@@ -159,21 +162,21 @@ impl OtherMaster {
         OtherExchange { asked, answered, carried: self.habit.carried }
     }
 
-    /// A question of the gateway comes to the line.
+    /// Determines the effect on a request of the gateway.
     pub(crate) fn meets(&mut self, now: Duration, random: &mut Pcg32) -> Meeting {
         let is_there = now < self.until;
         let is_in_step = is_there && self.habit.turns == Turns::InStep;
         let begins = is_in_step && now >= self.busy_until;
         let exchange = begins.then(|| self.begins(now, random));
         let is_busy = now < self.busy_until;
-        // Of ten.
+        // Probability in tenths.
         let destroyed = if is_in_step { 7 } else { 3 };
         let is_destroyed = is_busy && is_there && random.random_range(0..10u32) < destroyed;
         let from = if is_busy { self.busy_until + GAP } else { now };
         Meeting { exchange, is_destroyed, from }
     }
 
-    /// The line carries an answer to the gateway at this time.
+    /// Records that the line carries a reply to the gateway until this time.
     pub(crate) fn waits_for(&mut self, answered: Duration) {
         self.busy_until = self.busy_until.max(answered);
     }
@@ -189,50 +192,50 @@ impl OtherExchange {
     }
 }
 
-/// An answer that comes later after its question is none.
+/// Maximum time between a request and its reply.
 const IN_TIME: Duration = Duration::from_millis(202);
-/// No answer counts so soon after a question that was not answered in time.
+/// Time after an unanswered request in which no reply counts.
 const OWING: Duration = Duration::from_secs(2);
-/// A sign counts for so long: ten minutes, less what the gateway and this clock differ by.
+/// Time for which a sign counts: ten minutes, minus the difference between the clocks.
 const REMEMBERED: Duration = Duration::from_secs(590);
-/// The alarm is there within this after the first sign, and until `REMEMBERED` is nearly over.
+/// Maximum delay of the alarm after the first sign. The alarm may also end this much earlier than `REMEMBERED`.
 const REPORTED: Duration = Duration::from_secs(10);
 
-/// Signs of another master that the present gateway has received.
+/// Signs of another master that the current gateway has received.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Signs {
     exchange: Exchange,
-    /// When a question was found to be unanswered.
+    /// Time at which a request was found to be unanswered.
     missed_at: Option<Duration>,
     notice: Notice,
-    /// Question to which an answer of the other master came before the first sign.
+    /// Time of the last request that was answered by the other master before the first sign.
     mistaken_at: Option<Duration>,
-    /// How often another master was noticed that was not known.
+    /// How often another master was detected that was unknown before.
     pub(crate) noticed: u64,
 }
 
-/// The last question of the gateway on the line.
+/// Last request of the gateway on the line.
 #[derive(Clone, Copy, Debug, Default)]
 enum Exchange {
-    /// None yet on this connection, or the gateway waits for late answers.
+    /// No request yet on this connection, or the gateway waits for late replies.
     #[default]
     Unknown,
     Open {
         question: Question,
         asked_at: Duration,
-        /// A question of the other master came after it.
+        /// Whether a request of the other master came after it.
         has_overheard: bool,
     },
-    /// An answer of its form came in time.
+    /// A reply of its form came in time.
     Answered,
 }
 
-/// Signs, as far as they add up.
+/// State of the detection.
 #[derive(Clone, Copy, Debug, Default)]
 enum Notice {
     #[default]
     None,
-    /// One answer without a question.
+    /// One reply without a request.
     Suspected(Duration),
     Noticed {
         since: Duration,
@@ -241,17 +244,17 @@ enum Notice {
 }
 
 impl Signs {
-    /// A gateway begins, which knows nothing.
+    /// Resets the signs, because a new gateway starts.
     pub(crate) fn begins(&mut self) {
         *self = Signs { noticed: self.noticed, ..Signs::default() };
     }
 
-    /// A connection to the module is made.
+    /// Records a new connection to the module.
     pub(crate) fn connects(&mut self) {
         self.exchange = Exchange::Unknown;
     }
 
-    /// The gateway asks the module.
+    /// Records a request of the gateway to the module.
     pub(crate) fn asks(&mut self, question: Question, now: Duration) {
         if matches!(self.exchange, Exchange::Open { .. }) {
             self.missed_at = Some(now);
@@ -259,8 +262,8 @@ impl Signs {
         self.exchange = Exchange::Open { question, asked_at: now, has_overheard: false };
     }
 
-    /// The gateway reads a frame from its connection, which belongs to the question `of`. Returns whether an answer of the other master
-    /// comes to an open question of its form.
+    /// Evaluates a frame that the gateway reads from its connection, and that belongs to the request `of`. Returns
+    /// whether it is a reply of the other master to an open request of its form.
     pub(crate) fn receives(&mut self, content: Content, of: Question, now: Duration) -> bool {
         if let Exchange::Open { asked_at, .. } = self.exchange
             && now.saturating_sub(asked_at) > IN_TIME
@@ -293,7 +296,7 @@ impl Signs {
                 is_of_other
             }
             (_, Exchange::Answered) => {
-                // The gateway may wait for late answers from now on.
+                // The gateway may wait for late replies from now on.
                 self.exchange = Exchange::Unknown;
                 if content != Content::Exception && !is_owing {
                     self.suspects(now);
@@ -326,24 +329,24 @@ impl Signs {
         matches!(self.notice, Notice::Noticed { last, .. } if now.saturating_sub(last) < REMEMBERED)
     }
 
-    /// Returns whether an alarm must say that there is another master.
+    /// Returns whether an alarm must report another master.
     pub(crate) fn must_be_reported(&self, now: Duration) -> bool {
         let Notice::Noticed { since, last } = self.notice else { return false };
         now.saturating_sub(since) >= REPORTED && now.saturating_sub(last) + REPORTED < REMEMBERED
     }
 
-    /// When the gateway asked the last question to which an answer of the other master came before the first sign.
+    /// Time of the last request that was answered by the other master before the first sign.
     pub(crate) fn mistaken_at(&self) -> Option<Duration> {
         self.mistaken_at
     }
 
-    /// Returns whether no answer of the other master was taken for a reading recently.
+    /// Returns whether no reply of the other master was recently used as a reading.
     pub(crate) fn has_no_mistake(&self, now: Duration) -> bool {
         self.mistaken_at.is_none_or(|at| now.saturating_sub(at) > RECOVERED)
     }
 }
 
-/// Function and length of a read, by which its answer is distinguished from others.
+/// Function and length of a read request, which distinguish its reply from others.
 fn form(question: Question) -> Option<(u8, u16)> {
     match question {
         Question::Read { function, count, .. } => Some((function, count)),
@@ -351,7 +354,7 @@ fn form(question: Question) -> Option<(u8, u16)> {
     }
 }
 
-/// Draws the habit of a visit, and how long it lasts.
+/// Draws the behaviour and the duration of a visit.
 pub(crate) fn draw(random: &mut Pcg32) -> (Habit, Duration) {
     let turns = [Turns::InStep, Turns::InStep, Turns::Free][random.random_range(0..3)];
     let carried = [Carried::Both, Carried::Both, Carried::Answers][random.random_range(0..3)];

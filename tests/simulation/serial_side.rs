@@ -1,23 +1,24 @@
-//! Serial side of a gateway from Modbus TCP, with one unit. It gives each answer to the question that is open when the answer arrives.
+//! Serial side of a Modbus TCP gateway, with one unit. It uses each reply for the request that is open when the reply
+//! arrives.
 //!
-//! The gateway gives up a slow unit. If another question is open when the late answer arrives, that question gets it. Its own answer
-//! follows, and is late in turn. An answer that finds no open question is dropped.
+//! The Modbus gateway gives up waiting for a slow unit. If another request is open when the late reply arrives, that
+//! request gets it. The reply to that request is then late too. A reply without an open request is discarded.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
 use crate::machine::Question;
 
-/// The gateway waits so long for the unit.
+/// Timeout of the Modbus gateway for the unit.
 pub(crate) const PATIENCE: Duration = Duration::from_millis(150);
-/// Time on the serial line for a question and its answer.
+/// Time for a request and its reply on the serial line.
 const EXCHANGE: Duration = Duration::from_millis(5);
 
-/// Answers that have not arrived at the gateway yet, in their order.
+/// Replies that have not arrived at the Modbus gateway yet, in their order.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SerialSide {
     late: VecDeque<Late>,
-    /// Exception by which the gateway says that it has given up; `None` if it says nothing.
+    /// Exception that the Modbus gateway sends after a timeout; `None` if it sends nothing.
     code: Option<u8>,
 }
 
@@ -27,21 +28,22 @@ struct Late {
     answer: Passed,
 }
 
-/// Answer of the gateway to a question.
+/// Reply of the Modbus gateway to a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Passed {
-    /// When it comes.
+    /// Time of the reply.
     pub(crate) at: Duration,
     pub(crate) message: Vec<u8>,
-    /// The question that it belongs to, and when that was asked.
+    /// Request to which it belongs, with the time of that request.
     pub(crate) of: (Question, Duration),
 }
 
-/// The unit answers after so long, and the gateway gives up with this exception or silently.
+/// Delay of the unit, and the exception that the Modbus gateway sends after its timeout, if any.
 pub(crate) type Delay = (Duration, Option<u8>);
 
 impl SerialSide {
-    /// Returns what the gateway answers to a question, which the unit answers with `message`. `None` if it gives up silently.
+    /// Returns the reply of the Modbus gateway to a request, which the unit answers with `message`. `None` if it sends
+    /// nothing.
     pub(crate) fn pass(
         &mut self,
         asked: Question,

@@ -1,4 +1,5 @@
-//! Whole gateways on simulated machines, by seed: `cargo run --release --example simulate -- --seeds 1..1000 --for 8h`.
+//! Simulation of whole gateways on simulated machines, by seed:
+//! `cargo run --release --example simulate -- --seeds 1..1000 --for 8h`.
 
 #![allow(clippy::print_stdout, reason = "this is a program")]
 
@@ -27,17 +28,17 @@ use day::Without;
 use many::Many;
 use scene::Scene;
 
-/// Runs whole gateways on simulated machines, and holds what they do to the laws of the offset. A seed repeats its day bit
-/// for bit; with SIMULATION_TRACE=1 everything is printed as it happens.
+/// Simulates whole gateways on simulated machines, and checks the laws of the offset. A seed repeats its day bit for
+/// bit. With SIMULATION_TRACE=1, all events are printed.
 #[derive(Debug, Parser)]
 struct Arguments {
-    /// The first and the last seed.
+    /// First and last seed.
     #[arg(long, default_value = "1..100", value_parser = seeds)]
     seeds: (u64, u64),
-    /// The time that each machine runs.
+    /// Simulated time of each machine.
     #[arg(long = "for", default_value = "8h", value_parser = humantime::parse_duration)]
     span: Duration,
-    /// Seeds at the same time.
+    /// Number of seeds that run in parallel.
     #[arg(long, default_value_t = 1)]
     threads: usize,
     #[command(flatten)]
@@ -45,24 +46,25 @@ struct Arguments {
     /// The module is on an RTU line with another master, which reads other registers of the same form.
     #[arg(long, conflicts_with_all = ["nodes", "panel", "gateway"])]
     second_master: bool,
-    /// A rule is taken out, and a law is broken. The module with the thermocouples has no checks, so that neither another one in its place
-    /// nor other settings are noticed. With --gateway nothing waits for late answers, and with
-    /// --second-master nothing limits how fast the readings change.
+    /// Removes a rule of the gateway, so that a law is broken. The thermocouple module has no checks: neither another
+    /// module nor other settings are detected. With --gateway, late replies are not waited for. With --second-master,
+    /// the rate of the readings is not limited.
     #[arg(long, conflicts_with = "nodes")]
     unchecked: bool,
 }
 
-/// Another machine than the usual one.
+/// Machine other than the usual one.
 #[derive(Debug, Args)]
 #[group(multiple = false)]
 struct Machine {
-    /// Sensors and control are servers of OPC UA.
+    /// Sensors and control are OPC UA servers.
     #[arg(long)]
     nodes: bool,
-    /// Settings of the module with the thermocouples are changed at its panel.
+    /// The settings of the thermocouple module are changed at its panel.
     #[arg(long)]
     panel: bool,
-    /// The module is behind a gateway to a serial line, which gives a late answer to the question that is open then.
+    /// The module is behind a Modbus gateway of a serial line, which uses a late reply for the request that is open
+    /// then.
     #[arg(long)]
     gateway: bool,
 }

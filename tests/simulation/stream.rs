@@ -1,4 +1,4 @@
-//! A connection of the gateway to a simulated device.
+//! Connection of the gateway to a simulated device.
 
 use std::io;
 use std::pin::Pin;
@@ -21,7 +21,7 @@ use crate::framing::Framing;
 use crate::link::{Heard, World};
 use crate::nodes::Nodes;
 
-/// The world, as everybody shares it.
+/// The simulated world, shared by all connections and the script.
 #[derive(Clone)]
 pub(crate) struct Shared(pub(crate) Arc<Mutex<World>>);
 
@@ -35,11 +35,11 @@ impl Shared {
 pub(crate) struct SimulatedDial {
     pub(crate) shared: Shared,
     pub(crate) line: usize,
-    /// The device is a server of OPC UA.
+    /// Whether the device is an OPC UA server.
     pub(crate) has_nodes: bool,
-    /// Where its namespaces are. `None`: nobody looks.
+    /// Current namespaces of the server. `None` if the gateway does not check them.
     pub(crate) namespaces: Option<NamespaceTable>,
-    /// Starts of the server before the last connection and before the one before it.
+    /// Start counts of the server at the last two connections.
     pub(crate) starts: [Option<u64>; 2],
 }
 
@@ -68,7 +68,7 @@ impl Dial for SimulatedDial {
         Box::pin(std::future::ready(connection.ok_or(Fault::Link(LinkFault::Refused))))
     }
 
-    /// A server that was restarted has forgotten the gateway.
+    /// Returns whether the connection can be resumed. A restarted server does not know the gateway.
     fn resumes(&self) -> bool {
         !self.has_nodes || self.starts[0].is_none() || self.starts[0] == self.starts[1]
     }
@@ -82,7 +82,7 @@ struct Stream {
     shared: Shared,
     line: usize,
     number: u64,
-    /// When there may be something to be read.
+    /// Time at which there may be data to read.
     timer: Option<(Duration, Pin<Box<Sleep>>)>,
 }
 

@@ -1,4 +1,5 @@
-//! The time of a simulated machine: the runtime's own, which is paused and runs ahead, and what the computer slept.
+//! Time of a simulated machine: the paused time of the runtime, which advances without waiting, and the time in which
+//! the computer slept.
 
 #![allow(clippy::disallowed_types, reason = "this is where the simulation's time comes from")]
 
@@ -9,11 +10,11 @@ use std::time::Duration;
 use isotherm::clock::Passing;
 use tokio::time::{Instant, Sleep, sleep_until};
 
-/// What has passed since the machine was switched on.
+/// Time since the machine was switched on.
 #[derive(Clone, Debug)]
 pub(crate) struct Passage {
     begun: Instant,
-    /// Nanoseconds in which the computer slept while the machine went on.
+    /// Time in which the computer slept while the machine was running, in nanoseconds.
     slept: Arc<AtomicU64>,
 }
 
@@ -26,30 +27,30 @@ impl Passage {
         self.begun.elapsed() + Duration::from_nanos(self.slept.load(Ordering::Relaxed))
     }
 
-    /// The same without what the computer slept.
+    /// Time since the machine was switched on, without the time in which the computer slept.
     pub(crate) fn awake(&self) -> Duration {
         self.begun.elapsed()
     }
 
-    /// The computer is suspended for so long: no timer of it runs meanwhile.
+    /// Suspends the computer for this time. Its timers do not run meanwhile.
     pub(crate) fn suspend(&self, span: Duration) {
         let span = u64::try_from(span.as_nanos()).unwrap_or(u64::MAX);
         self.slept.fetch_add(span, Ordering::Relaxed);
     }
 
-    /// The same as the gateway counts it.
+    /// Time source for the gateway.
     pub(crate) fn passing(&self) -> Passing {
         let passage = self.clone();
         Passing::by(move || passage.now())
     }
 
-    /// A timer of the computer that is over then, if it does not sleep.
+    /// Timer of the computer that expires at this time, unless the computer sleeps.
     pub(crate) fn timer(&self, at: Duration) -> Sleep {
         sleep_until(Instant::now() + at.saturating_sub(self.now()))
     }
 }
 
-/// Time of the computer that simulates.
+/// Real time of the computer that runs the simulation.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Stopwatch(std::time::Instant);
 

@@ -1,24 +1,25 @@
-//! CalculiX as tests ask it: by the figures that it once gave, kept beside this file, and the program itself where it is there. Debian
-//! does not have it in every release. `ccx` in this folder says how the figures are written anew.
+//! References of CalculiX for tests: its stored figures, and the program itself if it is installed. Some Debian
+//! releases do not have it. The script `tests/calculix/ccx` returns the stored figures, and describes how to write them
+//! again.
 
 use std::process::Command;
 
 use crate::support::tell;
 
-/// It prints seven digits.
+/// Relative tolerance. CalculiX prints seven digits.
 pub(crate) const AGREED: f64 = 1e-6;
 
 const KEPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/calculix/ccx");
 const MADE_BY: &str = include_str!("../calculix/figures/made-by");
 
-/// Who answers for CalculiX, and the program that does.
+/// Source of reference figures, and the program that returns them.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Referee {
     pub(crate) name: &'static str,
     pub(crate) program: &'static str,
 }
 
-/// The kept figures, and CalculiX where it is there. Where it is not, that is told to whoever reads on, with the question.
+/// Stored figures, and CalculiX if it is installed. If it is not, a line with the question is printed.
 pub(crate) fn referees(question: &str) -> Vec<Referee> {
     let kept = Referee { name: "the kept figures of CalculiX", program: KEPT };
     let live = Referee { name: "CalculiX", program: "ccx" };
@@ -29,7 +30,7 @@ pub(crate) fn referees(question: &str) -> Vec<Referee> {
     vec![kept]
 }
 
-/// What each referee answers. Where CalculiX no longer gives what is kept of it, this fails.
+/// Answer of each source. Fails if CalculiX gives other figures than the stored ones.
 pub(crate) fn answers(question: &str, ask: impl Fn(Referee) -> Vec<f64>) -> Vec<(&'static str, Vec<f64>)> {
     let answers: Vec<_> =
         referees(question).into_iter().map(|referee| (referee.name, ask(referee))).collect();
@@ -44,7 +45,7 @@ pub(crate) fn answers(question: &str, ask: impl Fn(Referee) -> Vec<f64>) -> Vec<
     answers
 }
 
-/// How far apart two lists are, as a part of the first.
+/// Relative difference of two lists, with respect to the first.
 pub(crate) fn relative(own: &[f64], other: &[f64]) -> f64 {
     assert_eq!(own.len(), other.len());
     let square = |values: &mut dyn Iterator<Item = f64>| values.map(|value| value * value).sum::<f64>();

@@ -1,4 +1,4 @@
-//! Certificates made for one test: an authority, and what it signs.
+//! Certificates for one test: an authority, and the certificates that it signs.
 
 #![allow(dead_code, unreachable_pub, reason = "each test takes what it needs")]
 
@@ -7,14 +7,14 @@ use rcgen::{
     date_time_ymd,
 };
 
-/// A certificate and its key as PEM text.
+/// Certificate and key as PEM text.
 #[derive(Clone)]
 pub struct Signed {
     pub cert: String,
     pub key: String,
 }
 
-/// Whoever signs.
+/// Authority that signs certificates.
 pub struct Authority {
     pub cert: String,
     issuer: Issuer<'static, KeyPair>,
@@ -34,7 +34,7 @@ impl Authority {
         Authority { cert, issuer: Issuer::new(params, key) }
     }
 
-    /// A certificate for this name, valid from one year to another.
+    /// Creates a certificate for this name, valid from one year to another.
     pub fn signs(&self, name: &str, years: (i32, i32)) -> Signed {
         let (params, key) = (params(name, years), KeyPair::generate().unwrap());
         let cert = params.signed_by(&key, &self.issuer).unwrap().pem();
@@ -42,7 +42,7 @@ impl Authority {
     }
 }
 
-/// What `openssl req -x509` and many devices make: signed by itself, as if it were an authority.
+/// Creates a self-signed certificate that is also an authority, as `openssl req -x509` and many devices do.
 pub fn signs_itself(name: &str, years: (i32, i32)) -> Signed {
     let (mut params, key) = (params(name, years), KeyPair::generate().unwrap());
     params.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
@@ -51,7 +51,7 @@ pub fn signs_itself(name: &str, years: (i32, i32)) -> Signed {
 
 fn params(name: &str, (from, to): (i32, i32)) -> CertificateParams {
     let mut params = CertificateParams::new([name.to_owned()]).unwrap();
-    // OpenSSL takes a certificate that has its issuer's name for one that is signed by itself.
+    // OpenSSL takes a certificate with the name of its issuer for a self-signed one.
     params.distinguished_name.push(DnType::CommonName, name);
     params.extended_key_usages =
         vec![ExtendedKeyUsagePurpose::ServerAuth, ExtendedKeyUsagePurpose::ClientAuth];

@@ -1,9 +1,9 @@
 //! Writes a small ONNX file by hand: `x → (x − mean) / scale → f(x·W + b) → … → y`, as exporters write it.
 
-/// One layer: a row of weights and a bias per neuron, and the operator that follows ("" for none).
+/// One layer: a row of weights and a bias for each neuron, and the operator that follows (empty for none).
 pub(crate) type Dense<'a> = (&'a [Vec<f64>], &'a [f64], &'a str);
 
-/// The bytes of the file. `columns` is what the file says of the input's width; `None` leaves it open.
+/// Bytes of the file. `columns` is the width of the input in the file; `None` leaves it open.
 pub(crate) fn network(mean: &[f64], scale: &[f64], layers: &[Dense<'_>], columns: Option<u64>) -> Vec<u8> {
     let mut tensors = vec![tensor("mean", &[mean.len()], mean), tensor("scale", &[scale.len()], scale)];
     let mut nodes = vec![node("Sub", &["x", "mean"], "centred"), node("Div", &["centred", "scale"], "h0")];
@@ -26,12 +26,12 @@ pub(crate) fn network(mean: &[f64], scale: &[f64], layers: &[Dense<'_>], columns
     model(&nodes, &tensors, columns)
 }
 
-/// The bytes of a file with these nodes and tensors, from `x`, one row, to `y`.
+/// Bytes of a file with these nodes and tensors, from one row `x` to `y`.
 pub(crate) fn model(nodes: &[Vec<u8>], tensors: &[Vec<u8>], columns: Option<u64>) -> Vec<u8> {
     declaring(&[], nodes, tensors, columns)
 }
 
-/// The same, where the file says of the tensors of these names that they are a row of two whole numbers.
+/// Bytes of a file that also declares the tensors with these names as a row of two integers.
 pub(crate) fn declaring(
     names: &[&str],
     nodes: &[Vec<u8>],
@@ -60,7 +60,7 @@ pub(crate) fn node(operator: &str, inputs: &[&str], output: &str) -> Vec<u8> {
     field(&mut node, 2, output.as_bytes());
     field(&mut node, 3, format!("{operator}_{output}").as_bytes());
     field(&mut node, 4, operator.as_bytes());
-    // The second dimension, and whole numbers.
+    // The second dimension, and integers.
     let attributes: [(&str, &[u8], u64); 2] = [("Concat", b"axis", 1), ("Cast", b"to", 7)];
     for (_, name, value) in attributes.iter().filter(|(of, ..)| *of == operator) {
         let mut attribute = Vec::new();
@@ -83,7 +83,7 @@ pub(crate) fn tensor(name: &str, shape: &[usize], values: &[f64]) -> Vec<u8> {
     tensor
 }
 
-/// A tensor with one row. `kind`: 1 for numbers in single precision, 7 for whole ones.
+/// Declares a tensor with one row. `kind`: 1 for single precision, 7 for integers.
 fn value(name: &str, kind: u64, columns: Option<u64>) -> Vec<u8> {
     let (mut rows, mut width) = (Vec::new(), Vec::new());
     number(&mut rows, 1, 1);

@@ -13,7 +13,7 @@ pub(crate) mod tree;
 
 use std::io::Write;
 
-/// Prints a line, and has `tests/run` put it into its summary: what a test prints is lost where it passes.
+/// Prints a line that `tests/run` adds to its summary. Other output of a test is lost if the test passes.
 pub(crate) fn tell(line: &str) {
     println!("{line}");
     if let Some(path) = std::env::var_os("TEST_TELLS") {

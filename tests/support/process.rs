@@ -1,4 +1,4 @@
-//! The program as a person starts it: a process with its output, ended by signals.
+//! The program as an operator starts it: a process with its output, ended by signals.
 
 #![allow(dead_code, reason = "each of the tests uses its part")]
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
@@ -13,17 +13,17 @@ use std::time::Duration;
 
 use isotherm::clock::Clock;
 
-/// How long anything may take before a test gives up; generous, because a loaded machine is no failure.
+/// Time limit of a test for any wait. It is long, because a busy computer is no failure.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(60);
 
-/// `isotherm` with a home of its own, so that no test sees the state of another.
+/// Command for `isotherm` with a separate home, so that no test sees the state of another.
 pub(crate) fn isotherm(home: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_isotherm"));
     command.env_clear().env("HOME", home).env("PATH", std::env::var_os("PATH").unwrap_or_default());
     command
 }
 
-/// A process and the lines that it has printed; killed when it is dropped.
+/// Process and the lines that it has printed. It is killed when it is dropped.
 pub(crate) struct Running {
     child: Child,
     lines: Receiver<String>,
@@ -31,7 +31,7 @@ pub(crate) struct Running {
 }
 
 impl Running {
-    /// Starts it. What it says on stdout and stderr is one stream of lines.
+    /// Starts the process. Its stdout and stderr are one stream of lines.
     pub(crate) fn start(command: &mut Command) -> Running {
         let begun = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
         let mut child = begun.unwrap_or_else(|error| panic!("{command:?} cannot be started: {error}"));
@@ -51,13 +51,14 @@ impl Running {
         Running { child, lines, said: Vec::new() }
     }
 
-    /// Waits for a line with this text in it.
+    /// Waits for a line that contains this text.
     #[track_caller]
     pub(crate) fn hears(&mut self, text: &str) -> String {
         self.hears_one_of(&[text])
     }
 
-    /// Waits for a line with one of these texts in it: not for ever, of one that says nothing as of one that says everything else.
+    /// Waits for a line that contains one of these texts. It fails after a time limit, if no line or only other lines
+    /// come.
     #[track_caller]
     pub(crate) fn hears_one_of(&mut self, texts: &[&str]) -> String {
         let clock = Clock::wall();
@@ -79,13 +80,13 @@ impl Running {
         }
     }
 
-    /// What it has said so far.
+    /// Lines printed so far.
     pub(crate) fn so_far(&mut self) -> &[String] {
         self.said.extend(self.lines.try_iter());
         &self.said
     }
 
-    /// What it is told.
+    /// Standard input of the process.
     pub(crate) fn stdin(&mut self) -> &mut ChildStdin {
         self.child.stdin.as_mut().unwrap()
     }
@@ -100,12 +101,12 @@ impl Running {
         assert!(sent.is_ok_and(|status| status.success()), "the signal {name} could not be sent");
     }
 
-    /// Stops it by SIGSTOP; returns when it stands still.
+    /// Stops it by SIGSTOP. Returns when it has stopped.
     #[track_caller]
     pub(crate) fn stands_still(&self) {
         self.signal("STOP");
         let stat = format!("/proc/{}/stat", self.child.id());
-        // "1234 (name) T ...": the name may hold anything, a bracket too.
+        // The format is "1234 (name) T ...". The name may contain any character, also a parenthesis.
         let stands = |stat: &str| stat.rsplit(") ").next().is_some_and(|rest| rest.starts_with('T'));
         until("it stands still", || match std::fs::read_to_string(&stat) {
             Ok(text) if stands(&text) => Ok(()),
@@ -113,18 +114,18 @@ impl Running {
         });
     }
 
-    /// Lets it go on.
+    /// Lets it continue.
     #[track_caller]
     pub(crate) fn goes_on(&self) {
         self.signal("CONT");
     }
 
-    /// Whether it has ended.
+    /// Returns whether it has ended.
     pub(crate) fn has_ended(&mut self) -> bool {
         self.child.try_wait().unwrap().is_some()
     }
 
-    /// Kills it (SIGKILL); what it had said.
+    /// Kills it (SIGKILL). Returns what it had printed.
     pub(crate) fn killed(mut self) -> Vec<String> {
         self.child.kill().unwrap();
         self.child.wait().unwrap();
@@ -157,7 +158,7 @@ impl Drop for Running {
     }
 }
 
-/// Asks every 50 ms until `done` says yes.
+/// Calls `done` every 50 ms until it succeeds.
 #[track_caller]
 pub(crate) fn until(what: &str, mut done: impl FnMut() -> Result<(), String>) {
     let mut last = String::new();
@@ -171,26 +172,26 @@ pub(crate) fn until(what: &str, mut done: impl FnMut() -> Result<(), String>) {
     panic!("{what}: {last}");
 }
 
-/// A file of this content in this directory.
+/// Writes a file with this content to this directory.
 pub(crate) fn file(directory: &Path, name: &str, text: &str) -> PathBuf {
     let path = directory.join(name);
     std::fs::write(&path, text).unwrap();
     path
 }
 
-/// An address at which nothing listens, and which no other test names: gateways of one computer that write to the same place
-/// refuse to start.
+/// Address at which nothing listens, and which no other test uses. Gateways on one computer that write to the same
+/// place refuse to start.
 pub(crate) fn nowhere() -> String {
     static NAMED: AtomicU32 = AtomicU32::new(1);
     let [_, a, b, c] = std::process::id().to_be_bytes();
     format!("127.{}.{b}.{c}:{}", 100 + a, NAMED.fetch_add(1, Ordering::Relaxed))
 }
 
-/// A port that was free a moment ago. It lies below those that the system gives to whoever asks for any, as other tests do:
-/// none of them is given it meanwhile.
+/// Port that was free a moment ago. It is below the range from which the system assigns ports, so that no other test
+/// gets it.
 pub(crate) fn free_port() -> u16 {
     static TRIED: AtomicU32 = AtomicU32::new(0);
-    // Each process begins elsewhere.
+    // Each process begins with another port.
     let first = std::process::id().wrapping_mul(97);
     let ports = std::iter::repeat_with(|| {
         let tried = TRIED.fetch_add(1, Ordering::Relaxed);

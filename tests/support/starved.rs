@@ -1,5 +1,5 @@
-//! How long the computer keeps the threads of a process from the processor, by the kernel's own account (`schedstat`). What a busy
-//! computer delays is no fault of the program.
+//! Time for which the threads of a process wait for a processor, from the kernel's accounting (`schedstat`). A delay by
+//! a busy computer is no fault of the program.
 
 #![allow(dead_code, reason = "each of the tests uses its part")]
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
@@ -13,28 +13,28 @@ use std::time::Duration;
 use isotherm::clock::Clock;
 use isotherm_core::quantity::Moment;
 
-/// Pause between two looks at the account. A wait is counted when it is over.
+/// Pause between two samples of the accounting. A wait is counted when it is over.
 const EVERY: Duration = Duration::from_millis(50);
 
-/// The waits of one process, until this is dropped.
+/// Records the waits of one process, until it is dropped.
 pub(crate) struct Starved {
     seen: Arc<Mutex<Seen>>,
     ends: Arc<AtomicBool>,
 }
 
-/// Waits that were seen so far.
+/// Waits recorded so far.
 struct Seen {
     process: u32,
     clock: Clock,
     last: Moment,
-    /// Time that each thread has waited since it began.
+    /// Time that each thread has waited since its start.
     before: BTreeMap<PathBuf, Duration>,
-    /// By look: its beginning, its end, and the longest wait of one thread in between.
+    /// For each sample: its beginning, its end, and the longest wait of one thread in between.
     waits: Vec<(Moment, Moment, Duration)>,
 }
 
 impl Starved {
-    /// Watches a process from now on.
+    /// Starts to record the waits of a process.
     pub(crate) fn of(process: u32) -> Starved {
         let clock = Clock::wall();
         let last = clock.now();
@@ -51,14 +51,14 @@ impl Starved {
         Starved { seen, ends }
     }
 
-    /// Longest wait so far: of one thread, within one look.
+    /// Longest wait of one thread between two samples so far.
     pub(crate) fn longest(&self) -> Duration {
         let mut seen = self.seen.lock().unwrap();
         seen.look();
         seen.waits.iter().map(|(.., wait)| *wait).max().unwrap_or_default()
     }
 
-    /// Sum of the waits between two moments: of the thread that waited longest within each look.
+    /// Sum of the waits between two moments: for each sample, that of the thread that waited longest.
     pub(crate) fn between(&self, from: Moment, to: Moment) -> Duration {
         let mut seen = self.seen.lock().unwrap();
         seen.look();
@@ -88,22 +88,22 @@ impl Seen {
     }
 }
 
-/// Time that a thread has waited for a processor since it began. Zero if the kernel does not say it.
+/// Time that a thread has waited for a processor since its start. Zero if the kernel does not report it.
 fn waited(task: &Path) -> Duration {
     let account = std::fs::read_to_string(task.join("schedstat")).unwrap_or_default();
     let nanos = account.split_whitespace().nth(1).and_then(|nanos| nanos.parse().ok());
     Duration::from_nanos(nanos.unwrap_or_default())
 }
 
-/// Time that the calling thread has waited for a processor since it began.
+/// Time that the calling thread has waited for a processor since its start.
 pub(crate) fn this_thread() -> Duration {
     waited(Path::new("/proc/thread-self"))
 }
 
-/// Group of a process and its processor time so far, in ticks, by its `/proc/…/stat`. The time of children that it has waited for is
-/// part of it.
+/// Group of a process and its processor time so far, in ticks, from its `/proc/…/stat`. This includes the time of
+/// children that it has waited for.
 pub(crate) fn worked(stat: &str) -> Option<(u64, u64)> {
-    // "1234 (name) S parent group …": the name may hold anything, a bracket too.
+    // The format is "1234 (name) S parent group …". The name may contain any character, also a parenthesis.
     let words: Vec<&str> = stat.rsplit_once(") ")?.1.split_whitespace().collect();
     let number = |place: usize| words.get(place).and_then(|word| word.parse::<u64>().ok());
     Some((number(2)?, number(11)? + number(12)? + number(13)? + number(14)?))

@@ -8,7 +8,7 @@ use tempfile::TempDir;
 
 pub(crate) const PROBE: &str = "28-0316a2794f01";
 
-/// A directory that looks like /sys.
+/// Directory with the structure of /sys.
 pub(crate) struct Tree(TempDir);
 
 impl Tree {
@@ -20,14 +20,14 @@ impl Tree {
         self.0.path()
     }
 
-    /// A file in there.
+    /// Writes a file in the directory.
     pub(crate) fn put(&self, name: &str, text: &str) {
         let path = self.0.path().join(name);
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
         std::fs::write(path, text).unwrap();
     }
 
-    /// hwmon: a chip with this name, which is this device, under this number.
+    /// Adds a hwmon chip with this number and name, which belongs to this device.
     pub(crate) fn hwmon(&self, number: u32, name: &str, device: &str, files: &[(&str, &str)]) {
         let home = format!("devices/{device}/hwmon/hwmon{number}");
         self.put(&format!("{home}/name"), &format!("{name}\n"));
@@ -37,7 +37,7 @@ impl Tree {
         self.lists("class/hwmon", &home);
     }
 
-    /// IIO: the same.
+    /// Adds an IIO device with this number and name, which belongs to this device.
     pub(crate) fn iio(&self, number: u32, name: &str, device: &str, files: &[(&str, &str)]) {
         let home = format!("devices/{device}/iio:device{number}");
         self.put(&format!("{home}/name"), &format!("{name}\n"));
@@ -51,17 +51,17 @@ impl Tree {
         symlink(home, class.join(home.file_name().unwrap())).unwrap();
     }
 
-    /// The file of a 1-Wire sensor.
+    /// Path of the file of a 1-Wire sensor.
     pub(crate) fn one_wire(id: &str) -> String {
         format!("bus/w1/devices/{id}/w1_slave")
     }
 
-    /// A 1-Wire sensor that measures this, in m°C.
+    /// Sets the value of a 1-Wire sensor, in m°C.
     pub(crate) fn measures(&self, id: &str, milli: i32) {
         self.put(&Tree::one_wire(id), &pad(milli));
     }
 
-    /// A file that hangs, as one does whose driver waits for ever.
+    /// Creates a file that hangs, like one whose driver waits forever.
     pub(crate) fn hangs(&self, name: &str) -> PathBuf {
         let path = self.0.path().join(name);
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -70,7 +70,7 @@ impl Tree {
     }
 }
 
-/// What the driver of a 1-Wire sensor shows.
+/// Text that the driver of a 1-Wire sensor shows.
 pub(crate) fn pad(milli: i32) -> String {
     let bytes = "72 01 4b 46 7f ff 0e 10 57";
     format!("{bytes} : crc=57 YES\n{bytes} t={milli}\n")

@@ -1,4 +1,5 @@
-//! Tests that need a kernel, namespaces or a control of their own: `tests/vcan/run`, `tests/netns/run`, `tests/linuxcnc/run`.
+//! Tests that need a special kernel, namespaces or a control: `tests/vcan/run`, `tests/netns/run`,
+//! `tests/linuxcnc/run`.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot go on fails")]
 

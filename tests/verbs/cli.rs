@@ -1,4 +1,4 @@
-//! The verbs as a newcomer uses them: their help, their exit codes, and what they say when something is wrong.
+//! The verbs as a new user runs them: help, exit codes, and error messages.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -52,7 +52,7 @@ const VERBS: &[&str] = &[
     "token",
 ];
 
-/// A verb that has ended.
+/// Result of a verb.
 struct Ended {
     code: Option<i32>,
     out: String,
@@ -70,7 +70,7 @@ fn run(arguments: &[&str]) -> Ended {
     ended(isotherm(home.path()).args(arguments))
 }
 
-/// The machine of the interop tests behind a port of its own.
+/// The machine of the interop tests, with a separate port.
 fn machine(directory: &Path) -> (String, String) {
     let address = format!("127.0.0.1:{}", free_port());
     (MACHINE.replace("127.0.0.1:1\"", &format!("{address}\"")), directory.display().to_string())
@@ -93,7 +93,7 @@ fn the_help_of_each_verb_has_an_example() {
         assert!(help.out.contains(&format!("  isotherm {verb}")), "{verb} has no example:\n{}", help.out);
     }
     let commands = all.out.split("Commands:").nth(1).unwrap().split("\n\n").next().unwrap();
-    // What a verb does may take more than one line.
+    // The description of a verb may have more than one line.
     let is_verb = |line: &&str| line.starts_with("  ") && !line.starts_with("   ");
     assert_eq!(commands.lines().filter(is_verb).count(), VERBS.len() + 1, "and help");
 }
@@ -295,7 +295,7 @@ fn a_stopped_gateway_is_at_rest_remembers_and_its_log_replays_bit_for_bit() {
             isotherm(home.path()).arg("measured").arg(&profile).args(["--state", &state]).args(more).output();
         String::from_utf8(verb.unwrap().stdout).unwrap()
     };
-    // While the register is being written, it is not certain which Cz acted: whoever probes then is told to do so again.
+    // While the register is being written, the acting Cz is uncertain. The gateway then asks to measure again.
     let learns = || {
         let learned = measured(&["--axis", "z", "--error", "-0.5", "--json"]);
         let is_certain = learned.contains("z: -0.5 µm with a Cz of");
@@ -353,7 +353,7 @@ fn a_stopped_gateway_is_at_rest_remembers_and_its_log_replays_bit_for_bit() {
 fn a_second_signal_ends_it_at_once_and_says_what_is_left() {
     let home = tempfile::tempdir().unwrap();
     let (text, state) = machine(home.path());
-    // Some 40 µm are asked for; at this rate the way back is as long as the way there.
+    // The target is about 40 µm. At this rate, the way back takes as long as the way there.
     let text = text
         .replace("  { signal = \"wheelhead\", gain = -2.4, reference = 0.0 },\n", "")
         .replace("rate     = 50.0", "rate     = 0.5");
@@ -362,7 +362,7 @@ fn a_second_signal_ends_it_at_once_and_says_what_is_left() {
     let mut gateway = isotherm(home.path());
     let mut gateway = Running::start(gateway.arg("run").arg(&profile).args(["--state", &state]));
     gateway.hears("axis z: armed");
-    // So far away that a busy computer has not come back before the second signal.
+    // After this time, the way back is longer than the delay of a busy computer until the second signal.
     std::thread::sleep(Duration::from_secs(20));
     gateway.signal("TERM");
     gateway.hears("stopping: the fault actions run, at most");
@@ -379,13 +379,13 @@ fn nobody_reading_what_it_says_does_not_hold_it_up() {
     let (text, state) = machine(home.path());
     let profile = file(home.path(), "machine.toml", &text);
     let _devices = devices(home.path(), &profile);
-    // As full as a pipe can be: whoever writes another word waits for its reader.
+    // The pipe is full: any further write blocks until its reader reads.
     let (_unread, mut full) = std::io::pipe().unwrap();
     full.write_all(&[b'x'; 65_536]).unwrap();
     let mut gateway = isotherm(home.path());
     gateway.arg("run").arg(&profile).args(["--state", &state]).stderr(full);
     let mut gateway = gateway.spawn().unwrap();
-    // Its last rows are there only if the loop goes on and the axis has been told about.
+    // The last rows exist only if the gateway continues.
     process::until("it does not go on", || {
         let mut files = std::fs::read_dir(home.path()).unwrap().map(|entry| entry.unwrap().path());
         let is_log = |path: &str| path.ends_with(".csv") && !path.ends_with(".outputs.csv");
@@ -414,7 +414,7 @@ fn a_recorded_run_has_every_signal_and_overwrites_nothing() {
     recording.hears("recording 4 signals into");
     process::until("there are rows with every signal", || {
         let rows = std::fs::read_to_string(&log).unwrap_or_default();
-        // The last row may be half written.
+        // The last row may be incomplete.
         let whole = rows.lines().rev().skip(1).filter(|row| row.split(',').all(|cell| !cell.is_empty()));
         if whole.count() > 15 { Ok(()) } else { Err(rows) }
     });
@@ -556,7 +556,7 @@ fn status_has_the_content_of_the_page_for_people_programs_and_a_watchdog() {
     gateway.goes_on();
 }
 
-/// Each verb as somebody may call it; what it needs lies in its directory.
+/// Calls of every verb. The files that they need are in the directory.
 const CALLS: [&[&str]; 35] = [
     &["--help"],
     &["demo", "--for", "10min", "--speed", "100000", "--listen", "127.0.0.1:0"],
@@ -595,7 +595,7 @@ const CALLS: [&[&str]; 35] = [
     &["man"],
 ];
 
-/// Where what a verb prints goes: to a reader who has left, or onto a disk that is full.
+/// Output to a closed pipe; [`full`] is output to a full disk.
 fn gone() -> std::process::Stdio {
     let (reader, writer) = std::io::pipe().unwrap();
     drop(reader);
@@ -606,7 +606,7 @@ fn full() -> std::process::Stdio {
     std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap().into()
 }
 
-/// Runs a verb for two seconds at most, and looks at how it ends.
+/// Runs a verb for at most two seconds, and checks how it ends.
 fn is_called(home: &Path, call: &[&str], stdout: fn() -> std::process::Stdio, is_heard: bool) {
     let stderr = if is_heard { std::process::Stdio::piped() } else { stdout() };
     let mut command = isotherm(home);
@@ -620,7 +620,7 @@ fn is_called(home: &Path, call: &[&str], stdout: fn() -> std::process::Stdio, is
     let Output { status, stderr, .. } = child.wait_with_output().unwrap();
     let said = String::from_utf8_lossy(&stderr);
     assert!(!said.contains("panicked"), "{call:?}: {said}");
-    // By that signal where it has not come to take notice of it.
+    // Before it handles the signal, the signal itself ends it.
     let is_known = status.code().is_none_or(|code| [0, 1, 2, 3, 64].contains(&code));
     assert!(
         is_known && std::os::unix::process::ExitStatusExt::signal(&status).is_none_or(|by| by == 15),

@@ -1,5 +1,5 @@
-//! What the compensation is worth: the shipped machines on days that their coefficients never saw, as a person would
-//! run them, over real sockets.
+//! Effect of the compensation. The shipped machines run over real sockets, on days that were not used to identify their
+//! coefficients.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -12,7 +12,7 @@ use crate::support::process;
 
 use process::{Running, isotherm};
 
-/// One run of the demo, as fast as it goes.
+/// Runs one demo as fast as possible.
 fn demo(machine: &str, span: &str, seed: u64) -> Value {
     demo_at("1000000", machine, span, seed)
 }
@@ -38,7 +38,7 @@ fn demo_at(speed: &str, machine: &str, span: &str, seed: u64) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// Days of each machine; `TEST_DAYS=20` takes more.
+/// Number of days for each machine; `TEST_DAYS=20` tests more.
 const DAYS: u64 = 1;
 
 fn number_of_days() -> u64 {
@@ -46,7 +46,7 @@ fn number_of_days() -> u64 {
     text.parse().unwrap_or_else(|_| panic!("TEST_DAYS={text}: say 20"))
 }
 
-/// Days of a machine, two at a time: the worst axis without compensation, and with it, µm.
+/// Runs several days of a machine, two at a time. Checks the worst axis without and with compensation, µm.
 fn days(machine: &str, span: &str, least: f64, most: f64) {
     let days = number_of_days();
     let seeds = Mutex::new(1..=days);
@@ -130,7 +130,7 @@ fn a_seed_is_the_same_day_again_at_any_speed() {
     assert_ne!(day, demo("surface-grinder", "2h", 8));
 }
 
-/// Beside it: `tests/linuxcnc/run -- demo`.
+/// Counterpart with LinuxCNC: `tests/linuxcnc/run -- demo`.
 #[test]
 fn a_machine_under_linuxcnc_says_how_to_install_it_where_it_is_missing() {
     let home = tempfile::tempdir().unwrap();
@@ -146,7 +146,7 @@ fn a_machine_under_linuxcnc_says_how_to_install_it_where_it_is_missing() {
     );
 }
 
-/// On a CAN interface: `tests/vcan/run can -- demo`.
+/// Counterpart on a CAN interface: `tests/vcan/run can -- demo`.
 #[test]
 fn a_machine_on_can_says_what_it_lacks_where_there_is_no_interface() {
     let home = tempfile::tempdir().unwrap();

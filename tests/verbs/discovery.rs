@@ -1,4 +1,4 @@
-//! `scan`, `read --register` and `trace` as a person uses them, against virtual devices on real sockets.
+//! `scan`, `read --register` and `trace` with virtual devices on real sockets.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -27,7 +27,7 @@ fn ended(command: &mut Command) -> Ended {
     Ended { code: status.code(), out: text(stdout), said: text(stderr) }
 }
 
-/// Four units behind one address: 1 to 4.
+/// Four units with one address: 1 to 4.
 struct Bench {
     home: tempfile::TempDir,
     profile: PathBuf,
@@ -128,7 +128,7 @@ fn where_nobody_answers_a_scan_fails_and_says_what_to_try() {
     assert!(refused.said.contains(&format!("{line}: nothing listens there")), "{}", refused.said);
 }
 
-/// Answers the units up to this one alike, and the others not at all.
+/// Starts a device that gives the same answer for all units up to `last`, and none for the others.
 fn careless_device(last: u8) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
@@ -136,7 +136,7 @@ fn careless_device(last: u8) -> String {
         for stream in listener.incoming() {
             let mut stream = stream.unwrap();
             let mut asked = [0; 12];
-            // Whoever asks has one connection at a time.
+            // The client has one connection at a time.
             while stream.read_exact(&mut asked).is_ok() {
                 if asked[6] > last {
                     continue;
@@ -268,7 +268,7 @@ fn the_frames_of_one_device_of_a_running_gateway_can_be_had_while_it_runs() {
     assert!(again.code == Some(1) && again.said.contains("nothing is overwritten"), "{}", again.said);
     assert!(trace("lathe", &[]).said.contains("there is no device `lathe`; there are: "));
 
-    // A person who has seen enough leaves; the gateway goes on and can be asked again.
+    // A user ends the trace early. The gateway continues, and another trace is possible.
     let mut left = isotherm(bench.home());
     left.arg("trace").arg(&bench.profile).args(["--state", &state, "--device", "cnc"]);
     let mut left = Running::start(&mut left);

@@ -1,4 +1,4 @@
-//! The command line and the manual, as a person uses them.
+//! Tests of the command line and of the manual.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot go on fails")]
 

@@ -1,4 +1,4 @@
-//! One fault has one text: whichever verb finds it, it is said in the same words, with what to do.
+//! Every verb reports the same fault with the same text and the same remedy.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -15,7 +15,7 @@ use crate::support::process;
 
 use process::{Running, file, free_port, isotherm, until};
 
-/// What it writes to both streams.
+/// Output on both streams.
 fn said(command: &mut Command) -> String {
     let output = command.output().unwrap();
     [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap()).concat()
@@ -32,7 +32,7 @@ fn tcp(address: impl std::fmt::Display) -> String {
     format!("type = \"modbus-tcp\"\naddress = \"{address}\"")
 }
 
-/// `check --online`, `read` and a scan of the same line.
+/// Output of `check --online`, `read` and a scan of the same line.
 fn verbs(home: &Path, text: &str, line: &str) -> Vec<(&'static str, String)> {
     let profile = file(home, "machine.toml", text);
     let scan = ["scan", "--bus", line, "--units", "1", "--timeout", "200ms"];
@@ -53,7 +53,8 @@ fn all_say(verbs: &[(&str, String)], words: &str) {
     }
 }
 
-/// Answers every request with this, behind the header; an exception is one of the function that was asked for.
+/// Starts a server that answers every request with this protocol data unit. An exception gets the function code of the
+/// request.
 fn answers(pdu: &'static [u8]) -> SocketAddr {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
@@ -127,7 +128,7 @@ fn an_exception_has_its_code_and_its_words_and_a_device_behind_a_gateway_that_sa
     assert!(!asked[0].1.contains("module: ok"), "{}", asked[0].1);
 }
 
-/// The running gateway, by its log, its status and its answer to `arm`.
+/// Checks the running gateway: its log, its status, and its answer to `arm`.
 #[test]
 fn a_fault_of_the_running_gateway_is_explained_as_the_other_verbs_explain_it() {
     const AXIS: &str = "[axis.z]\nlimit = 10.0\nstep = 1.0\nrate = 1.0\ndeadband = 0.1\nevery = \"1s\"\n\
@@ -160,7 +161,7 @@ fn a_fault_of_the_running_gateway_is_explained_as_the_other_verbs_explain_it() {
             let said = says(&["status"]);
             if said.contains(words) { Ok(()) } else { Err(said) }
         });
-        // It answers after three seconds of waiting.
+        // The gateway answers after waiting for three seconds.
         let mut armed = (0..4).map(|_| says(&["arm", "--no-wait"]));
         assert!(armed.any(|said| said.contains(words)), "arm does not say `{words}`");
     }

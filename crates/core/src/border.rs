@@ -1,6 +1,6 @@
-//! The border to the code of others: a reader of a file format that nobody here has written, or a library that speaks with a peer, may
-//! panic at what its authors did not think of. That is the file's or the peer's fault: it ends here, in a sentence, and nothing is printed
-//! beside it.
+//! Catches panics of code that does not belong to the project. A reader of a file format, or a library that speaks with
+//! a peer, may panic on input that its authors did not expect. The caller reports such a panic as an error in the file
+//! or of the peer. The standard panic message is not printed.
 
 use std::any::Any;
 use std::cell::Cell;
@@ -8,18 +8,19 @@ use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::sync::Once;
 
 thread_local! {
-    /// Whether this thread is beyond the border.
+    /// Whether this thread runs foreign code at the moment.
     static BEYOND: Cell<bool> = const { Cell::new(false) };
 }
 
-/// The code behind the border panicked.
+/// Error of [`beyond`]: the foreign code panicked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Panicked;
 
-/// Runs the code of others. Not for code of our own, whose panics are mistakes that somebody must see.
+/// Runs foreign code and catches its panics. Do not use it for code of the project: a panic there is a defect that must
+/// stay visible.
 ///
 /// # Errors
-/// It panicked; what it had taken with it is lost.
+/// The code panicked. Everything that was moved into the closure is lost.
 pub fn beyond<T>(run: impl FnOnce() -> T) -> Result<T, Panicked> {
     static SILENCED: Once = Once::new();
     SILENCED.call_once(|| {
@@ -36,13 +37,14 @@ pub fn beyond<T>(run: impl FnOnce() -> T) -> Result<T, Panicked> {
     ran.map_err(|_| Panicked)
 }
 
-/// What a panic says, of whomever.
+/// Returns the message of a panic, or "panic" if the payload is not text.
 pub fn panic_message(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
     text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "panic".to_owned())
 }
 
-/// The ONNX runtime computes in a thread of its own, which it names.
+/// Returns whether this thread runs foreign code. The ONNX runtime computes in its own thread, which has a name with a
+/// known prefix.
 fn is_beyond() -> bool {
     BEYOND.get() || std::thread::current().name().is_some_and(|name| name.starts_with("rten-"))
 }

@@ -1,7 +1,7 @@
-//! Registers and frame bits ↔ numbers: addresses, types, word order, scale, raw sentinels, saturation.
+//! Conversion between registers or frame bits and numbers: addresses, types, word order, scale, sentinels, saturation.
 //!
-//! A value spans one to four 16-bit registers (or one coil). Integers are compared with their sentinels *before*
-//! scaling: −512 is "open circuit" to some modules and would scale to a plausible −32.0 °C.
+//! A value occupies one to four 16-bit registers, or one coil. Integers are compared with their sentinels *before*
+//! scaling. Some modules send −512 for an open circuit, which would scale to a plausible −32.0 °C.
 
 use std::fmt;
 
@@ -36,7 +36,7 @@ pub use scale::Scale;
 
 use data_type::integer_of;
 
-/// Which register of a value of several registers comes first. There is no default: devices differ.
+/// Order of the registers of a value with several registers. There is no default, because devices differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum WordOrder {
     /// The most significant word at the lowest address.
@@ -45,45 +45,45 @@ pub enum WordOrder {
     LswFirst,
 }
 
-/// Everything needed to turn registers into an engineering value and back: `value = raw · scale + offset`.
+/// Conversion between registers and an engineering value: `value = raw · scale + offset`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Encoding {
-    /// How the bits are read.
+    /// Type of the bits.
     pub data_type: DataType,
-    /// Order of the registers; meaningless for one register.
+    /// Order of the registers. Irrelevant for one register.
     pub word_order: WordOrder,
-    /// The two bytes inside every register are exchanged.
+    /// Whether the two bytes of each register are exchanged.
     pub byte_swap: bool,
     /// Engineering units per count.
     pub scale: Scale,
     /// Engineering value of raw zero.
     pub offset: f64,
-    /// Added to the raw count on the wire (outputs; LinuxCNC wants 32768).
+    /// Number added to the raw count on the wire. Only outputs use it; LinuxCNC requires 32768.
     pub bias: i64,
     /// Raw values that mean "no measurement".
     pub bad: Vec<Sentinel>,
 }
 
-/// A raw value that a device sends where it has none.
+/// Raw value that a device sends when it has no measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sentinel {
     /// The raw count, before scaling.
     pub raw: i64,
-    /// What the device says by it; [`Reason::Sentinel`] where nobody knows.
+    /// Meaning of the raw value. [`Reason::Sentinel`] if the meaning is unknown.
     pub means: Reason,
 }
 
-/// Registers ready to be written.
+/// Registers to be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Encoded {
     registers: [u16; 4],
     len: usize,
-    /// The value did not fit its type and was cut to the nearest one that does.
+    /// Whether the value did not fit its type and was limited to the nearest value that fits.
     pub saturated: bool,
 }
 
 impl Encoded {
-    /// Registers as they were read: at most four, lowest address first.
+    /// Takes registers as they were read, lowest address first. Registers after the fourth are ignored.
     pub fn of(registers: &[u16]) -> Encoded {
         let mut kept = [0; 4];
         let len = registers.len().min(kept.len());
@@ -96,26 +96,27 @@ impl Encoded {
         &self.registers[..self.len]
     }
 
-    /// The bits of registers whose most significant comes first, as [`DataType::encode`] makes them.
+    /// Joins the registers into one integer, most significant register first. Inverse of [`DataType::encode`].
     pub fn bits(&self) -> u64 {
         self.registers().iter().fold(0, |bits, word| bits << 16 | u64::from(*word))
     }
 }
 
 impl Encoding {
-    /// The engineering value of one coil or discrete input.
+    /// Returns the engineering value of one coil or discrete input.
     ///
     /// # Errors
-    /// Where scale and offset make it something that is no number.
+    /// [`Reason::NotANumber`] if scale and offset give NaN or infinity.
     pub fn decode_bit(&self, bit: bool) -> Result<f64, Reason> {
         let value = f64::from(u8::from(bit)) * self.scale.get() + self.offset;
         if value.is_finite() { Ok(value) } else { Err(Reason::NotANumber) }
     }
 
-    /// The engineering value of these registers (lowest address first, exactly `data_type.registers()` of them).
+    /// Returns the engineering value of the registers, lowest address first. Their number must be
+    /// `data_type.registers()`.
     ///
     /// # Errors
-    /// The reason why there is no value: a sentinel, NaN or infinity, or the wrong number of registers.
+    /// The reason why there is no value: a sentinel, NaN or infinity, or a wrong number of registers.
     pub fn decode(&self, registers: &[u16]) -> Result<f64, Reason> {
         let bits = self.gather(registers)?;
         let raw = match self.data_type {
@@ -137,8 +138,8 @@ impl Encoding {
         if value.is_finite() { Ok(value) } else { Err(Reason::NotANumber) }
     }
 
-    /// The registers that come nearest to `value`: whole counts, rounded half away from zero, cut to the type's range.
-    /// NaN is written as the count of zero and reported as saturated; callers never pass it.
+    /// Returns the registers nearest to `value`. Whole counts are rounded half away from zero, and limited to the range
+    /// of the type. NaN is encoded as zero and reported as saturated; no caller passes NaN.
     pub fn encode(&self, value: f64) -> Encoded {
         let scaled = self.scale.unscaled(value - self.offset);
         let (bits, saturated) = match self.data_type.integer_range() {
@@ -153,15 +154,15 @@ impl Encoding {
         self.scatter(bits, saturated)
     }
 
-    /// The whole counts in these registers, without the bias; `None` for a floating-point type and for the wrong number
-    /// of registers.
+    /// Returns the whole counts in the registers, without the bias. `None` for a floating-point type, or if the number
+    /// of registers is wrong.
     pub fn counts(&self, registers: &[u16]) -> Option<Counts> {
         self.data_type.integer_range()?;
         let raw = integer_of(self.data_type, self.gather(registers).ok()?);
         i64::try_from(raw - i128::from(self.bias)).ok().map(Counts)
     }
 
-    /// The registers of these counts of an integer type, cut to its range.
+    /// Encodes counts of an integer type, limited to its range.
     pub fn encode_counts(&self, counts: Counts) -> Encoded {
         let Some((low, high)) = self.data_type.integer_range() else {
             return self.encode(self.value_of(counts));
@@ -171,21 +172,21 @@ impl Encoding {
         self.scatter(self.data_type.bits_of(fits), fits != wanted)
     }
 
-    /// The smallest and the largest counts that fit, without the bias; `None` for floating point and where they are
-    /// beyond 64 bits.
+    /// Returns the smallest and the largest counts that fit, without the bias. `None` for floating point, and if they
+    /// exceed 64 bits.
     pub fn range_of_counts(&self) -> Option<(Counts, Counts)> {
         let (low, high) = self.data_type.integer_range()?;
         let bias = i128::from(self.bias);
         Some((Counts(i64::try_from(low - bias).ok()?), Counts(i64::try_from(high - bias).ok()?)))
     }
 
-    /// The engineering value of these counts.
+    /// Returns the engineering value of the counts.
     pub fn value_of(&self, counts: Counts) -> f64 {
         // Adding zero turns −0 into 0.
         self.scale.scaled(as_float(i128::from(counts.0))) + self.offset + 0.0
     }
 
-    /// The counts that come nearest to a value, half away from zero.
+    /// Returns the counts nearest to a value, rounded half away from zero.
     pub fn nearest_counts(&self, value: f64) -> Counts {
         let counts = as_integer(self.scale.unscaled(value - self.offset).round());
         Counts(i64::try_from(counts).unwrap_or(if counts < 0 { i64::MIN } else { i64::MAX }))
@@ -224,17 +225,17 @@ impl Encoding {
     }
 }
 
-/// Sentinels are exact: a float module sends 9999.0, not something near it.
+/// Compares exactly: a module with floats sends exactly 9999.0 as its sentinel.
 #[allow(clippy::float_cmp)]
 fn same(a: f64, b: f64) -> bool {
     a == b
 }
 
-/// 64-bit counters beyond 2^53 lose their last digits here: a scale with 2^53 counts does not exist.
+/// Converts to a float. Counts beyond 2^53 lose their last digits, but no real scale has so many counts.
 #[allow(clippy::cast_precision_loss)]
 fn as_float(raw: i128) -> f64 {
     match i64::try_from(raw) {
-        // What fits the processor converts by itself.
+        // Counts of 64 bits use the fast conversion of the processor.
         Ok(raw) => raw as f64,
         Err(_) => wide_as_float(raw),
     }
@@ -247,7 +248,7 @@ fn wide_as_float(raw: i128) -> f64 {
     raw as f64
 }
 
-/// `as` saturates at the ends, which is what is wanted before the range check.
+/// Converts to an integer. `as` saturates at both ends, as the range check after it requires.
 #[allow(clippy::cast_possible_truncation)]
 fn as_integer(rounded: f64) -> i128 {
     const FITS: f64 = 9.0e18;
@@ -274,7 +275,7 @@ fn float_bits(data_type: DataType, value: f64) -> (u64, bool) {
 }
 
 impl From<i64> for Sentinel {
-    /// One of which nobody knows what it says.
+    /// Creates a sentinel with unknown meaning.
     fn from(raw: i64) -> Sentinel {
         Sentinel { raw, means: Reason::Sentinel }
     }

@@ -1,19 +1,20 @@
 //! Continuity of devices: whether the device that answers is the one that was verified before.
 //!
-//! An address and a name do not identify a device. After a break of contact another module or control may answer there, or the same
-//! one with other settings. [`DeviceContinuity`] collects what is known of one device. One method breaks its continuity
-//! ([`DeviceContinuity::breaks`]) and one mends it ([`DeviceContinuity::verified`]).
+//! An address and a name do not identify a device. After contact was lost, another module or control may answer there,
+//! or the same one with other settings. [`DeviceContinuity`] collects what is known about one device.
+//! [`DeviceContinuity::breaks`] breaks its continuity, and [`DeviceContinuity::verified`] restores it.
 //!
 //! | state | event | next state |
 //! |---|---|---|
 //! | any | all checks pass, read after the last break | Confirmed |
-//! | any | a check finds something else | Changed |
-//! | Confirmed | contact is broken | Unconfirmed |
-//! | Unconfirmed, Changed | contact is broken | the same |
+//! | any | a check finds a difference | Changed |
+//! | Confirmed | contact is lost | Unconfirmed |
+//! | Unconfirmed, Changed | contact is lost | unchanged |
 //!
-//! While a device is not [`Continuity::Confirmed`], its new readings are not used and nothing is written to it. Its last good
-//! readings age to their `max_age`. A device without checks has nothing that identifies it and stays confirmed. Its breaks are counted,
-//! so that [`RateFilter`] compares the first value after a break with the last good one before it.
+//! While a device is not [`Continuity::Confirmed`], its new readings are not used, and the gateway writes nothing to
+//! it. Its last good readings remain valid until their `max_age`. A device without checks has nothing that identifies
+//! it, and stays confirmed. Its breaks are counted: [`RateFilter`] compares the first value after a break with the last
+//! one before it.
 
 use std::fmt;
 use std::time::Duration;
@@ -24,24 +25,24 @@ mod rate;
 
 pub use rate::{RateFault, RateFilter};
 
-/// Requests in a row without an answer that can be a break: a single lost answer is none.
+/// Number of consecutive requests without an answer that can be a break. A single lost answer is no break.
 const SILENT_REQUESTS: u32 = 2;
-/// Poll periods without an answer that are a break.
+/// Time without an answer that is a break, in poll periods.
 const SILENT_PERIODS: u32 = 2;
 
-/// Whether the device that answers is known to be the one that was verified.
+/// State of a device: whether it is known to be the one that was verified.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Continuity {
     /// The device has passed its checks, and contact has not been broken since.
     Confirmed,
-    /// Contact was broken. The next exchange reads the checks.
+    /// Contact was lost. The next exchange reads the checks.
     Unconfirmed {
         /// Time of the first break.
         since: Moment,
         /// Cause of the first break.
         cause: Break,
     },
-    /// A check found something else than expected. Never empty.
+    /// A check found a difference. The list is never empty.
     Changed(Vec<Difference>),
 }
 
@@ -54,30 +55,30 @@ pub enum Break {
     Refused,
     /// A connection was reset, or closed without an answer.
     ConnectionLost,
-    /// A connection was made that does not resume the one before: a server has forgotten it, or a serial port is another one.
+    /// A new connection does not resume the last one: a server has discarded the session, or a serial port has changed.
     NewConnection,
     /// The interface of the bus went down.
     InterfaceDown,
     /// The device was restarted.
     Restarted,
-    /// The machine was switched on, and the device perhaps with it.
+    /// The machine was switched on, and perhaps the device with it.
     MachineOn,
-    /// The computer stood still for longer than the readings may age.
+    /// The computer was paused for longer than the readings may age.
     Pause,
     /// The device did not answer for two poll periods.
     Silence,
 }
 
-/// One check with another result than expected.
+/// Check with an unexpected result.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Difference {
     /// Register, object or node that was checked, for example `holding:90 (40091)`.
     pub what: String,
     /// Expected value.
     pub was: String,
-    /// Value found, or why it cannot be read.
+    /// Value found, or the reason why it cannot be read.
     pub is: Found,
-    /// Meaning of the value, for people.
+    /// Meaning of the value, for messages.
     pub meaning: String,
     /// Remedy from the profile; may be empty.
     pub remedy: String,
@@ -88,20 +89,20 @@ pub struct Difference {
 pub enum Found {
     /// Another value.
     Value(String),
-    /// No value: the device says that it has no such register, for this reason.
+    /// No value: the device answered that it has no such register, for this reason.
     Absent(String),
-    /// No value, for a reason that says nothing of the register.
+    /// No value, for a reason that does not concern the register.
     Unreadable(String),
-    /// Another finding, as a sentence.
+    /// Any other finding, as a sentence.
     Described(String),
 }
 
-/// Means by which a device is identified.
+/// How a device is identified.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Identity {
-    /// Nothing: it has no checks.
+    /// The device has no checks.
     None,
-    /// Its checks.
+    /// The device has checks.
     Checks,
 }
 
@@ -112,24 +113,24 @@ pub struct DeviceContinuity {
     /// Time without an answer that is a break.
     silence: Duration,
     state: Continuity,
-    /// Breaks so far.
+    /// Number of breaks so far.
     breaks: u64,
-    /// Breaks before the checks passed last. `None` if they have not passed yet.
+    /// Number of breaks before the checks last passed. `None` if they have not passed yet.
     passed_after: Option<u64>,
-    /// Breaks after which the device may have forgotten what was written to it.
+    /// Number of breaks after which the device may have lost its settings.
     resets: u64,
-    /// Last answer.
+    /// Time of the last answer.
     answered: Moment,
-    /// Last answer that was no refusal.
+    /// Time of the last answer that was no refusal.
     delivered: Moment,
-    /// Requests without an answer since.
+    /// Requests without an answer since the last one.
     missed: u32,
-    /// Silence since the last answer, which has broken continuity once.
+    /// Whether the present silence has already broken continuity.
     is_silent: bool,
 }
 
 impl DeviceContinuity {
-    /// Begins for a device with this identity and poll period.
+    /// Creates the state at the start for a device with this identity and poll period.
     pub fn new(identity: Identity, period: Duration, start: Moment) -> DeviceContinuity {
         let state = match identity {
             Identity::None => Continuity::Confirmed,
@@ -160,23 +161,23 @@ impl DeviceContinuity {
         self.state == Continuity::Confirmed
     }
 
-    /// Number of breaks so far. A check that was read before the last break says nothing of the present device.
+    /// Number of breaks so far. A check that was read before the last break says nothing about the present device.
     pub fn breaks_so_far(&self) -> u64 {
         self.breaks
     }
 
-    /// Returns whether continuity has lasted since the checks passed last. Another value of a check shows then that settings were
-    /// changed at the same device.
+    /// Returns whether continuity has lasted since the checks last passed. If it has, a different value of a check
+    /// means that settings were changed on the same device.
     pub fn has_lasted(&self) -> bool {
         self.passed_after == Some(self.breaks)
     }
 
-    /// Number of breaks so far after which the device may have forgotten how it was set up.
+    /// Number of breaks after which the device may have lost its settings.
     pub fn resets_so_far(&self) -> u64 {
         self.resets
     }
 
-    /// Number of breaks that [`RateFilter`] counts: none of a device whose checks say whether it is the same.
+    /// Number of breaks for [`RateFilter`]. Zero for a device with checks, because these identify it.
     pub fn breaks_without_checks(&self) -> u64 {
         match self.identity {
             Identity::None => self.breaks,
@@ -189,8 +190,8 @@ impl DeviceContinuity {
         self.delivered
     }
 
-    /// Breaks continuity. A device that is already unconfirmed keeps its first cause. A changed device stays changed until a check
-    /// passes.
+    /// Records a break of continuity. An unconfirmed device keeps its first cause. A changed device stays changed until
+    /// its checks pass.
     pub fn breaks(&mut self, cause: Break, now: Moment) {
         self.breaks += 1;
         self.resets += u64::from(!matches!(cause, Break::Pause | Break::MachineOn));
@@ -199,8 +200,8 @@ impl DeviceContinuity {
         }
     }
 
-    /// Takes the result of the checks, read after this many breaks. An empty list confirms the device. Returns the state before, or
-    /// `None` if continuity was broken in between and the checks must be read again.
+    /// Processes the result of the checks, which were read after this many breaks. An empty list confirms the device.
+    /// Returns the state before. Returns `None` if continuity was broken meanwhile; the checks must then be read again.
     pub fn verified(&mut self, after: u64, differences: Vec<Difference>) -> Option<Continuity> {
         if after != self.breaks {
             return None;
@@ -215,8 +216,8 @@ impl DeviceContinuity {
         Some(std::mem::replace(&mut self.state, state))
     }
 
-    /// Notes that the device is about to be asked, or has answered. A silence that has become long since the last miss breaks
-    /// continuity once. A device that is not confirmed is checked in any case.
+    /// Records a break if the device has been silent for too long. Call it before each request and at each answer. One
+    /// silence is one break. A device that is not confirmed is checked in any case.
     pub fn notice_silence(&mut self, now: Moment) {
         let is_silent = self.missed >= SILENT_REQUESTS && now.since(self.answered) >= self.silence;
         if is_silent && self.is_confirmed() && !std::mem::replace(&mut self.is_silent, true) {
@@ -224,19 +225,19 @@ impl DeviceContinuity {
         }
     }
 
-    /// Notes an answer, also one that refuses.
+    /// Records an answer, including a refusal.
     pub fn answers(&mut self, now: Moment) {
         self.notice_silence(now);
         (self.answered, self.missed, self.is_silent) = (now, 0, false);
     }
 
-    /// Notes an answer that brought what was asked for.
+    /// Records an answer with the requested data.
     pub fn delivers(&mut self, now: Moment) {
         self.answers(now);
         self.delivered = now;
     }
 
-    /// Notes a request without an answer. Several of them, over two poll periods, break continuity once.
+    /// Records a request without an answer. Several of them over two poll periods are one break.
     pub fn misses(&mut self, now: Moment) {
         self.missed = self.missed.saturating_add(1);
         let is_silent = self.missed >= SILENT_REQUESTS && now.since(self.answered) >= self.silence;
@@ -247,13 +248,13 @@ impl DeviceContinuity {
 }
 
 impl Difference {
-    /// Returns whether another value was read.
+    /// Returns whether the check read a different value.
     pub fn is_value(&self) -> bool {
         matches!(self.is, Found::Value(_))
     }
 
-    /// Returns whether it shows that the device is another one or set otherwise: it brought another value, or the device says that
-    /// it has no such register.
+    /// Returns whether the difference proves that the device is another one or has other settings. It does if a
+    /// different value was read, or if the device answered that it has no such register.
     pub fn is_evidence(&self) -> bool {
         matches!(self.is, Found::Value(_) | Found::Absent(_))
     }
@@ -276,7 +277,7 @@ impl fmt::Display for Break {
 }
 
 impl fmt::Display for Difference {
-    /// `holding:90 (40091) reads 6 instead of 5 (decimal point): set it to 5 at the panel`.
+    /// Formats the difference: `holding:90 (40091) reads 6 instead of 5 (decimal point): set it to 5 at the panel`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Difference { what, was, is, meaning, remedy } = self;
         match is {
@@ -290,7 +291,7 @@ impl fmt::Display for Difference {
     }
 }
 
-/// Joins differences to one sentence.
+/// Joins differences into one sentence.
 pub fn sentence(differences: &[Difference]) -> String {
     differences.iter().map(Difference::to_string).collect::<Vec<_>>().join("; ")
 }

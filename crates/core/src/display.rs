@@ -1,12 +1,12 @@
-//! State of an axis as people see it, from its decision and from the value last verified in the control.
+//! Displayed state of an axis, from its decision and the value last verified in the control.
 //!
-//! | the axis | its outputs | is shown as |
+//! | axis | outputs | displayed as |
 //! |---|---|---|
 //! | has no model | | no model yet |
 //! | is off, or waits to be armed | | off, waiting to arm |
-//! | is armed | a device of one does not answer | unreachable: the control may hold another value than the verified one |
-//! | moves for a check of its sign | answer | sign check |
-//! | follows a model, or keeps its value | answer | compensating, fallback model, frozen |
+//! | is armed | a device does not answer | unreachable: the control may hold another value than the verified one |
+//! | moves for a sign check | answer | sign check |
+//! | follows a model, or is frozen | answer | compensating, fallback model, frozen |
 //! | has decided zero | hold another Cz, or nothing was verified | returning to zero |
 //! | has decided zero | hold zero, verified | at zero |
 
@@ -22,7 +22,7 @@ pub use control_word::control_word;
 /// Cz in the control, as far as the gateway knows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Held {
-    /// Nothing is written, or nothing was verified yet.
+    /// Nothing is written, or nothing has been verified yet.
     Unknown,
     /// Zero was verified in every output.
     Zero,
@@ -32,14 +32,14 @@ pub enum Held {
     Unreachable,
 }
 
-/// State of an axis as people see it.
+/// Displayed state of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Display {
     /// Off because the profile has no model for the axis.
     Unmodelled,
     /// Not armed.
     Off,
-    /// Not armed yet; armed when the missing condition is met.
+    /// Not armed yet. The axis arms when the missing condition is met.
     Waiting,
     /// Following its preferred model.
     Active,
@@ -47,26 +47,26 @@ pub enum Display {
     Degraded,
     /// Keeping its last value.
     Holding,
-    /// On the way to zero.
+    /// Returning to zero.
     Ramping,
     /// Zero was verified in the control.
     Zeroed,
-    /// Moved on purpose, for a dial gauge.
+    /// Moved for a sign check with a dial gauge.
     SignCheck,
     /// The control does not answer.
     Unreachable,
 }
 
-/// How alarming a display state is. The page has a colour and a sign for each.
+/// Severity of a displayed state. The page has a colour and a sign for each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tone {
     /// The axis is compensated.
     Good,
-    /// A person should know.
+    /// The operator should notice it.
     Warning,
-    /// A person should act.
+    /// The operator should act.
     Bad,
-    /// Nothing is written, and that is no fault.
+    /// Nothing is written, which is no fault.
     Off,
 }
 
@@ -82,21 +82,21 @@ impl Tone {
     }
 }
 
-/// What people want of an axis.
+/// Requested mode of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Intent {
-    /// Nothing yet: the profile has no model for the axis.
+    /// None: the profile has no model for the axis.
     Unmodelled,
-    /// Arm it as soon as the missing condition is met.
+    /// Arm the axis as soon as the missing condition is met.
     Arm,
     /// Follow the model while it is armed.
     Follow,
-    /// Move it for a dial gauge while it is armed.
+    /// Move the axis for a dial gauge while it is armed.
     CheckSign,
 }
 
 impl Display {
-    /// Every display state with its name for programs, its English words for people and its tone.
+    /// All displayed states, each with its name for programs, its English text and its tone.
     pub const ALL: [(Display, &'static str, &'static str, Tone); 10] = [
         (Display::Unmodelled, "unmodelled", "no model yet", Tone::Off),
         (Display::Off, "off", "off", Tone::Off),
@@ -110,7 +110,7 @@ impl Display {
         (Display::Unreachable, "unreachable", "unreachable", Tone::Bad),
     ];
 
-    /// Chooses the display state from the decided state, the intent and Cz in the control.
+    /// Chooses the displayed state from the decided state, the requested mode and Cz in the control.
     pub fn of(state: AxisState, intent: Intent, held: Held) -> Display {
         match (state, intent) {
             (_, Intent::Arm) => Display::Waiting,
@@ -131,12 +131,12 @@ impl Display {
         self.entry().1
     }
 
-    /// English words for people.
+    /// English text for the operator.
     pub fn words(self) -> &'static str {
         self.entry().2
     }
 
-    /// How alarming it is.
+    /// Severity of the state.
     pub fn tone(self) -> Tone {
         self.entry().3
     }
@@ -146,7 +146,7 @@ impl Display {
     }
 }
 
-/// Fields `shown` and `tone`, for programs.
+/// Serializes the fields `shown` and `tone` for programs.
 impl Serialize for Display {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut fields = serializer.serialize_map(Some(2))?;
@@ -170,7 +170,7 @@ mod tests {
         AxisState::Zeroed,
     ];
 
-    /// Each state of an armed axis beside each thing that may be known of its outputs.
+    /// Checks each state of an armed axis with each possible knowledge about its outputs.
     #[test]
     fn every_state_and_every_value_in_the_control_have_what_is_shown() {
         use Display::{Active, Degraded, Holding, Off, Ramping, Unreachable, Zeroed};

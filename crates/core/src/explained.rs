@@ -1,14 +1,14 @@
-//! Cause and hint of a fault, as people and programs get them, and whether the cause is another one than before.
+//! Cause and hint of a fault for people and programs, and the detection of a changed cause.
 
 use std::borrow::Cow;
 use std::fmt;
 
 use serde::{Serialize, Serializer};
 
-/// Cause of a fault, with a hint if something is to be done about it. `Display` and the serialised form are both in one sentence.
+/// Cause of a fault, with an optional hint. `Display` and the serialised form join both into one sentence.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Explained {
-    /// Cause, without what to do.
+    /// Cause, without the remedy.
     pub cause: String,
     /// Remedy for the cause.
     pub hint: Option<Cow<'static, str>>,
@@ -20,13 +20,13 @@ impl Explained {
         Explained { cause: cause.into(), hint: Some(hint.into()) }
     }
 
-    /// Adds this hint if there is none.
+    /// Adds a hint unless there is one.
     #[must_use]
     pub fn or_hint(self, hint: impl Into<Cow<'static, str>>) -> Explained {
         Explained { hint: self.hint.or_else(|| Some(hint.into())), ..self }
     }
 
-    /// Puts the cause into a longer sentence and keeps the hint.
+    /// Replaces the cause by a sentence made from it, and keeps the hint.
     #[must_use]
     pub fn within(self, sentence: impl FnOnce(&str) -> String) -> Explained {
         Explained { cause: sentence(&self.cause), ..self }
@@ -58,18 +58,18 @@ impl<T: Into<String>> From<T> for Explained {
 #[derive(Clone, Debug)]
 pub struct Cause<T> {
     reported: T,
-    /// Another cause that was found since, and how often in a row.
+    /// Different cause that was found since, and how often in a row.
     other: Option<(T, u32)>,
 }
 
 impl<T: PartialEq> Cause<T> {
-    /// Begins with the cause that is reported now.
+    /// Starts with a cause that has just been reported.
     pub fn new(reported: T) -> Cause<T> {
         Cause { reported, other: None }
     }
 
-    /// Notes the present cause. Returns whether to report it: a cause other than the reported one, found `often` in a row. Causes
-    /// that alternate are no news.
+    /// Records the present cause. Returns whether to report it, which resets the reported cause. A cause is reported if
+    /// it differs from the reported one, and was found `often` times in a row. Alternating causes are not reported.
     pub fn is_now(&mut self, cause: T, often: u32) -> bool {
         if self.reported == cause {
             self.other = None;
@@ -84,8 +84,8 @@ impl<T: PartialEq> Cause<T> {
         true
     }
 
-    /// Notes the present cause of a fault that may be new. Returns whether to report it: the first cause, or a change that
-    /// lasts.
+    /// Records the present cause of a fault that may be new. Returns whether to report it: the first cause, and each
+    /// lasting change.
     pub fn is_news(known: &mut Option<Cause<T>>, cause: T, often: u32) -> bool {
         match known {
             Some(known) => known.is_now(cause, often),

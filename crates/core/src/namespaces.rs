@@ -1,29 +1,30 @@
-//! Namespaces of an OPC UA server that a profile names by index (`ns=2`). A server may give the index to another namespace when it
-//! restarts. [`KnownNamespaces`] remembers the URI behind each index and finds where the namespace is now.
+//! Namespaces of an OPC UA server that a profile names by index (`ns=2`). A server may assign another index to a
+//! namespace when it restarts. [`KnownNamespaces`] stores the URI of each index, and finds the present index.
 //!
-//! | remembered of an index | array of the server | result |
+//! | stored for an index | namespace array of the server | result |
 //! |---|---|---|
-//! | nothing | a URI there, once | [`Located::New`] |
-//! | nothing | no URI there, or one that it has twice | [`Located::Unidentified`] |
-//! | a URI | has it there, and nowhere else | [`Located::Same`] |
-//! | a URI | has it once, elsewhere | [`Located::Moved`] |
+//! | nothing | has a URI at the index, and only there | [`Located::New`] |
+//! | nothing | has no URI at the index, or one that occurs twice | [`Located::Unidentified`] |
+//! | a URI | has it at the index, and nowhere else | [`Located::Same`] |
+//! | a URI | has it once, at another index | [`Located::Moved`] |
 //! | a URI | does not have it | [`Located::Gone`] |
 //! | a URI | has it more than once | [`Located::Ambiguous`] |
-//! | a URI, accepted by a person | has it there, perhaps also elsewhere | [`Located::Same`] |
-//! | a URI, in doubt because the profile was changed | has it once, elsewhere | [`Located::Unclear`] |
+//! | a URI, accepted by the operator | has it at the index, perhaps also elsewhere | [`Located::Same`] |
+//! | a URI, in doubt because the profile was changed | has it once, at another index | [`Located::Unclear`] |
 //!
-//! Source: OPC 10000-3, 8.2.2 and OPC 10000-5, 6.3.13: only the indices 0 and 1 are fixed; clients shall store URIs.
+//! Source: OPC 10000-3, 8.2.2 and OPC 10000-5, 6.3.13. Only the indices 0 and 1 are fixed, and clients shall store
+//! URIs.
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-/// URIs behind the indices of one server, as remembered.
+/// Stored URIs of the indices of one server.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct KnownNamespaces(BTreeMap<u16, Known>);
 
-/// URI behind one index, and whether the profile means it.
+/// Stored URI of one index, and whether the profile means it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Known {
@@ -36,36 +37,36 @@ struct Known {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Meaning {
-    /// The server had it at the index.
+    /// The server had the namespace at the index.
     #[default]
     Seen,
-    /// A person has accepted what the server has at the index.
+    /// The operator has accepted the namespace that the server has at the index.
     Accepted,
-    /// Nodes of the index were added to the profile since. They may be meant as the server has its namespaces now.
+    /// Nodes with the index were added to the profile since. They may mean the present array of the server.
     Unclear,
 }
 
-/// Where the namespace behind an index is now.
+/// Present position of the namespace that an index means.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Located {
-    /// The namespace of OPC UA itself, or one that no URI identifies: the index is all that is known.
+    /// The namespace of OPC UA itself, or one that no URI identifies. The index is used as it is.
     Unidentified,
-    /// At the index, for the first time: this URI is to be remembered.
+    /// At the index, for the first time. The caller stores this URI.
     New(String),
-    /// At the index, as remembered.
+    /// At the index, as stored.
     Same,
-    /// At this index now.
+    /// At this other index.
     Moved(u16),
-    /// Nowhere.
+    /// Not in the array of the server.
     Gone,
     /// At more than one index.
     Ambiguous,
-    /// At another index now, and the profile may mean the one that is at its index.
+    /// At another index, but the profile may mean the namespace that is at the index now.
     Unclear,
 }
 
 impl Located {
-    /// Index to send to the server for this index of the profile. `None` if nothing may be sent.
+    /// Returns the index to send to the server for this index of the profile. `None` if nothing may be sent.
     pub fn index(&self, named: u16) -> Option<u16> {
         match self {
             Located::Unidentified | Located::New(_) | Located::Same => Some(named),
@@ -74,14 +75,14 @@ impl Located {
         }
     }
 
-    /// Returns whether nobody can tell which namespace is meant, so that nothing may be sent.
+    /// Returns whether the namespace cannot be determined, and nothing may be sent.
     pub fn is_lost(&self) -> bool {
         self.index(0).is_none()
     }
 }
 
 impl KnownNamespaces {
-    /// Finds the namespace that the profile names by this index in the array of the server.
+    /// Finds the namespace that the profile means by this index in the array of the server.
     pub fn locate(&self, index: u16, array: &[String]) -> Located {
         if index == 0 {
             return Located::Unidentified;
@@ -104,39 +105,40 @@ impl KnownNamespaces {
         }
     }
 
-    /// Remembers the URI behind an index.
+    /// Stores the URI of an index.
     pub fn remember(&mut self, index: u16, uri: String) {
         self.0.insert(index, Known { uri, meaning: Meaning::Seen });
     }
 
-    /// A person has confirmed that the profile means what the server has at this index now. Returns its URI. Without a URI nothing is
-    /// accepted.
+    /// Stores the confirmation of the operator that the profile means the namespace at this index of the array. Returns
+    /// its URI. Returns `None` without a change if the array has no URI at the index.
     pub fn accept(&mut self, index: u16, array: &[String]) -> Option<&str> {
         let uri = array.get(usize::from(index)).filter(|uri| !uri.is_empty())?;
         self.0.insert(index, Known { uri: uri.clone(), meaning: Meaning::Accepted });
         self.uri(index)
     }
 
-    /// The server has the namespace at this index: the profile means it.
+    /// Ends the doubt about an index, because the server has the stored namespace there.
     pub fn is_seen(&mut self, index: u16) {
         if let Some(known) = self.0.get_mut(&index).filter(|known| known.meaning == Meaning::Unclear) {
             known.meaning = Meaning::Seen;
         }
     }
 
-    /// The profile has been read. `is_clear`: it has only nodes of this index that the former one had.
+    /// Marks the stored indices as unclear after the profile was read, except those for which `is_clear` returns true.
+    /// An index is clear if all its nodes in the profile were in the former profile too.
     pub fn doubt_unless(&mut self, is_clear: impl Fn(u16) -> bool) {
         for (_, known) in self.0.iter_mut().filter(|(index, _)| !is_clear(**index)) {
             known.meaning = Meaning::Unclear;
         }
     }
 
-    /// Returns whether another one remembers the same of an index.
+    /// Returns whether two servers have the same entry for an index.
     pub fn agrees(&self, index: u16, other: &KnownNamespaces) -> bool {
         self.0.get(&index) == other.0.get(&index)
     }
 
-    /// Takes what another one remembers of an index.
+    /// Copies the entry of an index from another list.
     pub fn take(&mut self, index: u16, other: &KnownNamespaces) {
         match other.0.get(&index) {
             Some(known) => self.0.insert(index, known.clone()),
@@ -144,7 +146,7 @@ impl KnownNamespaces {
         };
     }
 
-    /// Returns the URI that is remembered of an index.
+    /// Returns the stored URI of an index.
     pub fn uri(&self, index: u16) -> Option<&str> {
         self.0.get(&index).map(|known| known.uri.as_str())
     }

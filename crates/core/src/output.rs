@@ -1,72 +1,77 @@
-//! From a decision and what the register said to the next exchange. Pure: no I/O, no clock, no allocation in a step.
+//! Second pure step: from a decision and the register value to the next exchange. Pure: no I/O, no clock, no allocation
+//! in a step.
 //!
-//! [`step`] is what stands between a decision and a register. Whatever the link, the device, an operator, the clock or a
-//! kill does in between, the register is never moved by more than one step, never beyond its limit, and what belongs to
-//! an operator stays his. Numbers are whole counts of the register here.
+//! [`step`] decides every write to an offset register. The line, the device, the operator or the clock may fail, and
+//! the process may be killed. Even then the register never moves by more than one step, and never beyond its limit. The
+//! operator offset never changes. All values are whole counts of the register.
 //!
 //! # Theory of operation
-//! A write whose answer did not come may have been carried out, may still be, or never will. So what is known of a
-//! register is not one value, but what the last read showed and **every copy of a value that may still arrive**
-//! ([`Copies`]). A value is sent only directly after a read that showed nothing new, and only if it is at most one step
-//! from what that read showed and from each of these copies: then whatever arrives when, the register moves by one step
-//! at most. Where no such value is nearer to what is wanted, the change waits until the copies cannot arrive any more.
-//! What appears in the register and was under way is ours; nothing else is. What stands there is sent again
-//! (`refresh`) under the same rule, and never while a change waits. One decision moves the register once, by one step at
-//! most: how fast it goes is decided elsewhere.
+//! A write without an answer may have been carried out, may still be carried out, or never will be. The knowledge about
+//! a register is therefore not one value. It is the last value read, and **every copy of a value that may still
+//! arrive** ([`Copies`]). A value is sent only directly after a read that showed nothing new. The value must be at most
+//! one step from the value read and from each of these copies. Whichever copy arrives, the register then moves by one
+//! step at most. If no such value is nearer to the requested one, the change waits until the copies can no longer
+//! arrive.
+//!
+//! A value that appears in the register is the gateway's only if it was under way. The register value is repeated
+//! (`refresh`) under the same rule, and never while a change waits. One decision moves the register once, by one step
+//! at most. The rate of the changes is decided by the axis.
 //!
 //! ```text
-//!            change wanted           nothing new             (shared) promise kept
+//!            change requested        nothing new             (shared) promise kept
 //!   Nothing ──────────────► Read ──────────────► Keep ──────────────► Read ─────► Write
 //!      ▲                     │ ▲                                                    │
-//!      │  nothing to be done │ └──────────── done · unknown: what stands there? ────┤
+//!      │  nothing to be done │ └────────── done · unknown: read the register again ─┤
 //!      └─────────────────────┴──────────────────────────────── refused · not sent ──┘
 //! ```
 //!
-//! A decision has the **target** that its offset is on its way to: what the model, the fault action, the stop or the sign check
-//! requests. A value that is sent lies between the verified value and the target, so that a guard that went on while the register
-//! waited never moves it away from the target. One count beyond is sent only if the target itself is a zero that is avoided.
+//! A decision has the offset, and the **target** that the offset approaches. The target is the value that the model,
+//! the fault action, the stop or the sign check requests. A value that is sent lies between the verified value and the
+//! target. The guard may have continued while the register waited, but the register still never moves away from the
+//! target. One count beyond the target is sent only if the target itself is a zero that must be avoided.
 //!
-//! A **shared** register holds the operator's part (base) and ours (share), and shows only the sum. Before a value is
-//! sent it is on disk as a promise, absolute as the register would hold it; after that the register is read once more, so
-//! that an edit in between is seen. Whenever the process dies, what stands in the register is base + share, or one of the
-//! promises, or an operator's work.
+//! A **shared** register holds the sum of the operator offset (base) and the gateway share. Before a value is sent, it
+//! is on disk as a promise, as the absolute register value. The register is then read once more to detect an edit in
+//! between. Whenever the process dies, the register holds base + share, one of the promises, or a value of the
+//! operator.
 //!
-//! An output that **cannot be read** has nothing but the device's answers: what was acknowledged last takes the place of
-//! what was read last. Copies that nobody answered are over when a write that was begun after their time was
-//! acknowledged; what was acknowledged last is sent again for that.
+//! For an output that **cannot be read**, only the answers of the device are known. The last acknowledged value
+//! replaces the last value read. Copies without an answer end when a later write, begun after their time, is
+//! acknowledged. For this purpose the last acknowledged value is sent again.
 //!
-//! An output **in a set** leaves in one request with others. When one of those is to be written, or the heartbeat beside
-//! them, what stands there goes along ([`Fact::GoesAlong`]) in every state, as it was just read; it is a copy under way
-//! like any other.
+//! An output **in a set** is sent in one request with others. When one of them or the heartbeat is written, the
+//! register values of the others are sent with it, in every state ([`Fact::GoesAlong`]). Such a value is a copy under
+//! way like any other.
 //!
-//! # What a read means
-//! It is compared with what was answered as done last, else with what was verified last.
+//! # Meaning of a read
+//! The value read is compared with the last value that was answered as done, or else with the last verified one.
 //!
-//! | it shows | whole register | shared register |
+//! | the read shows | whole register | shared register |
 //! |---|---|---|
 //! | the same | nothing new | nothing new |
-//! | the same, after somebody else has made as many small changes as we, each soon after ours | | doubt: a second gateway |
-//! | what stood before a write that was answered as done | not taken: tried again | not taken: tried again |
-//! | a value under way | ours; walked back step by step | ours: the share changes; zero with a base, or more than the limit from it: doubt |
-//! | a value lately sent | ours, very late | doubt: the operator's, or ours |
-//! | zero | CNC restarted: from there on | CNC restarted: base 0, share 0 |
-//! | anything else | somebody else wrote: off | the operator's change: the base moves by it |
-//! | anything else, and a write of ours may have arrived unseen before it | | doubt |
-//! | anything else within `late` of a start that follows no orderly stop | perhaps ours: from there on | doubt, if a promise was open |
-//! | anything else, after the CNC was said to have restarted | from there on, if it is within the limit | doubt, if anything of ours was in it |
-//! | anything at all, while in doubt | | nothing: a person decides |
+//! | the same, after another client has made as many small changes as the gateway, each soon after one of its own | | doubt: a second gateway |
+//! | the value before a write that was answered as done | not taken: tried again | not taken: tried again |
+//! | a value under way | gateway's; returned step by step | gateway's: the share changes; zero with a base, or more than the limit from it: doubt |
+//! | a value whose time is over | gateway's, very late | doubt: the operator's or the gateway's |
+//! | zero | CNC restarted: resumes from zero | CNC restarted: base 0, share 0 |
+//! | anything else | another client wrote: off | the operator's change: the base moves by it |
+//! | anything else, and a write of the gateway may have arrived unseen before | | doubt |
+//! | anything else within `late` after a start without an orderly stop | perhaps the gateway's: resumes from it | doubt, if a promise was open |
+//! | anything else, after a reported restart of the CNC | resumes from it, if within the limit | doubt, if the register contained a share |
+//! | anything, while in doubt | | nothing: the operator decides |
 //!
-//! Doubt switches off until a person arms. He is shown what stands there and what of it is taken to be ours; when he has
-//! made that right, the register is read once more, and if it still holds what he saw, the rest is the operator's part.
+//! A doubt disarms the output until the operator arms it again. The gateway shows the register value, and the share
+//! that it assumes. The operator corrects the register and arms. The gateway then reads the register once more. If the
+//! value is still the one that was shown, the rest of it is the operator offset.
 //!
-//! # What ends what
-//! | fact | the write that was asked for | the decision |
+//! # Effect of each fact
+//! | fact | pending write | decision |
 //! |---|---|---|
-//! | `Done` | is under way until a read shows it | was dropped when it was asked for |
-//! | `Unknown` | is under way until a read pair or time ends it | is dropped |
-//! | `Refused`, `NotSent` | is none | is dropped |
+//! | `Done` | is under way until a read shows it | was dropped when the write was requested |
+//! | `Unknown` | is under way until a pair of reads or time ends it | is dropped |
+//! | `Refused`, `NotSent` | ends | is dropped |
 //! | `NoAnswer`, `Paused`, `Interlocked`, `Restarted`, `Off` | | is dropped |
-//! | a wait for what may still arrive | | is dropped |
+//! | a wait for copies that may still arrive | | is dropped |
 
 use serde::{Deserialize, Serialize};
 
@@ -126,108 +131,109 @@ pub use state::State;
 pub use strobe::{Awaited, Strobe, StrobeLevel};
 pub use transaction::Taking;
 
-/// What has happened.
+/// Input of [`step`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Fact {
-    /// Nothing: the moment has come at which it wanted to be asked again.
+    /// Call at the requested time, without news.
     Look,
-    /// What is wanted.
+    /// New decision of the axis.
     Decided {
-        /// Counts from the bias; of a shared register our share.
+        /// Counts from the bias; in a shared register the gateway share.
         offset: Counts,
-        /// Target of the offset within the limit: the value that the model, the fault action, the stop or the sign check requests.
-        /// `None` if the target is not known: then the register may reach the offset from either side.
+        /// Target of the offset within the limit: the value that the model, the fault action, the stop or the sign
+        /// check requests. If it is `None`, the register may reach the offset from either side.
         target: Option<Counts>,
-        /// A change to it may be sent until then.
+        /// Last moment for a change to this offset.
         not_after: Moment,
     },
-    /// What shares a request with it is about to leave: what stands there goes along.
+    /// Another value of the same request is about to be sent. The register value may be sent with it.
     GoesAlong,
-    /// What stood there, whatever it was, went along in one request with others.
+    /// The register value, as it was just read, was sent in one request with others.
     WentAlong {
-        /// What that was.
+        /// Value that was sent.
         value: Counts,
-        /// When it had left: looked at after its last byte.
+        /// Time after its last byte was sent.
         left: Moment,
-        /// It was answered as done; else nobody knows.
+        /// Whether it was answered as done. If not, its result is unknown.
         is_done: bool,
     },
-    /// The register was read, because that was asked for or in one with others.
+    /// The register was read, on request or together with others.
     Read {
-        /// What stands there.
+        /// Register value.
         found: Counts,
-        /// When the question was sent: looked at before its first byte.
+        /// Time before the first byte of the request was sent.
         asked: Moment,
     },
     /// The read was not answered.
     NoAnswer,
     /// The write was answered as done.
     Done {
-        /// When it had left: looked at after its last byte.
+        /// Time after its last byte was sent.
         left: Moment,
     },
-    /// Whether the write was carried out is not known.
+    /// The write was sent, but its result is unknown.
     Unknown {
-        /// When it had left: looked at after its last byte.
+        /// Time after its last byte was sent.
         left: Moment,
     },
-    /// The device says that it did not carry the write out.
+    /// The device answered that it did not carry out the write.
     Refused,
-    /// Nothing of the write has left: its moment was over, or there was no connection.
+    /// No byte of the write was sent: its last moment had passed, or there was no connection.
     NotSent,
-    /// What was to be kept is on disk.
+    /// The document was written to disk.
     Kept,
-    /// It is not, or nobody knows.
+    /// The document was not written to disk, or that is unknown.
     NotKept,
-    /// Something else than the register says that the CNC was restarted.
+    /// Another source reported a restart of the CNC.
     Restarted,
-    /// Its interlock opened: nothing is written.
+    /// The interlock opened. Nothing is written.
     Interlocked,
-    /// Its interlock closed again.
+    /// The interlock closed again.
     Released,
-    /// It may be written from now on. Give it after the register was read for the first time.
+    /// The output is armed. Give this fact after the first read of the register.
     Armed {
-        /// Who says so.
+        /// Who armed it.
         by: Who,
     },
-    /// It is not written any more; what stands there stays.
+    /// The output is disarmed. The register value stays.
     Off,
-    /// The decision is not sent: its last moment has passed, or the axis decided otherwise.
+    /// The decision is void: its last moment has passed, or the axis decided otherwise.
     Lapsed,
-    /// The computer stood still: nothing from before counts. It comes before the end of an exchange that was asked for.
+    /// The computer was paused, and earlier decisions are void. This fact comes before the result of a pending
+    /// exchange.
     Paused,
 }
 
-/// Who arms.
+/// Who armed the output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Who {
-    /// A person, who has seen what stands there.
+    /// The operator, who has seen the register value.
     Person,
-    /// The profile: not where a person has to decide something.
+    /// The profile. It cannot arm an output that waits for the operator.
     Policy,
 }
 
-/// What is to be done next: at most one exchange, whose end is the next fact.
+/// Next action. It is at most one exchange, and its result is the next fact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Action {
-    /// Nothing, until a fact comes or this moment.
+    /// Nothing until a fact arrives, or until this moment.
     Nothing {
-        /// Then it wants a [`Fact::Look`].
+        /// Time of the next [`Fact::Look`].
         until: Moment,
     },
     /// Read the register.
     Read,
-    /// Put [`State::kept`] on disk.
+    /// Write [`State::kept`] to disk.
     Keep,
     /// Write to the register.
     Write {
-        /// What it shall hold.
+        /// New register value.
         value: Counts,
-        /// Its first byte may leave until then; else it is not sent.
+        /// Last moment for the first byte. After it, the write is not sent.
         not_after: Moment,
-        /// It is what stands there already.
+        /// Whether the register already holds this value.
         is_repeat: bool,
     },
 }
@@ -239,7 +245,7 @@ impl Default for Action {
 }
 
 impl Action {
-    /// Moves its moment by `to`.
+    /// Maps the moment of the action.
     fn moved(self, to: impl Fn(Moment) -> Moment) -> Action {
         match self {
             Action::Nothing { until } => Action::Nothing { until: to(until) },
@@ -257,7 +263,7 @@ impl Shifted for Action {
     }
 }
 
-/// Takes a fact in and says what to do next. While what was asked for is under way, that is nothing.
+/// Processes a fact and returns the next action. While an action is pending, that is [`Action::Nothing`].
 pub fn step(state: &mut State, settings: &Settings, fact: Fact, now: Moment) -> Action {
     let fresh = facts::take(state, settings, fact, now);
     match fact {

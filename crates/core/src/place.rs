@@ -1,12 +1,14 @@
-//! Places of outputs and signals: where a value lies, and what a count of it is worth. The state has the places of the last run.
-//! [`compare`] compares them with those of the profile, and [`Former::after`] decides which axes wait for a person.
+//! Places of outputs and signals: the address of a value, and the size of its count. The state contains the places of
+//! the last run. [`compare`] compares them with those of the profile. [`Former::after`] decides which axes wait for the
+//! operator.
 //!
-//! A name is no place: the register of an output, its scale, or the channel of a sensor can change under the same name.
+//! A name does not identify a place. The register of an output, its scale, or the channel of a sensor can change under
+//! the same name.
 //!
-//! | remembered under a name | in the profile | result |
+//! | stored under a name | in the profile | result |
 //! |---|---|---|
 //! | this place | this place | [`Found::Same`] |
-//! | nothing | this place, which another name had that is gone | [`Found::Renamed`] |
+//! | nothing | this place, which a removed name had | [`Found::Renamed`] |
 //! | nothing | another place | [`Found::Unknown`] |
 //! | another place | this place | [`Found::Moved`] |
 //! | a place | nothing | [`Found::Removed`] |
@@ -20,10 +22,10 @@ mod release;
 
 pub use release::{Bounds, Obstacle, Release, Stage};
 
-/// Less than this is nothing in a register, µm.
+/// Smaller absolute values of Cz count as zero, µm.
 const NOTHING_UM: f64 = 0.05;
 
-/// Part of a place. A change of the first is the gravest.
+/// Part of a place, the most serious first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Part {
     /// Address of the bus.
@@ -32,11 +34,11 @@ pub enum Part {
     Unit,
     /// Register, object, frame or node.
     Address,
-    /// Type and order of the bytes.
+    /// Type and byte order.
     Type,
-    /// Worth of a count.
+    /// Units per count.
     Scale,
-    /// Number that is added to the raw count.
+    /// Number added to the raw count.
     Bias,
     /// Value of raw zero.
     Offset,
@@ -44,23 +46,23 @@ pub enum Part {
     Share,
     /// Quantity that is written.
     Writes,
-    /// The axis that it belongs to.
+    /// Axis of the output.
     Axis,
-    /// Whether it counts a diameter.
+    /// Whether the value is a diameter.
     Diameter,
 }
 
 impl Part {
-    /// Returns whether a corrected position can continue in steps after this has changed: it lies where it lay, and a count of it
-    /// is worth the same.
+    /// Returns whether a corrected position can continue in steps after this part has changed. It can if register and
+    /// units per count are the same.
     pub fn is_bridged_by_steps(self) -> bool {
         matches!(self, Part::Axis | Part::Diameter)
     }
 }
 
-/// A place that can be compared part by part.
+/// Place that can be compared part by part.
 pub trait Place {
-    /// The parts in the order of [`Part`], each with its value for people. Two places are the same if all of them are.
+    /// Parts in the order of [`Part`], each with its value as text. Two places are equal if all parts are.
     fn parts(&self) -> Vec<(Part, String)>;
 }
 
@@ -68,9 +70,9 @@ pub trait Place {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Owner {
-    /// The gateway, of all of it.
+    /// The gateway owns the whole register.
     Whole,
-    /// The operator. The gateway has a share of the value, and a ledger says how much.
+    /// The operator owns the register. The gateway adds its share to the value, and stores the share in a ledger.
     Ledger,
 }
 
@@ -84,20 +86,20 @@ pub struct OutputPlace {
     pub unit: u8,
     /// Register, object, frame or node.
     pub address: String,
-    /// Type and order of the bytes.
+    /// Type and byte order.
     #[serde(rename = "type")]
     pub layout: String,
     /// Units per count.
     pub scale: f64,
-    /// Added to the raw count.
+    /// Number added to the raw count.
     pub bias: i64,
     /// Owner of the register.
     pub share: Owner,
     /// Quantity that is written.
     pub writes: String,
-    /// Axis that is written.
+    /// Axis of the output.
     pub axis: String,
-    /// Whether a diameter is counted: twice the Cz.
+    /// Whether the value is a diameter, which contains twice Cz.
     pub diameter: bool,
 }
 
@@ -111,7 +113,7 @@ pub struct SignalPlace {
     pub unit: u8,
     /// Register, object, frame, node or sensor.
     pub address: String,
-    /// Type and order of the bytes.
+    /// Type and byte order.
     #[serde(rename = "type")]
     pub layout: String,
     /// Units per count.
@@ -121,7 +123,7 @@ pub struct SignalPlace {
 }
 
 impl OutputPlace {
-    /// Returns whether the other one is the same register, in which a count is worth the same.
+    /// Returns whether the other place is the same register with the same size of a count.
     pub fn is_same_register(&self, other: &OutputPlace) -> bool {
         let of = |place: &OutputPlace| {
             let parts = place.parts().into_iter();
@@ -130,12 +132,12 @@ impl OutputPlace {
         of(self) == of(other)
     }
 
-    /// Returns whether the other one lies in the same register, whatever a count is worth there.
+    /// Returns whether the other place is in the same register, whatever the size of a count.
     pub fn is_at(&self, other: &OutputPlace) -> bool {
         (&self.bus, self.unit, &self.address) == (&other.bus, other.unit, &other.address)
     }
 
-    /// Returns whether a position with Cz is written, and written again with each position.
+    /// Returns whether the output is a corrected position. It contains Cz, and is written again for each position.
     pub fn is_corrected_position(&self) -> bool {
         self.writes == "corrected"
     }
@@ -147,7 +149,7 @@ impl fmt::Display for OutputPlace {
     }
 }
 
-/// Parts of the register of an output or signal, each with its value for people.
+/// Parts that outputs and signals have in common, each with its value as text.
 fn register(bus: &str, unit: u8, address: &str, (layout, scale): (&str, f64)) -> [(Part, String); 5] {
     [
         (Part::Bus, format!("bus {bus}")),
@@ -187,13 +189,13 @@ impl Place for SignalPlace {
 /// Result of the comparison for one name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Found {
-    /// The place is the remembered one.
+    /// The place is the stored one.
     Same,
-    /// The place is the one of a former name, which the profile does not have any more.
+    /// The place is the one of a removed name, which is given here.
     Renamed(String),
-    /// No place is remembered under this name.
+    /// No place is stored under this name.
     Unknown,
-    /// Another place is remembered under this name.
+    /// Another place is stored under this name.
     Moved(Moved),
     /// The name is not in the profile any more.
     Removed,
@@ -202,16 +204,16 @@ pub enum Found {
 /// Difference of two places.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Moved {
-    /// The gravest part that has changed.
+    /// Most serious part that differs.
     pub what: Part,
-    /// All that has changed, as it was.
+    /// Former values of all parts that differ.
     pub was: String,
-    /// All that has changed, as it is.
+    /// Present values of all parts that differ.
     pub is: String,
 }
 
 impl Moved {
-    /// Compares two places. `None` if they are the same.
+    /// Compares two places. Returns `None` if they are equal.
     pub fn between(was: &impl Place, is: &impl Place) -> Option<Moved> {
         let (was, is) = (was.parts(), is.parts());
         let changed = || was.iter().zip(&is).filter(|(was, is)| was != is);
@@ -224,7 +226,7 @@ impl Moved {
     }
 }
 
-/// Compares the remembered places with those of the profile, by name.
+/// Compares the stored places with those of the profile, by name.
 pub fn compare<P: Place>(
     remembered: &BTreeMap<String, P>,
     profile: &BTreeMap<String, P>,
@@ -254,58 +256,58 @@ pub fn compare<P: Place>(
     found
 }
 
-/// An output as the last run left it.
+/// Output at the end of the last run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KnownOutput {
-    /// Its place.
+    /// Place of the output.
     pub place: OutputPlace,
-    /// Cz of ours in it as last verified, µm. `None` if that is not known.
+    /// Last verified Cz of the gateway in the register, µm. `None` if unknown.
     pub held_um: Option<f64>,
-    /// The gateway may have written to it. A register that was only read holds nothing of ours.
+    /// Whether the gateway may have written to the register. A register that was only read contains no Cz.
     pub was_driven: bool,
 }
 
 impl KnownOutput {
-    /// Returns whether the output was shared with an operator, and is to be ours.
+    /// Returns whether the output was shared with the operator, and belongs to the gateway now.
     fn becomes_ours(&self, is: &OutputPlace) -> bool {
         (self.place.share, is.share) == (Owner::Ledger, Owner::Whole)
     }
 }
 
-/// Place that an output had before, until a person has confirmed the new one.
+/// Former place of an output, until the operator confirms the new one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Former {
     /// Name of the output.
     pub output: String,
-    /// Its place.
+    /// Former place.
     pub place: OutputPlace,
-    /// Cz of ours in it as last verified, µm. `None` if that is not known.
+    /// Last verified Cz of the gateway in the register, µm. `None` if unknown.
     pub held_um: Option<f64>,
-    /// The axes that are off until a person arms them.
+    /// Axes that are off until the operator arms them.
     pub axes: BTreeSet<String>,
-    /// Bounds within which the gateway moved it. `None` if an earlier version of the program has saved the state.
+    /// Bounds within which the gateway moved the output. `None` if an earlier version of the program saved the state.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bounds: Option<Bounds>,
-    /// Cz that a release has found in it, if that was another one than verified last, µm.
+    /// Cz that a release found in the register, if it differed from the last verified one, µm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub found_um: Option<f64>,
 }
 
 impl Former {
-    /// Place of which nothing is known but this.
+    /// Creates an entry without axes, bounds and a found Cz.
     fn of(output: String, place: OutputPlace, held_um: Option<f64>) -> Former {
         Former { output, place, held_um, axes: BTreeSet::new(), bounds: None, found_um: None }
     }
 
-    /// The output has a new name at the same place.
+    /// Replaces the name of the output, if the list contains a new one for it.
     pub fn renamed(self, names: &BTreeMap<String, String>) -> Former {
         let output = names.get(&self.output).cloned().unwrap_or(self.output);
         Former { output, ..self }
     }
 
-    /// Returns the former places after a start, with the axes that wait for a person: those of earlier starts that wait for
-    /// it (`open`), and those that the profile does not have any more.
+    /// Returns the former places after a start, with the axes that wait for the operator. They are the places of
+    /// earlier starts that still wait (`open`), and those that were changed or removed since the last run.
     pub fn after(
         open: Vec<Former>,
         remembered: &BTreeMap<String, KnownOutput>,
@@ -313,7 +315,8 @@ impl Former {
     ) -> Vec<Former> {
         let places = remembered.iter().map(|(name, known)| (name.clone(), known.place.clone())).collect();
         let found = compare(&places, profile);
-        // What an output had at a place between is known already if it is back in that register, except for an operator's part of it.
+        // If the output is back in a former register, the value in that register is known. This does not hold for the
+        // operator offset in a shared register.
         let is_back = |former: &&Former| {
             profile.get(&former.output).is_some_and(|is| Moved::between(&former.place, is).is_none())
         };
@@ -327,7 +330,8 @@ impl Former {
                 Some(Found::Moved(_)) => profile.get(name).is_some_and(|is| {
                     let is_back = back.contains(name);
                     let leaves = former.keeps_something() && !is.is_at(&former.place);
-                    // There may be a value of ours at the former place, or of the operator at this one. A person must see it.
+                    // A value of the gateway may remain at the former place, or one of the operator at the new place.
+                    // The operator must confirm it.
                     known.was_driven && (leaves || !is_back)
                         || known.becomes_ours(is) && (is.is_at(&former.place) || !is_back)
                 }),
@@ -347,7 +351,8 @@ impl Former {
         all
     }
 
-    /// Adds the axes whose new outputs could do again what the output did, if it is removed and its register keeps a value of ours.
+    /// Adds the axes whose new outputs could repeat the effect of a removed output. Does nothing if its register keeps
+    /// no value of the gateway.
     fn bar_new_outputs(&mut self, found: &BTreeMap<String, Found>, profile: &BTreeMap<String, OutputPlace>) {
         let does_again = self.keeps_something() || self.becomes_whole(profile).is_some();
         if !profile.contains_key(&self.output) && does_again {
@@ -355,19 +360,19 @@ impl Former {
         }
     }
 
-    /// Returns whether the register keeps a value of ours without being written.
+    /// Returns whether the register keeps a Cz of the gateway without being written.
     fn keeps_something(&self) -> bool {
         is_something(self.held_um) && !self.place.is_corrected_position()
     }
 
-    /// Returns the output of the profile that takes the whole register, of which an operator has a part.
+    /// Returns the output of the profile that owns the whole register, although the operator has an offset in it.
     pub fn becomes_whole<'a>(&self, profile: &'a BTreeMap<String, OutputPlace>) -> Option<&'a str> {
         let takes = |place: &OutputPlace| place.share == Owner::Whole && place.is_at(&self.place);
         let mut outputs = profile.iter().filter(|_| self.place.share == Owner::Ledger);
         outputs.find(|(_, place)| takes(place)).map(|(name, _)| name.as_str())
     }
 
-    /// Brings the axes up to this profile. Returns whether anything is left to confirm.
+    /// Updates the axes for this profile. Returns whether the operator must still confirm something.
     fn is_open(&mut self, profile: &BTreeMap<String, OutputPlace>) -> bool {
         let Some(is) = profile.get(&self.output) else {
             self.axes.retain(|axis| profile.values().any(|place| place.axis == *axis));
@@ -379,22 +384,23 @@ impl Former {
         !is_bridged
     }
 
-    /// Returns whether a value of ours is in a register that is no output's any more.
+    /// Returns whether a Cz of the gateway remains in a register that belongs to no output any more.
     pub fn is_left_behind(&self, profile: &BTreeMap<String, OutputPlace>) -> bool {
         let is_ours = profile.values().any(|place| place.is_at(&self.place));
         !is_ours && self.keeps_something()
     }
 
-    /// A person has armed this axis, having seen what is reported of the place. Returns whether anything is left to confirm. If no axis
-    /// waits, only arming the axis of the output ends it, if that can be armed (`may_arm`).
+    /// Records that the operator has armed this axis, after the place was reported. Returns whether something is left
+    /// to confirm. If no axis waits, the entry ends when the axis of the output is armed. If that axis cannot be armed
+    /// (`may_arm`), any axis ends it.
     pub fn confirm(&mut self, axis: &str, may_arm: impl Fn(&str) -> bool) -> bool {
         let is_of_it = self.axes.remove(axis) || self.place.axis == axis || !may_arm(&self.place.axis);
         !(is_of_it && self.axes.is_empty())
     }
 }
 
-/// Axes whose new outputs could do again what the removed output does: its own, any if its own is gone, and that of an output in
-/// the same register.
+/// Returns the axes whose new outputs could repeat the effect of the removed output. They are its own axis and the axis
+/// of an output in the same register. If its own axis is gone, any axis counts.
 fn axes_with_new_outputs(
     removed: &OutputPlace,
     found: &BTreeMap<String, Found>,

@@ -1,9 +1,9 @@
-//! Numbers that say what they are.
+//! Physical quantities as types.
 //!
-//! Each constructor refuses NaN and infinity, so arithmetic behind it never meets them. Units are fixed
-//! everywhere: temperature °C, displacement µm, position mm, time s.
+//! Each constructor rejects NaN and infinity, so later arithmetic never encounters them. Units are the same everywhere:
+//! temperature °C, displacement µm, position mm, time s.
 //!
-//! A unit in the wrong place does not compile:
+//! A wrong unit does not compile:
 //! ```compile_fail,E0308
 //! use isotherm_core::quantity::{Celsius, Micron};
 //! fn as_cz(rise: Celsius) -> Micron {
@@ -34,7 +34,7 @@
 //!     cz - now
 //! }
 //! ```
-//! Units that fit compile:
+//! Correct units compile:
 //! ```
 //! use isotherm_core::quantity::{Celsius, Micron, MicronPerCelsius};
 //! # fn main() -> Result<(), &'static str> {
@@ -59,7 +59,7 @@ pub use dialect::Dialect;
 pub(crate) use shift::shifted;
 pub use shift::{Shift, Shifted};
 
-/// A finite number with its unit: constructor, arithmetic with its own kind, and how it prints.
+/// Defines a quantity: a finite number with its unit, its constructor, arithmetic and `Display`.
 macro_rules! quantity {
     ($(#[$doc:meta])* $name:ident, $unit:literal, $digits:literal, $refused:literal) => {
         $(#[$doc])*
@@ -81,7 +81,7 @@ macro_rules! quantity {
                 self.0
             }
 
-            /// The distance from zero.
+            /// Absolute value.
             pub fn abs(self) -> $name {
                 $name(self.0.abs())
             }
@@ -136,8 +136,8 @@ quantity! {
 quantity! {
     /// A temperature, or the difference of two, in °C. Always finite.
     ///
-    /// Models take other inputs as well (a speed, a current): of those it is a number in the signal's own unit, and a
-    /// gain is µm per that unit.
+    /// Models also have other inputs, for example a speed or a current. Such an input is a number in the signal's own
+    /// unit, and its gain is in µm per that unit.
     Celsius, "°C", "2", "a temperature is a finite number"
 }
 quantity! {
@@ -145,30 +145,30 @@ quantity! {
     Millimetre, "mm", "3", "a position is a finite number"
 }
 quantity! {
-    /// A gain: what a rise of 1 °C adds to Cz, in µm/°C. Always finite.
+    /// A gain: change of Cz per 1 °C, in µm/°C. Always finite.
     MicronPerCelsius, "µm/°C", "3", "a gain is a finite number"
 }
 quantity! {
-    /// A slope: what a millimetre of the axis's way adds to Cz, in µm/mm. Always finite.
+    /// A slope: change of Cz per millimetre of axis position, in µm/mm. Always finite.
     MicronPerMillimetre, "µm/mm", "4", "a slope is a finite number"
 }
 quantity! {
-    /// A speed of an offset, in µm/s. Always finite.
+    /// A rate of change of an offset, in µm/s. Always finite.
     MicronPerSecond, "µm/s", "3", "a speed is a finite number"
 }
 quantity! {
-    /// The gain of a slope: what a rise of 1 °C adds to it, in µm/mm per °C. Always finite.
+    /// The gain of a slope: change of the slope per 1 °C, in µm/mm per °C. Always finite.
     MicronPerMillimetreCelsius, "µm/mm/°C", "5", "a gain is a finite number"
 }
 
 impl Micron {
-    /// The value inside `±limit`.
+    /// Limits the value to `±limit`.
     pub fn clamp_to(self, limit: Micron) -> Micron {
         Micron(self.0.clamp(-limit.0.abs(), limit.0.abs()))
     }
 }
 
-/// In µm. Beyond the largest number it is infinite: a sum of such products is checked once, at its end.
+/// Product in µm. It may be infinite: a sum of such products is checked once, at its end.
 impl Mul<Celsius> for MicronPerCelsius {
     type Output = f64;
     fn mul(self, rise: Celsius) -> f64 {
@@ -176,7 +176,7 @@ impl Mul<Celsius> for MicronPerCelsius {
     }
 }
 
-/// In µm/mm; infinite beyond the largest number, as above.
+/// Product in µm/mm, possibly infinite as above.
 impl Mul<Celsius> for MicronPerMillimetreCelsius {
     type Output = f64;
     fn mul(self, rise: Celsius) -> f64 {
@@ -184,7 +184,7 @@ impl Mul<Celsius> for MicronPerMillimetreCelsius {
     }
 }
 
-/// In µm; infinite beyond the largest number, as above.
+/// Product in µm, possibly infinite as above.
 impl Mul<Millimetre> for MicronPerMillimetre {
     type Output = f64;
     fn mul(self, way: Millimetre) -> f64 {
@@ -192,26 +192,26 @@ impl Mul<Millimetre> for MicronPerMillimetre {
     }
 }
 
-/// Whole counts of a register. Any number is one, so there is nothing to check; sums stop at the ends of 64 bits.
+/// Whole counts of a register. Every number is valid. Sums saturate at the ends of 64 bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Counts(pub i64);
 
 impl Counts {
-    /// None.
+    /// Zero counts.
     pub const ZERO: Counts = Counts(0);
 
-    /// As many, above zero.
+    /// Absolute value, saturating.
     pub const fn abs(self) -> Counts {
         Counts(self.0.saturating_abs())
     }
 
-    /// The distance from zero.
+    /// Absolute value.
     pub const fn unsigned_abs(self) -> u64 {
         self.0.unsigned_abs()
     }
 
-    /// The distance from another number of counts.
+    /// Absolute difference.
     pub const fn abs_diff(self, other: Counts) -> u64 {
         self.0.abs_diff(other.0)
     }
@@ -244,18 +244,18 @@ impl fmt::Display for Counts {
     }
 }
 
-/// A point on the machine's time line: nanoseconds since the Unix epoch, taken once from the wall at start
-/// and advanced monotonically from there, so that a clock adjustment never moves it. What it is by a clock that was set
-/// meanwhile says a [`Shift`].
+/// Point in time, in nanoseconds since the Unix epoch. The gateway takes it from the wall clock at the start, and
+/// advances it monotonically: setting the clock does not change it. A [`Shift`] converts it to the time of a clock that
+/// was set since.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Moment(u64);
 
 impl Moment {
-    /// No moment is later.
+    /// Latest possible moment.
     pub const END: Moment = Moment(u64::MAX);
 
-    /// The moment this many nanoseconds after the Unix epoch.
+    /// Creates the moment this many nanoseconds after the Unix epoch.
     pub const fn from_nanos(nanos: u64) -> Moment {
         Moment(nanos)
     }
@@ -270,22 +270,23 @@ impl Moment {
         Duration::from_nanos(self.0).as_secs_f64()
     }
 
-    /// Time passed since `earlier`; zero where `earlier` lies ahead.
+    /// Time since `earlier`. Zero if `earlier` is later than `self`.
     pub fn since(self, earlier: Moment) -> Duration {
         Duration::from_nanos(self.0.saturating_sub(earlier.0))
     }
 
-    /// The moment `span` later, saturating at the end of time.
+    /// Moment `span` later, saturating.
     pub fn after(self, span: Duration) -> Moment {
         Moment(self.0.saturating_add(u64::try_from(span.as_nanos()).unwrap_or(u64::MAX)))
     }
 
-    /// The moment `span` earlier, saturating at the beginning of time.
+    /// Moment `span` earlier, saturating.
     pub fn before(self, span: Duration) -> Moment {
         Moment(self.0.saturating_sub(u64::try_from(span.as_nanos()).unwrap_or(u64::MAX)))
     }
 
-    /// The next tick of a period counted from `first`, strictly later than `self`: missed ticks are skipped.
+    /// Returns the next tick of a period that starts at `first`. The tick is later than `self`; missed ticks are
+    /// skipped.
     pub fn next_tick(self, first: Moment, period: Duration) -> Moment {
         let period = u64::try_from(period.as_nanos()).unwrap_or(u64::MAX).max(1);
         if self < first {
@@ -296,7 +297,7 @@ impl Moment {
     }
 }
 
-/// Prints RFC 3339 in UTC, with as many digits as it has.
+/// Formats the moment as RFC 3339 in UTC, with as many digits as necessary.
 impl fmt::Display for Moment {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match jiff::Timestamp::from_nanosecond(i128::from(self.0)) {
@@ -306,7 +307,7 @@ impl fmt::Display for Moment {
     }
 }
 
-/// For tests: a number as the quantity that is asked for.
+/// Converts a number into a quantity, for tests.
 #[cfg(test)]
 pub(crate) fn of<Quantity: TryFrom<f64, Error = &'static str>>(value: f64) -> Quantity {
     Quantity::try_from(value).unwrap()

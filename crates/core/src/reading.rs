@@ -1,4 +1,4 @@
-//! One value read from the machine: what it is, when it was taken, and whether it may be used.
+//! One value from the machine, with its time and its quality.
 
 use std::fmt;
 use std::time::Duration;
@@ -11,119 +11,119 @@ mod status;
 
 pub use status::Status;
 
-/// Which signal of the profile: its place in the profile's list.
+/// Index of a signal in the list of the profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct SignalId(pub usize);
 
-/// A value in the signal's engineering unit, with the moment it was taken and its quality.
+/// Value of a signal, with its time and quality.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
-    /// In the signal's unit. Meaningless unless the quality is good.
+    /// Value in the signal's unit. Meaningless unless the quality is good.
     pub value: f64,
-    /// When it was taken.
+    /// Time of measurement.
     pub at: Moment,
-    /// Whether it may be used.
+    /// Whether the value may be used.
     pub quality: Quality,
 }
 
 /// Whether a value may be used, and if not, why.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Quality {
-    /// Fresh, inside its range, its device healthy.
+    /// The value is recent and within its range, and its device has no fault.
     Good,
-    /// Not to be used.
+    /// The value must not be used, for this reason.
     Bad(Reason),
 }
 
-/// Why a value may not be used, in the order in which a maintenance person would ask.
+/// Reason why a value must not be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Reason {
     /// No answer since the gateway started.
     NeverRead,
     /// The last good value is older than `max_age`.
     Stale,
-    /// The raw count is one the device sends for a broken sensor.
+    /// The raw count is one that the device sends if it has no measurement.
     Sentinel,
-    /// The device says that the sensor's circuit is open.
+    /// The device reports that the circuit of the sensor is open.
     OpenCircuit,
-    /// The device says that the sensor's circuit is shorted.
+    /// The device reports that the circuit of the sensor is shorted.
     ShortCircuit,
-    /// The device says that the channel is switched off.
+    /// The device reports that the channel is switched off.
     SwitchedOff,
-    /// The device says that the value is above what it can measure.
+    /// The device reports a value above its measuring range.
     AboveRange,
-    /// The device says that the value is below what it can measure.
+    /// The device reports a value below its measuring range.
     BelowRange,
-    /// The device says that the value is not available.
+    /// The device reports that the value is not available.
     NotAvailable,
-    /// The device says that the sensor is faulty.
+    /// The device reports that the sensor is faulty.
     SensorFault,
     /// A CAN frame has fewer bytes than the value needs.
     ShortFrame,
     /// A floating-point register holds NaN or infinity.
     NotANumber,
-    /// Outside `range`.
+    /// The value is outside of `range`.
     OutOfRange,
-    /// It changed faster than `max_rate`.
+    /// The value changed faster than `max_rate`.
     TooFast,
-    /// Difference from the last value before its device was away that is larger than `max_rate` allows for that time.
+    /// The difference from the last value before a break exceeds `max_rate` times the time without a value.
     Jumped,
     /// The device answered with this Modbus exception code.
     Exception(u8),
-    /// The node refuses to give the object.
+    /// The node refused to send the object.
     Refused,
-    /// The server gives it with this status of OPC UA, which is not good.
+    /// The OPC UA server sends the value with this status, which is not good.
     Status(u32),
-    /// The node has another type than the profile says.
+    /// The node has another type than the profile states.
     WrongType,
-    /// What the value was stamped with is later than the time of the server that sends it.
+    /// The source timestamp of the value is later than the time of the server that sends it.
     SourceClock,
     /// This computer has no sensor of this name.
     NotFound,
     /// This computer has several sensors of this name.
     SeveralFound,
-    /// The kernel of this computer cannot read the sensor, or lets nobody do it.
+    /// The kernel of this computer cannot read the sensor, or denies access.
     Unreadable,
-    /// The checksum of what the sensor sent is wrong.
+    /// The checksum of the data from the sensor is wrong.
     Checksum,
-    /// What a 1-Wire sensor shows after power-on, until it has measured.
+    /// The 1-Wire sensor shows its value after power-on, because it has not measured yet.
     PowerOnValue,
-    /// The sensor's memory reads all zero, its checksum as well: nobody drives the line.
+    /// The memory of the sensor reads zero, including its checksum: no device drives the line.
     AllZero,
     /// The device did not answer in time.
     Timeout,
     /// No connection to the device.
     LinkDown,
-    /// The answer was not one to this question (length, unit, function, transaction).
+    /// The reply does not match the request (length, unit, function, transaction).
     BadReply,
-    /// The signal's `fault_when` holds, or its own signals cannot be read.
+    /// The signal's `fault_when` holds, or the signals in it cannot be read.
     FaultBit,
-    /// Its device has not been found set as the profile expects it.
+    /// The checks of the device have not confirmed its expected settings.
     NotAsExpected,
-    /// A replayed log has no value here.
+    /// The replayed log has no value here.
     NotInLog,
 }
 
 impl Reading {
-    /// The reading before anything was read.
+    /// Reading before the first answer.
     pub const NEVER: Reading = Reading::bad(Moment::from_nanos(0), Reason::NeverRead);
 
-    /// A good value.
+    /// Creates a good reading.
     pub const fn good(value: f64, at: Moment) -> Reading {
         Reading { value, at, quality: Quality::Good }
     }
 
-    /// No value, for this reason.
+    /// Creates a reading without a value, for this reason.
     pub const fn bad(at: Moment, reason: Reason) -> Reading {
         Reading { value: f64::NAN, at, quality: Quality::Bad(reason) }
     }
 
-    /// The value if it may be used.
+    /// Returns the value if it may be used.
     pub fn usable(&self) -> Option<f64> {
         (self.quality == Quality::Good && self.value.is_finite()).then_some(self.value)
     }
 
-    /// This reading as it counts at `now`: a good one older than `max_age` is stale.
+    /// Returns the reading as it counts at `now`: a good one older than `max_age` is stale.
     pub fn aged(self, now: Moment, max_age: Duration) -> Reading {
         if self.quality == Quality::Good && now.since(self.at) > max_age {
             return Reading { quality: Quality::Bad(Reason::Stale), ..self };
@@ -133,7 +133,7 @@ impl Reading {
 }
 
 impl Reason {
-    /// What a device can say by a raw value, each with its name in a profile.
+    /// Meanings of raw values that a profile can state, with their names there.
     pub const MEANINGS: [(&'static str, Reason); 7] = [
         ("open circuit", Reason::OpenCircuit),
         ("short circuit", Reason::ShortCircuit),
@@ -144,7 +144,7 @@ impl Reason {
         ("sensor fault", Reason::SensorFault),
     ];
 
-    /// One word for programs: metrics, JSON, logs.
+    /// Name for programs: metrics, JSON, logs.
     pub fn code(self) -> &'static str {
         match self {
             Reason::NeverRead => "never-read",
@@ -183,7 +183,7 @@ impl Reason {
     }
 }
 
-/// A Modbus exception in the words of its specification.
+/// Name of a Modbus exception in its specification.
 pub const fn exception(code: u8) -> &'static str {
     match code {
         1 => "illegal function",

@@ -1,6 +1,6 @@
-//! Pictures as inline SVG: black, grey and two tones that differ in grey as well.
+//! Charts as inline SVG: black, grey, and two colours that differ in grey as well.
 //!
-//! Each is drawn at the size at which a phone shows it, so that its letters stay legible there.
+//! Each chart has the size at which a phone shows it, so that its letters remain legible.
 
 use maud::{Markup, PreEscaped, html};
 use plotters::coord::Shift;
@@ -25,7 +25,7 @@ const RULE: RGBColor = RGBColor(0xd5, 0xdc, 0xe0);
 const WARM: RGBColor = RGBColor(0xb8, 0x50, 0x10);
 const COOL: RGBColor = RGBColor(0x8f, 0xb8, 0xcd);
 
-/// Draws on a sheet of this many pixels; `says` is read out where the picture cannot be seen.
+/// Draws on a sheet of this size in pixels. `says` is the text for screen readers.
 fn sheet(width: u32, height: u32, says: &str, draw: impl FnOnce(&Paper<'_>) -> Drawn) -> Markup {
     let mut text = String::new();
     let drawn = {
@@ -35,7 +35,7 @@ fn sheet(width: u32, height: u32, says: &str, draw: impl FnOnce(&Paper<'_>) -> D
     if let Err(error) = drawn {
         return html! { p { "This picture could not be drawn: " (error.to_string()) } };
     }
-    // The root element is written anew: without a fixed size the page decides how wide it is.
+    // The root element is replaced: without a fixed size, the page decides the width.
     let inside = text.split_once('>').map_or("", |(_, inside)| inside).replace(" opacity=\"1\"", "");
     let inside = inside.trim_end().trim_end_matches("</svg>");
     html! {
@@ -49,15 +49,15 @@ type Plot<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64,
 struct Axes<'a> {
     x: (f64, f64),
     y: (f64, f64),
-    /// Stands over the vertical one.
+    /// Unit above the vertical axis.
     unit: &'a str,
-    /// Stands under the horizontal one, where there is anything to say.
+    /// Label below the horizontal axis; may be empty.
     across: &'a str,
-    /// Writes a number under the horizontal one.
+    /// Formats a number of the horizontal axis.
     written: &'a dyn Fn(&f64) -> String,
-    /// About so many numbers stand along each.
+    /// Approximate number of labels on each axis.
     marks: (usize, usize),
-    /// Pixels to the right of the plot.
+    /// Margin to the right of the plot, in pixels.
     right: u32,
 }
 
@@ -90,32 +90,32 @@ impl Axes<'_> {
     }
 }
 
-/// Letters of this many pixels.
+/// Text style with letters of this size in pixels.
 fn letters(size: f64, color: RGBColor) -> TextStyle<'static> {
-    // The backend writes letters smaller than asked.
+    // The backend draws letters smaller than requested.
     ("sans-serif", size * 1.24).into_font().color(&color)
 }
 
-/// A number on an axis: no more digits than it needs.
+/// Formats a number of an axis, without superfluous digits.
 pub fn tick(value: f64) -> String {
     let text = format!("{value:.3}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
     if text == "-0" { "0".to_owned() } else { text.replace('-', "−") }
 }
 
-/// Hours on an axis.
+/// Formats hours of an axis.
 fn hours(value: &f64) -> String {
     format!("{} h", tick(*value))
 }
 
-/// Whole pixels.
+/// Rounds to whole pixels.
 fn pixels(value: f64) -> i32 {
     #[allow(clippy::cast_possible_truncation, reason = "a place on a sheet")]
     let pixels = value.round() as i32;
     pixels
 }
 
-/// Where these values are, with a little room; never empty. With `zero` it takes zero in.
+/// Range of the finite values with a margin; never empty. With `zero`, the range includes zero.
 fn span(values: impl Iterator<Item = f64>, zero: bool) -> (f64, f64) {
     let begin = if zero { (0.0, 0.0) } else { (f64::MAX, f64::MIN) };
     let finite = values.filter(|value| value.is_finite());
@@ -127,7 +127,7 @@ fn span(values: impl Iterator<Item = f64>, zero: bool) -> (f64, f64) {
     (low - room, high + room)
 }
 
-/// A number of things to compute with.
+/// Converts a count to a floating-point number.
 fn count(things: usize) -> f64 {
     #[allow(clippy::cast_precision_loss, reason = "things on a sheet")]
     let count = things as f64;

@@ -1,6 +1,6 @@
-//! A page for people: one HTML file with pictures, no script, and nothing from elsewhere.
+//! Reports as one HTML file with charts, without scripts and external resources.
 //!
-//! chart: every picture        style.css: paper, phone, printer
+//! chart: every chart        style.css: paper, phone, printer
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
@@ -10,7 +10,7 @@ pub mod chart;
 
 const STYLE: &str = include_str!("style.css");
 
-/// A whole page; `source` says where its figures come from.
+/// Renders a whole page. `source` names the origin of its figures.
 pub fn page(title: &str, made: Moment, source: &str, content: &Markup) -> String {
     html! {
         (DOCTYPE)
@@ -34,7 +34,7 @@ pub fn page(title: &str, made: Moment, source: &str, content: &Markup) -> String
     .into_string()
 }
 
-/// A moment for programs; none for a log that counts from its own beginning.
+/// Formats a point in time for programs; `None` if the log counts time from its own start.
 pub fn rfc3339(moment: Moment) -> Option<String> {
     stamp(moment).map(|stamp| stamp.to_string())
 }
@@ -44,15 +44,15 @@ fn stamp(moment: Moment) -> Option<jiff::Timestamp> {
     (moment.as_secs_f64() >= YEAR_2000_S).then_some(stamp)
 }
 
-/// What lies before it counts from its own beginning.
+/// Seconds of the year 2000. An earlier time belongs to a log that counts from its own start.
 const YEAR_2000_S: f64 = 946_684_800.0;
 
-/// Date and time in UTC; a log that counts from its own beginning has none.
+/// Formats date and time in UTC; "–" if the log counts time from its own start.
 pub fn date(moment: Moment) -> String {
     stamp(moment).map_or("–".to_owned(), |stamp| stamp.strftime("%Y-%m-%d %H:%M UTC").to_string())
 }
 
-/// A picture with what it shows.
+/// Renders a chart with title and caption; both may be empty.
 pub fn figure(title: &str, picture: &Markup, caption: &str) -> Markup {
     html! {
         figure {
@@ -63,8 +63,8 @@ pub fn figure(title: &str, picture: &Markup, caption: &str) -> Markup {
     }
 }
 
-/// A table whose first column names its rows; it scrolls where the page is narrow. A head that ends in a colon stands over
-/// words, the others over figures.
+/// Renders a table whose first column names its rows. It scrolls on a narrow page. A head that ends in a colon is above
+/// a column of words, any other above figures.
 pub fn table(heads: &[&str], rows: &Markup) -> Markup {
     html! {
         div .scroll tabindex="0" {
@@ -76,28 +76,29 @@ pub fn table(heads: &[&str], rows: &Markup) -> Markup {
     }
 }
 
-/// A row of a table: what it is about, then its cells.
+/// Renders a row of a table: its name, then its cells.
 pub fn row(name: &str, cells: impl IntoIterator<Item = String>) -> Markup {
     html! { tr { th scope="row" { (name) } @for cell in cells { td { (cell) } } } }
 }
 
-/// Two decimals, with a minus that is as wide as a plus.
+/// Formats a number with two decimals, and a minus as wide as a plus.
 pub fn number(value: f64) -> String {
     decimals(value, 2)
 }
 
-/// That many decimals, with a minus that is as wide as a plus.
+/// Formats a number with `places` decimals, and a minus as wide as a plus.
 pub fn decimals(value: f64, places: usize) -> String {
     let text = format!("{value:.places$}");
     let is_zero = !text.bytes().any(|byte| (b'1'..=b'9').contains(&byte));
     if is_zero { text.trim_start_matches('-').to_owned() } else { text.replace('-', "−") }
 }
 
-/// As many decimals as three digits need; below a thousandth as 4.29e-7, which gains per rpm² are.
+/// Formats a number with three significant digits and at most five decimals. Below a thousandth the form is 4.29e-7, as
+/// for gains per rpm².
 pub fn three_digits(value: f64) -> String {
     let size = value.abs();
     if size > 0.0 && size < 1e-3 {
-        // The exponent's own minus is what a profile may have.
+        // The minus of the exponent stays ASCII, because a profile accepts only that.
         return format!("{}{size:.2e}", if value < 0.0 { "−" } else { "" });
     }
     let size = if size > 0.0 { size } else { 1.0 };
@@ -106,13 +107,13 @@ pub fn three_digits(value: f64) -> String {
     decimals(value, places)
 }
 
-/// A step of a sensor: no more digits than it has.
+/// Formats the resolution of a sensor, without superfluous digits.
 pub fn plain(value: f64) -> String {
     let text = format!("{value:.6}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// A length of time in hours and minutes; below a minute, in seconds.
+/// Formats a duration in hours and minutes, or in seconds below a minute.
 pub fn duration(seconds: f64) -> String {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a run's length in minutes")]
     let minutes = (seconds / 60.0).round().max(0.0) as u64;

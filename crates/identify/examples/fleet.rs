@@ -1,11 +1,12 @@
-//! One model of several machines of a kind: the products of each machine's runs are kept, added up and learnt from.
+//! Identifies one model of several machines of the same type, from the stored products of the runs of each machine.
 //!
 //! ```text
 //! cargo run -p isotherm-identify --example fleet -- keep mill-1.toml mill-1/*.csv > mill-1.products.json
 //! cargo run -p isotherm-identify --example fleet -- keep mill-2.toml mill-2/*.csv > mill-2.products.json
 //! cargo run -p isotherm-identify --example fleet -- learn mill-1.products.json mill-2.products.json
 //! ```
-//! The logs need not leave their machines: the files do. The profiles have one axis, and the error is `<axis>_error_um`.
+//! Only the product files leave the machines, not the logs. The profiles have one axis, and the error is
+//! `<axis>_error_um`.
 
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "an example speaks to who starts it")]
 
@@ -43,7 +44,7 @@ fn keep(profile: &Path, logs: &[PathBuf]) -> Result<String, String> {
     let choice = Choice { speeds: true, resample: Duration::from_mins(1), ..Choice::default() };
     let dataset = Dataset::read(logs, &Split::default(), &units(&profile), &every_column);
     let mut dataset = dataset.map_err(|why| why.to_string())?;
-    // Where a compensation acted meanwhile, its Cz is in the error.
+    // If a compensation was active during the measurement, the error contains its Cz.
     without_cz(&profile, &mut dataset, &choice, &Applied::default()).map_err(|why| why.to_string())?;
     let ready = ready(&profile, &dataset, &choice).map_err(|why| why.to_string())?;
     RunProducts::of(&ready, &profile.name, &Settings::default())?.to_json()

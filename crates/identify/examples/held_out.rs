@@ -1,12 +1,14 @@
-//! What `whitened` leaves on two public records, beside the figures that it must reach.
+//! Residual errors of the method `whitened` on two public data sets, and the limits that it must reach.
 //!
 //! ```text
 //! cargo run --release -p isotherm-identify --example held_out -- --mill runs/c*.csv --stage runs/day*.csv
 //! ```
 //!
-//! The records are not part of the project: a machining centre (github.com/CAIVIAC/FL_THERMAL, 46 h: six cycles of 8 h,
-//! `t01` to `t16`, `spindle_rpm`, `ch1_um` …) and an idle positioning machine (github.com/cybernetic-m/eai-project, five days,
-//! `t1` to `t4`, `x_um` …), as means of a minute, one file a run.
+//! The data sets are not part of the project. One file is one run, with the means of each minute:
+//!
+//! - a machining centre (github.com/CAIVIAC/FL_THERMAL, 46 h: six cycles of 8 h, columns `t01` to `t16`, `spindle_rpm`,
+//!   `ch1_um` …);
+//! - an idle positioning machine (github.com/cybernetic-m/eai-project, five days, columns `t1` to `t4`, `x_um` …).
 
 #![allow(
     clippy::unwrap_used,
@@ -28,20 +30,20 @@ use isotherm_identify::stand_in::{Frozen, frozen};
 use isotherm_identify::{Identified, RunScore, identify, judged_on_the_others};
 use isotherm_profile::Profile;
 
-/// A channel of a record, and the most that may be left of it: ranges and root mean squares, µm.
+/// An error channel of a data set, and the limits of its residual error: ranges and root mean squares, µm.
 struct Channel {
     error: &'static str,
     range: f64,
     rms: f64,
-    /// With an hourly probe.
+    /// Range with an hourly probe, µm.
     probed: f64,
-    /// Learnt from two runs, and from one: of the range without compensation.
+    /// Range with two training runs and with one, as a ratio to the range without compensation.
     few: [f64; 2],
-    /// How soon a frozen sensor is noticed, min, half of the times.
+    /// Median time until a frozen sensor is detected, min.
     noticed: f64,
-    /// With three sensors, and with eight.
+    /// Range with three sensors and with eight, µm.
     sensors: Option<[f64; 2]>,
-    /// With the speed of the spindle and its square: range, root mean square, range with an hourly probe.
+    /// With the spindle speed and its square: range, root mean square, and range with an hourly probe, µm.
     speeds: Option<[f64; 3]>,
 }
 
@@ -87,13 +89,13 @@ const fn stage(error: &'static str, range: f64, rms: f64, probed: f64, few: [f64
     Channel { error, range, rms, probed, few, noticed: 60.0, sensors: None, speeds: None }
 }
 
-/// Percent by which a range may grow where one sensor freezes, the mean over the sensors.
+/// Mean growth of the range when one sensor freezes, in percent; limit of the mean over the sensors.
 const FROZEN: f64 = 6.0;
-/// Percent by which a range may grow where one sensor froze in one training run.
+/// Mean growth of the range when one sensor froze in one training run, in percent.
 const SPOILT: f64 = 10.0;
-/// Shares of the rows inside one and two times the expected error.
+/// Least and greatest shares of the rows inside one and two times the expected error.
 const INSIDE: [(f64, f64); 2] = [(0.55, 0.85), (0.84, 0.98)];
-/// s
+/// Seconds of an hour.
 const HOUR: f64 = 3600.0;
 
 fn main() -> ExitCode {
@@ -146,7 +148,7 @@ impl Record<'_> {
             axis: Some("z".to_owned()),
             error: Some(self.error.to_owned()),
             speeds,
-            // Nothing is mended: the figures are those of the record as it is.
+            // No sensor is repaired or left out: the figures are those of the data as recorded.
             keep: self.names.to_vec(),
             resample: Duration::from_secs(60),
             ..Choice::default()
@@ -196,7 +198,7 @@ impl Record<'_> {
         self.say_spoilt();
     }
 
-    /// What one sensor that froze in the middle of one training run costs on the other runs.
+    /// Prints how much the range of the other runs grows when one sensor freezes in the middle of one training run.
     fn say_spoilt(&self) {
         let mut growths = Vec::new();
         let good = self.mended(self.dataset);
@@ -230,7 +232,8 @@ impl Record<'_> {
         identify(&ready, &Settings::default(), None, false, &|_, _| {}).unwrap()
     }
 
-    /// The first two runs as the prior, and so many later ones: what is left on the others, without the prior and with it.
+    /// Uses the first two runs as the prior, and identifies from the later ones. Prints the residual error with and
+    /// without the prior.
     fn say_prior(&self) {
         let (mut old, mut later) = (self.dataset.clone(), self.dataset.clone());
         old.runs.truncate(2);
@@ -253,7 +256,8 @@ impl Record<'_> {
         }
     }
 
-    /// Learnt from so many runs, each choice of them, and judged on every other: of the range without compensation.
+    /// Identifies from every choice of this number of runs, and validates on all other runs. Returns the mean ratio of
+    /// the range to the range without compensation.
     fn few(&self, runs: usize, settings: &Settings) -> f64 {
         let ready = self.ready(false);
         let all = self.dataset.runs.len();
@@ -328,7 +332,7 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// A profile with these signals and one axis whose model is still to be found.
+/// Profile with these signals, and one axis whose model is not known yet.
 fn machine(names: &[String]) -> Profile {
     let mut text = "[machine]\nname = \"record\"\nsettle = \"3min\"\n[bus.cell]\ntype = \"modbus-tcp\"\n\
                     address = \"127.0.0.1:1502\"\ntimeout = \"300ms\"\n[device.module]\nbus = \"cell\"\nunit = 1\n\

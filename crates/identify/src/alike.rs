@@ -1,9 +1,9 @@
-//! Which columns say the same: correlations over all runs, and groups of what is correlated.
+//! Similar columns: correlations over all runs, and groups of correlated columns.
 
 use crate::bank::Bank;
 use crate::statistics::mean;
 
-/// Correlations of the rises of these inputs with each other, and last with the error e; over the rows of all runs.
+/// Correlation matrix of the rises of these inputs over the rows of all runs. The last row and column are the error e.
 pub(crate) fn correlations(bank: &Bank, inputs: &[usize]) -> Vec<Vec<f64>> {
     let columns = inputs.iter().filter_map(|input| bank.plain(*input));
     let series = columns.map(|column| bank.rises(column)).chain([bank.errors()]);
@@ -16,7 +16,7 @@ pub(crate) fn correlations(bank: &Bank, inputs: &[usize]) -> Vec<Vec<f64>> {
         .collect()
 }
 
-/// Less its mean, of length 1; zeros where it never moves.
+/// Subtracts the mean, and scales to length 1; all zeros if the values are constant.
 fn normalized(values: &[f64]) -> Vec<f64> {
     let mean = mean(values);
     let length = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>().sqrt();
@@ -24,8 +24,9 @@ fn normalized(values: &[f64]) -> Vec<f64> {
     values.iter().map(|value| (value - mean) * scale).collect()
 }
 
-/// Groups in which every two are correlated at least so, up or down (complete linkage: the two groups whose most distant
-/// pair is closest are joined first). The members in their order; the groups by their first member.
+/// Groups in which every two members have an absolute correlation of at least `least`. The method is complete linkage:
+/// it first joins the two groups whose most distant pair is closest. Members are sorted within their group, and groups
+/// by their first member.
 pub(crate) fn groups(correlations: &[Vec<f64>], members: usize, least: f64) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = (0..members).map(|member| vec![member]).collect();
     let weakest = |one: &[usize], other: &[usize]| {
@@ -50,7 +51,7 @@ pub(crate) fn groups(correlations: &[Vec<f64>], members: usize, least: f64) -> V
     groups
 }
 
-/// An order in which what is alike stands together: groups within looser groups.
+/// Order in which similar members are adjacent: groups within looser groups.
 pub(crate) fn order(correlations: &[Vec<f64>], members: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..members).collect();
     let levels: Vec<Vec<Vec<usize>>> =
@@ -69,7 +70,7 @@ pub(crate) fn order(correlations: &[Vec<f64>], members: usize) -> Vec<usize> {
 mod tests {
     use super::*;
 
-    /// 0 and 1 nearly alike, 2 against them, 3 alone.
+    /// Correlations in which 0 and 1 are similar, 2 is opposite to them, and 3 is unrelated.
     fn four() -> Vec<Vec<f64>> {
         vec![
             vec![1.0, 0.95, -0.92, 0.1],
@@ -89,7 +90,7 @@ mod tests {
     #[test]
     fn the_order_keeps_groups_together() {
         let mut apart = four();
-        // 3 and 0 become twins.
+        // 3 and 0 become almost equal.
         for (one, other) in [(0, 3), (3, 0)] {
             apart[one][other] = 0.99;
         }

@@ -1,8 +1,8 @@
-//! Sensors that behave like the air around the machine, whatever they are called.
+//! Sensors that behave like the air around the machine, regardless of their names.
 //!
-//! Such a sensor does not warm where the load does: not at its starts, and not through any lag of it. It swings slowly.
-//! Its share of the error follows the clock rather than the machine. A sensor is reported only if all of these agree. A hall
-//! that warms while the machine does cannot be distinguished from it.
+//! The load does not warm such a sensor: neither after a start, nor through a first-order lag. The sensor changes
+//! slowly. It correlates with time more than with the error. A sensor is reported only if it meets all these
+//! conditions. A sensor of the machine cannot be distinguished from the air if the hall warms at the same time.
 
 use crate::dataset::{Dataset, Kind, Run};
 use crate::faults::Finding;
@@ -10,48 +10,48 @@ use crate::minutes::Minutes;
 use crate::statistics::{count, mean, median, range};
 
 const MINUTE: f64 = 60.0;
-/// How long after a start a machine's own heat shows at its sensors.
+/// Time after a start in which the heat of the machine shows at its sensors, min.
 const AFTER_START: usize = 20;
-/// Fewer starts tell nothing.
+/// Minimum number of starts for a result.
 const STARTS: usize = 3;
-/// Time constants of what the load may warm, min.
+/// Time constants of parts that the load may warm, min.
 const LAGS_MIN: [f64; 4] = [6.0, 25.0, 75.0, 200.0];
-/// Of what goes with the time alone, at most, that goes with the load: in few runs whatever is slow seems to go a little with
-/// a slow lag.
+/// Maximum ratio of the variance explained by the load to that explained by time. It is not zero: with few runs, every
+/// slow signal correlates a little with a slow lag.
 const UNRELATED: f64 = 0.5;
-/// Of what the liveliest sensor does, at most: after a start, and within 20 min at any time.
+/// Maximum ratios to the sensor that changes most: rise after a start, and change within 20 min at any time.
 const COLD_AT_STARTS: f64 = 0.15;
 const SLOW: f64 = 1.0 / 3.0;
-/// °C within 20 min that no hall reaches with its gates shut.
+/// Change within 20 min, °C, that the air of a hall does not reach with closed gates.
 const NO_AIR: f64 = 1.0;
-/// A sensor that moves less, °C, says nothing.
+/// Minimum range of a sensor that is judged, °C.
 const MOVES: f64 = 0.2;
 
-/// One run, minute by minute: empty minutes have the value before.
+/// One run, minute by minute. A minute without a value repeats the value before.
 struct Courses {
     load: Vec<f64>,
     error: Vec<f64>,
     sensors: Vec<Vec<f64>>,
 }
 
-/// What is looked at of one sensor.
+/// Figures from which a sensor is judged.
 #[derive(Clone, Copy, Debug)]
 struct Figures {
-    /// Mean rise after a start, beyond that of the time before it, °C.
+    /// Median rise after a start, minus the rise in the same time before it, °C.
     start: f64,
-    /// The largest change in 20 min, °C.
+    /// Largest change within 20 min, °C.
     fastest: f64,
-    /// The largest share of variance that goes with a lag of the load.
+    /// Largest share of the variance that a lag of the load explains.
     load: f64,
-    /// The share that a parabola over each run's time has.
+    /// Share of the variance that a parabola over the time of each run explains.
     time: f64,
     /// Correlation with the error.
     error: f64,
-    /// The largest range in a run, °C.
+    /// Largest range within a run, °C.
     range: f64,
 }
 
-/// The temperature that is named for the air around the machine; else one that behaves like it.
+/// Column of the temperature with a name for the ambient air; otherwise the first one in `like`.
 pub(crate) fn ambient_column(dataset: &Dataset, like: &[Finding]) -> Option<usize> {
     let name = |place: usize| dataset.columns[place].name.as_str();
     let is_named = |place: &usize| is_named_for_the_air(name(*place));
@@ -60,14 +60,14 @@ pub(crate) fn ambient_column(dataset: &Dataset, like: &[Finding]) -> Option<usiz
     temperatures.find(is_named).or_else(|| dataset.of_kind(Kind::Temperature).find(behaves))
 }
 
-/// Whether this is a name for the air around the machine.
+/// Returns whether a word of the name means the air around the machine.
 pub(crate) fn is_named_for_the_air(name: &str) -> bool {
     let name = name.to_lowercase();
     let mut words = name.split(|letter: char| !letter.is_alphabetic());
     words.any(|word| ["ambient", "air", "room", "hall", "shop", "environment"].contains(&word))
 }
 
-/// Those of these columns that behave like the air; none where no speed ever starts.
+/// Columns that behave like the air. The result is empty without a speed, or with too few starts.
 pub(crate) fn find(dataset: &Dataset, columns: &[usize], error: usize) -> Vec<Finding> {
     let Some(load) = load(dataset) else { return Vec::new() };
     let runs: Vec<Courses> = dataset.runs.iter().map(|run| courses(run, load, error, columns)).collect();
@@ -103,7 +103,7 @@ pub(crate) fn find(dataset: &Dataset, columns: &[usize], error: usize) -> Vec<Fi
     columns.iter().zip(&all).filter(|(_, of)| is_air(of)).map(like).collect()
 }
 
-/// The speed that turns most often.
+/// Column of the speed that is above 1 in the most rows.
 fn load(dataset: &Dataset) -> Option<usize> {
     let turns = |column: &usize| {
         let values = dataset.runs.iter().flat_map(|run| &run.values[*column]);
@@ -136,7 +136,7 @@ fn by_minute(run: &Run, column: usize) -> Vec<f64> {
     course
 }
 
-/// Where the load comes from rest, with as much time before and after.
+/// Minutes at which the load starts after a standstill, with [`AFTER_START`] minutes before and after them.
 fn starts(run: &Courses) -> Vec<usize> {
     let fastest = run.load.iter().copied().fold(0.0, f64::max);
     let turns = |minute: usize| run.load[minute] > 0.1 * fastest && run.load[minute] > 1.0;
@@ -173,7 +173,7 @@ fn figures(runs: &[Courses], sensor: usize) -> Figures {
     }
 }
 
-/// A first-order lag from rest.
+/// First-order lag of the load with this time constant, from an initial value of zero.
 fn lagged(load: &[f64], minutes: f64) -> Vec<f64> {
     let gone = 1.0 - (-1.0 / minutes).exp();
     let mut state = 0.0;
@@ -193,13 +193,13 @@ fn product(one: &[Vec<f64>], other: &[Vec<f64>]) -> f64 {
     one.iter().flatten().zip(other.iter().flatten()).map(|(one, other)| one * other).sum()
 }
 
-/// Of what is centred in each run.
+/// Correlation of series that are centred in each run.
 fn correlation(one: &[Vec<f64>], other: &[Vec<f64>]) -> f64 {
     let size = (product(one, one) * product(other, other)).sqrt();
     if size > 0.0 { product(one, other) / size } else { 0.0 }
 }
 
-/// The share of the variance that a parabola over each run's time takes: by the first two Legendre polynomials.
+/// Share of the variance that a parabola over the time of each run explains, by the first two Legendre polynomials.
 fn parabolic(rises: &[Vec<f64>]) -> f64 {
     let taken = |values: &Vec<f64>| -> f64 {
         let last = count(values.len().max(2) - 1);

@@ -1,38 +1,39 @@
-//! Errors that were measured while a compensation acted have its Cz in them: e + Cz. A model is learnt from e alone.
+//! Removal of Cz from errors that were measured while a compensation was active. Such an error is e + Cz; a model is
+//! identified from e.
 
 use crate::dataset::{BadLog, Column, Dataset, Kind};
 use crate::statistics::least_and_most;
 use isotherm_profile::{Profile, Writes};
 
-/// µm: a Cz that moves less did nothing.
+/// Range of Cz below which it did nothing, µm.
 const STANDS_STILL: f64 = 1e-9;
 
-/// Where the Cz stands that acted on the measured error.
+/// Source of the Cz that was active during the measurement of the error.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Applied {
-    /// In the columns that a log of the gateway has; elsewhere there is none.
+    /// The Cz columns of a log of the gateway. Other logs have none.
     #[default]
     AsLogged,
-    /// Nothing acted.
+    /// No Cz was active.
     Nothing,
-    /// In this column, µm.
+    /// The column of this name, µm.
     Column(String),
 }
 
 impl Applied {
-    /// `none`, or a column.
+    /// Parses `none` or the name of a column.
     pub fn named(text: &str) -> Applied {
         if text == "none" { Applied::Nothing } else { Applied::Column(text.to_owned()) }
     }
 
-    /// Whether it is this column.
+    /// Returns whether this names the column.
     pub(crate) fn names(&self, column: &str) -> bool {
         matches!(self, Applied::Column(name) if name == column)
     }
 }
 
-/// Whether the outputs of an axis move the machine, as far as its profile knows; one that only corrects a DRO (readout)
-/// moves nothing by itself. `None`: it depends on how the error was measured.
+/// Returns whether the outputs of an axis move the machine, as far as the profile says. An output that only corrects a
+/// readout (DRO) does not. `None` means that the answer depends on how the error was measured.
 pub(crate) fn moves_the_machine(profile: &Profile, axis: &str) -> Option<bool> {
     let place = profile.axes.iter().position(|known| known.settings.name == axis)?;
     let outputs = profile.outputs.iter().filter(|output| output.axis.0 == place);
@@ -44,12 +45,12 @@ pub(crate) fn moves_the_machine(profile: &Profile, axis: &str) -> Option<bool> {
     }
 }
 
-/// The axis that a column of errors is named for.
+/// Axis in the name of an error column.
 fn axis_of(error: &str) -> Option<&str> {
     ["_error_um", "_measured_um"].iter().find_map(|end| error.strip_suffix(end))
 }
 
-/// The column with the Cz that acted on this error, if any moved.
+/// Column of the Cz that was active during the measurement of this error; `None` if no Cz changed.
 fn acting(
     dataset: &Dataset,
     error: &str,
@@ -115,8 +116,8 @@ fn acting(
     }
 }
 
-/// Takes the Cz of this column out of the measured error, row by row: from where to where it went, µm. A run without the
-/// column was measured without it. Rows in which it is not known have no error.
+/// Subtracts the Cz of this column from the measured error in each row. Returns the least and the greatest Cz, µm. A
+/// run without values in the column was measured without Cz. A row without Cz in another run loses its error value.
 fn take_out(dataset: &mut Dataset, error: usize, column: usize) -> Option<(f64, f64)> {
     for run in &mut dataset.runs {
         let cz = run.values[column].clone();
@@ -127,11 +128,11 @@ fn take_out(dataset: &mut Dataset, error: usize, column: usize) -> Option<(f64, 
     least_and_most(dataset.runs.iter().flat_map(|run| &run.values[column]))
 }
 
-/// The error as it is without the Cz that acted on it; a sentence among the remarks says so. `axis` where it is known;
-/// `moves` as `moves_the_machine` says.
+/// Removes the Cz that was active during the measurement from the error, and adds a remark about it. `axis` is the axis
+/// of the error, if known. `moves` is the result of `moves_the_machine`.
 ///
 /// # Errors
-/// What acted cannot be known: a sentence that says which option names it.
+/// Cz cannot be determined: the message names the option that does so.
 pub fn without_cz(
     dataset: &mut Dataset,
     error: &str,
@@ -139,7 +140,7 @@ pub fn without_cz(
     moves: Option<bool>,
     applied: &Applied,
 ) -> Result<(), BadLog> {
-    // A missing error column is reported by the code that looks it up.
+    // The code that requires the error column reports a missing one.
     let Some(place) = dataset.column(error) else { return Ok(()) };
     let Some(column) = acting(dataset, error, axis, moves, applied)? else { return Ok(()) };
     if let Some((least, most)) = take_out(dataset, place, column) {
@@ -152,11 +153,11 @@ pub fn without_cz(
     Ok(())
 }
 
-/// Adds beside each displacement in which a Cz acted the same without it, as a column of its own; what cannot be known is
-/// remarked. `asked`: the columns, where they are named; those beside them are added.
+/// Adds a column without Cz for each displacement that was measured with Cz. If the Cz cannot be determined, it adds a
+/// remark. `asked` names the columns to process, or is empty for all displacements. The new columns are added to it.
 ///
 /// # Errors
-/// What acted cannot be known, though `applied` names it.
+/// The Cz cannot be determined although `applied` names it.
 pub fn add_without_cz(
     dataset: &mut Dataset,
     profile: Option<&Profile>,

@@ -1,17 +1,19 @@
-//! Thermal terms of a 1-D ball array (Li, Yang, Zhang, Zhang 1998): from the coordinates of the same balls, touched round
-//! after round, to origin drift, expansion, and tilts.
+//! Thermal terms of a 1-D ball array (Li, Yang, Zhang, Zhang 1998). The coordinates of the same balls, touched in
+//! several rounds, give origin drift, expansion and tilts.
 //!
 //! ```text
-//! touches (time, ball, x, y, z, stylus) ── rounds ── fit (least squares over the balls) ── log that identify takes
+//! touches (time, ball, x, y, z, stylus) ── rounds ── fit (least squares over the balls) ── log for identify
 //! ```
-//! With p the place along the array, p0 its origin and L the length of the stylus, what a ball's coordinates have moved
-//! since the cold round is, in µm:
+//! p is the position along the array, p0 its origin, L the length of the stylus, and L0 the shorter stylus. The
+//! coordinates of a ball have moved since the cold round, in µm:
 //! - along the array: d + k·(p − p0)
-//! - across it, twice: d + A·(p − p0) + B·(L − L0); A tilts what carries the spindle along the array (the column, where the
-//!   array stands along Z), B the spindle itself. B needs two lengths of stylus; L0 is the shorter one.
+//! - across it, in two directions: d + A·(p − p0) + B·(L − L0)
+//!
+//! A is the tilt of the part that moves the spindle along the array: the column if the array is parallel to Z. B is the
+//! tilt of the spindle. B requires styluses of two lengths.
 //!
 //! # Sign
-//! The balls stand still: a machine whose tool has gone up by 5 µm meets them 5 µm lower. The error is e = −d.
+//! The balls do not move: a machine whose tool has moved up by 5 µm measures them 5 µm lower. The error is e = −d.
 
 use serde::Serialize;
 
@@ -26,49 +28,51 @@ mod touches;
 
 pub use log::log;
 
-/// The directions, in the order of every array of three.
+/// Names of the directions, in the order of every array of three.
 pub const DIRECTIONS: [&str; 3] = ["x", "y", "z"];
 
-/// What a ball array says about a warm-up.
+/// Thermal terms of a warm-up.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Terms {
-    /// The direction that the balls stand along: its place in [`DIRECTIONS`].
+    /// Direction of the array, as an index of [`DIRECTIONS`].
     #[serde(skip)]
     pub along: usize,
-    /// The same in words.
+    /// Direction of the array as text.
     pub array: &'static str,
-    /// Where d is the whole drift, mm along the array.
+    /// Position along the array at which d is the whole drift, mm.
     pub origin_mm: f64,
-    /// The first is the cold one, all zeros.
+    /// Terms of each round. The first round is the cold one, with zeros only.
     pub rounds: Vec<RoundTerms>,
-    /// What is odd.
+    /// Remarks about unusual data.
     pub remarks: Vec<String>,
 }
 
-/// The terms of one round.
+/// Thermal terms of one round.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RoundTerms {
-    /// The mean time of its touches.
+    /// Mean time of the touches.
     #[serde(skip)]
     pub time: Moment,
-    /// The same, h since the cold round.
+    /// Mean time of the touches, h since the cold round.
     pub hours: f64,
-    /// Touches that were used.
+    /// Number of touches that were used.
     pub touches: usize,
     /// Origin drift d of the coordinates x, y, z, µm.
     pub drift_um: [f64; 3],
-    /// By direction, µm per mm along the array: k in the array's own, the tilt A in the others.
+    /// Slope in each direction, µm per mm along the array: k in the direction of the array, the tilt A in the others.
     pub slope_um_per_mm: [f64; 3],
-    /// The spindle's tilt B, µm per mm of stylus, zero in the array's direction; none where it was touched with one length.
+    /// Tilt B of the spindle, µm per mm of stylus, and zero in the direction of the array. `None` if the styluses do
+    /// not allow to determine it.
     pub spindle_um_per_mm: Option<[f64; 3]>,
-    /// What the terms leave over, root mean square over all touches and directions, µm.
+    /// Root mean square of the residuals over all touches and directions, µm.
     pub rms_um: f64,
 }
 
-/// The terms of every round. `origin`: mm along the array; `None`: the first ball's place.
+/// Calculates the terms of every round. `origin` is in mm along the array; by default, it is the position of the first
+/// ball.
 ///
 /// # Errors
-/// Sentences that say what to do.
+/// Messages that say what to do.
 pub fn terms(dataset: &Dataset, origin: Option<f64>) -> Result<Terms, BadLog> {
     let rounds = rounds(dataset)?;
     let Some(cold) = rounds.first() else { return Err(one("there are no touches")) };
@@ -103,7 +107,7 @@ pub fn terms(dataset: &Dataset, origin: Option<f64>) -> Result<Terms, BadLog> {
     Ok(Terms { along, array: DIRECTIONS[along], origin_mm, rounds: found, remarks })
 }
 
-/// The direction of the array, and its length.
+/// Direction of the array, and its length in mm.
 fn direction(cold: &[Touch]) -> Result<(usize, f64), BadLog> {
     let extents = [0, 1, 2].map(|direction| range(cold.iter().map(|touch| touch.at_mm[direction])));
     let along = (1..3).fold(0, |best, next| if extents[next] > extents[best] { next } else { best });
@@ -123,9 +127,9 @@ fn direction(cold: &[Touch]) -> Result<(usize, f64), BadLog> {
     Ok((along, length))
 }
 
-/// mm.
+/// Minimum length of an array, mm.
 const SHORTEST: f64 = 5.0;
-/// An array that is off its axis by more than a tenth mixes expansion into the tilts.
+/// Maximum extent across the array as a share of its length. A larger one mixes expansion into the tilts.
 const SKEWED: f64 = 0.1;
 
 fn one(message: &str) -> BadLog {

@@ -1,4 +1,4 @@
-//! What is odd about logs, in sentences that say what to do.
+//! Checks for unusual logs. The messages say what to do.
 
 use std::time::Duration;
 
@@ -7,22 +7,22 @@ use crate::faults::Finding;
 use crate::statistics::{least_and_most, mean};
 use isotherm_profile::{counted, duration_text};
 
-/// A shop is not warmer than this when its machine is cold: all sensors above it are in °F.
+/// Maximum temperature of a cold shop. If all sensors begin above it, they are in °F.
 const COLD_SHOP: f64 = 45.0;
-/// No drift can be learnt from less.
+/// Minimum duration of a run with a measurable drift.
 const SHORTEST_RUN: Duration = Duration::from_secs(20 * 60);
-/// Four hours of seconds that are called minutes.
+/// Maximum duration of a run. A run of four hours is longer if its seconds are read as minutes.
 const LONGEST_RUN: Duration = Duration::from_secs(10 * 24 * 3600);
-/// A probe that comes back to one place finds it to this, mm.
+/// Maximum range of the position of a probe that measures at one position, mm.
 const LONGEST_AT_ONE_PLACE: f64 = 1.0;
-/// An error that moves less is noise or a column of zeros, µm.
+/// Minimum range of an error, µm. A smaller one is noise or a column of zeros.
 const STANDS_STILL: f64 = 1e-6;
 
 pub(super) fn check_runs(dataset: &Dataset, wrong: &mut Vec<String>) {
     wrong.extend(dataset.runs.iter().filter_map(odd_length));
 }
 
-/// What only one method makes something of.
+/// Message for a campaign with one run, which only some methods can use; `None` with more runs.
 pub(super) fn one_run_only(dataset: &Dataset) -> Option<String> {
     let [only] = dataset.runs.as_slice() else { return None };
     Some(format!(
@@ -32,7 +32,7 @@ pub(super) fn one_run_only(dataset: &Dataset) -> Option<String> {
     ))
 }
 
-/// What a run's length says about its time column, where that is odd.
+/// Message about a run whose length suggests a wrong unit of its time column; `None` otherwise.
 pub(super) fn odd_length(run: &Run) -> Option<String> {
     let odd = match run.lasts() {
         lasts if lasts < SHORTEST_RUN => {
@@ -47,7 +47,7 @@ pub(super) fn odd_length(run: &Run) -> Option<String> {
     Some(format!("{} lasts {shown} ({}): {odd}", run.name, counted(run.times.len(), "row")))
 }
 
-/// What these temperatures begin at says that they are no °C.
+/// Message if the first values of all temperatures are too high for °C; `None` otherwise.
 pub(super) fn fahrenheit(dataset: &Dataset, temperatures: &[usize]) -> Option<String> {
     let first = |column: &usize| {
         let mut values = dataset.runs.iter().flat_map(|run| &run.values[*column]);
@@ -83,7 +83,8 @@ pub(super) fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<Strin
     }
 }
 
-/// A recorded position that the error may go with, and that no model was asked to look at.
+/// Message about a recorded position on which the error may depend, and which no model was asked to use; `None` without
+/// one.
 pub(super) fn unused_position(dataset: &Dataset, error: usize) -> Option<String> {
     let moved = |column: &usize| {
         let places = dataset.runs.iter().flat_map(|run| {
@@ -103,7 +104,7 @@ pub(super) fn unused_position(dataset: &Dataset, error: usize) -> Option<String>
     })
 }
 
-/// The column of this name.
+/// Column of this name. Adds a message to `wrong` if it is missing.
 pub(super) fn column_of(dataset: &Dataset, name: &str, wrong: &mut Vec<String>) -> Option<usize> {
     let found = dataset.column(name);
     if found.is_none() {
@@ -112,12 +113,12 @@ pub(super) fn column_of(dataset: &Dataset, name: &str, wrong: &mut Vec<String>) 
     found
 }
 
-/// The remark about a sensor that looks faulty and is kept.
+/// Remark about a sensor that appears to be faulty and is used as requested.
 pub(super) fn stays(faulty: &Finding) -> String {
     format!("{} stays in as asked: {}", faulty.signal, faulty.reason)
 }
 
-/// "; did you mean …", or what there is.
+/// Text "; did you mean …" with the most similar name, or a list of the known names.
 pub(super) fn nearest(name: &str, known: &[&str]) -> String {
     let alike = known.iter().map(|known| (strsim::jaro_winkler(name, known), known));
     match alike.max_by(|one, other| one.0.total_cmp(&other.0)) {

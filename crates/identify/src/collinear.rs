@@ -1,4 +1,4 @@
-//! How well the terms of a sum can be told apart.
+//! Collinearity of the terms of a sum.
 
 use nalgebra::SymmetricEigen;
 
@@ -6,17 +6,17 @@ use crate::bank::{Bank, Candidate};
 use crate::campaign::Campaign;
 use crate::gram::Gram;
 
-/// Of the columns of some terms, each of root mean square 1 and, as there is no intercept, not centred (Belsley, Kuh,
-/// Welsch 1980).
+/// Collinearity of the columns of some terms (Belsley, Kuh, Welsch 1980). Each column is scaled to root mean square 1.
+/// The columns are not centred, because the model has no intercept.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Collinearity {
-    /// The largest singular value over the smallest.
+    /// Ratio of the largest singular value to the smallest.
     pub(crate) condition: f64,
-    /// By term: how many times the variance of its gain is what it were if no other term resembled it.
+    /// Variance inflation of each term: the ratio of the variance of its gain to the variance without similar terms.
     pub(crate) inflation: Vec<f64>,
 }
 
-/// Of these terms over every run; `None` where there are none, or two are the same.
+/// Collinearity of these terms over all runs; `None` without terms, or if two are equal.
 pub(crate) fn collinearity(
     campaign: &Campaign<'_>,
     bank: &Bank,
@@ -26,7 +26,7 @@ pub(crate) fn collinearity(
         return None;
     }
     let columns: Option<Vec<usize>> = terms.iter().map(|(term, _)| bank.column(term)).collect();
-    // Fitted time constants are in no bank.
+    // The bank does not contain time constants that the method has fitted.
     let own = || Bank::new(campaign, terms.iter().map(|(term, _)| *term).collect());
     of_gram(&match columns {
         Some(columns) => Gram::total(&bank.grams()).of_columns(&columns),
@@ -50,7 +50,7 @@ mod tests {
     use super::*;
 
     fn gram(alike: f64) -> Gram {
-        // Of scales 2 and 3, ten rows.
+        // Two columns with root mean squares 2 and 3, over ten rows.
         let square = DMatrix::from_row_slice(2, 2, &[40.0, 60.0 * alike, 60.0 * alike, 90.0]);
         Gram { square, cross: DVector::zeros(2), power: 0.0, rows: 10.0 }
     }
@@ -58,7 +58,7 @@ mod tests {
     #[test]
     fn two_terms_are_as_hard_to_tell_apart_as_their_correlation_says() {
         let found = of_gram(&gram(0.8)).unwrap();
-        // Eigenvalues 1 ± r; inflation 1 / (1 − r²).
+        // The eigenvalues are 1 ± r, the inflation is 1 / (1 − r²).
         assert!((found.condition - 3.0).abs() < 1e-9, "{found:?}");
         assert!((found.inflation[0] - 1.0 / 0.36).abs() < 1e-9, "{found:?}");
         let apart = of_gram(&gram(0.0)).unwrap();

@@ -1,11 +1,11 @@
-//! Logs as runs: what each column is, and one run per warm-up.
+//! Logs as data sets: kinds of columns, and one run for each warm-up.
 //!
 //! ```text
 //! file ── table (cells by column) ── split ── runs        kinds guessed from names, units and values
 //! ```
-//! CSV, with whatever a spreadsheet separates columns by, or Parquet. The first column named `time` (seconds, RFC 3339, or a
-//! date and time of the zone), `time_s` or `time_min` orders the rows; every other column is a number per row (NaN where it
-//! is missing) or text.
+//! A log is a CSV file with any separator of a spreadsheet, or a Parquet file. Its time column is the first one named
+//! `time`, `time_s` or `time_min`. `time` is in seconds, in RFC 3339, or date and time of the time zone. Every other
+//! column has one number per row (NaN if missing), or text.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -31,79 +31,80 @@ mod tests;
 pub use kind::Kind;
 use table::Table;
 
-/// Several runs over the same columns.
+/// Several runs with the same columns.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Dataset {
-    /// What stands in each column, in the order of the first file; the time is not among them.
+    /// Columns of the runs, in the order of the first file, without the time.
     pub columns: Vec<Column>,
-    /// What else the files have, which nobody computes with, and of which no values are kept.
+    /// Columns of the files that nothing uses. Their values are not kept.
     pub unread: Vec<Column>,
-    /// One warm-up each, in the order of the files and of time.
+    /// One run for each warm-up, in the order of files and time.
     pub runs: Vec<Run>,
-    /// What is odd, but kept nothing from being read.
+    /// Remarks about unusual data that could be read nevertheless.
     pub remarks: Vec<String>,
 }
 
 /// A column of numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column {
-    /// As the header has it.
+    /// Name in the header.
     pub name: String,
-    /// What it seems to be.
+    /// Guessed kind.
     pub kind: Kind,
 }
 
-/// One warm-up: the rows between a cold machine and its end.
+/// One warm-up, with the rows from the cold machine to the end.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Run {
-    /// The file's name without its ending, with a number or the splitting column's value behind it where it was split.
+    /// Name of the file without extension. If the file was split, a number or the value of the splitting column
+    /// follows.
     pub name: String,
-    /// Where it came from.
+    /// File of the run.
     pub file: PathBuf,
-    /// When each row was taken, ascending.
+    /// Times of the rows, ascending.
     pub times: Vec<Moment>,
-    /// By column, by row; NaN where it is missing.
+    /// Values by column and row; NaN if missing.
     pub values: Vec<Vec<f64>>,
 }
 
-/// How files become runs.
+/// Division of files into runs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Split {
-    /// A new run begins where this column has a new value.
+    /// Column whose changes begin a new run.
     pub column: Option<String>,
-    /// A new run begins after so long without a row.
+    /// Time without a row after which a new run begins.
     pub gap: Option<Duration>,
-    /// Where the clock hung whose times have no offset from UTC; none: such times are refused.
+    /// Time zone of times without an offset from UTC; without it, such times are rejected.
     pub zone: Option<TimeZone>,
 }
 
-/// Everything that is wrong with the logs, each with its place.
+/// All errors of the logs, each with its place.
 #[derive(Clone, Debug, Default, PartialEq, Eq, thiserror::Error)]
 #[error("{}", .0.join("\n"))]
 pub struct BadLog(pub Vec<String>);
 
 impl BadLog {
-    /// This where nothing is wrong.
+    /// Returns `good` if `wrong` is empty; otherwise the errors.
     pub(crate) fn unless<T>(wrong: Vec<String>, good: T) -> Result<T, BadLog> {
         if wrong.is_empty() { Ok(good) } else { Err(BadLog(wrong)) }
     }
 }
 
-/// The unit of a column, where a profile knows it.
+/// Returns the unit of a column, if a profile contains it.
 pub type Units<'a> = &'a dyn Fn(&str) -> Option<&'static str>;
 
-/// Whether somebody computes with a column, by its name. Of the others little more than the name is read: a log may have
-/// hundreds, of which a model takes ten.
+/// Returns whether a column of this name is used. Of other columns, little more than the name is read: a log may have
+/// hundreds of columns, of which a model requires ten.
 pub type Uses<'a> = &'a dyn Fn(&str) -> bool;
 
-/// Uses all of them.
+/// Selects all columns.
 #[must_use]
 pub fn every_column(_: &str) -> bool {
     true
 }
 
 impl Dataset {
-    /// Reads the logs, or those in a directory, and splits them into runs.
+    /// Reads the logs, or those in a directory, and divides them into runs.
     ///
     /// # Errors
     /// Everything that cannot be read, with file, line and column.
@@ -123,11 +124,14 @@ impl Dataset {
         Dataset::from_tables(BadLog::unless(wrong, tables)?, split, units)
     }
 
-    /// Adds the readings of a small file, `time` and one column of µm (or, named `…_mm`, of mm), as the column `error`: each in
-    /// the row that is nearest in time, at most `within` away.
+    /// Adds the readings of a dial gauge as the column `error`. The file has a time column and one column in µm, or in
+    /// mm if its name ends with `_mm`. Each reading goes to the row that is nearest in time, within the duration
+    /// `within`.
     ///
     /// # Errors
-    /// A file that is none of these; none of its readings lies near a row; the logs have that column, or are of one time.
+    /// - The file has another form.
+    /// - No reading is near a row.
+    /// - The logs have a column `error` already, or overlap in time.
     pub fn add_gauge(
         &mut self,
         file: &Path,
@@ -138,7 +142,7 @@ impl Dataset {
     }
 
     fn from_tables(tables: Vec<Table>, split: &Split, units: Units<'_>) -> Result<Dataset, BadLog> {
-        // Every name that has numbers in some file, in the order in which they are met.
+        // Names that have numbers in at least one file, in the order of their first occurrence.
         let (mut names, mut seen) = (Vec::new(), HashSet::new());
         for name in tables.iter().flat_map(Table::names_of_numbers) {
             if seen.insert(name) {
@@ -169,45 +173,45 @@ impl Dataset {
         Ok(Dataset { columns, unread, remarks, runs })
     }
 
-    /// The names of the columns, and behind them those that are not read.
+    /// Names of the used columns, then of the unused ones.
     pub(crate) fn names(&self) -> Vec<&str> {
         self.columns.iter().chain(&self.unread).map(|column| column.name.as_str()).collect()
     }
 
-    /// The places of the columns of this kind.
+    /// Indexes of the columns of this kind.
     pub(crate) fn of_kind(&self, kind: Kind) -> impl Iterator<Item = usize> {
         (0..self.columns.len()).filter(move |place| self.columns[*place].kind == kind)
     }
 
-    /// How long the runs are together, s.
+    /// Total duration of all runs, s.
     pub(crate) fn seconds(&self) -> f64 {
         self.runs.iter().map(|run| run.lasts().as_secs_f64()).sum()
     }
 
-    /// The place of the column with this name.
+    /// Index of the column with this name.
     pub fn column(&self, name: &str) -> Option<usize> {
         self.columns.iter().position(|column| column.name == name)
     }
 }
 
 impl Run {
-    /// Hours since the run's first row.
+    /// Hours since the first row of the run.
     pub(crate) fn hours(&self) -> impl Iterator<Item = f64> + '_ {
         self.seconds().map(|second| second / 3600.0)
     }
 
-    /// Seconds since the run's first row.
+    /// Seconds since the first row of the run.
     pub fn seconds(&self) -> impl Iterator<Item = f64> + '_ {
         let first = self.times.first().copied().unwrap_or_default();
         self.times.iter().map(move |time| time.since(first).as_secs_f64())
     }
 
-    /// Largest minus smallest of a column; 0 where it is empty.
+    /// Range (maximum minus minimum) of a column; 0 if it is empty.
     pub(crate) fn range(&self, column: usize) -> f64 {
         range(&self.values[column])
     }
 
-    /// From the first row to the last.
+    /// Time from the first row to the last.
     pub fn lasts(&self) -> Duration {
         match (self.times.first(), self.times.last()) {
             (Some(first), Some(last)) => last.since(*first),
@@ -216,7 +220,7 @@ impl Run {
     }
 }
 
-/// What some file has that nobody computes with, each once, in the order in which it is met.
+/// Unused columns of all files, each once, in the order of their first occurrence.
 fn unread(tables: &[Table], units: Units<'_>) -> Vec<Column> {
     let mut found: Vec<Column> = Vec::new();
     let mut seen = HashSet::new();

@@ -1,5 +1,5 @@
-//! What a log says about drift, in the terms of ISO 230-3: how far each displacement went, when, and what the machine
-//! did meanwhile. A description: no duration and no limit of the standard is applied.
+//! Drift in a log, in the terms of ISO 230-3: how much and when each displacement changed, and which movements warmed
+//! the machine meanwhile. This is a description: it applies no duration and no limit of the standard.
 
 use serde::Serialize;
 
@@ -14,7 +14,7 @@ mod activity;
 pub use activity::Stage;
 pub(crate) use activity::is_feed;
 
-/// The tests of ISO 230-3 that a log may be like.
+/// Tests of ISO 230-3 to which a log can correspond.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Test {
@@ -28,11 +28,11 @@ pub enum Test {
     Rotary,
 }
 
-/// What moves less, µm, is no displacement.
+/// Range below which a displacement does not change, µm.
 const STILL: f64 = 1e-6;
 
 impl Test {
-    /// In the words of the standard.
+    /// Title in the words of the standard.
     pub fn title(self) -> &'static str {
         match self {
             Test::Etve => "environmental temperature variation error (ETVE)",
@@ -43,72 +43,73 @@ impl Test {
     }
 }
 
-/// The drift of one run.
+/// Drift of one run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Drift {
-    /// The run's name.
+    /// Name of the run.
     pub name: String,
-    /// What the log is like.
+    /// Test to which the log corresponds.
     pub test: Test,
-    /// Why it is taken for that.
+    /// Reason for this choice.
     pub because: String,
-    /// From the first row to the last, h.
+    /// Time from the first row to the last, h.
     pub hours: f64,
-    /// Rows of the log.
+    /// Number of rows.
     pub rows: usize,
-    /// Each displacement column.
+    /// Drift of each displacement column.
     pub displacements: Vec<Displacement>,
-    /// Each temperature column.
+    /// Change of each temperature column.
     pub temperatures: Vec<Temperature>,
-    /// What turned or moved, stage by stage; empty where nothing did.
+    /// Stages of the movement; empty if nothing moved.
     pub stages: Vec<Stage>,
-    /// What is odd.
+    /// Remarks about unusual data.
     pub remarks: Vec<String>,
 }
 
-/// One displacement over a run, from means of each minute; ranges are largest minus smallest.
+/// Drift of one displacement over a run, from the means of each minute. Ranges are maximum minus minimum.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Displacement {
-    /// The column.
+    /// Name of the column.
     pub name: String,
-    /// Over the whole time, µm.
+    /// Range over the whole time, µm.
     pub range_um: f64,
-    /// In the first hour, µm; none where the log is shorter.
+    /// Range in the first hour, µm; `None` if the log is shorter.
     pub first_hour_um: Option<f64>,
-    /// In the last hour, µm; none where the log is shorter.
+    /// Range in the last hour, µm; `None` if the log is shorter.
     pub last_hour_um: Option<f64>,
-    /// The largest in any 60 min, µm; none where the log is shorter.
+    /// Largest range within any 60 min, µm; `None` if the log is shorter.
     pub largest_60min_um: Option<f64>,
-    /// Where that hour begins, h.
+    /// Begin of these 60 min, h.
     pub largest_60min_from_h: Option<f64>,
-    /// From the first minutes to the last, µm.
+    /// Change from the first minutes to the last, µm.
     pub drift_um: f64,
-    /// The same for each hour, µm/h.
+    /// Change per hour, µm/h.
     pub drift_um_per_h: f64,
-    /// From the begin to the end of each stage, µm; none where the column is empty there.
+    /// Change in each stage, µm; `None` if the column is empty there.
     pub stages_um: Vec<Option<f64>>,
 }
 
-/// One temperature over a run.
+/// Change of one temperature over a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Temperature {
-    /// The column.
+    /// Name of the column.
     pub name: String,
-    /// In the first minutes, °C.
+    /// Temperature in the first minutes, °C.
     pub begin_c: f64,
-    /// In the last minutes, °C.
+    /// Temperature in the last minutes, °C.
     pub end_c: f64,
-    /// Largest minus smallest, K.
+    /// Range, K.
     pub range_k: f64,
-    /// The largest in any 60 min, K; none where the log is shorter.
+    /// Largest range within any 60 min, K; `None` if the log is shorter.
     pub largest_60min_k: Option<f64>,
 }
 
-/// The drift of every run. `displacements` names the columns; empty: all that are in µm. `test`: as what; `None`: as what
-/// turns or moves. `units` gives the unit of a column where a profile knows it.
+/// Calculates the drift of every run. `displacements` names the columns; if it is empty, all columns in µm are used.
+/// `test` is the test of the standard; by default, it follows from what turns or moves. `units` returns the unit of a
+/// column in the profile.
 ///
 /// # Errors
-/// Sentences that say what to do.
+/// Messages that say what to do.
 pub fn drift(
     dataset: &Dataset,
     displacements: &[String],
@@ -197,7 +198,7 @@ fn displacement(name: String, minutes: &Minutes, stages: &[Stage]) -> Displaceme
     }
 }
 
-/// `None` where the column is empty.
+/// Change of a temperature; `None` if the column is empty.
 fn temperature(name: String, minutes: &Minutes) -> Option<Temperature> {
     (!minutes.values.is_empty()).then(|| Temperature {
         name,

@@ -1,12 +1,13 @@
-//! How far off a model may be expected to be: one standard deviation that grows with the hours since the datum, or since the
-//! last touch of a probe, learnt from what was left on runs that were held out.
+//! Expected error of a model: a standard deviation that grows with the hours since the datum, or since the last touch
+//! of a probe. It is estimated from the residuals of held-out runs.
 //!
 //! ```text
 //! σ²(h) = a·h + b        µm², h in hours
 //! ```
 //!
-//! Least squares of what was left squared on (h, 1), not negative; then reweighted by 1/σ⁴, as squares of normal errors
-//! scatter (gamma likelihood). Each run has the same weight, and of its rows every fifth counts: neighbours say the same.
+//! The fit is least squares of the squared residuals on (h, 1), with a and b not negative. It is then repeated with the
+//! weights 1/σ⁴, because squares of normal errors scatter in proportion to σ² (gamma likelihood). Each run has the same
+//! weight. Only every fifth row is used, because neighbouring rows are similar.
 
 use serde::Serialize;
 
@@ -15,34 +16,35 @@ use crate::validate::HeldOut;
 
 const EVERY: usize = 5;
 const ROUNDS: usize = 12;
-/// How often a probe is taken to touch, s.
+/// Assumed interval of probe touches, s.
 const TOUCHES_EVERY: f64 = 3600.0;
 
-/// a and b of σ² = a·h + b.
+/// The coefficients a and b of σ² = a·h + b.
 pub type Growth = [f64; 2];
 
-/// What to expect of a model.
+/// Expected error of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Expected {
-    /// Hours since the datum.
+    /// Growth with the hours since the datum.
     pub since_datum: Growth,
-    /// Hours since the last touch of a probe.
+    /// Growth with the hours since the last touch of a probe.
     pub since_touch: Growth,
 }
 
-/// How much of a held-out run was where the other ones say that it may be expected.
+/// Shares of a held-out run within the error that follows from the other held-out runs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Inside {
-    /// Share of the rows inside one time what was expected, 0 to 1: 0.68 for normal errors.
+    /// Share of the rows within one standard deviation, 0 to 1; 0.68 for normal errors.
     pub inside_1: f64,
-    /// Inside two times: 0.95.
+    /// Share within two standard deviations; 0.95 for normal errors.
     pub inside_2: f64,
 }
 
-/// Hours, what was left squared, and the weight.
+/// Hours, squared residual, and weight.
 type Row = (f64, f64, f64);
 
-/// From every held-out run; `None` where nothing was left, or they are so few that each model had seen one run alone.
+/// Expected error from all held-out runs. `None` if all residuals are zero, or with fewer than three runs, when each
+/// model was identified from one run only.
 pub(crate) fn expected(held_out: &[HeldOut]) -> Option<Expected> {
     let all = |rows: fn(&HeldOut) -> Vec<Row>| growth(held_out.iter().flat_map(rows).collect());
     is_enough(held_out)?;
@@ -53,7 +55,7 @@ fn is_enough(held_out: &[HeldOut]) -> Option<()> {
     (held_out.len() > 2).then_some(())
 }
 
-/// How much of this run is where the others say that it may be expected; `None` where they say nothing.
+/// Shares of this run within the error that follows from the other runs; `None` if they give none.
 pub(crate) fn inside(held_out: &[HeldOut], run: usize) -> Option<Inside> {
     is_enough(held_out)?;
     let others = held_out.iter().enumerate().filter(|(other, _)| *other != run);
@@ -99,17 +101,17 @@ fn growth(rows: Vec<Row>) -> Option<Growth> {
     for _ in 0..ROUNDS {
         let [a, b] = found;
         let again = |(hours, square, weight): &Row| {
-            // A line that begins at nothing would give its first row all the weight there is.
+            // Without a minimum, a line that begins at zero would give the whole weight to its first row.
             let fitted = (a * hours + b).max(1e-3 * mean);
             (*hours, *square, weight / (fitted * fitted))
         };
-        // Weights that were those of the runs, divided by what the line says there.
+        // The weights of the runs, divided by the squared value of the line.
         found = line(&rows.iter().map(again).collect::<Vec<Row>>());
     }
     Some(found)
 }
 
-/// Least squares with neither number below zero.
+/// Least-squares line whose coefficients are not negative.
 fn line(rows: &[Row]) -> Growth {
     let sum = |of: &dyn Fn(f64, f64) -> f64| rows.iter().map(|(h, y, w)| w * of(*h, *y)).sum::<f64>();
     let (n, h, hh) = (sum(&|_, _| 1.0), sum(&|h, _| h), sum(&|h, _| h * h));
@@ -119,7 +121,7 @@ fn line(rows: &[Row]) -> Growth {
     if a >= 0.0 && b >= 0.0 && a.is_finite() && b.is_finite() {
         return [a, b];
     }
-    // On one of the two edges: the one that leaves less.
+    // The solution is on one of the two boundaries: the one with the smaller residual.
     let (flat, steep) = (y / n, if hh > 0.0 { hy / hh } else { 0.0 });
     let left = |[a, b]: Growth| sum(&|h, y| (y - a * h - b).powi(2));
     let edges = [[0.0, flat], [steep, 0.0]];

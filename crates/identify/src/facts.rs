@@ -1,5 +1,5 @@
-//! What a report says besides the model: the machine, its runs, what bounds the axis, and the drift of each run. For
-//! programs; the page says the same.
+//! Content of a report besides the model: machine, runs, limits of the axis, and drift of each run. Programs read it as
+//! JSON; the page shows the same.
 
 use serde_json::{Value, json};
 
@@ -14,10 +14,10 @@ use isotherm_core::quantity::Moment;
 use isotherm_html::rfc3339;
 use isotherm_profile::Profile;
 
-/// What was identified, with the machine and the logs that it comes from: the JSON of `identify`.
+/// JSON document of `identify`: the result, with the machine and the logs.
 ///
 /// # Errors
-/// A figure that JSON cannot hold.
+/// A figure that JSON cannot represent.
 pub fn document(
     profile: &Profile,
     ready: &Ready<'_>,
@@ -36,15 +36,16 @@ pub fn document(
     Ok(document)
 }
 
-/// The drift of the measured error over each run.
+/// Drift of the measured error in each run.
 pub(super) fn of_error(profile: &Profile, dataset: &Dataset, error: &str) -> Vec<Drift> {
-    // What the dataset remarks stands in the document already; an error that was identified on has a drift.
+    // The document contains the remarks of the dataset already. An error column from which a model was identified has a
+    // drift.
     let mut drifts = drift(dataset, &[error.to_owned()], None, &units(profile)).unwrap_or_default();
     drifts.iter_mut().for_each(|drift| drift.remarks.retain(|remark| !dataset.remarks.contains(remark)));
     drifts
 }
 
-/// A run as it was recorded; its beginning where the log does not count from its own.
+/// A run as it was recorded. The begin is missing if the log counts time from its own start.
 fn log(dataset: &Dataset, run: &Run, found: &Identified) -> Value {
     let span = |place: usize| {
         let (min, max) = least_and_most(&run.values[place])?;
@@ -60,7 +61,7 @@ fn log(dataset: &Dataset, run: &Run, found: &Identified) -> Value {
     })
 }
 
-/// What bounds the axis, whatever a model asks for.
+/// Limits of the axis, which apply to every model.
 fn limits(axis: &AxisSettings) -> Value {
     json!({
         "limit_um": axis.guard.limit.get(),

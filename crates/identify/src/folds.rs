@@ -1,16 +1,16 @@
-//! Inner validation: training runs that are left out in turn, so that what a method chooses is chosen on runs that it did not
-//! learn from.
+//! Inner cross-validation: training runs are held out in turn. A method therefore makes its choices on runs from which
+//! it was not identified.
 
 use crate::gram::Gram;
 
-/// The products of the runs that are learnt from, and of those that are held out.
+/// Products of the training runs, and of the runs that are held out.
 #[derive(Clone, Debug)]
 pub(super) struct Fold {
     pub(super) training: Gram,
     pub(super) held: Gram,
 }
 
-/// Which runs are held out together: one by one where they are few, else in seven folds by place.
+/// Runs that are held out together: single runs if there are at most eight, otherwise seven folds by index.
 pub(super) fn folds(runs: &[usize]) -> Vec<Vec<usize>> {
     const FEW: usize = 8;
     const FOLDS: usize = 7;
@@ -20,22 +20,22 @@ pub(super) fn folds(runs: &[usize]) -> Vec<Vec<usize>> {
     (0..FOLDS).map(|number| runs.iter().copied().skip(number).step_by(FOLDS).collect()).collect()
 }
 
-/// The runs that are learnt from, all of them, and their inner folds. One run alone has none.
+/// Products of all training runs, and their inner folds. A single run has no folds.
 pub(super) struct Inner {
     pub(super) all: Gram,
     pub(super) folds: Vec<Fold>,
 }
 
 impl Inner {
-    /// Every run is added once, whatever the number of folds.
+    /// Adds every run once, whatever the number of folds is.
     pub(super) fn of(grams: &[Gram], runs: &[usize]) -> Inner {
         if runs.len() < 2 {
             return Inner { all: Gram::sum(grams, runs), folds: Vec::new() };
         }
         let parts: Vec<Gram> = folds(runs).iter().map(|held| Gram::sum(grams, held)).collect();
         let mut all = Gram::nothing(parts.first().map_or(0, |part| part.cross.len()));
-        // What is learnt from is what comes before the fold and what comes after it. Taken out of the whole it would not do: of a
-        // column that moves in that fold alone rounding would be left.
+        // The training part of a fold is the sum of the runs before and after it. Subtracting the fold from the total
+        // is not exact: a column that changes only in that fold would keep a rounding error.
         let mut folds: Vec<Fold> = Vec::with_capacity(parts.len());
         for held in parts {
             let training = all.clone();
@@ -50,7 +50,7 @@ impl Inner {
         Inner { all, folds }
     }
 
-    /// The part of these columns.
+    /// Selects these columns.
     pub(super) fn of_columns(self, columns: &[usize]) -> Inner {
         if columns.iter().copied().eq(0..self.all.cross.len()) {
             return self;
@@ -62,7 +62,7 @@ impl Inner {
         Inner { all: self.all.of_columns(columns), folds: self.folds.iter().map(fold).collect() }
     }
 
-    /// One run alone is judged by itself.
+    /// Adds a fold if there is none: a single run is validated on itself.
     pub(super) fn or_itself(mut self) -> Inner {
         if self.folds.is_empty() {
             self.folds.push(Fold { training: self.all.clone(), held: self.all.clone() });
@@ -70,13 +70,14 @@ impl Inner {
         self
     }
 
-    /// The folds in columns of root mean square 1.
+    /// Folds with columns of root mean square 1.
     pub(super) fn scaled(&self) -> Vec<Scaled> {
         self.folds.iter().map(Scaled::of).collect()
     }
 }
 
-/// A fold in columns whose root mean square is 1 in what is learnt from: that per row, what is held out as it is.
+/// A fold with columns scaled to root mean square 1 in its training part. The training part is per row; the held-out
+/// part is not.
 #[derive(Clone, Debug)]
 pub(super) struct Scaled {
     pub(super) training: Gram,

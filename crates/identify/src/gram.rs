@@ -1,4 +1,4 @@
-//! X'X, X'y and y'y of a run: every subset of the bank is then algebra, with no second pass over the data.
+//! Products X'X, X'y and y'y of a run. With them, a fit of any subset of the bank needs no second pass over the data.
 
 use std::ops::AddAssign;
 
@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::statistics::count;
 
-/// The products of a run, or of several added up.
+/// Products of one run, or the sum of several runs.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Gram {
     /// X'X.
@@ -15,15 +15,15 @@ pub(crate) struct Gram {
     pub(crate) cross: DVector<f64>,
     /// y'y.
     pub(crate) power: f64,
-    /// The number of rows.
+    /// Number of rows.
     pub(crate) rows: f64,
 }
 
 impl Gram {
-    /// Of the columns X and the target y, row by row.
+    /// Products of the columns X and the target y.
     pub(crate) fn of(columns: &DMatrix<f64>, target: &DVector<f64>) -> Gram {
         Gram {
-            // The matrix product has kernels for this processor, the transposed one has none.
+            // The plain matrix product has optimized kernels, the transposed one has none.
             square: columns.transpose() * columns,
             cross: columns.tr_mul(target),
             power: target.norm_squared(),
@@ -31,24 +31,24 @@ impl Gram {
         }
     }
 
-    /// Of these runs together.
+    /// Sum of these runs.
     pub(crate) fn sum(grams: &[Gram], runs: &[usize]) -> Gram {
         let mut sum = Gram::nothing(grams.first().map_or(0, |gram| gram.cross.len()));
         runs.iter().filter_map(|run| grams.get(*run)).for_each(|gram| sum += gram);
         sum
     }
 
-    /// Of no row of so many columns.
+    /// Products of zero rows with this number of columns.
     pub(crate) fn nothing(width: usize) -> Gram {
         Gram { square: DMatrix::zeros(width, width), cross: DVector::zeros(width), power: 0.0, rows: 0.0 }
     }
 
-    /// Of all runs together.
+    /// Sum of all runs.
     pub(crate) fn total(grams: &[Gram]) -> Gram {
         Gram::sum(grams, &(0..grams.len()).collect::<Vec<usize>>())
     }
 
-    /// Without these, which are part of it.
+    /// Subtracts a part.
     pub(crate) fn less(&self, part: &Gram) -> Gram {
         Gram {
             square: &self.square - &part.square,
@@ -58,14 +58,14 @@ impl Gram {
         }
     }
 
-    /// As if these gains had been taken out of the target already.
+    /// Products of the residual target after the contribution of these gains has been subtracted.
     pub(crate) fn after(mut self, gains: &DVector<f64>) -> Gram {
         self.power = self.left(gains);
         self.cross -= &self.square * gains;
         self
     }
 
-    /// As if each row counted so many times, but for their number.
+    /// Multiplies the weight of each row, but not the number of rows.
     pub(crate) fn times(mut self, weight: f64) -> Gram {
         self.square *= weight;
         self.cross *= weight;
@@ -73,7 +73,7 @@ impl Gram {
         self
     }
 
-    /// The part of these columns.
+    /// Selects these columns.
     pub(crate) fn of_columns(&self, columns: &[usize]) -> Gram {
         Gram {
             square: DMatrix::from_fn(columns.len(), columns.len(), |i, j| {
@@ -85,12 +85,12 @@ impl Gram {
         }
     }
 
-    /// What these gains leave: |y − X·w|², never below zero.
+    /// Sum of squared residuals with these gains: |y − X·w|², never below zero.
     pub(crate) fn left(&self, gains: &DVector<f64>) -> f64 {
         (self.power - 2.0 * gains.dot(&self.cross) + gains.dot(&(&self.square * gains))).max(0.0)
     }
 
-    /// The root mean square of each column; 1 for one that is zero throughout, which then gets no gain.
+    /// Root mean square of each column; 1 for a column of zeros, which then gets no gain.
     pub(crate) fn scales(&self) -> DVector<f64> {
         let rows = self.rows.max(1.0);
         self.square.diagonal().map(|square| {
@@ -99,13 +99,13 @@ impl Gram {
         })
     }
 
-    /// In columns of root mean square 1, per row: what penalties act upon.
+    /// Products per row with columns of root mean square 1, as penalties require, and the scales.
     pub(crate) fn scaled(&self) -> (Gram, DVector<f64>) {
         let scales = self.scales();
         (self.divided(&scales, self.rows.max(1.0)), scales)
     }
 
-    /// X'X and X'y of columns that are divided by these scales, per so many rows.
+    /// X'X and X'y with columns divided by these scales, and divided by this number of rows.
     pub(crate) fn divided(&self, scales: &DVector<f64>, rows: f64) -> Gram {
         let shares = scales.map(|scale| 1.0 / scale);
         let mut divided = self.clone();

@@ -1,10 +1,11 @@
-//! Terms that do nothing go: as long as what goes never comes to more than half a count of the register, on any row of any
-//! run, nobody can tell. Nor may the halves of a mean come to disagree by more: that they do says how far it is believed.
+//! Removal of terms that have no effect. The sum of the removed terms never exceeds half a count of the register, on
+//! any row of any run. If the model is a mean of two models, their difference does not change by more either. The
+//! difference is a measure of confidence.
 
 use crate::bank::{Bank, Candidate};
 use crate::learn::Learned;
 
-/// Without the smallest terms, which together never exceed so many µm.
+/// Removes the smallest terms, whose sum never exceeds `most` µm.
 pub(crate) fn lean(learned: Learned, bank: &Bank, most: f64) -> Learned {
     let Some(gains) = learned.sum() else { return learned };
     let apart = match &learned {
@@ -24,11 +25,12 @@ pub(crate) fn lean(learned: Learned, bank: &Bank, most: f64) -> Learned {
     }
 }
 
-/// By term, whether it stays; `None` where a column is not in the bank. `apart`: by how much its halves differ, if it has some.
+/// Returns for each term whether it is kept; `None` if the bank does not contain a column. `apart` is the difference of
+/// the gains of the two models of a mean; empty for other models.
 fn kept(gains: &[(Candidate, f64)], apart: &[f64], bank: &Bank, most: f64) -> Option<Vec<bool>> {
     let columns: Vec<usize> =
         gains.iter().map(|(candidate, _)| bank.column(candidate)).collect::<Option<_>>()?;
-    // What a term adds to Cz on each row, and then to what the halves differ by.
+    // Contribution of a term to Cz on each row, then to the difference of the two models of a mean.
     let part = |(place, column): (usize, &usize)| -> Vec<f64> {
         let rises = bank.rises(*column);
         let gains = [Some(&gains[place].1), apart.get(place)];
@@ -99,7 +101,7 @@ mod tests {
         };
         assert_eq!(left(0.0), [0, 1, 2, 3]);
         assert_eq!(left(0.02), [0, 1, 2]);
-        // 0.02 + 0.03 on the first row, and 0.04 more would be too much.
+        // 0.02 + 0.03 on the first row is allowed; another 0.04 is too much.
         assert_eq!(left(0.05), [0, 2]);
         assert_eq!(left(0.09), [0]);
     }

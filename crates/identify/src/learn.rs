@@ -1,4 +1,4 @@
-//! What every method does: learn from some runs, and say what it would have compensated on another.
+//! Interface of all methods: identify a model from some runs, and predict Cz on another run.
 
 use nalgebra::DVector;
 
@@ -6,43 +6,43 @@ use crate::bank::{Bank, Candidate, Rows, trace};
 use crate::campaign::Campaign;
 use isotherm_core::compensation::model::network::Net;
 
-/// A method that has its data.
+/// A method with its data.
 pub(crate) trait Learner: Sync {
-    /// The rows that it learns from and is judged on.
+    /// Rows from which the method identifies, and on which it is validated.
     fn bank(&self) -> &Bank;
 
-    /// Learns from these runs, without these inputs.
+    /// Identifies a model from these runs, without these inputs.
     ///
     /// # Errors
-    /// A sentence that says what to do.
+    /// Message that says what to do.
     fn learn(&self, runs: &[usize], without: &[usize]) -> Result<Learned, String>;
 }
 
-/// What was learnt.
+/// An identified model.
 #[derive(Clone, Debug)]
 pub enum Learned {
-    /// A sum of gains times rises: µm per unit, for Cz.
+    /// Sum of gains times rises: µm per unit, for Cz.
     Sum(Vec<(Candidate, f64)>),
-    /// The mean of two such sums over the same terms. How far they are apart says how far it may be believed.
+    /// Mean of two such sums over the same terms. The difference of both is a measure of confidence.
     Mean {
-        /// Of the mean.
+        /// Gains of the mean.
         gains: Vec<(Candidate, f64)>,
-        /// Term by term: of the ridge, and of the net.
+        /// Gains of the two models for each term: of ridge regression, and of the elastic net.
         halves: Vec<[f64; 2]>,
     },
-    /// A network over rises.
+    /// Network over rises.
     Net {
-        /// What it takes, in its order: columns of the bank.
+        /// Inputs in the order of the network: columns of the bank.
         inputs: Vec<Candidate>,
-        /// What computes.
+        /// The network itself.
         net: Box<Net>,
-        /// The same as its file.
+        /// Content of its model file.
         file: Box<serde_json::Value>,
     },
 }
 
 impl Learned {
-    /// The terms of a sum.
+    /// Terms of a sum; `None` for a network.
     pub(crate) fn sum(&self) -> Option<&[(Candidate, f64)]> {
         match self {
             Learned::Sum(gains) | Learned::Mean { gains, .. } => Some(gains),
@@ -50,7 +50,7 @@ impl Learned {
         }
     }
 
-    /// The places of the inputs that it needs, ascending.
+    /// Indexes of the required inputs, ascending.
     pub(crate) fn inputs(&self) -> Vec<usize> {
         let mut inputs: Vec<usize> = match self {
             Learned::Sum(gains) | Learned::Mean { gains, .. } => {
@@ -63,12 +63,12 @@ impl Learned {
         inputs
     }
 
-    /// Cz over a run, µm, row by row of the bank.
+    /// Cz over a run in µm, for each row of the bank.
     pub(crate) fn predict(&self, campaign: &Campaign<'_>, bank: &Bank, run: usize) -> Vec<f64> {
         let rises = &bank.runs[run].rises;
         match self {
             Learned::Sum(gains) | Learned::Mean { gains, .. } => {
-                // Time constants that are not in the bank are followed once more, over the same rows.
+                // Lags with time constants that the bank does not contain are calculated here, over the same rows.
                 let is_foreign = |candidate: &Candidate| bank.column(candidate).is_none();
                 let foreign: Vec<Candidate> = gains.iter().map(|term| term.0).filter(is_foreign).collect();
                 let extra =

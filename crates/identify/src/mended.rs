@@ -1,9 +1,9 @@
-//! The runs in which a faulty sensor was mended, as files that a person can look at.
+//! Files of the runs in which a faulty sensor was repaired, for inspection.
 
 use crate::setup::Ready;
 
-/// By run with a mended sensor: its name, and its rows as CSV: `time_s`, every column as it was learnt from, and each that was
-/// mended once more as it was recorded (`bed_recorded`).
+/// Name and CSV rows of each run with a repaired sensor. The columns are `time_s`, every column as used for
+/// identification, and each repaired column again as recorded (`bed_recorded`).
 pub fn mended(ready: &Ready<'_>) -> Vec<(String, String)> {
     let (dataset, logs) = (ready.campaign.dataset.as_ref(), ready.logs);
     let of_run = |(place, run): (usize, &crate::dataset::Run)| {
@@ -20,7 +20,7 @@ pub fn mended(ready: &Ready<'_>) -> Vec<(String, String)> {
             names.chain(recorded.iter().map(|column| format!("{}_recorded", dataset.columns[*column].name)));
         let mut writer = csv::Writer::from_writer(Vec::new());
         let cell = |value: f64| if value.is_finite() { value.to_string() } else { String::new() };
-        // A vector takes whatever is written.
+        // Writing to a vector cannot fail.
         let mut write = |row: Vec<String>| drop(writer.write_record(row));
         write(["time_s".to_owned()].into_iter().chain(names).collect());
         for (row, second) in run.seconds().enumerate() {

@@ -1,4 +1,4 @@
-//! The methods: each learns a [`Learned`] from some runs of a campaign.
+//! Identification methods. Each of them identifies a [`Learned`] model from some runs of a campaign.
 
 use std::fmt;
 use std::time::Duration;
@@ -21,75 +21,76 @@ mod trained;
 mod two_source;
 pub(crate) mod whitened;
 
-/// How a model is found; [`Method::ALL`] says more.
+/// Identification method; [`Method::ALL`] has a description of each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
-    /// A ridge and an elastic net on whitened rows.
+    /// Mean of a ridge regression and an elastic net on whitened rows.
     #[default]
     Whitened,
-    /// A forward search and an elastic net.
+    /// Mean of a forward search and an elastic net.
     SparseLag,
     /// Ridge regression with lags.
     RidgeLag,
-    /// Partial F tests.
+    /// Stepwise regression by partial F tests.
     Stepwise,
     /// Ordinary least squares.
     Ols,
     /// Fitted time constants.
     Lag,
-    /// A level and a slope over a position.
+    /// A constant part and a slope over a position.
     Position,
-    /// One source of heat after the other.
+    /// Two sources of heat, identified one after the other.
     TwoSource,
-    /// The difference of two sensors.
+    /// Difference of two sensors.
     Difference,
     /// Radial basis functions.
     Rbf,
-    /// Back-propagation.
+    /// Network trained by back-propagation.
     Network,
     /// No model.
     None,
 }
 
-/// The options of the methods.
+/// Options of the methods.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// How.
+    /// Method.
     pub method: Method,
-    /// Time constants that are tried; empty: the method's own.
+    /// Time constants to try; empty for the default of the method.
     pub lags: Vec<Option<Duration>>,
-    /// Most terms of a chosen model; `None`: the method's own limit.
+    /// Maximum number of terms; `None` for the limit of the method.
     pub terms: Option<usize>,
-    /// whitened: most sensors of the model; `None`: every one.
+    /// whitened: maximum number of sensors; `None` for no limit.
     pub sensors: Option<usize>,
-    /// whitened: a model that exists, towards which is learnt.
+    /// whitened: terms of an existing model, which is the prior.
     pub prior: Option<Vec<PriorTerm>>,
-    /// two-source: the runs in which only the first source is at work.
+    /// two-source: runs in which only the first source is active.
     pub waiting: Vec<String>,
     /// two-source: inputs of the first source.
     pub first: Vec<String>,
-    /// two-source: inputs of the second.
+    /// two-source: inputs of the second source.
     pub second: Vec<String>,
-    /// Rows closer than this are no independent samples: partial F tests count one sample per so long.
+    /// Time between independent samples. Partial F tests count one sample per this time, because closer rows are not
+    /// independent.
     pub independent: Duration,
-    /// rbf: how many radial basis functions.
+    /// rbf: number of radial basis functions.
     pub centres: usize,
-    /// network: how many neurons.
+    /// network: number of neurons.
     pub neurons: usize,
-    /// rbf, network: what chance begins with; the same seed gives the same model.
+    /// rbf, network: seed of the random numbers. The same seed gives the same model.
     pub seed: u64,
 }
 
-/// A term of a model that exists.
+/// Term of an existing model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PriorTerm {
-    /// The signal.
+    /// Name of the signal.
     pub signal: String,
-    /// Time constant.
+    /// Time constant of the lag.
     pub lag: Option<Duration>,
-    /// The square of what is read counts.
+    /// Whether the term uses the square of the reading.
     pub squared: bool,
-    /// µm per unit, for Cz.
+    /// Gain in µm per unit, for Cz.
     pub gain: f64,
 }
 
@@ -113,10 +114,10 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Nothing is asked for that the method makes nothing of.
+    /// Checks that the method supports each option that is set.
     ///
     /// # Errors
-    /// A sentence that names the option and the method.
+    /// Message that names the option and the method.
     pub(crate) fn check(&self) -> Result<(), String> {
         use Method::{Lag, Network, Position, Rbf, RidgeLag, SparseLag, Stepwise, TwoSource, Whitened};
         let sources = [&self.waiting, &self.first, &self.second];
@@ -151,7 +152,7 @@ impl Settings {
 }
 
 impl Method {
-    /// Every method, its word on the command line and in JSON, and what it does.
+    /// Every method, with its name on the command line and in JSON, and a description.
     pub const ALL: [(Method, &'static str, &'static str); 12] = [
         (
             Method::Whitened,
@@ -191,18 +192,19 @@ impl Method {
         (Method::None, "none", "No model: the uncompensated machine, or a probe alone"),
     ];
 
-    /// The word for it on the command line and in JSON.
+    /// Name on the command line and in JSON.
     pub fn name(self) -> &'static str {
         Method::ALL.iter().find(|(method, ..)| *method == self).map_or("", |(_, name, _)| *name)
     }
 
-    /// Its gains are held small or chosen: how far they may be off shows in their spread, not in a normal equation.
+    /// Returns whether the method shrinks or selects gains. Their uncertainty then follows from their spread between
+    /// fits, because there is no normal equation for it.
     pub(super) fn is_penalized(self) -> bool {
         matches!(self, Method::Whitened | Method::SparseLag | Method::RidgeLag | Method::Position)
     }
 
-    /// What stands in where a sensor is lost: this method without that sensor, but a linear one for a network, which knows
-    /// least of the days that it has not seen.
+    /// Method of the substitute model for a lost sensor: this method without that sensor. For a network it is a linear
+    /// method, because a network is least reliable on unknown days.
     pub(super) fn stand_in(self) -> Method {
         match self {
             Method::Rbf | Method::Network => Method::Whitened,
@@ -210,10 +212,10 @@ impl Method {
         }
     }
 
-    /// The method with its data.
+    /// Combines the method with the data.
     ///
     /// # Errors
-    /// A sentence: what the method lacks.
+    /// Message that says what the method lacks.
     pub(crate) fn prepare<'a>(
         self,
         campaign: &'a Campaign<'a>,
@@ -267,7 +269,7 @@ impl Method {
     }
 }
 
-/// Columns of the bank with their gains.
+/// Columns of the bank, with their gains.
 type Gains = Vec<(usize, f64)>;
 
 impl fmt::Display for Method {
@@ -276,8 +278,8 @@ impl fmt::Display for Method {
     }
 }
 
-/// A linear method that needs no more than the products of each run. Its arguments are the products, the runs that are
-/// learnt from, and the columns that may be used.
+/// Linear method that needs only the products of each run. The arguments are the products, the training runs, and the
+/// columns that it may use.
 type Rule = Box<dyn Fn(&[Gram], &[usize], &[usize]) -> Result<Gains, String> + Sync>;
 
 struct OnBank {

@@ -1,4 +1,4 @@
-//! One column over a run, as means of each minute: a probe's noise is no drift.
+//! One column of a run as means of each minute, so that the noise of a probe does not count as drift.
 
 use std::ops::Range;
 
@@ -6,12 +6,12 @@ use crate::dataset::Run;
 use crate::statistics::{mean, range};
 
 const HOUR: f64 = 3600.0;
-/// A log of an hour in minute rows ends one row before the hour does.
+/// Tolerance in seconds: a log of an hour with minute rows ends one row before the hour.
 const NEARLY: f64 = 90.0;
-/// What begin and end are the mean over.
+/// Time over which the first and the last value are averaged, s.
 const EDGE: f64 = 180.0;
 
-/// Minutes in which there is a value: seconds since the run's first row, ascending, and means.
+/// Minutes that contain a value: seconds since the first row of the run, ascending, and means.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Minutes {
     pub(crate) seconds: Vec<f64>,
@@ -32,13 +32,13 @@ impl Minutes {
         all
     }
 
-    /// The minutes from this second to that, both inclusive.
+    /// Indexes of the minutes between two times in seconds, both included.
     fn within(&self, from: f64, to: f64) -> Range<usize> {
         let begin = self.seconds.partition_point(|second| *second < from);
         begin..self.seconds.partition_point(|second| *second <= to).max(begin)
     }
 
-    /// Largest minus smallest from this second to that.
+    /// Range (maximum minus minimum) between two times in seconds.
     pub(crate) fn range_within(&self, from: f64, to: f64) -> f64 {
         range(&self.values[self.within(from, to)])
     }
@@ -59,19 +59,19 @@ impl Minutes {
         (mean(&self.seconds[inside.clone()]), mean(&self.values[inside]))
     }
 
-    /// The first and the last second of what is no shorter than an hour.
+    /// First and last second of the run; `None` if it is shorter than an hour.
     fn hours(&self) -> Option<(f64, f64)> {
         let (first, last) = (*self.seconds.first()?, *self.seconds.last()?);
         (last - first >= HOUR - NEARLY).then_some((first, last))
     }
 
-    /// The range of the first hour and of the last; none where the run is shorter.
+    /// Ranges of the first and the last hour; `None` if the run is shorter.
     pub(crate) fn first_and_last_hour(&self) -> Option<(f64, f64)> {
         let (first, last) = self.hours()?;
         Some((self.range_within(first, first + HOUR), self.range_within(last - HOUR, last)))
     }
 
-    /// The hour with the largest range: where it begins, s, and the range. The first of equals.
+    /// Begin in seconds and range of the hour with the largest range. If several are equal, it is the first.
     pub(crate) fn largest_hour(&self) -> Option<(f64, f64)> {
         self.hours()?;
         let hour = |(place, from): (usize, &f64)| {
@@ -82,9 +82,9 @@ impl Minutes {
         hours.reduce(|largest, next| if next.1 > largest.1 { next } else { largest })
     }
 
-    /// From the value at or after `from` to the last at or before `to`.
+    /// Change from the first value at or after `from` to the last at or before `to`.
     pub(crate) fn change(&self, from: f64, to: f64) -> Option<f64> {
-        // A minute's mean stands in its middle.
+        // The time of a minute's mean is its middle.
         let inside = &self.values[self.within(from - 1e-6, to + 1e-6)];
         Some(inside.last()? - inside.first()?)
     }

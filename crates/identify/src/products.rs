@@ -1,5 +1,5 @@
-//! The products of each run, as they are and whitened: whatever is learnt is then algebra, with no second pass over the data.
-//! Runs add up, those of a second machine of the same kind as well.
+//! Products of each run, of plain and of whitened rows. With them, a fit needs no second pass over the data. Products
+//! of several runs are added, also of runs of another machine of the same type.
 
 use nalgebra::DVector;
 
@@ -8,16 +8,16 @@ use crate::folds::folds;
 use crate::gram::Gram;
 use crate::whiten;
 
-/// By run.
+/// Products by run.
 #[derive(Clone, Debug)]
 pub(crate) struct Products {
-    /// Of the rows as they are: what a model is judged by.
+    /// Products of plain rows, on which models are validated.
     plain: Vec<Gram>,
-    /// Of whitened rows: what a model is learnt from.
+    /// Products of whitened rows, from which models are identified.
     white: Vec<Gram>,
 }
 
-/// Some columns of these products, over runs that are learnt from and runs that are left out.
+/// Products of some columns, over the training runs and over the held-out runs.
 #[derive(Clone, Debug)]
 pub(crate) struct Fold {
     pub(crate) training: Gram,
@@ -26,7 +26,7 @@ pub(crate) struct Fold {
 }
 
 impl Products {
-    /// Runs count halfway between alike and by what they drift.
+    /// Calculates the products. The weight of a run is halfway between equal weights and weights by drift.
     pub(crate) fn of(bank: &Bank) -> Products {
         Products {
             plain: bank.grams(),
@@ -34,27 +34,27 @@ impl Products {
         }
     }
 
-    /// Those of each run that were kept: of its rows as they are, and whitened.
+    /// Restores stored products of each run: of plain and of whitened rows.
     pub(crate) fn kept(plain: Vec<Gram>, white: Vec<Gram>) -> Products {
         Products { plain, white }
     }
 
-    /// By run: of its rows as they are, and whitened.
+    /// Products of each run: of plain and of whitened rows.
     pub(crate) fn each(&self) -> impl Iterator<Item = (&Gram, &Gram)> {
         self.plain.iter().zip(&self.white)
     }
 
-    /// What is learnt from these runs, in columns that are divided by these units.
+    /// Sum of the whitened products of these runs, with columns divided by these units.
     pub(crate) fn training(&self, runs: &[usize], columns: &[usize], units: &DVector<f64>) -> Gram {
         of(&self.white, runs, columns, units)
     }
 
-    /// Plain rows of these runs.
+    /// Sum of the plain products of these runs.
     pub(crate) fn plain(&self, runs: &[usize]) -> Gram {
         Gram::sum(&self.plain, runs)
     }
 
-    /// The same where some of these runs are left out in turn.
+    /// Folds in which some of these runs are held out in turn.
     pub(crate) fn folds(&self, runs: &[usize], columns: &[usize], units: &DVector<f64>) -> Vec<Fold> {
         let all = self.training(runs, columns, units);
         let fold = |held: Vec<usize>| {
@@ -69,7 +69,7 @@ fn of(grams: &[Gram], runs: &[usize], columns: &[usize], units: &DVector<f64>) -
     Gram::sum(grams, runs).of_columns(columns).divided(units, 1.0)
 }
 
-/// What a run drifts counts by its root.
+/// Weights a run by the inverse of the root mean square of its target.
 fn halfway(gram: Gram) -> Gram {
     let drift = (gram.power / gram.rows.max(1.0)).sqrt();
     if drift > 0.0 { gram.times(1.0 / drift) } else { gram }

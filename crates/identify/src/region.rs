@@ -1,4 +1,4 @@
-//! The envelope: where the inputs of a model were while it was identified.
+//! Envelope of a model: the region of its inputs during identification.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Serialize, Serializer};
@@ -9,13 +9,13 @@ use crate::campaign::Campaign;
 use crate::statistics::{count, least_and_most};
 use isotherm_core::compensation::model::envelope::MOST;
 
-/// The rises of some inputs over every run.
+/// Region of the rises of some inputs over all runs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Region {
-    /// By input: its name, mean, smallest and largest rise.
+    /// Name, mean, smallest and largest rise of each input.
     pub inputs: Vec<(String, f64, f64, f64)>,
     covariance: DMatrix<f64>,
-    /// The largest Mahalanobis distance that occurred.
+    /// Largest Mahalanobis distance of a row.
     reach: f64,
 }
 
@@ -25,13 +25,13 @@ impl Serialize for Region {
     }
 }
 
-/// Twin sensors: a share of each variance is added, so that the covariance has an inverse.
+/// Share of each variance that is added, so that the covariance of two equal sensors has an inverse.
 const LOOSENED: f64 = 1e-6;
 
 impl Region {
-    /// Of these inputs. `None` where they are too many for an envelope, or one never moves.
+    /// Region of these inputs. `None` if they are too many for an envelope, or if one is constant.
     pub(crate) fn of(campaign: &Campaign<'_>, bank: &Bank, inputs: &[usize]) -> Option<Region> {
-        // A spindle that turns faster than it ever did shows in its temperatures.
+        // Speeds are left out: a speed above the known range shows in the temperatures.
         let inputs: Vec<usize> =
             inputs.iter().copied().filter(|input| !campaign.inputs[*input].is_speed()).collect();
         if inputs.is_empty() || inputs.len() > MOST {
@@ -41,7 +41,7 @@ impl Region {
         let bank = if inputs.iter().all(|input| bank.plain(*input).is_some()) {
             bank
         } else {
-            // With --lags a bank may have none of the rises themselves.
+            // With `--lags`, the bank may not contain the rises without lag.
             own = Bank::new(campaign, inputs.iter().map(|input| Candidate::new(*input, None)).collect());
             &own
         };
@@ -71,7 +71,7 @@ impl Region {
         Some(Region { inputs: named.collect::<Option<_>>()?, covariance, reach })
     }
 
-    /// As its file.
+    /// Content of the envelope file.
     pub(crate) fn file(&self) -> Value {
         let inputs: Vec<Value> = (self.inputs.iter())
             .map(|(signal, mean, min, max)| {
@@ -80,7 +80,7 @@ impl Region {
             .collect();
         let rows: Vec<Vec<f64>> =
             self.covariance.row_iter().map(|row| row.iter().copied().collect()).collect();
-        // A hair more than the farthest row: it was identified there.
+        // Slightly more than the distance of the farthest row, which was part of the identification.
         let reach = self.reach * (1.0 + 1e-9);
         json!({ "format": "isotherm-envelope", "version": 1, "reach": reach, "inputs": inputs, "covariance": rows })
     }

@@ -1,9 +1,9 @@
-//! What was found, as one HTML file that a customer can be sent: no script, and nothing from elsewhere.
+//! Reports of results, as one HTML file without scripts and external resources. It can be sent to a customer.
 //!
 //! ```text
 //! identified ─┬─ logs      runs, sensors, correlation map      selected
-//!             ├─ judged    pictures and figures of each run
-//!             └─ terms     the model, its stand-ins, its envelope, the limits in force
+//!             ├─ judged    charts and figures of each run
+//!             └─ terms     the model, its substitutes, its envelope, the limits in force
 //! ```
 
 use maud::{Markup, html};
@@ -23,29 +23,29 @@ pub use drifted::drifted;
 pub use identified::{Subject, identified};
 pub use selected::selected;
 
-/// A whole page.
+/// Renders a whole page.
 fn page(title: &str, made: Moment, content: &Markup) -> String {
     isotherm_html::page(title, made, "the logs named here", content)
 }
 
-/// Among the facts at its head: which machine.
+/// Machine, in the facts at the head of a page.
 fn machine(profile: &Profile) -> Markup {
     html! {
         dt { "machine" } dd { (profile.name) @if !profile.description.is_empty() { ": " (profile.description) } }
     }
 }
 
-/// How many runs, and how long they are together, s.
+/// Number of runs and their total duration in seconds, in the facts at the head of a page.
 fn runs(count: usize, seconds: f64) -> Markup {
     html! { dt { "runs" } dd { (count) ", " (duration(seconds)) " together" } }
 }
 
-/// A list of sentences, where there is any.
+/// List of sentences; nothing if it is empty.
 fn list(items: &[Markup]) -> Markup {
     html! { @if !items.is_empty() { ul { @for item in items { li { (item) } } } } }
 }
 
-/// A figure that may be missing.
+/// Formats a figure; "–" if it is missing.
 fn optional(value: Option<f64>, written: fn(f64) -> String) -> String {
     value.map_or("–".to_owned(), written)
 }

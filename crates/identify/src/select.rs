@@ -1,13 +1,13 @@
-//! Which temperature points to keep, without a profile.
+//! Selection of temperature points, without a profile.
 //!
 //! ```text
 //! dataset ── points ── bank ──┬─ alike      correlation with the error and with each other, groups
 //!                             ├─ grey       grey relational grades
 //!                             ├─ steps      stepwise order by partial F tests
-//!                             └─ counted    held-out error over how many points are kept
+//!                             └─ counted    held-out error by the number of points
 //! ```
-//! Correlation, groups and their thresholds 0.9 and 0.7 as Tachiya et al. 2013 choose points; grey relation after Deng
-//! 1982. The recommendation comes from runs that were left out alone.
+//! Correlation, groups and their thresholds 0.9 and 0.7 follow Tachiya et al. 2013, grey relation follows Deng 1982.
+//! The recommendation depends on held-out runs only.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -30,29 +30,29 @@ pub(crate) use counted::counted;
 pub use points::{Pointed, points};
 pub use steps::{Step, Steps};
 
-/// What the points are worth. Serialized, it is the JSON of `select`.
+/// Assessment of the points. Serialized, it is the JSON of `select`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Selected {
-    /// The column with the measured error.
+    /// Column of the measured error.
     pub error: String,
-    /// Each run as it is, and held out with the recommended points.
+    /// Figures of each run, without compensation and held out with the recommended points.
     pub runs: Vec<RunScore>,
-    /// The points, most correlated with the error first.
+    /// Points, sorted by the correlation with the error, the strongest first.
     pub points: Vec<Point>,
     /// Correlations of the points with each other, in the order of `points`.
     pub mutual: Vec<Vec<f64>>,
-    /// Groups by each threshold.
+    /// Groups for each threshold.
     pub groups: Vec<Grouped>,
-    /// By partial F tests.
+    /// Result of the partial F tests.
     pub stepwise: Steps,
-    /// Held out, by how many points are kept, from none on.
+    /// Held-out results by the number of points, from zero on.
     pub by_count: Vec<Counted>,
-    /// Held out with every point.
+    /// Held-out result with all points.
     pub all_points: Counted,
-    /// The fewest points whose mean range and root mean square (their geometric mean) are at most a tenth above the best of
-    /// `by_count`.
+    /// Smallest number of points with a result of at most 1.1 times the best of `by_count`. The result is the geometric
+    /// mean of mean range and root mean square.
     pub recommended: Recommended,
-    /// What is odd about the points and the logs.
+    /// Remarks about the points and the logs.
     #[serde(flatten)]
     pub notes: Notes,
 }
@@ -60,54 +60,54 @@ pub struct Selected {
 /// A point and its figures.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Point {
-    /// The column.
+    /// Name of the column.
     pub name: String,
     /// Correlation of its rise with the error.
     pub correlation: f64,
     /// Grey relational grade, 0 to 1.
     pub grey_grade: f64,
-    /// The largest rise or fall in any run, °C.
+    /// Largest rise or fall in any run, °C.
     pub moved: f64,
 }
 
-/// Groups of which every two members are correlated at least so.
+/// Groups in which every two members have at least this absolute correlation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Grouped {
-    /// The threshold.
+    /// Threshold.
     pub correlation: f64,
-    /// Members by name, the one most correlated with the error first: it stands for the others.
+    /// Names of the members. The first one has the strongest correlation with the error, and represents the group.
     pub groups: Vec<Vec<String>>,
 }
 
-/// Which points to keep.
+/// Recommended points.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Recommended {
-    /// How many.
+    /// Number of points.
     pub k: usize,
-    /// Which, in the order in which they came in.
+    /// Points, in the order in which the search added them.
     pub points: Vec<String>,
-    /// For each, in how many of the held-out fits it was chosen too.
+    /// For each point, the number of held-out fits that selected it too.
     pub chosen_in: BTreeMap<String, usize>,
-    /// For each, those of its first group, which could stand in for it.
+    /// For each point, the other members of its group at the first threshold, which could replace it.
     pub alike: BTreeMap<String, Vec<String>>,
-    /// In one sentence.
+    /// Reason, in one sentence.
     pub why: String,
 }
 
-/// What is tried.
+/// Settings of the selection.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     /// Thresholds of the groups.
     pub groups: Vec<f64>,
-    /// Time constants through which each point is looked at.
+    /// Time constants of the lags through which each point is used.
     pub lags: Vec<Option<Duration>>,
-    /// Most points of `by_count`.
+    /// Maximum number of points in `by_count`.
     pub most: usize,
-    /// Rows closer than this count as one sample in F tests.
+    /// Time between independent samples in F tests.
     pub independent: Duration,
 }
 
-/// Time constants that are usual: none, 6, 25 and 100 minutes.
+/// Default time constants: none, 6, 25 and 100 minutes.
 const LAGS: [Option<Duration>; 4] =
     [None, Some(Duration::from_mins(6)), Some(Duration::from_mins(25)), Some(Duration::from_mins(100))];
 
@@ -122,10 +122,10 @@ impl Default for Settings {
     }
 }
 
-/// Looks at every point.
+/// Assesses every point.
 ///
 /// # Errors
-/// A sentence that says what to do.
+/// Message that says what to do.
 pub fn select(
     pointed: &Pointed<'_>,
     settings: &Settings,
@@ -145,7 +145,7 @@ pub fn select(
         |one: &usize, other: &usize| between[*other][count].abs().total_cmp(&between[*one][count].abs());
     let grades = grey::grades(&bank, &all, &between);
     let name = |point: usize| campaign.inputs[point].name.clone();
-    // The one most correlated with the error first: it stands for the others.
+    // The member with the strongest correlation with the error is first, and represents the group.
     let named = |mut group: Vec<usize>| {
         group.sort_by(by_error);
         group.into_iter().map(name).collect()

@@ -1,4 +1,4 @@
-//! Which sensors to keep: one after the other, that one next whose rises leave least on runs that were left out.
+//! Selection of sensors by forward search: it adds the sensor whose rises give the least residual on held-out runs.
 
 use std::time::Duration;
 
@@ -10,10 +10,10 @@ use crate::products::{Fold, Products};
 use crate::solve::{Ridge, decades};
 use crate::statistics::{least_sum, smallest};
 
-/// What each sensor is looked at through: at once, 12 and 50 minutes.
+/// Lags through which each sensor is used: none, 12 and 50 minutes.
 const LAGS: [Option<Duration>; 3] = [None, Some(Duration::from_mins(12)), Some(Duration::from_mins(50))];
 
-/// A forward search over whole sensors.
+/// Forward search over whole sensors.
 #[derive(Debug)]
 pub(crate) struct Forward {
     bank: Bank,
@@ -26,13 +26,13 @@ impl Forward {
         Forward { products: Products::of(&bank), bank }
     }
 
-    /// At most so many sensors, in the order in which they came in: chosen on these runs alone.
+    /// Returns at most `most` sensors, in the order in which the search added them. The search uses these runs only.
     pub(crate) fn path(&self, runs: &[usize], without: &[usize], most: usize) -> Vec<usize> {
         let width = self.bank.candidates.len();
         let every: Vec<usize> = (0..width).collect();
         let mut folds = self.products.folds(runs, &every, &DVector::from_element(width, 1.0));
         if runs.len() < 2 {
-            // One run alone is judged by itself.
+            // A single run is validated on itself.
             folds.iter_mut().for_each(|fold| fold.training = fold.white.clone());
         }
         let mut chosen: Vec<usize> = Vec::new();

@@ -1,4 +1,4 @@
-//! Least squares on normal equations, with or without a penalty.
+//! Least squares by normal equations, with or without a penalty.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::{factor, solve};
@@ -13,9 +13,9 @@ mod net;
 
 pub(super) use net::Net;
 
-/// What keeps two columns that are the same from having no answer; far below any effect on one that has.
+/// Minimum penalty. It makes the system of two equal columns solvable, and has no visible effect otherwise.
 const ROUNDING: f64 = 1e-12;
-/// A column that moves less counts as if it moved so.
+/// Minimum scale of a column. A column that changes less is scaled by this value.
 const STANDS_STILL: f64 = 1e-9;
 
 /// Gains of these columns: least squares with `penalty`·|w|² on columns of root mean square 1, per row.
@@ -24,12 +24,14 @@ pub(super) fn ridge(gram: &Gram, columns: &[usize], penalty: f64) -> DVector<f64
     least_squares(&scaled, penalty).component_div(&scales)
 }
 
-/// The same for all columns, of products that are scaled already: gains per scale.
+/// Least squares over all columns of products that are scaled already. The gains are per scale.
 pub(super) fn least_squares(scaled: &Gram, penalty: f64) -> DVector<f64> {
     penalized(&scaled.square, &scaled.cross, penalty.max(ROUNDING))
 }
 
-/// A ridge on whitened products, for any penalty: a column that moves little is held more, but by the root alone.
+/// Ridge regression on whitened products, for any penalty. Each column is divided by the square root of the product of
+/// its scale and the median scale. Therefore a column that changes less has a greater penalty, but only by the square
+/// root.
 pub(super) struct Ridge {
     scaled: Gram,
     scales: DVector<f64>,
@@ -49,12 +51,12 @@ impl Ridge {
     }
 }
 
-/// Penalties from 10^`first` to 10^`last`, so many in each decade.
+/// Penalties from 10^`first` to 10^`last`, with this number in each decade.
 pub(super) fn decades(first: i32, last: i32, each: i32) -> Vec<f64> {
     (first * each..=last * each).map(|step| 10f64.powf(f64::from(step) / f64::from(each))).collect()
 }
 
-/// w of (X'X + penalty)·w = X'y. Where columns say the same, the penalty grows until there is an answer.
+/// Solution w of (X'X + penalty)·w = X'y. If columns are dependent, the penalty grows until there is a solution.
 pub(super) fn penalized(square: &DMatrix<f64>, cross: &DVector<f64>, penalty: f64) -> DVector<f64> {
     let (mut each, mut all) = (penalty, penalty);
     loop {
@@ -66,7 +68,7 @@ pub(super) fn penalized(square: &DMatrix<f64>, cross: &DVector<f64>, penalty: f6
     }
 }
 
-/// The same by Cholesky's factors; `None` where there are none.
+/// Solution by Cholesky factorization; `None` if the matrix is not positive definite.
 fn positive(square: &DMatrix<f64>, cross: &DVector<f64>, penalty: f64) -> Option<DVector<f64>> {
     let size = square.nrows();
     let mut factors = square.clone();

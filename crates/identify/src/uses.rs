@@ -1,4 +1,4 @@
-//! Which columns of a log each verb computes with, by their names: the others are not read.
+//! Columns of a log that each verb uses, by name. The other columns are not read.
 
 use crate::ambient::is_named_for_the_air;
 use crate::applied::Applied;
@@ -7,7 +7,8 @@ use crate::drift::is_feed;
 use crate::setup::{Choice, units};
 use isotherm_profile::Profile;
 
-/// Of `identify`: the signals of the profile, the error, the Cz that acted on it; and what tells how the machine was used.
+/// Selects the columns of `identify`: the signals of the profile, the error, its active Cz, and columns that describe
+/// the use of the machine.
 pub fn of_identify<'a>(
     profile: &'a Profile,
     choice: &'a Choice,
@@ -23,8 +24,8 @@ pub fn of_identify<'a>(
     }
 }
 
-/// Of `select`: the points, which without `choice.inputs` are whatever may be a temperature, the error, the Cz that acted on
-/// it, and speeds.
+/// Selects the columns of `select`: the points, the error, its active Cz, and speeds. Without `choice.inputs`, every
+/// column that may be a temperature is a point.
 pub fn of_select<'a>(choice: &'a Choice, applied: &'a Applied) -> impl Fn(&str) -> bool + 'a {
     move |name| {
         let is_named = |names: &[String]| names.iter().any(|known| known == name);
@@ -41,7 +42,8 @@ pub fn of_select<'a>(choice: &'a Choice, applied: &'a Applied) -> impl Fn(&str) 
     }
 }
 
-/// Of `report`: displacements, temperatures, and what turns or moves; not loads, pressures and switches.
+/// Selects the columns of `report`: displacements, temperatures, and what turns or moves. It leaves out loads,
+/// pressures and switches.
 pub fn of_report<'a>(
     displacements: &'a [String],
     applied: &'a Applied,

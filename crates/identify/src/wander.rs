@@ -1,21 +1,22 @@
-//! How fast what a model leaves wanders: q of the rule by which a probe's touches are believed, µm²/h.
+//! Rate at which the residual of a model wanders: q in µm²/h. The gateway uses it to weigh the touches of a probe.
 //!
-//! What was left on each held-out run, once in 15 minutes and zero at its datum, is taken for a random walk of variance q an
-//! hour seen through noise of variance r. Both are where its innovations d of variance F are likeliest:
+//! The residual of each held-out run is sampled every 15 minutes, and is zero at its datum. It is modelled as a random
+//! walk with variance q per hour, measured with noise of variance r. Both maximize the likelihood of the innovations d
+//! with variance F:
 //!
 //! ```text
 //! P += q·Δt      F = P + r      d = e − m      K = P / F      m += K·d      P *= 1 − K      Σ −½ (ln F + d²/F) → max
 //! ```
 //!
-//! r is found with it and left out: the touch has its own.
+//! r is fitted too, but not used: the touch has its own noise.
 
 use crate::statistics::count;
 use crate::validate::HeldOut;
 
-/// s.
+/// Sampling interval, s.
 const EVERY: f64 = 900.0;
 
-/// µm²/h; `None` where nothing was left, or too little to tell.
+/// Rate q in µm²/h; `None` if all residuals are zero, or if there are too few.
 pub(crate) fn wander(held_out: &[HeldOut]) -> Option<f64> {
     let runs: Vec<Vec<(f64, f64)>> = held_out.iter().map(sampled).collect();
     let squares = runs.iter().flatten().map(|(_, left)| left * left);
@@ -32,7 +33,7 @@ pub(crate) fn wander(held_out: &[HeldOut]) -> Option<f64> {
     Some(walk.exp()).filter(|walk| walk.is_finite())
 }
 
-/// Hours and what was left, µm.
+/// Samples of the residual: hours and µm.
 fn sampled(held: &HeldOut) -> Vec<(f64, f64)> {
     let left = held.residual(None);
     let mut next = f64::NEG_INFINITY;
@@ -46,7 +47,7 @@ fn sampled(held: &HeldOut) -> Vec<(f64, f64)> {
     taken
 }
 
-/// −2 ln of the likelihood, but for a constant.
+/// −2 ln of the likelihood, without its constant part.
 fn surprise(run: &[(f64, f64)], walk: f64, noise: f64) -> f64 {
     let (mut level, mut variance, mut sum) = (0.0, 0.0, 0.0);
     let mut last = run.first().map_or(0.0, |row| row.0);
@@ -63,7 +64,7 @@ fn surprise(run: &[(f64, f64)], walk: f64, noise: f64) -> f64 {
     sum
 }
 
-/// Where a function of two numbers is least: the simplex of Nelder and Mead (1965).
+/// Minimum of a function of two numbers, by the simplex method of Nelder and Mead (1965).
 fn least(start: [f64; 2], cost: impl Fn([f64; 2]) -> f64) -> [f64; 2] {
     const ROUNDS: usize = 200;
     const NEAR: f64 = 1e-7;
@@ -117,11 +118,11 @@ mod tests {
         assert!((x - 3.0).abs() < 1e-3 && (y + 3.0).abs() < 1e-3, "{x} {y}");
     }
 
-    /// Forty runs of eight hours that walk by 2 µm in an hour.
+    /// Forty runs of eight hours with a random walk of 2 µm per hour.
     #[test]
     fn a_walk_is_told_by_how_fast_it_wanders() {
         let mut chance = rand_pcg::Pcg64::seed_from_u64(7);
-        // The sum of twelve is nearly normal, of variance 1.
+        // The sum of twelve uniform random numbers is nearly normal, with variance 1.
         let mut normal = || (0..12).map(|_| chance.random_range(-0.5..0.5)).sum::<f64>();
         let runs: Vec<Vec<(f64, f64)>> = (0..40)
             .map(|_| {

@@ -1,23 +1,25 @@
-//! Whitening: what a model leaves on a run is a slow walk, and neighbouring minutes say nearly the same.
+//! Whitening of rows. The residual of a model in a run is a slow random walk, and neighbouring minutes are nearly
+//! equal.
 //!
-//! Least squares on minute rows fits the level of each run's walk. Each column and the target are replaced by the innovations
-//! of a scalar Kalman filter (local level), which is generalised least squares for such a walk:
+//! Least squares on plain minute rows would fit the level of the walk of each run. Therefore each column and the target
+//! are replaced by the innovations of a scalar Kalman filter (local level model). This is generalised least squares for
+//! such a walk:
 //!
 //! ```text
 //! P += q·Δt      F = P + r      z' = (z − m) / √F      K = P / F      m += K·(z − m)      P *= 1 − K
 //! ```
 //!
-//! with m = P = 0 at the first row, the walk's variance q = 1 an hour and that of a minute row r = 1. P, F and K do not
-//! depend on the data. A gap in the rows only lets P grow.
+//! with m = P = 0 at the first row, variance q = 1 of the walk per hour, and variance r = 1 of a minute row. P, F and K
+//! do not depend on the data. A gap in the rows only increases P.
 
 use nalgebra::{DMatrix, DVector};
 
 use crate::gram::Gram;
 
-/// Variance of the walk in an hour, where that of a minute row is 1.
+/// Variance of the walk per hour, relative to that of a minute row.
 const WALK_PER_HOUR: f64 = 1.0;
 
-/// By row: the gain K, and √F.
+/// Gain K and √F of each row.
 fn steps(seconds: &[f64]) -> Vec<(f64, f64)> {
     let mut variance = 0.0;
     let mut last = seconds.first().copied().unwrap_or_default();
@@ -25,7 +27,8 @@ fn steps(seconds: &[f64]) -> Vec<(f64, f64)> {
         let passed = (second - last).max(0.0);
         last = *second;
         variance += WALK_PER_HOUR * passed / 3600.0;
-        // A row denser than a minute has the more noise of its own; one that stands for longer is taken as it is.
+        // Rows at a shorter interval than a minute have proportionally more noise. Rows at a longer interval have that
+        // of a minute.
         let noise = if passed > 0.0 { (60.0 / passed).max(1.0) } else { 1.0 };
         let innovation = variance + noise;
         let gain = variance / innovation;
@@ -44,7 +47,7 @@ fn whiten(values: &mut [f64], steps: &[(f64, f64)]) {
     }
 }
 
-/// The products of a run's whitened rows: the seconds of its rows, their columns and their target.
+/// Products of the whitened rows of a run, from the times of its rows in seconds, their columns and their target.
 pub(crate) fn gram(seconds: &[f64], rises: &DMatrix<f64>, target: &DVector<f64>) -> Gram {
     let steps = steps(seconds);
     let mut rises = rises.clone();
@@ -61,7 +64,7 @@ mod tests {
     #[test]
     fn a_walk_becomes_white_and_white_noise_nearly_stays() {
         let minutes: Vec<f64> = (0..4).map(|minute| f64::from(minute) * 60.0).collect();
-        // By hand: P = 0, 1/60, …
+        // Calculated by hand: P = 0, 1/60, …
         let steps = steps(&minutes);
         assert_eq!(steps[0], (0.0, 1.0));
         let first = 1.0 / 60.0;

@@ -1,4 +1,4 @@
-//! The blocks of a structure, from node sets or cutting planes, and where each may carry its sensor.
+//! Blocks of a structure, from node sets or cutting planes, and the nodes of each block that may carry its sensor.
 
 use std::collections::{BTreeMap, HashMap};
 use std::str::FromStr;
@@ -7,14 +7,15 @@ use crate::element::{cross, dot, minus};
 use crate::mesh::{AXES, Kind, Mesh, axis_and_value, range};
 use crate::problem::Block;
 
-/// A plane across a direction.
+/// Cutting plane across a direction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cut {
-    /// The direction: 0 x, 1 y, 2 z.
+    /// Direction: 0 x, 1 y, 2 z.
     pub axis: usize,
-    /// Where, mm.
+    /// Position, mm.
     pub at: f64,
-    /// The block it divides, and those that came from it; none: every block it goes through.
+    /// Block that the plane divides, with the blocks that came from it; `None` for every block that the plane
+    /// intersects.
     pub of: Option<String>,
 }
 
@@ -36,22 +37,23 @@ impl std::fmt::Display for Cut {
     }
 }
 
-/// One block's nodes, before it is known where a sensor may sit.
+/// Nodes of one block, before the candidates for its sensor are known.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Part {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// Places of its nodes, ascending.
+    /// Indexes of its nodes, ascending.
     pub nodes: Vec<usize>,
 }
 
-/// Name of the one block of a structure that has no sets.
+/// Name of the only block of a structure without sets.
 const WHOLE: &str = "BLK";
 
-/// The parts: node sets whose names begin with `prefix` (a structure without any is one part), then cut.
+/// Parts of the mesh: node sets with names that begin with `prefix`, then divided by the cuts. A structure without such
+/// sets is one part.
 ///
 /// # Errors
-/// Nodes that do not lie in exactly one part, by their numbers.
+/// Nodes that are not in exactly one part, by their numbers.
 pub fn parts(mesh: &Mesh, prefix: &str, cuts: &[Cut]) -> Result<Vec<Part>, Vec<String>> {
     let prefix = prefix.to_uppercase();
     let part = |(name, nodes): (&String, &Vec<usize>)| {
@@ -84,7 +86,7 @@ pub fn parts(mesh: &Mesh, prefix: &str, cuts: &[Cut]) -> Result<Vec<Part>, Vec<S
     if wrong.is_empty() { Ok(parts) } else { Err(wrong) }
 }
 
-/// What is wrong where nodes do not lie in exactly one part.
+/// Messages about nodes that are not in exactly one part.
 fn not_disjoint(mesh: &Mesh, parts: &[Part]) -> Vec<String> {
     let owners = owners(mesh, parts);
     let mut wrong = Vec::new();
@@ -122,7 +124,7 @@ fn names(parts: &[Part]) -> String {
     parts.iter().map(|part| part.name.as_str()).collect::<Vec<_>>().join(", ")
 }
 
-/// `12 nodes (3, 4, 7, …)`.
+/// Formats a list of nodes: `12 nodes (3, 4, 7, …)`.
 fn listed(mesh: &Mesh, nodes: &[usize]) -> String {
     let shown: Vec<String> = nodes.iter().take(8).map(|node| mesh.nodes[*node].to_string()).collect();
     let more = if nodes.len() > shown.len() { ", …" } else { "" };
@@ -130,10 +132,11 @@ fn listed(mesh: &Mesh, nodes: &[usize]) -> String {
     format!("{} {word} ({}{more})", nodes.len(), shown.join(", "))
 }
 
-/// The parts after a cut: those it goes through become two, with an `a` below it and a `b` from it on.
+/// Applies a cut. Each intersected part becomes two: the name of the part below the plane gets an `a`, that of the
+/// other part a `b`.
 ///
 /// # Errors
-/// It goes through nothing, or names a block that is not there.
+/// The cut intersects no part, or names a block that does not exist.
 pub fn divided(mesh: &Mesh, parts: &[Part], cut: &Cut) -> Result<Vec<Part>, String> {
     let came_from = |name: &str, of: &str| {
         let (name, of) = (name.to_uppercase(), of.to_uppercase());
@@ -166,7 +169,7 @@ pub fn divided(mesh: &Mesh, parts: &[Part], cut: &Cut) -> Result<Vec<Part>, Stri
     Ok(done)
 }
 
-/// Of each node the place of the part it lies in.
+/// Index of the part of each node; `None` for a node in no part.
 pub(super) fn owners(mesh: &Mesh, parts: &[Part]) -> Vec<Option<usize>> {
     let mut owners = vec![None; mesh.nodes.len()];
     for (place, part) in parts.iter().enumerate() {
@@ -175,32 +178,33 @@ pub(super) fn owners(mesh: &Mesh, parts: &[Part]) -> Vec<Option<usize>> {
     owners
 }
 
-/// Where sensors may sit.
+/// Positions allowed for sensors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reach {
-    /// At least so far from the nodes of other blocks, mm.
+    /// Minimum distance from the nodes of other blocks, mm.
     pub margin: f64,
-    /// May carry a sensor, one per node of the mesh: on the skin, in the named set, not on guideway or foundation.
+    /// Whether each node of the mesh may carry a sensor. Such a node is on the outer surface and in the named set, and
+    /// not on the guideway or foundation.
     pub allowed: Vec<bool>,
 }
 
-/// The blocks: the parts, with the centre of their volume and the nodes that may carry the sensor.
+/// Blocks: the parts with the centre of their volume, and the nodes that may carry their sensor.
 ///
 /// # Errors
-/// Blocks that have no such node, with what would help.
+/// Blocks without such a node, with a remedy.
 pub fn blocks(mesh: &Mesh, parts: &[Part], reach: &Reach) -> Result<Vec<Block>, Vec<String>> {
     Surveyed::new(mesh, reach).blocks(parts)
 }
 
-/// A mesh with what every division of it into parts is asked.
+/// Mesh with the data that every division into parts requires.
 pub(super) struct Surveyed<'a> {
     mesh: &'a Mesh,
     reach: &'a Reach,
-    /// How much of the volume each node stands for, mm³.
+    /// Volume of each node, mm³.
     volumes: Vec<f64>,
-    /// Nodes of each cell of the margin's size; none without a margin.
+    /// Nodes of each grid cell. The size of a cell is the margin; without a margin, there are no cells.
     cells: Vec<Vec<usize>>,
-    /// Of each cell itself and those that touch it.
+    /// For each cell, the indexes of itself and of the adjacent cells.
     around: Vec<Vec<usize>>,
 }
 
@@ -210,7 +214,7 @@ impl<'a> Surveyed<'a> {
         Surveyed { mesh, reach, volumes: volumes(mesh), cells, around }
     }
 
-    /// As [`blocks`].
+    /// Implements [`blocks`].
     pub(super) fn blocks(&self, parts: &[Part]) -> Result<Vec<Block>, Vec<String>> {
         let Surveyed { mesh, reach, volumes, .. } = self;
         let near = self.near_others(&owners(mesh, parts));
@@ -242,7 +246,7 @@ impl<'a> Surveyed<'a> {
         if wrong.is_empty() { Ok(blocks) } else { Err(wrong) }
     }
 
-    /// Which nodes lie nearer than the margin to a node of another part, or to one of none.
+    /// Returns for each node whether it is nearer than the margin to a node of another part, or to a node in no part.
     fn near_others(&self, owners: &[Option<usize>]) -> Vec<bool> {
         let mesh = self.mesh;
         let is_near = |one: usize, other: usize| {
@@ -262,8 +266,8 @@ impl<'a> Surveyed<'a> {
     }
 }
 
-/// How much of the volume each node stands for, mm³: of a linear tetrahedron each corner a quarter; of a quadratic one
-/// each corner 1/32 and each middle 7/48, which is its lumped mass (Hinton, Rock and Zienkiewicz 1976).
+/// Volume of each node, mm³. A corner of a linear tetrahedron gets a quarter of its volume. In a quadratic one, a
+/// corner gets 1/32, and a mid-edge node 7/48, which are its lumped masses (Hinton, Rock and Zienkiewicz 1976).
 fn volumes(mesh: &Mesh) -> Vec<f64> {
     let mut volumes = vec![0.0; mesh.nodes.len()];
     for element in &mesh.elements {
@@ -282,7 +286,7 @@ fn volumes(mesh: &Mesh) -> Vec<f64> {
     volumes
 }
 
-/// Nodes of each cell of this size, and of each cell itself and those that touch it.
+/// Nodes of each grid cell of this size, and for each cell the indexes of itself and of the adjacent cells.
 fn cells(mesh: &Mesh, size: f64) -> (Vec<Vec<usize>>, Vec<Vec<usize>>) {
     if size <= 0.0 {
         return (Vec::new(), Vec::new());

@@ -1,11 +1,11 @@
-//! What a mesh is made of, and how one load case warms it.
+//! Materials of a mesh, and the loads of one load case.
 
 use crate::mesh::{Face, Mesh};
 
-/// A linear, isotropic material that does not change with temperature.
+/// Linear isotropic material whose properties do not depend on temperature.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Material {
-    /// Its name in the FE input file, in capitals.
+    /// Name in the FE input file, in capitals.
     pub name: String,
     /// Young's modulus, MPa.
     pub young: f64,
@@ -13,88 +13,88 @@ pub struct Material {
     pub poisson: f64,
     /// Linear thermal expansion, 1/K.
     pub expansion: f64,
-    /// Heat conduction, mW/(mm·K).
+    /// Thermal conductivity, mW/(mm·K).
     pub conductivity: f64,
-    /// Density times specific heat, mJ/(mm³·K); only a transient case needs it.
+    /// Density times specific heat, mJ/(mm³·K). Only a transient case requires it.
     pub capacity: Option<f64>,
 }
 
-/// Materials, and which of them each element is made of.
+/// Materials, and their assignment to the elements.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Materials {
-    /// The materials.
+    /// All materials.
     pub list: Vec<Material>,
-    /// For each element its place in `list`.
+    /// Index of the material of each element in `list`.
     pub of_element: Vec<usize>,
 }
 
 impl Materials {
-    /// One material throughout.
+    /// Assigns one material to all elements.
     #[must_use]
     pub fn uniform(material: Material, mesh: &Mesh) -> Self {
         Self { list: vec![material], of_element: vec![0; mesh.elements.len()] }
     }
 
-    /// The material of an element.
+    /// Material of an element.
     #[must_use]
     pub fn of(&self, element: usize) -> &Material {
         &self.list[self.of_element[element]]
     }
 }
 
-/// How far the heat is followed.
+/// Time range of a load case.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Case {
-    /// Until nothing changes any more.
+    /// Steady state.
     Steady,
-    /// For a time, in equal steps, each computed backwards (implicit Euler). The last step may be shorter.
+    /// Transient case over a period, in equal steps of the implicit Euler method. The last step may be shorter.
     Transient {
-        /// s
+        /// Length of a step, s.
         step: f64,
-        /// s
+        /// Length of the period, s.
         period: f64,
     },
 }
 
-/// Heat exchange of a face with what flows past it.
+/// Heat exchange of a face with a fluid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Film {
-    /// Where.
+    /// Face.
     pub face: Face,
-    /// Temperature of what flows, °C.
+    /// Temperature of the fluid, °C.
     pub sink: f64,
-    /// mW/(mm²·K)
+    /// Film coefficient, mW/(mm²·K).
     pub coefficient: f64,
 }
 
-/// Heat that enters an element.
+/// Heat flow into an element.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Flux {
-    /// Through a face, mW/mm².
+    /// Heat flow through a face, mW/mm².
     Face(Face, f64),
-    /// In the volume of the element, mW/mm³.
+    /// Heat source in the volume of the element, mW/mm³.
     Volume(usize, f64),
 }
 
-/// One load case: what warms the body, from where it starts, how long.
+/// One load case: initial temperatures, loads, and time range.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LoadCase {
-    /// Steady or for a time.
+    /// Steady or transient.
     pub case: Case,
-    /// Temperature of each node at the start, °C; rises are counted from here.
+    /// Initial temperature of each node, °C. Rises are relative to it.
     pub initial: Vec<f64>,
     /// Films.
     pub films: Vec<Film>,
-    /// Fluxes through faces and in volumes.
+    /// Heat flows through faces and in volumes.
     pub fluxes: Vec<Flux>,
-    /// Heat that enters at a node, mW.
+    /// Heat flows into nodes, mW.
     pub nodal: Vec<(usize, f64)>,
-    /// Nodes whose temperature is held, °C, each once.
+    /// Nodes with a prescribed temperature, °C; each node occurs once.
     pub held: Vec<(usize, f64)>,
 }
 
-/// Hears what is being computed, how much of it is done, and of how much.
+/// Receives the name of the current work, the number of finished items, and their total number.
 pub type Progress<'a> = &'a dyn Fn(&str, usize, usize);
 
-/// Nobody listens.
+/// Progress that is not reported.
 pub const SILENT: Progress<'static> = &|_, _, _| {};

@@ -1,7 +1,7 @@
-//! CalculiX as a second engine: the same questions, asked of a program that somebody else wrote.
+//! CalculiX as an independent second solver for the same problems.
 //!
-//! Writes FE input files into a directory of its own, runs `ccx`, reads the printed results back. Seven digits are printed: that is
-//! how far both engines can be compared.
+//! The module writes FE input files into a scratch directory, runs `ccx`, and reads the printed results. CalculiX
+//! prints seven digits, which limits the comparison of both solvers.
 
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
@@ -11,7 +11,7 @@ use crate::body::{LoadCase, Materials};
 use crate::mesh::{Mesh, NodeId};
 use crate::write;
 
-/// Why CalculiX gave nothing.
+/// Error of a CalculiX run.
 #[derive(Debug, thiserror::Error)]
 pub enum CcxError {
     /// The program cannot be started.
@@ -19,35 +19,35 @@ pub enum CcxError {
         "cannot start {program}: {error}; install CalculiX (Debian and Ubuntu: calculix-ccx) or leave out --engine ccx"
     )]
     Start {
-        /// What was to be started.
+        /// Name or path of the program.
         program: String,
-        /// What the system said.
+        /// Error of the operating system.
         error: std::io::Error,
     },
-    /// Its files cannot be written or read.
+    /// A file cannot be written or read.
     #[error("{}: {error}", path.display())]
     File {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         error: std::io::Error,
     },
-    /// It gave up.
+    /// The program ended with an error.
     #[error("CalculiX did not finish: {0}")]
     Unfinished(String),
-    /// It finished without what was asked.
+    /// The results lack a requested quantity.
     #[error("CalculiX finished, but its results lack {0}")]
     Lacks(String),
 }
 
-/// CalculiX.
+/// The program CalculiX.
 #[derive(Debug, Clone)]
 pub struct Ccx {
-    /// The program, by its path or, where it is on the path, by its name.
+    /// Path of the program, or its name if it is on the search path.
     pub program: String,
 }
 
-/// Names that no file of a user has.
+/// Names of sets that user files do not contain.
 const ALL: &str = "ISOTHERMALL";
 const GUIDE: &str = "ISOTHERMGUIDE";
 
@@ -58,10 +58,10 @@ impl Default for Ccx {
 }
 
 impl Ccx {
-    /// The rise of every node over its initial temperature at the end of the case, K.
+    /// Rise of every node over its initial temperature at the end of the case, K.
     ///
     /// # Errors
-    /// Where CalculiX is not there or gives up.
+    /// CalculiX is missing or failed.
     pub fn temperatures(
         &self,
         mesh: &Mesh,
@@ -80,11 +80,12 @@ impl Ccx {
         rises.ok_or_else(|| CcxError::Lacks("the temperature of a node".to_owned()))
     }
 
-    /// Displacements in mm of guideway nodes, x, y, z of each in their order, one list for each field of rises in K of
-    /// every node. With the rises of a block alone: the columns of P.
+    /// Displacements of the guideway nodes in mm: x, y, z of each node in their order, with one list for each field of
+    /// rises. `rises` has the rise of every node in K. A field that is 1 in one block and 0 elsewhere gives a column of
+    /// P.
     ///
     /// # Errors
-    /// Where CalculiX is not there or gives up.
+    /// CalculiX is missing or failed.
     pub fn displacements(
         &self,
         mesh: &Mesh,
@@ -119,7 +120,8 @@ impl Ccx {
         blocks.iter().map(|block| column(block).ok_or_else(lacks)).collect()
     }
 
-    /// Runs an FE input file: for each printed block the values of every node, as many as `width`, none where none are printed.
+    /// Runs an FE input file. Returns for each printed block the `width` values of every node, or an empty list for a
+    /// node without values.
     fn run(&self, input: &str, mesh: &Mesh, width: usize) -> Result<Vec<Vec<Vec<f64>>>, CcxError> {
         let directory = ScratchDirectory::new()?;
         let path = directory.0.join("case.inp");
@@ -148,7 +150,7 @@ impl Ccx {
     }
 }
 
-/// Blocks begin with a heading; each of their lines is a node and its values.
+/// Parses printed blocks. Each begins with a heading; each further line has a node and its values.
 fn blocks(printed: &str, mesh: &Mesh, width: usize) -> Vec<Vec<Vec<f64>>> {
     let mut blocks: Vec<Vec<Vec<f64>>> = Vec::new();
     for line in printed.lines().filter(|line| !line.trim().is_empty()) {
@@ -167,7 +169,7 @@ fn blocks(printed: &str, mesh: &Mesh, width: usize) -> Vec<Vec<Vec<f64>>> {
     blocks
 }
 
-/// A directory that goes when it is no longer needed.
+/// Directory that is deleted when this value is dropped.
 struct ScratchDirectory(PathBuf);
 
 static MADE: AtomicUsize = AtomicUsize::new(0);

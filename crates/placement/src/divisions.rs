@@ -1,4 +1,5 @@
-//! What a division into blocks leaves at best, for many divisions: which cut helps most, which two blocks can be one.
+//! Lower bound of the residual error for many divisions into blocks. It determines the best further cut, and the best
+//! two blocks to join.
 
 use std::collections::BTreeSet;
 
@@ -11,42 +12,43 @@ use crate::methods::bounded::least_squares;
 use crate::problem::{Load, UM_PER_MM, in_directions};
 use crate::structure::Adjoint;
 
-/// The floor of any division: the structure in some directions under all load cases.
+/// Calculates the lower bound of the residual error for any division of the structure, in some directions under all
+/// load cases.
 #[derive(Debug)]
 pub struct Floors<'a> {
     mesh: &'a Mesh,
-    /// How each guideway node follows every node, mm/K.
+    /// Response of each guideway component to the rise of every node, mm/K.
     rows: Vec<&'a [f64]>,
     loads: &'a [Load],
-    /// True displacement of each case, µm.
+    /// Displacement in each case, µm.
     moved: Vec<DVector<f64>>,
 }
 
-/// A part as floors see it.
+/// Data of a part from which bounds are calculated.
 #[derive(Clone, Debug)]
 struct Piece {
-    /// Its column of P, µm/K.
+    /// Column of P, µm/K.
     column: Vec<f64>,
-    /// Its coldest and its warmest rise in each case, K.
+    /// Lowest and highest rise of the part in each case, K.
     bounds: Vec<(f64, f64)>,
 }
 
-/// A division that is better or cheaper.
+/// A division with a smaller residual, or with fewer blocks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Division {
-    /// The cut; none where two parts became one.
+    /// Cut; `None` if two parts were joined.
     pub cut: Option<Cut>,
-    /// The parts afterwards.
+    /// Parts after the change.
     pub parts: Vec<Part>,
-    /// What they leave at best, µm RMS over guideway and cases.
+    /// Lower bound of the residual, µm RMS over guideway and cases.
     pub floor_um: f64,
 }
 
-/// Planes that are tried along a direction.
+/// Number of intervals between the planes along a direction.
 const PLANES: usize = 9;
 
 impl<'a> Floors<'a> {
-    /// In these directions (0 x, 1 y, 2 z).
+    /// Considers these directions (0 x, 1 y, 2 z).
     #[must_use]
     pub fn new(mesh: &'a Mesh, adjoint: &'a Adjoint, loads: &'a [Load], components: &[usize]) -> Floors<'a> {
         let rows: Vec<usize> = (0..adjoint.rows).collect();
@@ -65,7 +67,8 @@ impl<'a> Floors<'a> {
         parts.iter().map(|part| self.piece(&part.nodes)).collect()
     }
 
-    /// What these pieces, some gone and others made, leave at best, µm RMS over guideway and cases.
+    /// Lower bound of the residual with these pieces, without those in `gone` and with those in `made`, µm RMS over
+    /// guideway and cases.
     fn floor(&self, pieces: &[Piece], gone: &[usize], made: &[Piece]) -> f64 {
         let kept =
             pieces.iter().enumerate().filter(|(place, _)| !gone.contains(place)).map(|(_, piece)| piece);
@@ -80,14 +83,14 @@ impl<'a> Floors<'a> {
         (left.sum::<f64>() / count((self.rows.len() * self.moved.len()).max(1))).sqrt()
     }
 
-    /// What these parts leave at best, µm RMS over guideway and cases.
+    /// Lower bound of the residual with these parts, µm RMS over guideway and cases.
     #[must_use]
     pub fn of(&self, parts: &[Part]) -> f64 {
         self.floor(&self.pieces(parts), &[], &[])
     }
 
-    /// The one more cut after which least is left; `may` says which divisions can be used at all. None where no cut is
-    /// possible.
+    /// Further cut with the smallest residual; `None` if no cut is possible. `may` returns whether a division can be
+    /// used.
     #[must_use]
     pub fn best_cut(&self, parts: &[Part], may: &dyn Fn(&[Part]) -> bool) -> Option<Division> {
         let pieces = self.pieces(parts);
@@ -104,7 +107,7 @@ impl<'a> Floors<'a> {
         Some(Division { cut: Some(cut.clone()), parts, floor_um })
     }
 
-    /// Planes through a part, in whole millimetres where it is large enough.
+    /// Planes through a part. If the part is larger than 50 mm, they are at whole millimetres.
     fn cuts(&self, place: usize, part: &Part) -> Vec<(usize, Cut)> {
         let mut cuts = Vec::new();
         for axis in 0..AXES.len() {
@@ -118,7 +121,8 @@ impl<'a> Floors<'a> {
         cuts
     }
 
-    /// The two neighbours that can be one block with the least loss; none where there is one part only.
+    /// Joins the two adjacent parts with the least increase of the residual; `None` if there is only one part. `may`
+    /// returns whether a division can be used.
     #[must_use]
     pub fn best_join(&self, parts: &[Part], may: &dyn Fn(&[Part]) -> bool) -> Option<Division> {
         let pieces = self.pieces(parts);
@@ -151,7 +155,7 @@ impl Piece {
     }
 }
 
-/// Pairs of parts that share an element, the lower place first.
+/// Pairs of parts that share an element, the lower index first.
 fn neighbours(mesh: &Mesh, parts: &[Part]) -> Vec<(usize, usize)> {
     let owner = owners(mesh, parts);
     let mut pairs = BTreeSet::new();

@@ -1,4 +1,4 @@
-//! The structure in three views, as inline SVG: bands of temperature that also differ in grey.
+//! Drawing of the structure in three views, as inline SVG. The colours of the temperature bands also differ in grey.
 
 use std::fmt::Write;
 
@@ -11,14 +11,14 @@ use crate::study::{Placement, Study, moves_most};
 use crate::views::View;
 use isotherm_html::figure;
 
-/// From cold to warm: each darker than the one before.
+/// Colours of the bands, from cold to warm; each is darker than the one before.
 const TONES: [&str; 8] =
     ["#fbf6ec", "#f6e3c0", "#f1c98d", "#e6a85c", "#d38238", "#b35f20", "#8a4013", "#5e260b"];
 
-/// Room around a view, pixels.
+/// Margin around a view, pixels.
 const EDGE: f64 = 14.0;
 
-/// Seen along each axis, from the side that shows more sensors.
+/// Draws the structure along each axis, from the side on which more sensors are visible.
 pub(super) fn views(study: &Study, placement: &Placement) -> Markup {
     let Some(load) = study.loads.get(moves_most(&placement.cases)) else { return html! {} };
     let (low, high) = range(load.rise.iter().copied());
@@ -43,7 +43,7 @@ fn title(view: &View) -> String {
     format!("from {sign}{}: {right}{across} to the right, {up} up", AXES[view.axis])
 }
 
-/// Which band a rise lies in.
+/// Index of the band of a rise.
 fn band(rise: f64, (low, high): (f64, f64)) -> usize {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "one of eight")]
     let band = ((rise - low) / (high - low) * count(TONES.len())).max(0.0) as usize;
@@ -121,7 +121,7 @@ fn ring((x, y): (f64, f64), number: usize, seen: bool) -> Markup {
     }
 }
 
-/// The bands with their temperatures.
+/// Legend of the bands with their temperatures.
 fn scale(name: &str, (low, high): (f64, f64)) -> Markup {
     const WIDE: f64 = 56.0;
     let left = |place: usize| 20.0 + WIDE * count(place);

@@ -1,4 +1,4 @@
-//! Several things at once, while one listens.
+//! Parallel work with progress reports.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
@@ -7,10 +7,10 @@ use rayon::prelude::*;
 
 use crate::body::Progress;
 
-/// Says what is being computed, from any thread.
+/// Reports progress, from any thread.
 type Says<'a> = &'a (dyn Fn(&str, usize, usize) + Sync);
 
-/// What `work` makes, on other threads; who listens hears of it on this one.
+/// Runs `work` on another thread, and calls `progress` on this one.
 pub(crate) fn listening<R: Send>(progress: Progress<'_>, work: impl FnOnce(Says<'_>) -> R + Send) -> R {
     let (says, hears) = mpsc::channel::<(String, usize, usize)>();
     std::thread::scope(|scope| {
@@ -24,7 +24,7 @@ pub(crate) fn listening<R: Send>(progress: Progress<'_>, work: impl FnOnce(Says<
     })
 }
 
-/// What `of` makes of each of these, in their order.
+/// Applies `of` to each item in parallel, and returns the results in order.
 pub(crate) fn each<T: Sync, R: Send>(
     what: &str,
     things: &[T],

@@ -1,35 +1,38 @@
-//! What one tetrahedron contributes: shape functions, their gradients and the integration points.
+//! Contribution of one tetrahedron: shape functions, their gradients and the integration points.
 //!
-//! The rules are those of CalculiX (four points in a `C3D10`, one in a `C3D4`; three and one on their faces), so that
-//! both engines compute the same discrete problem and can be compared to the last digit, not only to mesh accuracy.
+//! The integration rules are those of CalculiX: four points in a `C3D10` and one in a `C3D4`, three and one on their
+//! faces. Both solvers therefore solve the same discrete problem, and their results agree to the last digit, not only
+//! within mesh accuracy.
 
 use crate::mesh::{Kind, Mesh};
 
-/// Shape functions and their derivatives in the `D` coordinates of the reference tetrahedron or triangle, at one point.
+/// Shape functions and their derivatives with respect to the `D` reference coordinates of a tetrahedron or triangle, at
+/// one point.
 struct Shape<const D: usize> {
     value: [f64; 10],
     derivative: [[f64; D]; 10],
 }
 
-/// One integration point of one element in space.
+/// Integration point of an element in space.
 pub(super) struct Point {
     /// Weight times the determinant of the Jacobian, mm³.
     pub(super) volume: f64,
-    /// Shape functions.
+    /// Values of the shape functions.
     pub(super) value: [f64; 10],
-    /// Their gradients, 1/mm.
+    /// Gradients of the shape functions, 1/mm.
     pub(super) gradient: [[f64; 3]; 10],
 }
 
-/// A place in the reference tetrahedron or triangle and its weight; the weights of a rule sum to its volume or area.
+/// Points in the reference tetrahedron or triangle, with their weights. The weights of a rule sum to its volume or
+/// area.
 type Rule<const D: usize> = &'static [([f64; D], f64)];
 
 const NEAR: f64 = 0.138_196_601_125_010_5;
 const FAR: f64 = 0.585_410_196_624_968_5;
 const SIXTH: f64 = 1.0 / 6.0;
 
-/// Points at which everything in the volume is integrated: one is exact for linear functions, four for quadratic ones. For
-/// heat capacity they are few, but they are what CalculiX takes, and the heat that is stored stays exact.
+/// Integration points of the volume. One point is exact for linear functions, four for quadratic ones. These are few
+/// points for the heat capacity. However, CalculiX uses them too, and the total stored heat is exact.
 const fn volume_rule(kind: Kind) -> Rule<3> {
     match kind {
         Kind::Tet4 => &[([0.25; 3], SIXTH)],
@@ -49,7 +52,7 @@ const fn face_rule(kind: Kind) -> Rule<2> {
     }
 }
 
-/// Corners of the edges in whose middle the nodes 5 to 10 lie; the first three are those of a triangle.
+/// Corners of the edges whose midpoints are the nodes 5 to 10. The first three edges are those of a triangle.
 pub(super) const EDGES: [[usize; 2]; 6] = [[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]];
 
 impl<const D: usize> Shape<D> {
@@ -84,7 +87,7 @@ impl<const D: usize> Shape<D> {
         Self { value, derivative }
     }
 
-    /// The columns of the Jacobian: how the place in space follows the reference coordinates.
+    /// Columns of the Jacobian: derivatives of the position in space by the reference coordinates.
     fn jacobian(&self, xyz: &[[f64; 3]]) -> [[f64; 3]; D] {
         let mut jacobian = [[0.0; 3]; D];
         for (derivative, place) in self.derivative.iter().zip(xyz) {
@@ -99,7 +102,7 @@ impl<const D: usize> Shape<D> {
 }
 
 impl Shape<3> {
-    /// The integration point in the element whose nodes lie at `xyz`.
+    /// Integration point in the element with nodes at `xyz`.
     fn point(&self, weight: f64, xyz: &[[f64; 3]]) -> Point {
         let [u, v, w] = self.jacobian(xyz);
         let reciprocal = [cross(v, w), cross(w, u), cross(u, v)];
@@ -115,7 +118,7 @@ impl Shape<3> {
     }
 }
 
-/// Every element: its place and its integration points.
+/// Visits every element, with its index and its integration points.
 pub(super) fn for_each_element(mesh: &Mesh, mut visit: impl FnMut(usize, &[Point])) {
     let shapes = [Kind::Tet4, Kind::Tet10].map(|kind| -> Vec<(Shape<3>, f64)> {
         volume_rule(kind).iter().map(|(at, weight)| (Shape::at(kind, *at), *weight)).collect()
@@ -130,7 +133,7 @@ pub(super) fn for_each_element(mesh: &Mesh, mut visit: impl FnMut(usize, &[Point
     }
 }
 
-/// Every integration point of every element: the place of the element, the point, and how many nodes it has.
+/// Visits every integration point of every element, with the index of the element, the point, and the number of nodes.
 pub(super) fn for_each_point(mesh: &Mesh, mut visit: impl FnMut(usize, &Point, usize)) {
     for_each_element(mesh, |element, points| {
         let count = mesh.elements[element].nodes.len();
@@ -138,8 +141,8 @@ pub(super) fn for_each_point(mesh: &Mesh, mut visit: impl FnMut(usize, &Point, u
     });
 }
 
-/// The smallest determinant of the Jacobian at the integration points, mm³: not positive where the nodes are numbered
-/// inside out or the element is folded.
+/// Smallest determinant of the Jacobian at the integration points, mm³. It is not positive if the node numbering is
+/// inverted, or if the element is folded.
 pub(super) fn worst_determinant(kind: Kind, xyz: &[[f64; 3]]) -> f64 {
     let determinants = volume_rule(kind).iter().map(|(at, _)| {
         let [u, v, w] = Shape::at(kind, *at).jacobian(xyz);
@@ -148,7 +151,7 @@ pub(super) fn worst_determinant(kind: Kind, xyz: &[[f64; 3]]) -> f64 {
     determinants.fold(f64::INFINITY, f64::min)
 }
 
-/// Shape functions of a face at each integration point, in the order of the face's nodes, and the area it stands for, mm².
+/// Integration points of a face: shape functions in the order of the face's nodes, and the area of the point, mm².
 pub(super) fn face_points(kind: Kind, xyz: &[[f64; 3]]) -> Vec<([f64; 10], f64)> {
     let point = |(at, weight): &([f64; 2], f64)| {
         let shape = Shape::at(kind, *at);

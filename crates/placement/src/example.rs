@@ -1,8 +1,10 @@
-//! The column of a horizontal machining centre as FE input files: a worked example, and what `column-hmc` is made from.
+//! Worked example: the column of a horizontal machining centre as FE input files. The machine `column-hmc` is made from
+//! it.
 //!
-//! In the machine's axes: x to the right, y up from the foot, z away from the work. The spindle head rides up and down
-//! two rails on the front, which is at negative z. Cast iron: 700 mm wide, 1600 high, 560 deep, walls of 40, a floor
-//! at half height with a hole, an opening in the back wall.
+//! Axes of the machine: x to the right, y up from the foot, z away from the workpiece. The spindle head moves
+//! vertically on two rails at the front, which is at negative z. The column is of cast iron, 700 mm wide, 1600 mm high
+//! and 560 mm deep. Its walls are 40 mm thick. It has a floor at half height with a hole, and an opening in the back
+//! wall.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -11,7 +13,7 @@ use crate::grid::Grid;
 use crate::mesh::{Kind, Mesh, count};
 use crate::write::{coordinates, element, set};
 
-/// Where cells begin and end, mm.
+/// Boundaries of the cells along each axis, mm.
 const LINES: [&[f64]; 3] = [
     &[-350.0, -310.0, -260.0, -200.0, -100.0, 0.0, 100.0, 200.0, 260.0, 310.0, 350.0],
     &[
@@ -21,13 +23,13 @@ const LINES: [&[f64]; 3] = [
     &[-320.0, -280.0, -240.0, -120.0, 0.0, 120.0, 240.0, 280.0],
 ];
 
-/// Planes between the blocks over the height, mm; in the depth they part at 0.
+/// Heights of the planes between the blocks, mm. In depth, the plane between the blocks is at 0.
 const STOREYS: [f64; 3] = [400.0, 800.0, 1200.0];
 
-/// Heights between the patches of the rails that ports heat, mm.
+/// Heights of the boundaries between the heated patches of the rails, mm.
 const PATCHES: [f64; 6] = [160.0, 400.0, 640.0, 920.0, 1160.0, 1400.0];
 
-/// A load case: its name, what it is, the line of the step, the air, and the heat through surfaces, mW/mm².
+/// Load case: name, description, step line, air temperatures, and heat flows through surfaces, mW/mm².
 type Case = (&'static str, &'static str, &'static str, Air, &'static [(&'static str, f64)]);
 
 const CASES: [Case; 11] = [
@@ -83,7 +85,7 @@ const SHIFTS: [(&str, f64); 7] = [
     ("CABINET_WALL", 0.15),
 ];
 
-/// Temperatures of what flows past, °C.
+/// Temperatures of the fluids, °C.
 #[derive(Clone, Copy)]
 struct Air {
     low: f64,
@@ -98,13 +100,13 @@ const ROOM: Air = Air { low: 23.0, high: 23.0, covers: 23.0, inside: 21.0, foot:
 const LAYERS: Air = Air { low: 20.0, high: 23.0, covers: 21.0, inside: 21.0, foot: 20.0 };
 const SHIFT: Air = Air { low: 21.0, high: 22.0, covers: 23.0, inside: 21.0, foot: 20.5 };
 
-/// Film coefficients as the load cases take them: outside, behind the covers, inside, and of the joint with the bed.
+/// Film coefficients in the load cases: two at the outside, behind the covers, inside, and at the joint with the bed.
 const FILMS: [f64; 5] = [0.008, 0.008, 0.004, 0.003, 0.1];
-/// What they are on the machine. Nobody who places sensors knows them.
+/// Film coefficients of the simulated machine. They are unknown when the sensors are placed.
 const REAL: [f64; 5] = [0.009, 0.007, 0.005, 0.002, 0.07];
 
-/// The files, name and text: `mesh.inp`, what all others include (`column.inp`), one for each load case, and `plant.inp`,
-/// which says where heat comes in and goes out while the machine runs.
+/// Names and texts of the files: `mesh.inp`, the common part `column.inp`, one file for each load case, and
+/// `plant.inp`. The last one describes where heat enters and leaves the running machine.
 #[must_use]
 pub fn files() -> Vec<(String, String)> {
     let mut files = vec![("mesh.inp".to_owned(), mesh_file()), ("column.inp".to_owned(), COMMON.to_owned())];
@@ -116,7 +118,7 @@ pub fn files() -> Vec<(String, String)> {
     files
 }
 
-/// The names of the files that are load cases.
+/// Names of the load cases.
 pub fn cases() -> impl Iterator<Item = &'static str> {
     CASES.iter().map(|(name, ..)| *name)
 }
@@ -155,7 +157,7 @@ fn step_file(what: &str, step: &str, air: Air, films: [f64; 5], fluxes: &[(&str,
 
 fn mesh() -> Mesh {
     let cells = LINES.map(|lines| lines.len() - 1);
-    // Cells are counted, then put where they belong.
+    // The grid counts cells; `along` converts the numbers to positions.
     let grid = Grid { cells, size: cells.map(count), origin: [0.0; 3] };
     grid.mesh(
         Kind::Tet10,
@@ -164,7 +166,7 @@ fn mesh() -> Mesh {
     )
 }
 
-/// The place of a counted one, mm; halves lie in the middle.
+/// Position of a cell boundary with this number, mm. A number with a half is the middle between two boundaries.
 fn along(axis: usize, counted: f64) -> f64 {
     let lines = LINES[axis];
     let at = |share: f64| {
@@ -189,7 +191,7 @@ fn on_rail(x: f64) -> bool {
     (200.0..=260.0).contains(&x.abs())
 }
 
-/// Nodes, elements, the skin as flat elements, and the sets: blocks, guideway, foot, surfaces.
+/// Mesh file: nodes, elements, the outer surface as flat elements, and the sets of blocks, guideway, foot and surfaces.
 fn mesh_file() -> String {
     let mesh = &mesh();
     let mut text = "** The column's mesh: quadratic tetrahedra, its skin as flat elements; mm.\n".to_owned();
@@ -241,12 +243,13 @@ fn mesh_file() -> String {
     text
 }
 
-/// Nothing can be fixed there: it is inside, or something stands or slides on it.
+/// Returns whether no sensor can be mounted on this surface, because it is inside, or because something is mounted or
+/// slides on it.
 fn is_covered(surface: &str) -> bool {
     ["FOOT", "INSIDE", "MOTOR_FOOT", "CABINET_WALL"].contains(&surface) || surface.starts_with("RAILS_")
 }
 
-/// The surfaces that a face with this middle belongs to.
+/// Names of the surfaces to which a face with this centre belongs.
 fn surfaces([x, y, z]: [f64; 3]) -> Vec<String> {
     let flows = if y < 1.0 {
         "FOOT"

@@ -1,4 +1,4 @@
-//! What goes to the machine: P as the file that `kind = "matrix"` reads, and the model's block for the profile.
+//! Export for the machine: P as a file for `kind = "matrix"`, and the model block of the profile.
 
 use std::str::FromStr;
 
@@ -8,13 +8,13 @@ use crate::guide_line::GuideLine;
 use crate::mesh::{AXES, axis_and_value};
 use crate::study::Placement;
 
-/// A part that rides on the guideway, has a sensor of its own and grows by itself: what is carried moves as much wherever
-/// it stands.
+/// Part that moves on the guideway, has its own sensor, and expands independently. The displacement that it causes does
+/// not depend on its position.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rider {
-    /// The name of its sensor's signal.
+    /// Name of the signal of its sensor.
     pub name: String,
-    /// Along x, y and z, µm/K.
+    /// Displacement per kelvin along x, y and z, µm/K.
     pub moves: [f64; 3],
 }
 
@@ -34,7 +34,7 @@ impl FromStr for Rider {
     }
 }
 
-/// The matrix file: a column for each block, then one for each rider.
+/// Content of the matrix file: a column for each block, then one for each rider.
 #[must_use]
 pub fn matrix(placement: &Placement, line: &GuideLine, riders: &[Rider]) -> String {
     let column = |block: usize| -> Vec<f64> { placement.p.iter().map(|row| row[block]).collect() };
@@ -58,7 +58,7 @@ pub fn matrix(placement: &Placement, line: &GuideLine, riders: &[Rider]) -> Stri
     )
 }
 
-/// One name per block, then per rider, as a profile wants them: small letters, digits, underlines.
+/// Signal names of the blocks and riders, in the form that a profile requires: small letters, digits, underscores.
 #[must_use]
 pub fn signals(placement: &Placement, riders: &[Rider]) -> Vec<String> {
     let small = |letter: char| if letter.is_ascii_alphanumeric() { letter.to_ascii_lowercase() } else { '_' };
@@ -66,7 +66,7 @@ pub fn signals(placement: &Placement, riders: &[Rider]) -> Vec<String> {
     names.map(|name| name.chars().map(small).collect()).collect()
 }
 
-/// The block for the profile; `file` is the matrix file's name.
+/// Model block of the profile; `file` is the name of the matrix file.
 #[must_use]
 pub fn block(placement: &Placement, line: &GuideLine, riders: &[Rider], file: &str) -> String {
     let names = signals(placement, riders);

@@ -1,16 +1,16 @@
-//! An FE input file: a mesh, its materials and one heat-transfer load case, in the subset of Abaqus and CalculiX input that
-//! Gmsh and PrePoMax write.
+//! FE input file: a mesh, its materials, and one heat-transfer load case. The format is the subset of Abaqus and
+//! CalculiX input that Gmsh and PrePoMax write.
 //!
 //! ```text
-//! card ───── what stands in the files: cards, parameters, lines, with their locations
-//! keywords ─ which cards there are, and when each is read: after all that it may name
-//! reader ─── what has been read so far; mesh, material and load read their cards into it
+//! card ───── cards of the files: keyword, parameters, lines, with their locations
+//! keywords ─ known cards, and the order in which they are read: each after all that it may name
+//! reader ─── data read so far; mesh, material and load read their cards into it
 //! ```
-//! A Gmsh mesh names surfaces by flat elements (`CPS3`, `CPS6`): the nodes of such a set can be used as a node set, and
-//! its faces in `*FILM` and `*DFLUX` with the side `F` or `S` without a number.
+//! A Gmsh mesh names surfaces by flat elements (`CPS3`, `CPS6`). The nodes of such a set can be used as a node set. Its
+//! faces can be used in `*FILM` and `*DFLUX`, with the side `F` or `S` without a number.
 //!
-//! Nothing is skipped: what is not understood is an error. A solver that passes over a card computes another structure
-//! than the one that was meant, and its numbers look just as good.
+//! Nothing is skipped: an unknown card is an error. If a solver ignores a card, it computes another structure, and its
+//! results look plausible.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -29,47 +29,48 @@ mod reader;
 #[cfg(test)]
 mod tests;
 
-/// A mesh, what it is made of, and one load case.
+/// A mesh, its materials, and one load case.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FeInput {
-    /// The name of the file without its ending: the name of the load case.
+    /// Name of the load case: the file name without extension.
     pub name: String,
-    /// The mesh with its sets.
+    /// Mesh with its sets.
     pub mesh: Mesh,
-    /// What the elements are made of.
+    /// Materials of the elements.
     pub materials: Materials,
-    /// What warms the body.
+    /// Loads.
     pub load: LoadCase,
-    /// Names of the surfaces on which films and fluxes act.
+    /// Names of the surfaces with films and fluxes.
     pub surfaces: SurfaceNames,
-    /// Nodes that `*BOUNDARY` holds in x, y and z, ascending; often empty, since conduction does not ask for it.
+    /// Nodes that `*BOUNDARY` fixes in x, y and z, ascending. The list is often empty, because heat conduction does not
+    /// require it.
     pub supports: Vec<usize>,
 }
 
-/// Names of surfaces or sets in small letters; a single element is called by its number.
+/// Names of surfaces or sets in small letters; the name of a single element is its number.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct SurfaceNames {
-    /// One for each film of the load case.
+    /// Name for each film of the load case.
     pub films: Vec<String>,
-    /// One for each flux of the load case.
+    /// Name for each flux of the load case.
     pub fluxes: Vec<String>,
 }
 
-/// One thing that is wrong in an FE input file, and where.
+/// One error in an FE input file, with its location.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Fault {
-    /// The file.
+    /// File.
     pub file: PathBuf,
-    /// Its line, from 1; none where the fault is about the file as a whole.
+    /// Line, from 1; `None` if the error concerns the whole file.
     pub line: Option<usize>,
-    /// The card, with its asterisk; empty where none is meant.
+    /// Card with its asterisk; empty if the error concerns no card.
     pub card: String,
-    /// What is wrong, and what to do.
+    /// Cause and remedy.
     pub message: String,
 }
 
 impl Fault {
-    /// A fault of a file as a whole.
+    /// Makes an error that concerns the whole file.
     fn of_file(path: &Path, message: impl Into<String>) -> Fault {
         Fault { file: path.to_path_buf(), line: None, card: String::new(), message: message.into() }
     }
@@ -88,20 +89,20 @@ impl fmt::Display for Fault {
     }
 }
 
-/// Everything that is wrong in an FE input file. The first are described, the others are counted.
+/// All errors in an FE input file. The first ones are described, the others are counted.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Faults {
-    /// In the order in which they were found.
+    /// Described errors, in the order in which they were found.
     pub described: Vec<Fault>,
-    /// Beyond these.
+    /// Number of further errors.
     pub more: usize,
 }
 
-/// More than these nobody reads at once.
+/// Maximum number of errors in the message.
 const SHOWN: usize = 20;
-/// More than these need not be described to be counted: a mesh without its nodes has one in every line.
+/// Maximum number of described errors; further ones are counted. A mesh without its nodes has an error in every line.
 const MOST_DESCRIBED: usize = 10_000;
-/// A sentence quotes what stands in a file.
+/// Maximum length of a message in characters. It quotes text of a file.
 const LONGEST_SENTENCE: usize = 800;
 
 impl Faults {
@@ -126,7 +127,7 @@ impl Extend<Fault> for Faults {
 
 impl fmt::Display for Faults {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // The same mistake in line after line is shown once.
+        // The same error in consecutive lines is shown once.
         let alike = |a: &Fault, b: &Fault| (&a.file, &a.card, &a.message) == (&b.file, &b.card, &b.message);
         let groups: Vec<&[Fault]> = self.described.chunk_by(alike).collect();
         for (number, faults) in groups.iter().take(SHOWN).enumerate() {
@@ -148,10 +149,10 @@ impl fmt::Display for Faults {
 
 impl std::error::Error for Faults {}
 
-/// Reads an FE input file and everything it includes.
+/// Reads an FE input file and all included files.
 ///
 /// # Errors
-/// Everything that is wrong in it, with file, line and card.
+/// All errors in the files, with file, line and card.
 pub fn read(path: &Path) -> Result<FeInput, Faults> {
     let mut faults = Faults::default();
     let cards = card::read(path, &mut faults);
@@ -161,7 +162,7 @@ pub fn read(path: &Path) -> Result<FeInput, Faults> {
     keywords::read(path, &cards, faults)
 }
 
-/// Reads several, at once.
+/// Reads several files in parallel.
 pub fn read_each(paths: &[PathBuf], progress: Progress<'_>) -> Vec<Result<FeInput, Faults>> {
     each("FE input files", paths, progress, |path| read(path))
 }

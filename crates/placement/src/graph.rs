@@ -1,19 +1,20 @@
-//! Which nodes touch, and in which order to eliminate them.
+//! Graph of the nodes of a mesh, and the order in which to eliminate them.
 //!
-//! Nested dissection by coordinates: a set of nodes is cut by a plane across one of its axes; the nodes on one side that
-//! touch the other side are eliminated last. Of all planes between the outer quarters, across all three axes, the one with
-//! the fewest such nodes is taken: a hollow casting has planes that cut far less than others, and on the columns measured
-//! half the work remains of what approximate minimum degree leaves.
+//! The order is nested dissection by coordinates. A plane across one of the axes divides a set of nodes. The nodes on
+//! one side that are connected to the other side are eliminated last. The search covers all planes between the outer
+//! quarters, across all three axes, and selects the one with the fewest such nodes. A hollow casting has planes with
+//! very few. On the measured columns, this order halves the work compared with approximate minimum degree.
 
 use crate::mesh::{Mesh, count};
 
-/// Neighbours of each node, ascending, itself left out.
+/// Neighbours of each node, ascending, without the node itself.
 pub(super) struct Graph(Vec<Vec<usize>>);
 
-/// Below this many nodes a further cut costs more than it saves.
+/// Number of nodes below which a further cut costs more than it saves.
 const LEAF: usize = 20;
 
-/// How much dearer a cut counts that leaves everything on one side: small separators matter more than even halves.
+/// Additional relative cost of a cut, multiplied by its unevenness. Small separators are more important than equal
+/// parts.
 const UNEVEN: f64 = 1.0;
 
 impl Graph {
@@ -39,7 +40,7 @@ impl Graph {
         &self.0[node]
     }
 
-    /// The nodes in an order of elimination with little fill.
+    /// Elimination order of the nodes with little fill-in.
     pub(super) fn order(&self, xyz: &[[f64; 3]], nodes: Vec<usize>) -> Vec<usize> {
         let mut order = Vec::with_capacity(nodes.len());
         let mut rank = vec![OUTSIDE; xyz.len()];
@@ -47,7 +48,8 @@ impl Graph {
         order
     }
 
-    /// `rank` is scratch for all nodes of the mesh, `OUTSIDE` on entry and on return.
+    /// Adds the nodes to the order. `rank` is scratch memory for all nodes of the mesh; all its entries are `OUTSIDE`
+    /// on entry and on return.
     fn dissect(&self, xyz: &[[f64; 3]], nodes: Vec<usize>, rank: &mut [usize], order: &mut Vec<usize>) {
         let cuts = (0..3).filter(|_| nodes.len() > LEAF).filter_map(|axis| self.cut(xyz, &nodes, axis, rank));
         let Some(cut) = cuts.min_by(|a, b| a.cost.total_cmp(&b.cost)) else { return order.extend(nodes) };
@@ -57,8 +59,7 @@ impl Graph {
         order.extend(cut.separator);
     }
 
-    /// The cheapest cut across an axis: of all planes between the outer quarters the one that the fewest nodes reach
-    /// across.
+    /// Cheapest cut across an axis: the plane between the outer quarters with the fewest connected nodes.
     fn cut(&self, xyz: &[[f64; 3]], nodes: &[usize], axis: usize, rank: &mut [usize]) -> Option<Cut> {
         let mut sorted = nodes.to_vec();
         sorted.sort_unstable_by(|a, b| xyz[*a][axis].total_cmp(&xyz[*b][axis]).then(a.cmp(b)));
@@ -82,7 +83,7 @@ impl Graph {
                 continue;
             }
             let uneven = count(at.abs_diff(sorted.len() / 2)) / count(sorted.len());
-            // So many nodes up to here reach beyond.
+            // Number of nodes up to here that are connected to a node beyond.
             let cost = count(at + 1 - ended) * (1.0 + UNEVEN * uneven);
             if best.is_none_or(|(least, _)| cost < least) {
                 best = Some((cost, at));

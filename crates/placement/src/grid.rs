@@ -1,4 +1,4 @@
-//! A body out of a box of cells, as tetrahedra of any fineness.
+//! A body of cells in a box, as tetrahedra of any size.
 
 use std::collections::HashMap;
 
@@ -8,16 +8,16 @@ use crate::mesh::{Element, Kind, Mesh, NodeId, count};
 /// A box of cells.
 #[derive(Debug, Clone, Copy)]
 pub struct Grid {
-    /// How many lie along each axis.
+    /// Number of cells along each axis.
     pub cells: [usize; 3],
-    /// How long the box is along each axis, mm.
+    /// Length of the box along each axis, mm.
     pub size: [f64; 3],
-    /// Its corner with the smallest coordinates, mm.
+    /// Corner with the smallest coordinates, mm.
     pub origin: [f64; 3],
 }
 
 impl Grid {
-    /// The cells whose middles are `kept`, as tetrahedra; `moved` gives corners their place.
+    /// Meshes the cells whose centres satisfy `kept`. `moved` maps each corner to its position.
     #[must_use]
     pub fn mesh(
         &self,
@@ -61,7 +61,7 @@ impl Grid {
                     at[axis] += 1;
                     nodes.push(self.corner(at));
                 }
-                // Odd permutations run the other way round.
+                // Odd permutations have the opposite orientation.
                 if path >= 3 {
                     nodes.swap(1, 2);
                 }
@@ -73,7 +73,7 @@ impl Grid {
     }
 }
 
-/// Makes linear elements quadratic.
+/// Converts linear elements to quadratic ones.
 fn add_middles(elements: &mut [Element], xyz: &mut Vec<[f64; 3]>) {
     let mut middles: HashMap<[usize; 2], usize> = HashMap::new();
     for element in elements {
@@ -91,7 +91,7 @@ fn add_middles(elements: &mut [Element], xyz: &mut Vec<[f64; 3]>) {
     }
 }
 
-/// Leaves out the nodes that no element has.
+/// Removes nodes that belong to no element.
 fn keep_used(elements: &mut [Element], xyz: &mut Vec<[f64; 3]>) {
     let mut number = vec![usize::MAX; xyz.len()];
     elements.iter().flat_map(|element| &element.nodes).for_each(|node| number[*node] = 0);

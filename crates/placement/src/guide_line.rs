@@ -1,28 +1,29 @@
-//! The guideway as one line, on which P and displacements are averaged over its rails.
+//! The guideway as one line, on which P and displacements are averaged over the rails.
 
 use crate::mesh::{count, range};
 
-/// The guideway as one line: of several rails their mean.
+/// The guideway as one line: the mean of its rails.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GuideLine {
-    /// The direction of the guideway: 0 x, 1 y, 2 z.
+    /// Direction of the guideway: 0 x, 1 y, 2 z.
     pub axis: usize,
-    /// How many rails it has.
+    /// Number of rails.
     pub rails: usize,
-    /// Where its points lie in this direction, mm, ascending.
+    /// Positions of the points in this direction, mm, ascending.
     pub guide_mm: Vec<f64>,
-    /// For each point the guideway nodes (places in their list) it is made of, with their shares.
+    /// For each point, the guideway nodes (indexes in their list) and their weights.
     weights: Vec<Vec<(usize, f64)>>,
 }
 
-/// Points nearer than this share of the guideway's length are one.
+/// Distance below which points count as one, as a share of the length of the guideway.
 const SAME: f64 = 1e-4;
 
 impl GuideLine {
-    /// From the coordinates of the guideway's nodes; the direction is the longest where none is given.
+    /// Makes the line from the coordinates of the guideway nodes. Without `axis`, the direction is that of the greatest
+    /// length.
     ///
-    /// Rails are told apart by the largest gap across the guideway. Each is interpolated linearly to the points of all,
-    /// and where several nodes of a rail have the same place, they count as one.
+    /// The largest gap across the guideway separates the rails. Each rail is interpolated linearly to the points of all
+    /// rails. Several nodes of a rail at one position count as one.
     #[must_use]
     pub fn new(guide: &[[f64; 3]], axis: Option<usize>) -> GuideLine {
         let length = |axis: usize| {
@@ -49,7 +50,8 @@ impl GuideLine {
         GuideLine { axis, rails: rails.len(), weights: weights.collect(), guide_mm }
     }
 
-    /// A quantity of the guideway's nodes (rows 3·guide + component) in one direction, at each point.
+    /// Value of a quantity in one direction at each point. `values` has the rows 3·guide + component of the guideway
+    /// nodes.
     #[must_use]
     pub fn mean(&self, values: &[f64], component: usize) -> Vec<f64> {
         let point = |weights: &Vec<(usize, f64)>| {
@@ -59,7 +61,7 @@ impl GuideLine {
     }
 }
 
-/// Nodes in two halves where the largest gap between them is more than half of their extent.
+/// Divides the nodes at the largest gap between them, if it is more than half of their extent.
 fn apart(guide: &[[f64; 3]], mut rail: Vec<usize>, across: usize) -> Vec<Vec<usize>> {
     rail.sort_by(|one, other| guide[*one][across].total_cmp(&guide[*other][across]));
     let at = |place: usize| guide[rail[place]][across];
@@ -68,7 +70,7 @@ fn apart(guide: &[[f64; 3]], mut rail: Vec<usize>, across: usize) -> Vec<Vec<usi
     let gap = |place: usize| at(place) - at(place - 1);
     let widest = (1..rail.len()).max_by(|one, other| gap(*one).total_cmp(&gap(*other)));
     match widest.filter(|place| gap(*place) > 0.5 * extent && extent > 0.0) {
-        // A single node is no rail.
+        // A single node is not a rail.
         Some(place) if place > 1 && rail.len() - place > 1 => {
             let far = rail.split_off(place);
             vec![rail, far]
@@ -77,7 +79,7 @@ fn apart(guide: &[[f64; 3]], mut rail: Vec<usize>, across: usize) -> Vec<Vec<usi
     }
 }
 
-/// A rail's points, ascending, each with its nodes.
+/// Points of a rail, ascending, each with its nodes.
 fn line(guide: &[[f64; 3]], rail: &[usize], axis: usize, same: f64) -> Vec<(f64, Vec<usize>)> {
     let mut nodes = rail.to_vec();
     nodes.sort_by(|one, other| guide[*one][axis].total_cmp(&guide[*other][axis]));
@@ -92,7 +94,8 @@ fn line(guide: &[[f64; 3]], rail: &[usize], axis: usize, same: f64) -> Vec<(f64,
     points
 }
 
-/// What a rail is made of at a place: between two of its points of both, beyond its ends of the end.
+/// Weights of the nodes at a position. Between two points, the interpolation uses both; beyond the ends, it uses the
+/// end point.
 fn shares(line: &[(f64, Vec<usize>)], at: f64) -> Vec<(usize, f64)> {
     let after = line.partition_point(|(point, _)| *point <= at);
     let (low, high) = (after.saturating_sub(1), after.min(line.len().saturating_sub(1)));

@@ -1,4 +1,4 @@
-//! Linear heat conduction: the temperature of every node under one load case.
+//! Linear heat conduction: temperatures of all nodes in one load case.
 
 use faer::Mat;
 use rayon::prelude::*;
@@ -10,27 +10,27 @@ use crate::graph::Graph;
 use crate::mesh::{Face, Mesh, NodeId, count, parts};
 use crate::system::{Factor, System};
 
-/// Why there are no temperatures.
+/// Reason for which a load case has no solution.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum HeatError {
-    /// Steady, and heat has no way out.
+    /// Steady case in which heat cannot leave a part.
     #[error(
         "nothing holds the temperature of the part with node {0}: a steady case needs a film or a held temperature on \
          every part of the mesh"
     )]
     Adrift(NodeId),
-    /// Transient without heat capacity.
+    /// Transient case without heat capacity.
     #[error("material {0} has no density or no specific heat: a transient case needs both")]
     NoCapacity(String),
-    /// The conduction has no inverse.
+    /// The conduction matrix is singular.
     #[error("the conduction cannot be factored: a conductivity or a film coefficient is not positive")]
     Singular,
 }
 
-/// The rise of every node over its initial temperature at the end of the case, K.
+/// Rise of every node over its initial temperature at the end of the case, K.
 ///
 /// # Errors
-/// Where the case has no solution.
+/// The load case has no solution.
 pub fn temperatures(
     mesh: &Mesh,
     materials: &Materials,
@@ -40,7 +40,7 @@ pub fn temperatures(
     reached(&Heat::of(mesh, materials, load)?, load, progress)
 }
 
-/// The same of several load cases, at once. What they have in common of mesh and materials is put together once.
+/// Rises for several load cases, in parallel. The matrix for the common mesh and materials is assembled once.
 pub fn temperatures_of_each(inputs: &[FeInput]) -> Vec<Result<Vec<f64>, HeatError>> {
     let first = inputs.first().map(|first| (first, Conducts::of(&first.mesh, &first.materials, &first.load)));
     let one = |input: &FeInput| {
@@ -60,7 +60,7 @@ pub fn temperatures_of_each(inputs: &[FeInput]) -> Vec<Result<Vec<f64>, HeatErro
     inputs.par_iter().map(one).collect()
 }
 
-/// What such heat brings each node to.
+/// Rises of all nodes at the end of the case, K.
 fn reached(heat: &Heat, load: &LoadCase, progress: Progress<'_>) -> Result<Vec<f64>, HeatError> {
     let reached = match load.case {
         Case::Steady => heat.steady()?,
@@ -69,17 +69,17 @@ fn reached(heat: &Heat, load: &LoadCase, progress: Progress<'_>) -> Result<Vec<f
     Ok(reached.iter().zip(&load.initial).map(|(reached, initial)| reached - initial).collect())
 }
 
-/// Whether the temperature of each node is held.
+/// Returns for each node whether its temperature is prescribed.
 fn held(mesh: &Mesh, load: &LoadCase) -> Vec<bool> {
     let mut held = vec![false; mesh.nodes.len()];
     load.held.iter().for_each(|(node, _)| held[*node] = true);
     held
 }
 
-/// Couplings of a free node (by its number) with a held one (by its place).
+/// Couplings of free nodes (by number) with nodes of prescribed temperature (by index).
 type Coupling = Vec<(usize, usize, f64)>;
 
-/// How a body conducts, without its films: mW/K.
+/// Conduction of a body without its films, mW/K.
 #[derive(Clone)]
 struct Conducts {
     system: System<1>,
@@ -104,16 +104,16 @@ impl Conducts {
     }
 }
 
-/// Conduction and capacity of a body, and what warms it.
+/// Conduction and capacity of a body, and its heat sources.
 pub(super) struct Heat {
     /// Conduction and films, mW/K.
     pub(super) conduction: System<1>,
-    /// Heat capacity, mJ/K; empty in a steady case.
+    /// Heat capacity, mJ/K; `None` in a steady case.
     pub(super) capacity: Option<System<1>>,
     to_held: Coupling,
-    /// Heat that enters at each free node, mW.
+    /// Heat flow into each free node, mW.
     enters: Vec<f64>,
-    /// Temperature of each held node.
+    /// Prescribed temperature of each node, if any.
     held: Vec<Option<f64>>,
 }
 
@@ -122,7 +122,7 @@ impl Heat {
         Self::assembled(mesh, materials, load, Conducts::of(mesh, materials, load))
     }
 
-    /// A body that conducts so, with what the load case adds.
+    /// Adds the load case to the conduction of a body.
     fn assembled(
         mesh: &Mesh,
         materials: &Materials,
@@ -190,9 +190,9 @@ impl Heat {
         Ok(reached)
     }
 
-    /// Temperatures of all nodes, from what enters, what the capacity brings to each free node from the step before, mW,
-    /// and what the held nodes conduct. Those are held from the very beginning: they bring no heat of their own from the
-    /// initial temperature.
+    /// Temperatures of all nodes. They follow from the heat that enters, from the nodes of prescribed temperature, and
+    /// from `brought`. `brought` is the contribution of the capacity from the step before to each free node, mW. Nodes
+    /// of prescribed temperature have it from the start, and contribute no heat from their initial temperature.
     fn solve(&self, factor: &Factor<1>, brought: impl Fn(usize) -> f64) -> Vec<f64> {
         let mut side = Mat::from_fn(self.enters.len(), 1, |row, _| self.enters[row] + brought(row));
         for (row, node, value) in &self.to_held {
@@ -218,7 +218,7 @@ fn enter(system: &System<1>, enters: &mut [f64], node: usize, heat: f64) {
     }
 }
 
-/// Adds the heat that fluxes bring to each free node, mW.
+/// Adds the heat flow of the fluxes into each free node, mW.
 pub(super) fn add_fluxes(mesh: &Mesh, fluxes: &[Flux], system: &System<1>, enters: &mut [f64]) {
     let mut in_volume = vec![0.0; mesh.elements.len()];
     for flux in fluxes {
@@ -241,7 +241,7 @@ pub(super) fn add_fluxes(mesh: &Mesh, fluxes: &[Flux], system: &System<1>, enter
     });
 }
 
-/// The heat capacity, mJ/K, in a system that is all zeros.
+/// Fills a system of zeros with the heat capacity, mJ/K.
 fn capacity(mesh: &Mesh, materials: &Materials, mut system: System<1>) -> Result<System<1>, HeatError> {
     let mut used = materials.of_element.iter().map(|place| &materials.list[*place]);
     if let Some(without) = used.find(|material| material.capacity.is_none()) {
@@ -262,7 +262,7 @@ fn capacity(mesh: &Mesh, materials: &Materials, mut system: System<1>) -> Result
     Ok(system)
 }
 
-/// Visits each node of a film with what a kelvin of its sink brings there, mW.
+/// Visits each node of a film, with the heat flow per kelvin of the fluid's temperature, mW.
 pub(super) fn film_heat(mesh: &Mesh, film: &Film, mut visit: impl FnMut(usize, f64)) {
     for_each_face_point(mesh, film.face, |nodes, value, area| {
         for (node, value) in nodes.iter().zip(value) {
@@ -279,7 +279,7 @@ fn for_each_face_point(mesh: &Mesh, face: Face, mut visit: impl FnMut(&[usize], 
     }
 }
 
-/// Refuses a steady case in which a part of the mesh has neither a film nor a held temperature.
+/// Rejects a steady case in which a part of the mesh has neither a film nor a prescribed temperature.
 fn anchored(mesh: &Mesh, load: &LoadCase) -> Result<(), HeatError> {
     let joints = mesh.elements.iter().flat_map(|each| each.nodes.iter().map(|node| (each.nodes[0], *node)));
     let part = parts(mesh.nodes.len(), joints);
@@ -294,7 +294,7 @@ fn anchored(mesh: &Mesh, load: &LoadCase) -> Result<(), HeatError> {
     }
 }
 
-/// How many whole steps a period has; one that divides it up to rounding divides it.
+/// Number of whole steps in a period. A step that divides it except for rounding counts as dividing it.
 fn whole_steps(steps: f64) -> usize {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the reader refuses too many")]
     let whole = (steps * (1.0 + 1e-9)).floor() as usize;

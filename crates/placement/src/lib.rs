@@ -1,19 +1,22 @@
-//! Offline: from a finite-element mesh of a structure to where its temperature sensors belong.
+//! Offline placement of temperature sensors, from a finite-element mesh of a structure.
 //!
 //! ```text
 //! fe_input ── mesh ──┬── heat ──────── temperatures of each load case
 //! (the files)        └── structure ─── displacements, and the sensitivity of the guideway to every node
 //!
-//! blocks ──┬── problem ── methods ── study ──┬── report    pictures
+//! blocks ──┬── problem ── methods ── study ──┬── report    drawings
 //! (sets,   │   (P, δ1)   (nodes)  (residuals)└── export    P and the model's block for a profile
 //!  cuts)   └── one temperature each
 //! ```
 //!
 //! # Units
-//! Those of an FE input file in millimetres, newtons, seconds, tonnes and kelvin: coordinates and displacements in mm, Young's
-//! modulus in MPa, density in t/mm³, specific heat in mJ/(t·K), conductivity in mW/(mm·K) (the same number as
-//! W/(m·K)), film coefficients in mW/(mm²·K), surface fluxes in mW/mm², nodal fluxes in mW, temperatures in °C.
-//! A number alone does not tell its unit; the reader refuses moduli and expansions that only fit another system.
+//! The units are those of an FE input file in millimetres, newtons, seconds, tonnes and kelvin:
+//!
+//! - coordinates and displacements in mm, Young's modulus in MPa, density in t/mm³, specific heat in mJ/(t·K);
+//! - conductivity in mW/(mm·K), which has the same number as W/(m·K), and film coefficients in mW/(mm²·K);
+//! - surface fluxes in mW/mm², nodal fluxes in mW, temperatures in °C.
+//!
+//! A file does not state its units. The reader rejects moduli and expansions that are plausible in another system only.
 
 pub mod blocks;
 pub mod body;
@@ -42,7 +45,7 @@ mod graph;
 mod restraint;
 mod system;
 
-// The bodies name this crate as the tests outside do, which share them.
+// The module `bodies` is shared with the external tests, and uses the name of this crate.
 #[cfg(test)]
 extern crate self as isotherm_placement;
 

@@ -1,4 +1,4 @@
-//! The mesh: nodes, tetrahedra, named sets, and the outer skin.
+//! Mesh: nodes, tetrahedra, named sets, and the outer surface.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
@@ -6,7 +6,7 @@ use std::fmt;
 /// Names of the directions.
 pub const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// The number a node has in the FE input file.
+/// Number of a node in the FE input file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct NodeId(pub u32);
 
@@ -16,17 +16,17 @@ impl fmt::Display for NodeId {
     }
 }
 
-/// How many nodes a tetrahedron has.
+/// Kind of a tetrahedron, by its number of nodes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// Four corners, linear (`C3D4`).
+    /// Linear tetrahedron with four corners (`C3D4`).
     Tet4,
-    /// Four corners and the middles of the six edges, quadratic (`C3D10`).
+    /// Quadratic tetrahedron with four corners and the midpoints of the six edges (`C3D10`).
     Tet10,
 }
 
 impl Kind {
-    /// Nodes of one element.
+    /// Number of nodes of one element.
     #[must_use]
     pub const fn nodes(self) -> usize {
         match self {
@@ -35,7 +35,7 @@ impl Kind {
         }
     }
 
-    /// The name of the element in an FE input file.
+    /// Name of the element type in an FE input file.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -44,7 +44,8 @@ impl Kind {
         }
     }
 
-    /// The places of the nodes of face `side` (0 to 3, in an FE input file F1 to F4): corners, then the middles of its edges.
+    /// Indexes of the nodes of a face in the element: corners, then midpoints of the edges. `side` is 0 to 3, in an FE
+    /// input file F1 to F4.
     #[must_use]
     pub fn face(self, side: usize) -> &'static [usize] {
         match self {
@@ -54,47 +55,48 @@ impl Kind {
     }
 }
 
-/// Faces as Abaqus and CalculiX count them, seen from outside clockwise.
+/// Nodes of the faces in the numbering of Abaqus and CalculiX, clockwise as seen from outside.
 const FACES: [[usize; 6]; 4] =
     [[0, 1, 2, 4, 5, 6], [0, 3, 1, 7, 8, 4], [1, 3, 2, 8, 9, 5], [2, 3, 0, 9, 7, 6]];
 
 /// A tetrahedron.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Element {
-    /// Its number in the FE input file.
+    /// Number in the FE input file.
     pub id: u32,
     /// Linear or quadratic.
     pub kind: Kind,
-    /// Places of its nodes in [`Mesh::nodes`]: four corners, then the middles of the edges 12, 23, 31, 14, 24, 34.
+    /// Indexes of its nodes in [`Mesh::nodes`]: four corners, then the midpoints of the edges 12, 23, 31, 14, 24, 34.
     pub nodes: Vec<usize>,
 }
 
-/// One face of one element.
+/// A face of an element.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Face {
-    /// Place of the element in [`Mesh::elements`].
+    /// Index of the element in [`Mesh::elements`].
     pub element: usize,
-    /// 0 to 3, in an FE input file F1 to F4.
+    /// Side, 0 to 3; in an FE input file F1 to F4.
     pub side: usize,
 }
 
 /// A body of tetrahedra.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Mesh {
-    /// Numbers of the nodes in the FE input file, ascending. Everything else names nodes by their place in here.
+    /// Numbers of the nodes in the FE input file, ascending. Everything else refers to nodes by their index in this
+    /// list.
     pub nodes: Vec<NodeId>,
-    /// Coordinates in mm, one triple for each of `nodes`.
+    /// Coordinates of each node in mm.
     pub xyz: Vec<[f64; 3]>,
-    /// The tetrahedra.
+    /// Tetrahedra.
     pub elements: Vec<Element>,
-    /// Places of nodes, in the file's order and each once, by the name of the set in capitals.
+    /// Node sets by name in capitals: indexes in the order of the file, each once.
     pub node_sets: BTreeMap<String, Vec<usize>>,
-    /// Places of elements, ascending and each once, by the name of the set in capitals.
+    /// Element sets by name in capitals: indexes, ascending, each once.
     pub element_sets: BTreeMap<String, Vec<usize>>,
 }
 
 impl Mesh {
-    /// The place of the node with this number.
+    /// Index of the node with this number.
     #[must_use]
     pub fn place(&self, node: NodeId) -> Option<usize> {
         self.nodes.binary_search(&node).ok()
@@ -106,7 +108,7 @@ impl Mesh {
         element.nodes.iter().map(|node| self.xyz[*node]).collect()
     }
 
-    /// Whether each node belongs to an element.
+    /// Returns for each node whether it belongs to an element.
     #[must_use]
     pub fn used(&self) -> Vec<bool> {
         let mut used = vec![false; self.nodes.len()];
@@ -136,7 +138,7 @@ impl Mesh {
         outer
     }
 
-    /// What a face is, whoever of its two elements is asked: its corners, ascending.
+    /// Identifies a face independently of the element: its corners, ascending.
     #[must_use]
     pub fn face_key(&self, element: &Element, side: usize) -> [usize; 3] {
         let mut key = [0, 1, 2].map(|corner| element.nodes[FACES[side][corner]]);
@@ -144,7 +146,7 @@ impl Mesh {
         key
     }
 
-    /// Nodes of the outer faces, ascending: where a sensor can be reached.
+    /// Nodes of the outer faces, ascending. Only these nodes may be accessible for a sensor.
     #[must_use]
     pub fn skin(&self) -> Vec<usize> {
         let mut on = vec![false; self.nodes.len()];
@@ -156,19 +158,19 @@ impl Mesh {
     }
 }
 
-/// A direction and where it is, or how much along it: `z=450`.
+/// Parses a direction with a position or length: `z=450`.
 pub(super) fn axis_and_value(text: &str) -> Option<(usize, f64)> {
     let (axis, value) = text.split_once('=')?;
     let axis = AXES.iter().position(|known| known.eq_ignore_ascii_case(axis.trim()))?;
     Some((axis, value.trim().parse().ok().filter(|value: &f64| value.is_finite())?))
 }
 
-/// The lowest and the highest of some values.
+/// Smallest and largest of some values.
 pub(super) fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
 }
 
-/// The parts into which `pairs` join so many things: of each thing the first of its part.
+/// Divides items into parts that `pairs` connect. Returns for each item the first item of its part.
 pub(super) fn parts(things: usize, pairs: impl Iterator<Item = (usize, usize)>) -> Vec<usize> {
     fn first(of: &mut [usize], mut thing: usize) -> usize {
         while of[thing] != thing {
@@ -185,7 +187,7 @@ pub(super) fn parts(things: usize, pairs: impl Iterator<Item = (usize, usize)>) 
     (0..things).map(|thing| first(&mut of, thing)).collect()
 }
 
-/// A number of things to compute with.
+/// Converts a count to floating point.
 pub(super) fn count(things: usize) -> f64 {
     #[allow(clippy::cast_precision_loss, reason = "nodes of a mesh")]
     let count = things as f64;

@@ -1,4 +1,4 @@
-//! The methods: where the sensor of each block belongs.
+//! Methods that select the node for the sensor of each block.
 
 pub mod bounded;
 pub mod multi_case;
@@ -8,21 +8,21 @@ pub mod patterns;
 use crate::element::{dot, minus};
 use crate::problem::{Block, Problem, Target};
 
-/// How the sensors' nodes are chosen.
+/// Method that selects the nodes of the sensors.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// The iteration of JP 6507619 B2 on one load case.
+    /// Iteration of JP 6507619 B2 on one load case.
     Patent,
     /// Bounded least squares on one load case.
     Bounded,
-    /// All load cases together.
+    /// Search over all load cases together.
     #[default]
     MultiCase,
 }
 
 impl Method {
-    /// Its name.
+    /// Name of the method.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -33,7 +33,7 @@ impl Method {
     }
 }
 
-/// For each block the candidate whose temperature is nearest to `theta`: places in the lists of candidates.
+/// For each block, the candidate with the temperature nearest to `theta`, as an index in its list of candidates.
 #[must_use]
 pub fn nearest(target: &Target, theta: &[f64]) -> Vec<usize> {
     let place = |(offered, theta): (&Vec<f64>, &f64)| {
@@ -43,8 +43,8 @@ pub fn nearest(target: &Target, theta: &[f64]) -> Vec<usize> {
     target.offered.iter().zip(theta).map(place).collect()
 }
 
-/// For each block the node nearest to the centre of its volume, whether it can be reached or not: the block's
-/// temperature as one would take it without computing.
+/// For each block, the node nearest to the centre of its volume, whether it is accessible or not. It represents a
+/// choice without a calculation.
 #[must_use]
 pub fn central(problem: &Problem, xyz: &[[f64; 3]]) -> Vec<usize> {
     let central = |block: &Block| {

@@ -1,35 +1,35 @@
-//! What the sensors are chosen by: the displacement of the guideway, and what the blocks' temperatures say of it.
+//! Placement problem: the displacement of the guideway, and its dependence on the block temperatures.
 
 use nalgebra::{DMatrix, DVector};
 
 use crate::mesh::{count, range};
 
-/// One block of the structure: one sensor measures its temperature.
+/// A block of the structure; one sensor measures its temperature.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Block {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// Places of its nodes in the mesh, ascending.
+    /// Indexes of its nodes in the mesh, ascending.
     pub nodes: Vec<usize>,
-    /// Those of them that may carry the sensor, ascending; never empty.
+    /// Nodes that may carry the sensor, ascending; never empty.
     pub candidates: Vec<usize>,
-    /// The centre of its volume, mm.
+    /// Centre of its volume, mm.
     pub centre: [f64; 3],
 }
 
-/// One load case: the structure under one heat load.
+/// Result of one load case.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Load {
-    /// Its name.
+    /// Name.
     pub name: String,
     /// Temperature rise of each node of the mesh, K.
     pub rise: Vec<f64>,
-    /// True displacement of the guideway (δ1), mm, rows 3·guide + component.
+    /// Displacement of the guideway (δ1), mm, rows 3·guide + component.
     pub moved_mm: Vec<f64>,
 }
 
 impl Load {
-    /// The lowest and the highest rise among these nodes, K.
+    /// Lowest and highest rise of these nodes, K.
     pub(super) fn bounds(&self, nodes: &[usize]) -> (f64, f64) {
         range(nodes.iter().map(|node| self.rise[*node]))
     }
@@ -41,23 +41,23 @@ impl Load {
     }
 }
 
-/// The displacement of the guideway in one direction or several, as blocks with one temperature each give it.
+/// Displacement of the guideway in one or more directions, as a function of one temperature for each block.
 ///
-/// Everything that methods ask many times is held as products: with P'P, P'δ1 and δ1'δ1 the squared error of any set
-/// of block temperatures θ is δ1'δ1 − 2·θ'P'δ1 + θ'P'P·θ, whatever the number of guideway nodes.
+/// Figures that methods use many times are stored as products P'P, P'δ1 and δ1'δ1. The squared error of any block
+/// temperatures θ is δ1'δ1 − 2·θ'P'δ1 + θ'P'P·θ. Its cost does not depend on the number of guideway nodes.
 #[derive(Clone, Debug)]
 pub struct Problem {
-    /// The blocks.
+    /// Blocks.
     pub blocks: Vec<Block>,
-    /// P in these directions: rows guideway nodes, one direction after the other, columns blocks, µm/K.
+    /// P in these directions, µm/K. The rows are guideway nodes, one direction after the other; the columns are blocks.
     pub matrix: DMatrix<f64>,
     /// P'P, µm²/K².
     pub(super) square: DMatrix<f64>,
-    /// One for each load case.
+    /// Target of each load case.
     pub targets: Vec<Target>,
 }
 
-/// What one load case asks of the blocks.
+/// Target of one load case for the block temperatures.
 #[derive(Clone, Debug)]
 pub struct Target {
     /// Name of the load case.
@@ -68,19 +68,19 @@ pub struct Target {
     pub(super) cross: DVector<f64>,
     /// δ1'δ1, µm².
     pub(super) power: f64,
-    /// For each block the rises of its candidates, K, in their order.
+    /// For each block, the rises of its candidates in their order, K.
     pub offered: Vec<Vec<f64>>,
-    /// For each block the mean rise of all its nodes, K.
+    /// For each block, the mean rise of its nodes, K.
     pub mean: Vec<f64>,
-    /// For each block the lowest and the highest rise among its nodes, K.
+    /// For each block, the lowest and highest rise of its nodes, K.
     pub bounds: Vec<(f64, f64)>,
 }
 
 pub(super) const UM_PER_MM: f64 = 1000.0;
 
 impl Problem {
-    /// From P (rows 3·guide + component, one column per block, mm/K) and the load cases, in these directions (0 x, 1 y,
-    /// 2 z).
+    /// Makes the problem from P and the load cases, in these directions (0 x, 1 y, 2 z). P has the rows 3·guide +
+    /// component, and one column per block, mm/K.
     #[must_use]
     pub fn new(blocks: Vec<Block>, p: &[Vec<f64>], loads: &[Load], components: &[usize]) -> Problem {
         let rows = in_directions(p, components);
@@ -103,19 +103,19 @@ impl Problem {
         Problem { square: matrix.tr_mul(&matrix), matrix, blocks, targets }
     }
 
-    /// Rows: guideway nodes, as often as there are directions.
+    /// Number of rows: guideway nodes times directions.
     #[must_use]
     pub fn rows(&self) -> f64 {
         count(self.matrix.nrows())
     }
 
-    /// P·θ, the displacement by block temperatures θ (rises, K), µm.
+    /// Displacement P·θ by block temperatures θ (rises, K), µm.
     #[must_use]
     pub fn evaluate(&self, theta: &[f64]) -> DVector<f64> {
         &self.matrix * DVector::from_column_slice(theta)
     }
 
-    /// Root mean square over the guideway of what block temperatures `theta` (rises, K) leave of a case, µm.
+    /// Residual of a case with block temperatures `theta` (rises, K), µm RMS over the guideway.
     #[must_use]
     pub fn rms(&self, target: &Target, theta: &[f64]) -> f64 {
         let theta = DVector::from_column_slice(theta);
@@ -123,26 +123,27 @@ impl Problem {
         (left.max(0.0) / self.rows().max(1.0)).sqrt()
     }
 
-    /// The rises that sensors read in a case; `places` are places in the blocks' lists of candidates.
+    /// Rises that sensors at these candidates measure in a case. `places` are indexes in the blocks' lists of
+    /// candidates.
     #[must_use]
     pub fn readings(&self, target: &Target, places: &[usize]) -> Vec<f64> {
         places.iter().zip(&target.offered).map(|(place, offered)| offered[*place]).collect()
     }
 
-    /// What sensors at these candidates leave of a case, µm RMS.
+    /// Residual of a case with sensors at these candidates, µm RMS.
     #[must_use]
     pub fn rms_of(&self, target: &Target, places: &[usize]) -> f64 {
         self.rms(target, &self.readings(target, places))
     }
 
-    /// What sensors at these candidates leave of each case, µm RMS.
+    /// Residual of each case with sensors at these candidates, µm RMS.
     #[must_use]
     pub fn rms_of_each(&self, places: &[usize]) -> Vec<f64> {
         self.targets.iter().map(|target| self.rms_of(target, places)).collect()
     }
 }
 
-/// Of rows 3·guide + component those of these directions, one direction after the other.
+/// Selects the rows of these directions from rows 3·guide + component, one direction after the other.
 pub(super) fn in_directions<'a, T>(rows: &'a [T], components: &[usize]) -> Vec<&'a T> {
     components.iter().flat_map(|component| rows.iter().skip(*component).step_by(3)).collect()
 }

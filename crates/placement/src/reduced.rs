@@ -1,11 +1,13 @@
-//! A structure reduced to modes: what a plant needs of its finite elements.
+//! Reduction of a structure to modes, which a simulated plant uses instead of its finite elements.
 //!
-//! Heat comes in through *ports* (a patch of the surface: watts, spread as its fluxes are; its temperature is the mean
-//! with the same weights) and through films from *sinks*, which have a temperature of their own. With the conduction K
-//! (films included), the capacity C and the inputs F, the basis holds the uniform field and (K + s·C)⁻¹·F for some s: what
-//! the structure is like long after a change and soon after it (rational Krylov; Grimme, Krylov projection methods for
-//! model reduction, 1997). Projected on it, K is as symmetric as before, so that heat flows as easily one way as the
-//! other, and a uniform rise of all sinks stays a uniform rise.
+//! Heat enters through *ports* and films. A port is a patch of the surface with a heat flow in watts, which is
+//! distributed like the fluxes of the patch. Its temperature is the mean with the same weights. Films connect the
+//! structure to *sinks*, which have their own temperatures.
+//!
+//! K is the conduction with films, C the capacity, and F the inputs. The basis contains the uniform field, and (K +
+//! s·C)⁻¹·F for some s. These fields describe the structure long after a change and soon after it (rational Krylov;
+//! Grimme, Krylov projection methods for model reduction, 1997). The projection of K is symmetric like K, so that heat
+//! flows equally well in both directions. A uniform rise of all sinks remains a uniform rise.
 
 use std::collections::BTreeMap;
 
@@ -24,53 +26,56 @@ use crate::system::System;
 #[cfg(test)]
 mod tests;
 
-/// Where the basis is exact: never again changing, then periods of these, s.
+/// Periods for which the basis is exact, in addition to the steady state, s.
 const PERIODS: [f64; 5] = [14_400.0, 3_600.0, 900.0, 180.0, 40.0];
 
-/// What is left of a vector of the basis beside those before it, under which it says nothing new.
+/// Relative norm of the new part of a vector below which the basis does not include it.
 const NEW: f64 = 1e-7;
 
-/// Why there are no modes.
+/// Reason for which there are no modes.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ReducedError {
-    /// Temperatures that are held, or heat at single nodes.
+    /// Prescribed temperatures, or heat at single nodes.
     #[error(
         "{0}: the plant's heat comes in through fluxes and films on named surfaces, and through nothing else"
     )]
     OtherHeat(&'static str),
-    /// The same name for both.
+    /// A film and a flux have the same name.
     #[error("`{0}` is both a film and a flux: give one of them a surface of another name")]
     Twice(String),
-    /// Fluxes that are nothing, or take away what they bring.
+    /// The fluxes of a port are zero, or cancel each other.
     #[error(
         "`{0}`: its fluxes come to no heat: give each *DFLUX any number above 0, only how they share counts"
     )]
     NoHeat(String),
-    /// The conduction.
+    /// The heat conduction has no solution.
     #[error(transparent)]
     Heat(#[from] HeatError),
 }
 
-/// The modes. A unit of a mode is √(J·K): its energy is half its square, over 1 K.
+/// Modes of a structure. A unit of a mode is √(J·K): its energy is half its square, over 1 K.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Modes {
-    /// How fast each decays, 1/s, ascending.
+    /// Decay rate of each mode, 1/s, ascending.
     pub rates: Vec<f64>,
-    /// What each has where everything is 1 K warmer.
+    /// Value of each mode if everything is 1 K warmer.
     pub uniform: Vec<f64>,
-    /// For each port its temperature, K per unit of each mode; a watt in it drives the modes with the same numbers.
+    /// For each port, its temperature in K per unit of each mode. A watt into the port drives the modes with the same
+    /// numbers.
     pub ports: BTreeMap<String, Vec<f64>>,
-    /// For each sink what a kelvin of it drives, W/K per unit of each mode: with `uniform` film times area.
+    /// For each sink, the effect of a kelvin on each mode, W/K per unit. Multiplied by `uniform` and summed, it is film
+    /// coefficient times area.
     pub sinks: BTreeMap<String, Vec<f64>>,
-    /// For each mode the temperature of every node, K per unit.
+    /// For each mode, the temperature of every node, K per unit.
     pub shapes: Vec<Vec<f64>>,
 }
 
 impl Modes {
-    /// Of the structure of a plant, whose films are sinks and whose fluxes are ports, by the names of their surfaces.
+    /// Calculates the modes of the structure of a plant. Its films are sinks and its fluxes are ports, by the names of
+    /// their surfaces.
     ///
     /// # Errors
-    /// Where heat comes in by other ways, or has no way out.
+    /// Heat enters in another way, or cannot leave.
     pub fn of(plant: &FeInput, progress: Progress<'_>) -> Result<Modes, ReducedError> {
         let load = &plant.load;
         if !load.held.is_empty() {
@@ -79,7 +84,7 @@ impl Modes {
         if !load.nodal.is_empty() {
             return Err(ReducedError::OtherHeat("*CFLUX"));
         }
-        // Any transient case: capacity is needed, the steps are not.
+        // Any transient case is suitable, because only the capacity is needed.
         let load = LoadCase { case: Case::Transient { step: 1.0, period: 1.0 }, ..load.clone() };
         let heat = Heat::of(&plant.mesh, &plant.materials, &load)?;
         let capacity = heat.capacity.as_ref().ok_or(HeatError::Singular)?;
@@ -98,8 +103,8 @@ impl Modes {
         Ok(basis.modes(&heat.conduction, &uniform, inputs))
     }
 
-    /// The file that a plant reads: JSON, one row of numbers to a line, with the temperatures of `points` (names and
-    /// nodes) and the displacement along the guideway.
+    /// File for a simulated plant: JSON with one row of numbers per line. It contains the temperatures of `points`
+    /// (names and nodes), and the displacement along the guideway.
     #[must_use]
     pub fn to_json(&self, points: &[(String, usize)], adjoint: &Adjoint, line: &GuideLine) -> String {
         let at = |node: usize| short(self.shapes.iter().map(|shape| shape[node]));
@@ -123,7 +128,7 @@ impl Modes {
             guide_mm: &line.guide_mm,
             moves_um: (0..3).map(|component| (AXES[component], moves(component))).collect(),
         };
-        // Numbers and names only: this cannot fail.
+        // Serialization cannot fail, because there are only numbers and names.
         let text = serde_json::to_string(&file).unwrap_or_default();
         text.replace("],", "],\n").replace("},", "},\n").replace("{\"", "{\n\"") + "\n"
     }
@@ -142,7 +147,7 @@ struct File<'a> {
     moves_um: BTreeMap<&'a str, Vec<Vec<f64>>>,
 }
 
-/// Seven digits: of a temperature in °C the last is a hundred-thousandth of a kelvin.
+/// Rounds to seven digits. In a temperature in °C, the last digit is 0.00001 K.
 fn short(values: impl Iterator<Item = f64>) -> Vec<f64> {
     values.map(|value| format!("{value:.6e}").parse().unwrap_or(value)).collect()
 }
@@ -176,7 +181,7 @@ impl Inputs {
             if all.abs() <= NEW * passing {
                 return Err(ReducedError::NoHeat(name));
             }
-            // Weights: a thousand milliwatts are the watt that comes in.
+            // Weights of a port in mW for an input of one watt.
             Ok((name, heat.iter().map(|heat| 1000.0 * heat / all).collect()))
         };
         Ok(Inputs { ports: fluxes.into_iter().map(port).collect::<Result<_, _>>()?, sinks })
@@ -197,21 +202,21 @@ impl Inputs {
     }
 }
 
-/// Fields that are orthonormal in C, mJ/K.
+/// Fields that are orthonormal with respect to C, mJ/K.
 struct Basis<'a> {
     capacity: &'a System<1>,
     vectors: Vec<Vec<f64>>,
 }
 
-/// J in mJ: the modes' energy is counted in J.
+/// Converts mJ to J, because the energy of modes is in J.
 const MILLI: f64 = 1e-3;
 
 impl Basis<'_> {
-    /// Adds what is new in a field.
+    /// Adds the part of a field that the basis does not contain.
     fn add(&mut self, mut field: Vec<f64>) {
         let norm = |field: &[f64]| (MILLI * dot(field, &self.capacity.times(field))).max(0.0).sqrt();
         let before = norm(&field);
-        // Twice is enough.
+        // Two passes of orthogonalization are sufficient.
         for _ in 0..2 {
             let stored = self.capacity.times(&field);
             let shares: Vec<f64> = self.vectors.iter().map(|vector| MILLI * dot(vector, &stored)).collect();
@@ -239,7 +244,7 @@ impl Basis<'_> {
             for (vector, share) in self.vectors.iter().zip(eigen.eigenvectors.column(*place).iter()) {
                 shape.iter_mut().zip(vector).for_each(|(shape, value)| *shape += share * value);
             }
-            // One of the two signs, the same on every computer.
+            // The choice of the sign is the same on every computer.
             let most = inputs.ports.values().map(|port| dot(port, &shape));
             let most = most.fold(0.0, |most: f64, at| if at.abs() > most.abs() { at } else { most });
             if most < 0.0 { shape.iter().map(|value| -value).collect() } else { shape }

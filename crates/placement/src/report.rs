@@ -1,4 +1,4 @@
-//! A placement as one HTML file: the structure with its sensors, what they leave, and what would help.
+//! Placement as one HTML file: the structure with its sensors, the residual errors, and possible improvements.
 
 use maud::{Markup, html};
 
@@ -11,7 +11,7 @@ use isotherm_core::quantity::Moment;
 use isotherm_html::chart::{self, Line, Look};
 use isotherm_html::{date, figure, number, page, table};
 
-/// One HTML file, made at this moment.
+/// Renders the report as one HTML file; `made` is its time.
 #[must_use]
 pub fn report(study: &Study, placement: &Placement, line: &GuideLine, made: Moment) -> String {
     let Study { mesh, guide, .. } = study;

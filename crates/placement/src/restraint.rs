@@ -1,4 +1,4 @@
-//! Whether fixed nodes hold a structure, part by part.
+//! Check whether fixed nodes hold every part of a structure.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -6,10 +6,10 @@ use crate::element::{cross, dot, minus};
 use crate::mesh::{self, AXES, Mesh, range};
 use crate::structure::StructureError;
 
-/// Refuses fixed nodes that leave a part free to move.
+/// Rejects fixed nodes that leave a part free to move.
 ///
-/// Parts are joined by common faces. One that hangs on another by three nodes that are not on one line is held by it;
-/// by an edge or a single node it is hinged.
+/// The elements of a part have common faces. A part that shares three nodes, not on one line, with a held part is held
+/// too. A part that shares an edge or a single node is hinged.
 pub(super) fn holds(mesh: &Mesh, fixed: &[usize]) -> Result<(), StructureError> {
     if fixed.is_empty() {
         return Err(StructureError::NothingFixed);
@@ -34,7 +34,7 @@ pub(super) fn holds(mesh: &Mesh, fixed: &[usize]) -> Result<(), StructureError> 
     }
 }
 
-/// Nodes of each part of the mesh whose elements have common faces, ascending.
+/// Nodes of each part of the mesh, ascending. The elements of a part have common faces.
 fn parts(mesh: &Mesh) -> Vec<Vec<usize>> {
     let mut first_with = HashMap::with_capacity(2 * mesh.elements.len());
     let faces = mesh.elements.iter().enumerate().flat_map(|each| (0..4).map(move |side| (each, side)));
@@ -54,11 +54,12 @@ fn parts(mesh: &Mesh) -> Vec<Vec<usize>> {
     parts
 }
 
-/// Nodes that lie nearer to one line than this share of their part's size do not keep it from turning about that line:
-/// rounding of coordinates alone must not hold it, and a support a thousandth of the part's size apart still does.
+/// Maximum distance from a line, as a share of the size of the part, at which nodes do not prevent a rotation about the
+/// line. Rounded coordinates alone must not count as support. A support at a thousandth of the size counts.
 const ON_LINE: f64 = 3e-5;
 
-/// How a part can still move, if it can: about the line on which all its held nodes lie.
+/// Possible motion of a part that is not held, for example about the line through all its held nodes; `None` if it is
+/// held.
 fn motion(mesh: &Mesh, nodes: &[usize], held: &[bool]) -> Option<String> {
     let mut places = nodes.iter().filter(|node| held[**node]).map(|node| mesh.xyz[*node]);
     let Some(first) = places.next() else { return Some("move and turn in every direction".to_owned()) };

@@ -1,4 +1,4 @@
-//! Linear thermo-elasticity: how a body that is held somewhere deforms as its nodes warm.
+//! Linear thermo-elasticity: deformation of a supported body as its nodes become warmer.
 
 use faer::{Mat, MatRef};
 use rayon::prelude::*;
@@ -13,10 +13,10 @@ use crate::mesh::{Mesh, NodeId};
 use crate::restraint;
 use crate::system::{Factor, System};
 
-/// Why there are no displacements.
+/// Reason for which there are no displacements.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum StructureError {
-    /// No node is held.
+    /// No node is fixed.
     #[error("no node is fixed: the structure would float; name the node set that stands on the ground")]
     NothingFixed,
     /// Rigid-body modes remain.
@@ -27,50 +27,50 @@ pub enum StructureError {
     Loose {
         /// A node of the part.
         node: NodeId,
-        /// How many nodes the part has.
+        /// Number of nodes of the part.
         nodes: usize,
-        /// How it can move.
+        /// Possible motion.
         motion: String,
     },
-    /// The stiffness has no inverse all the same.
+    /// The stiffness matrix is singular although the supports are sufficient.
     #[error(
         "the stiffness of the structure cannot be factored: an element is nearly flat, or a modulus is wrong"
     )]
     Singular,
 }
 
-/// A structure whose stiffness is factored: any field of temperatures gives its displacements by one solution.
+/// Structure with a factored stiffness matrix. Each field of temperatures then takes one solution.
 pub struct Structure<'a> {
     mesh: &'a Mesh,
     materials: &'a Materials,
     factor: Factor<3>,
 }
 
-/// How guideway nodes move per kelvin of each node of the structure.
+/// Sensitivity of guideway nodes to the temperature of each node of the structure.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Adjoint {
-    /// Three (x, y, z) for each guideway node, in their order.
+    /// Number of rows: three (x, y, z) for each guideway node, in their order.
     pub rows: usize,
-    /// Nodes of the mesh.
+    /// Number of columns: nodes of the mesh.
     pub columns: usize,
-    /// mm/K, row after row.
+    /// Values in mm/K, row by row.
     pub values: Vec<f64>,
 }
 
 impl Adjoint {
-    /// How one component of one guideway node (row 3·guide + component) follows every node, mm/K.
+    /// Sensitivity of one component of one guideway node (row 3·guide + component) to every node, mm/K.
     #[must_use]
     pub fn row(&self, row: usize) -> &[f64] {
         &self.values[row * self.columns..(row + 1) * self.columns]
     }
 
-    /// The column of P that belongs to a block: displacements in mm where its `nodes` are 1 K warmer.
+    /// Column of P for a block: displacements in mm if its `nodes` are 1 K warmer.
     #[must_use]
     pub fn block(&self, nodes: &[usize]) -> Vec<f64> {
         (0..self.rows).map(|row| nodes.iter().map(|node| self.row(row)[*node]).sum()).collect()
     }
 
-    /// Displacements in mm of the guideway under these rises of all nodes in K.
+    /// Displacements of the guideway in mm for these rises of all nodes in K.
     #[must_use]
     pub fn displacements(&self, rises: &[f64]) -> Vec<f64> {
         let one = |row| self.row(row).iter().zip(rises).map(|(each, rise)| each * rise).sum();
@@ -78,14 +78,14 @@ impl Adjoint {
     }
 }
 
-/// Right-hand sides that are solved in one go: more are faster, and take more memory.
+/// Number of right-hand sides that are solved together. More are faster, and take more memory.
 const TOGETHER: usize = 48;
 
 impl<'a> Structure<'a> {
-    /// Factors the stiffness of a body whose nodes `fixed` do not move in any direction.
+    /// Factors the stiffness of a body with the nodes `fixed` in all directions.
     ///
     /// # Errors
-    /// Where the body can move as a rigid one.
+    /// The body can move as a rigid body.
     pub fn new(
         mesh: &'a Mesh,
         materials: &'a Materials,
@@ -120,8 +120,8 @@ impl<'a> Structure<'a> {
         Ok(Self { mesh, materials, factor })
     }
 
-    /// The sensitivity of guideway nodes to all nodes, by adjoints: one solution for each of their components, whatever
-    /// the number of nodes, blocks and cases.
+    /// Sensitivity of guideway nodes to all nodes, by adjoints. It takes one solution for each component of a guideway
+    /// node, independently of the number of nodes, blocks and cases.
     #[must_use]
     pub fn guideway(&self, guide: &[usize], progress: Progress<'_>) -> Adjoint {
         let columns = self.mesh.nodes.len();
@@ -143,11 +143,11 @@ impl<'a> Structure<'a> {
         Adjoint { rows, columns, values }
     }
 
-    /// The work of the thermal expansion of each node on each adjoint displacement.
+    /// Work of the thermal expansion of each node on each adjoint displacement.
     fn gather(&self, adjoints: &Mat<f64>, values: &mut [f64]) {
         let columns = self.mesh.nodes.len();
         let each = adjoints.ncols().div_ceil(rayon::current_num_threads()).max(1);
-        // Each thread goes through the elements once, for its own rows.
+        // Each thread visits the elements once, for its own rows.
         values.par_chunks_mut(columns * each).enumerate().for_each(|(place, values)| {
             let rows = values.len() / columns;
             let own = adjoints.subcols(place * each, rows);
@@ -161,7 +161,7 @@ impl<'a> Structure<'a> {
         });
     }
 
-    /// The same of `rows` adjoints that lie side by side: for each node of the mesh theirs.
+    /// Work for `rows` adjoints stored side by side, for each node of the mesh.
     fn works(&self, adjoints: &[f64], rows: usize) -> Vec<f64> {
         let mut works = vec![0.0; self.mesh.nodes.len() * rows];
         let mut spread = vec![0.0; rows];
@@ -182,23 +182,23 @@ impl<'a> Structure<'a> {
         works
     }
 
-    /// Stress per kelvin where nothing can give way, MPa/K.
+    /// Stress per kelvin if the body cannot expand, MPa/K.
     fn push(&self, element: usize) -> f64 {
         let material = self.materials.of(element);
         material.young * material.expansion / (1.0 - 2.0 * material.poisson)
     }
 
-    /// Numbers the factor keeps, 8 bytes each.
+    /// Number of values in the factor, 8 bytes each.
     #[must_use]
     pub fn stored(&self) -> usize {
         self.factor.stored()
     }
 }
 
-/// The guideway of the first of these files, and the temperatures of the load case of each: at once, as neither needs the other.
+/// Calculates the guideway of the first file, and the temperatures of the load case of each file, in parallel.
 ///
 /// # Errors
-/// Where that body can move as a rigid one; and by load case, where it has no solution.
+/// The body can move as a rigid body. For each load case: it has no solution.
 #[allow(clippy::type_complexity, reason = "two results, one of them by load case")]
 pub fn guideway_and_temperatures(
     inputs: &[FeInput],
@@ -217,7 +217,7 @@ pub fn guideway_and_temperatures(
     Ok((adjoint?, rises))
 }
 
-/// The columns of a matrix so that what stands in one row lies together.
+/// Transposes columns, so that the values of one row are adjacent.
 fn side_by_side(columns: MatRef<'_, f64>) -> Vec<f64> {
     let width = columns.ncols();
     let mut rows = vec![0.0; columns.nrows() * width];
@@ -231,7 +231,7 @@ fn add_to(sums: &mut [f64], factor: f64, values: &[f64]) {
     sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += factor * value);
 }
 
-/// Adds what a point contributes to the stiffness between two nodes of its element.
+/// Adds the contribution of a point to the stiffness between two nodes of its element.
 fn elastic(block: &mut [[f64; 3]; 3], point: &Point, nodes: [usize; 2], bulk: f64, shear: f64) {
     let [a, b] = nodes.map(|node| point.gradient[node]);
     let along = shear * dot(a, b);

@@ -1,8 +1,11 @@
-//! A structure under its load cases, and where its sensors belong: what they leave of each case.
+//! Study of a structure under its load cases: the places of its sensors, and the residual error of each case.
 //!
-//! Four errors, each the RMS over the guideway of P·θ of block temperatures θ minus δ1, µm: *naive* (a node at the
-//! block's centre, or the mean of its nodes), *optimised* (the temperatures θg a method asks for), *read back* (those
-//! its sensors really have), and the *floor* (the best temperatures blocks can have: no sensor of theirs does better).
+//! The error of block temperatures θ is P·θ − δ1, µm RMS over the guideway. It is calculated for four temperatures:
+//!
+//! - *naive*: of the node at the centre of the block, or the mean of its nodes;
+//! - *optimised*: the temperatures θg that a method requests;
+//! - *read back*: those at the selected sensors;
+//! - *floor*: the best temperatures that blocks can have. No sensors can do better.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -26,56 +29,56 @@ mod sensor_counts;
 use on_one_case::OnOneCase;
 use sensor_counts::{other_divisions, other_divisions_at_most};
 
-/// By what sensors are placed and judged.
+/// Criteria of the placement.
 #[derive(Clone, Debug)]
 pub struct Criteria {
-    /// Directions in which errors are judged, together: 0 x, 1 y, 2 z.
+    /// Directions in which errors are evaluated together: 0 x, 1 y, 2 z.
     pub components: Vec<usize>,
-    /// By which method.
+    /// Method.
     pub method: Method,
-    /// The case that `patent` and `bounded` are placed by; none: the one that moves the guideway most.
+    /// Load case for `patent` and `bounded`; `None` for the one with the largest displacement of the guideway.
     pub case: Option<usize>,
-    /// What is as good as nothing.
+    /// Errors that are negligible.
     pub tolerance: Tolerance,
-    /// How far a sensor may sit from its place, mm.
+    /// Maximum distance of a sensor from its place, mm.
     pub misplaced: f64,
 }
 
 /// A structure under its load cases.
 #[derive(Clone, Debug)]
 pub struct Study {
-    /// The mesh.
+    /// Mesh.
     pub mesh: Mesh,
-    /// Places of the guideway's nodes.
+    /// Indexes of the guideway nodes.
     pub guide: Vec<usize>,
-    /// P: rows 3·guide + component, one column per part, mm/K.
+    /// P in mm/K: rows 3·guide + component, one column per part.
     pub p: Vec<Vec<f64>>,
-    /// How the guideway follows every node; without it nothing is said of other divisions.
+    /// Sensitivity of the guideway to every node. Without it, other divisions are not evaluated.
     pub adjoint: Option<Adjoint>,
-    /// The blocks' nodes.
+    /// Nodes of the blocks.
     pub parts: Vec<Part>,
-    /// Where sensors may sit.
+    /// Positions allowed for sensors.
     pub reach: Reach,
-    /// The load cases, at least one.
+    /// Load cases, at least one.
     pub loads: Vec<Load>,
 }
 
 impl Study {
-    /// Coordinates of the guideway's nodes, mm.
+    /// Coordinates of the guideway nodes, mm.
     #[must_use]
     pub fn guide_xyz(&self) -> Vec<[f64; 3]> {
         self.guide.iter().map(|node| self.mesh.xyz[*node]).collect()
     }
 }
 
-/// A sensor.
+/// A placed sensor.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Sensor {
     /// Number of its node in the FE input file.
     pub node: u32,
-    /// Where, mm.
+    /// Position, mm.
     pub xyz: [f64; 3],
-    /// The block whose temperature it measures.
+    /// Block whose temperature it measures.
     pub block: String,
 }
 
@@ -85,49 +88,49 @@ impl Sensor {
     }
 }
 
-/// An error along the guideway, µm.
+/// Error along the guideway, µm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Residual {
     /// Root mean square.
     pub rms_um: f64,
-    /// Largest, without its sign.
+    /// Largest absolute value.
     pub max_um: f64,
 }
 
-/// A method on one case.
+/// Result of a method on one case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MethodResult {
-    /// Read back, root mean square.
+    /// Error with the selected sensors, root mean square.
     pub rms_um: f64,
-    /// Read back, largest.
+    /// Error with the selected sensors, largest.
     pub max_um: f64,
-    /// With the block temperatures asked for; the same as read back where a method asks for nodes directly.
+    /// Error with the requested block temperatures. It equals `rms_um` for a method that selects nodes directly.
     pub optimised_rms_um: f64,
-    /// The sensors.
+    /// Sensors.
     pub sensors: Vec<Sensor>,
-    /// θg, rises in K, where the method asks for temperatures.
+    /// θg, rises in K, for a method that requests temperatures.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub theta_k: Vec<f64>,
-    /// The rounds of the iteration, where it has some.
+    /// Rounds of an iterative method.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub rounds: Vec<Round>,
 }
 
-/// One load case.
+/// Results for one load case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CaseResult {
-    /// Its name.
+    /// Name.
     #[serde(skip)]
     pub name: String,
     /// δ1, mm, rows 3·guide + component.
     pub delta1_mm: Vec<f64>,
-    /// The largest δ1 in a judged direction, µm.
+    /// Largest δ1 in an evaluated direction, µm.
     pub largest_um: f64,
-    /// A node at each block's centre.
+    /// Error with a node at the centre of each block.
     pub naive_centroid: Residual,
-    /// The mean of each block's nodes.
+    /// Error with the mean of each block's nodes.
     pub naive_mean: Residual,
-    /// The least that the blocks can leave.
+    /// Lower bound of the error with these blocks.
     pub floor: Residual,
     /// The patent's iteration on this case.
     pub patent: MethodResult,
@@ -136,89 +139,89 @@ pub struct CaseResult {
     /// Nodes for all cases together.
     #[serde(rename = "multi-case")]
     pub multi_case: MethodResult,
-    /// Nodes for all the other cases together, on this one, µm RMS; none where there is only one case.
+    /// Error on this case with nodes for all other cases, µm RMS; `None` if there is only one case.
     pub left_out_rms_um: Option<f64>,
-    /// What misplaced sensors of the chosen method add, µm RMS.
+    /// Additional error by misplaced sensors of the selected method, µm RMS.
     pub misplaced_um: f64,
-    /// Displacement by nodes at the blocks' centres, mm, rows 3·guide + component.
+    /// Displacement by nodes at the centres of the blocks, mm, rows 3·guide + component.
     #[serde(skip)]
     pub naive_mm: Vec<f64>,
-    /// Displacement by the chosen sensors, mm, rows 3·guide + component.
+    /// Displacement by the selected sensors, mm, rows 3·guide + component.
     #[serde(skip)]
     pub read_mm: Vec<f64>,
 }
 
-/// Sensors of a method on one case, judged on all.
+/// Sensors of a method for one case, evaluated on all cases.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CrossCase {
-    /// The method.
+    /// Method.
     pub method: Method,
-    /// The case it was placed by; none: by all.
+    /// Case for which they were placed; `None` for all cases.
     pub placed_by: Option<String>,
-    /// µm RMS on each case, in their order.
+    /// Error on each case, µm RMS.
     pub rms_um: Vec<f64>,
 }
 
-/// So many sensors, one per block, after the best joins and cuts.
+/// Result for one number of sensors, one per block, after the best joins and cuts.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SensorCount {
-    /// Sensors.
+    /// Number of sensors.
     pub sensors: usize,
-    /// The least the blocks can leave, µm RMS over all cases.
+    /// Lower bound of the error with these blocks, µm RMS over all cases.
     pub floor_um: f64,
-    /// Read back by `multi-case`, µm RMS over all cases.
+    /// Error with sensors by `multi-case`, µm RMS over all cases.
     pub rms_um: f64,
-    /// The cut that made it; none for fewer sensors than blocks.
+    /// Cut that added the block; `None` if there are not more sensors than blocks.
     pub cut: Option<String>,
 }
 
-/// Where the sensors belong, and what they leave.
+/// Places of the sensors, and residual errors.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Placement {
-    /// Rows 3·guide + component, columns blocks, mm/K.
+    /// P in mm/K: rows 3·guide + component, columns blocks.
     #[serde(rename = "P")]
     pub p: Vec<Vec<f64>>,
     /// Names of the blocks.
     pub blocks: Vec<String>,
-    /// Numbers of the guideway's nodes in the FE input file.
+    /// Numbers of the guideway nodes in the FE input file.
     pub guide_nodes: Vec<u32>,
-    /// The directions that are judged: 0 x, 1 y, 2 z.
+    /// Directions that are evaluated: 0 x, 1 y, 2 z.
     #[serde(skip)]
     pub axes: Vec<usize>,
-    /// Their names: `z`, `y, z`.
+    /// Names of the directions: `z`, `y, z`.
     pub component: String,
-    /// The chosen method.
+    /// Selected method.
     pub method: Method,
-    /// The case it was placed by; none: by all.
+    /// Case for which it placed the sensors; `None` for all cases.
     pub placed_by: Option<String>,
-    /// Its sensors.
+    /// Sensors of the selected method.
     pub sensors: Vec<Sensor>,
-    /// The nodes at the blocks' centres, which `naive_centroid` goes by.
+    /// Nodes at the centres of the blocks, which `naive_centroid` uses.
     pub centres: Vec<Sensor>,
-    /// The cases.
+    /// Results of each case.
     #[serde(serialize_with = "by_name")]
     pub cases: Vec<CaseResult>,
-    /// Each placement on every case.
+    /// Each placement evaluated on every case.
     pub cross_case: Vec<CrossCase>,
-    /// The sensors' noise, K.
+    /// Noise of the sensors, K.
     pub noise_k: f64,
-    /// What it does to the guideway, µm RMS.
+    /// Effect of the noise on the guideway, µm RMS.
     pub noise_um: f64,
-    /// How far sensors may be misplaced, mm.
+    /// Assumed distance of misplaced sensors, mm.
     pub misplaced_mm: f64,
-    /// Over all cases: what the blocks leave at best, µm RMS.
+    /// Lower bound of the error with these blocks, µm RMS over all cases.
     pub floor_um: f64,
-    /// Over all cases: what the chosen sensors leave, µm RMS.
+    /// Error with the selected sensors, µm RMS over all cases.
     pub rms_um: f64,
-    /// Whether the division into blocks limits, and not where the sensors sit.
+    /// Whether the division into blocks limits the result, not the places of the sensors.
     pub blocks_limit: bool,
-    /// The cut that helps most, as `--cut` takes it, and the floor after it, µm RMS over all cases.
+    /// Best further cut in the form of `--cut`, and the lower bound after it, µm RMS over all cases.
     pub best_cut: Option<(String, f64)>,
-    /// Error against number of sensors; empty without the guideway's sensitivity to every node.
+    /// Error by number of sensors; empty without the sensitivity of the guideway to every node.
     pub by_number: Vec<SensorCount>,
-    /// Coordinates of the guideway's nodes, mm.
+    /// Coordinates of the guideway nodes, mm.
     pub guide_xyz: Vec<[f64; 3]>,
-    /// What a reader must know, in sentences.
+    /// Remarks for the reader.
     pub remarks: Vec<String>,
 }
 
@@ -226,20 +229,20 @@ fn by_name<S: serde::Serializer>(cases: &[CaseResult], to: S) -> Result<S::Ok, S
     to.collect_map(cases.iter().map(|case| (&case.name, case)))
 }
 
-/// More than this share of the error is the blocks' own: they limit.
+/// Minimum share of the lower bound in the error at which the division limits the result.
 const LIMITS: f64 = 0.7;
 
 /// Places the sensors.
 ///
 /// # Errors
-/// Blocks without a place for a sensor.
+/// Blocks without a possible place for a sensor.
 pub fn place(study: &Study, criteria: &Criteria, progress: Progress<'_>) -> Result<Placement, Vec<String>> {
     let Study { mesh, p, loads, .. } = study;
     let Criteria { components, method, tolerance, .. } = criteria;
     let blocks = blocks(mesh, &study.parts, &study.reach)?;
     let problem = Problem::new(blocks, p, loads, components);
     let all: Vec<usize> = (0..problem.targets.len()).collect();
-    // None of them needs another one's answer.
+    // The three tasks are independent.
     let (together, (alone, divisions)) = listening(progress, |says| {
         let (done, steps) = (AtomicUsize::new(0), 1 + all.len() + other_divisions_at_most(study));
         let step = || says("sensors", done.fetch_add(1, Ordering::Relaxed) + 1, steps);
@@ -350,24 +353,24 @@ pub fn place(study: &Study, criteria: &Criteria, progress: Progress<'_>) -> Resu
     Ok(placement)
 }
 
-/// Rows of a matrix given by its columns.
+/// Converts the columns of a matrix to rows.
 #[must_use]
 pub fn rows(columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let height = columns.first().map_or(0, Vec::len);
     (0..height).map(|row| columns.iter().map(|column| column[row]).collect()).collect()
 }
 
-/// P·θ, the displacement of the guideway by block temperatures, in all directions.
+/// Displacement P·θ of the guideway by block temperatures, in all directions.
 fn evaluate(p: &[Vec<f64>], theta: &[f64]) -> Vec<f64> {
     p.iter().map(|row| row.iter().zip(theta).map(|(each, theta)| each * theta).sum()).collect()
 }
 
-/// The root of the mean of the squares.
+/// Root mean square of root mean squares.
 pub(super) fn root_mean_square(each: &[f64]) -> f64 {
     (each.iter().map(|rms| rms.powi(2)).sum::<f64>() / count(each.len().max(1))).sqrt()
 }
 
-/// The case that moves the guideway most.
+/// Index of the case with the largest displacement of the guideway.
 pub(super) fn moves_most(cases: &[CaseResult]) -> usize {
     let largest = |place: &usize| cases[*place].largest_um;
     (0..cases.len()).max_by(|one, other| largest(one).total_cmp(&largest(other))).unwrap_or(0)

@@ -1,5 +1,5 @@
-//! A symmetric positive definite system over the free nodes of a mesh: assembled, factored once, solved for many
-//! right-hand sides.
+//! Symmetric positive definite system over the free nodes of a mesh. It is assembled, factored once, and solved for
+//! many right-hand sides.
 
 use std::sync::Arc;
 
@@ -15,24 +15,24 @@ use faer::{Conj, MatMut, Par, Side};
 
 use crate::graph::Graph;
 
-/// Rows up to which threads cost more than they save.
+/// Number of rows up to which threads cost more than they save.
 const SMALL: usize = 30_000;
 
-/// Which entries a system over the free nodes of a mesh has.
+/// Sparsity pattern of a system over the free nodes of a mesh.
 struct Pattern {
-    /// Of each node of the mesh its number among the free ones.
+    /// For each node of the mesh, its number among the free nodes.
     free: Vec<Option<usize>>,
-    /// Rows of a right-hand side.
+    /// Number of rows of a right-hand side.
     size: usize,
-    /// Where the rows of each column begin.
+    /// Index in `rows` at which each column begins.
     start: Vec<usize>,
     /// Rows of the entries, ascending in each column.
     rows: Vec<usize>,
-    /// In which order it is eliminated, and what that fills: the same for all values. None where it cannot be had.
+    /// Elimination order and fill-in, which are the same for all values; `None` if they cannot be determined.
     symbolic: Option<Arc<SymbolicCholesky<usize>>>,
 }
 
-/// The lower half of a symmetric matrix, `WIDTH` rows and columns for each free node.
+/// Lower triangle of a symmetric matrix, with `WIDTH` rows and columns for each free node.
 #[derive(Clone)]
 pub(super) struct System<const WIDTH: usize> {
     pattern: Arc<Pattern>,
@@ -40,7 +40,7 @@ pub(super) struct System<const WIDTH: usize> {
 }
 
 impl<const WIDTH: usize> System<WIDTH> {
-    /// The pattern, with zeros, over the nodes that are not `held`.
+    /// Makes the pattern with zeros, over the nodes that are not `held`.
     pub(super) fn new(graph: &Graph, xyz: &[[f64; 3]], held: &[bool]) -> Self {
         let nodes: Vec<usize> = (0..xyz.len()).filter(|node| !held[*node]).collect();
         let mut free = vec![None; xyz.len()];
@@ -64,13 +64,13 @@ impl<const WIDTH: usize> System<WIDTH> {
         Self { pattern: Arc::new(Pattern { free, size, start, rows, symbolic }), values }
     }
 
-    /// The number of a node of the mesh among the free ones.
+    /// Number of a node of the mesh among the free nodes.
     pub(super) fn free(&self, node: usize) -> Option<usize> {
         self.pattern.free[node]
     }
 
-    /// Adds the block that couples two free nodes (by their numbers among the free): `block[row][column]` with the rows
-    /// of `row` and the columns of `column`. Of the two blocks of a pair only the one with `row ≥ column` is kept.
+    /// Adds the block that couples two free nodes, which are given by their numbers: `block[row][column]` with the rows
+    /// of `row` and the columns of `column`. Of the two blocks of a pair, only the one with `row ≥ column` is stored.
     pub(super) fn add(&mut self, row: usize, column: usize, block: &[[f64; WIDTH]; WIDTH]) {
         if row < column {
             return;
@@ -80,18 +80,18 @@ impl<const WIDTH: usize> System<WIDTH> {
         let Ok(place) = rows[start[first]..start[first + 1]].binary_search(&(WIDTH * row)) else { return };
         for (under, values) in block.iter().enumerate() {
             for (at, value) in values.iter().enumerate().filter(|(at, _)| row > column || *at <= under) {
-                // Each column of a node begins one row below the one before it.
+                // Each column of a node begins one row below the column before.
                 self.values[start[first + at] + place + under - at] += value;
             }
         }
     }
 
-    /// Rows of a right-hand side.
+    /// Number of rows of a right-hand side.
     pub(super) fn size(&self) -> usize {
         self.pattern.size
     }
 
-    /// Zeros in the same places.
+    /// Matrix of zeros with the same pattern.
     pub(super) fn zeroed(&self) -> Self {
         Self { pattern: Arc::clone(&self.pattern), values: vec![0.0; self.values.len()] }
     }
@@ -102,7 +102,7 @@ impl<const WIDTH: usize> System<WIDTH> {
         Self { pattern: Arc::clone(&self.pattern), values: sum }
     }
 
-    /// Factors the matrix; none where it is not positive definite.
+    /// Factors the matrix; `None` if it is not positive definite.
     pub(super) fn factor(&self) -> Option<Factor<WIDTH>> {
         let Pattern { size, start, rows, symbolic, .. } = &*self.pattern;
         let symbolic = symbolic.as_ref()?;
@@ -126,7 +126,7 @@ impl<const WIDTH: usize> System<WIDTH> {
     }
 }
 
-/// What eliminating the free nodes in this order fills.
+/// Fill-in when the free nodes are eliminated in this order.
 fn eliminated<const WIDTH: usize>(
     order: &[usize],
     start: &[usize],
@@ -149,7 +149,7 @@ fn eliminated<const WIDTH: usize>(
 }
 
 impl System<1> {
-    /// The product with the values of all nodes of the mesh; held nodes are left out.
+    /// Product with the values of all nodes of the mesh. Fixed nodes are left out.
     pub(super) fn times(&self, values: &[f64]) -> Vec<f64> {
         let Pattern { free, start, rows, .. } = &*self.pattern;
         let own: Vec<f64> =
@@ -176,26 +176,26 @@ pub(super) struct Factor<const WIDTH: usize> {
 }
 
 impl<const WIDTH: usize> Factor<WIDTH> {
-    /// Of each node of the mesh its number among the free ones.
+    /// For each node of the mesh, its number among the free nodes.
     pub(super) fn free(&self) -> &[Option<usize>] {
         &self.pattern.free
     }
 
-    /// Rows of a right-hand side: `WIDTH` for each free node.
+    /// Number of rows of a right-hand side: `WIDTH` for each free node.
     pub(super) fn rows(&self) -> usize {
         self.symbolic.nrows()
     }
 
-    /// Numbers the factor keeps.
+    /// Number of values in the factor.
     pub(super) fn stored(&self) -> usize {
         self.values.len()
     }
 
-    /// Puts the solutions in the place of the right-hand sides, one in each column.
+    /// Replaces the right-hand sides, one in each column, by their solutions.
     pub(super) fn solve(&self, mut sides: MatMut<'_, f64>) {
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let each = sides.ncols().div_ceil(threads).max(1);
-        // Columns are independent: each thread goes through the factor once, for its own.
+        // Columns are independent: each thread passes through the factor once, for its own columns.
         std::thread::scope(|scope| {
             while sides.ncols() > 0 {
                 let some = each.min(sides.ncols());

@@ -1,22 +1,22 @@
-//! The structure seen from the six directions of its axes: what can be seen can be reached, and can be drawn.
+//! Views of the structure from the six directions of its axes. A visible surface is accessible, and can be drawn.
 
 use rayon::prelude::*;
 
 use crate::mesh::{Face, Mesh, count, range};
 
-/// Pixels along the longest side of the structure.
+/// Number of pixels along the longest side of the structure.
 const FINE: usize = 400;
 
-/// Looking along one axis, nearest surface first.
+/// View along one axis, with the nearest surface in each pixel.
 #[derive(Clone, Debug)]
 pub struct View {
-    /// The axis that is looked along: 0 x, 1 y, 2 z.
+    /// Axis of the view: 0 x, 1 y, 2 z.
     pub axis: usize,
-    /// Whether it is seen from the axis's positive end.
+    /// Whether the view is from the positive end of the axis.
     pub from_above: bool,
-    /// The axis to the right and the axis upwards.
+    /// Axis to the right and axis upwards.
     pub plane: [usize; 2],
-    /// Pixels to the right and upwards.
+    /// Number of pixels to the right and upwards.
     pub size: [usize; 2],
     low: [f64; 2],
     /// Side of a pixel, mm.
@@ -24,25 +24,25 @@ pub struct View {
     seen: Vec<Option<Seen>>,
 }
 
-/// What is seen in a pixel.
+/// Visible point of a pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen {
-    /// How near, along the axis towards the eye, mm.
+    /// Coordinate along the axis towards the viewer, mm.
     depth: f64,
     /// Corners of the triangle.
     pub corners: [usize; 3],
-    /// Their shares, together 1.
+    /// Weights of the corners; their sum is 1.
     pub shares: [f64; 3],
 }
 
 impl Seen {
-    /// A quantity of the nodes, where it is seen.
+    /// Value of a nodal quantity at this point.
     #[must_use]
     pub fn of(&self, values: &[f64]) -> f64 {
         self.corners.iter().zip(&self.shares).map(|(corner, share)| share * values[*corner]).sum()
     }
 
-    /// The nearest corner.
+    /// Nearest corner.
     #[must_use]
     pub fn nearest(&self) -> usize {
         let nearest = (0..3).max_by(|one, other| self.shares[*one].total_cmp(&self.shares[*other]));
@@ -51,7 +51,7 @@ impl Seen {
 }
 
 impl View {
-    /// Of a mesh, along `axis`, from its positive end or from the other.
+    /// View of a mesh along `axis`, from its positive or its negative end.
     #[must_use]
     pub fn new(mesh: &Mesh, axis: usize, from_above: bool) -> View {
         View::of(mesh, &mesh.outer_faces(), axis, from_above)
@@ -76,20 +76,20 @@ impl View {
         view
     }
 
-    /// Right and up of a point, in pixels.
+    /// Position of a point in pixels: to the right, and upwards.
     #[must_use]
     pub fn place(&self, xyz: &[f64; 3]) -> [f64; 2] {
         [0, 1].map(|way| (xyz[self.plane[way]] - self.low[way]) / self.pixel)
     }
 
-    /// Whether right and left must be changed, for what is drawn to be what is seen.
+    /// Returns whether the drawing must be mirrored horizontally to be correct.
     #[must_use]
     pub fn mirrored(&self) -> bool {
-        // x, y and z turn to the right about the axis that points to the eye, or to the left.
+        // Depending on the direction of the view, the three axes form a right-handed or left-handed image.
         (self.axis == 2) != self.from_above
     }
 
-    /// What is seen in a pixel.
+    /// Visible point of a pixel.
     #[must_use]
     pub fn at(&self, right: usize, up: usize) -> Option<&Seen> {
         if right >= self.size[0] || up >= self.size[1] {
@@ -102,7 +102,7 @@ impl View {
         if self.from_above { xyz[self.axis] } else { -xyz[self.axis] }
     }
 
-    /// Whether nothing lies before this point, with a tolerance of two pixels.
+    /// Returns whether nothing covers this point, with a tolerance of two pixels.
     #[must_use]
     pub fn sees(&self, xyz: &[f64; 3]) -> bool {
         let [right, up] = self.place(xyz);
@@ -158,14 +158,14 @@ impl View {
     }
 }
 
-/// The lowest and the highest coordinates of the nodes, mm.
+/// Smallest and largest coordinates of the nodes, mm.
 fn extent(mesh: &Mesh) -> ([f64; 3], [f64; 3]) {
     let ends = [0, 1, 2].map(|axis| range(mesh.xyz.iter().map(|xyz| xyz[axis])));
     (ends.map(|(low, _)| low), ends.map(|(_, high)| high))
 }
 
-/// Nodes of the skin that can be seen from outside along an axis, except from the side where the structure is fixed: a
-/// column that is open at its foot stands on its bed.
+/// Returns for each node whether it is visible from outside along an axis. The side on which the structure is fixed
+/// does not count: a column with an open foot is mounted on its bed.
 #[must_use]
 pub fn outside(mesh: &Mesh, fixed: &[usize]) -> Vec<bool> {
     let (low, high) = extent(mesh);

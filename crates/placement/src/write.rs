@@ -1,14 +1,14 @@
-//! FE input files as CalculiX reads them.
+//! FE input files in the format of CalculiX.
 
 use std::fmt::Write as _;
 
 use crate::body::{Case, Flux, LoadCase, Materials};
 use crate::mesh::{Kind, Mesh};
 
-/// Numbers in one line of a set.
+/// Number of values in one line of a set.
 const IN_LINE: usize = 10;
 
-/// Nodes, elements and sets: what FE input files include.
+/// Text of nodes, elements and sets, which FE input files include.
 #[must_use]
 pub fn mesh(mesh: &Mesh) -> String {
     let mut text = coordinates(mesh);
@@ -28,7 +28,7 @@ pub fn mesh(mesh: &Mesh) -> String {
     text
 }
 
-/// The nodes.
+/// Text of the node card.
 pub(super) fn coordinates(mesh: &Mesh) -> String {
     let mut text = String::from("*NODE\n");
     for (id, [x, y, z]) in mesh.nodes.iter().zip(&mesh.xyz) {
@@ -37,18 +37,18 @@ pub(super) fn coordinates(mesh: &Mesh) -> String {
     text
 }
 
-/// The line of an element.
+/// Writes the line of an element.
 pub(super) fn element(text: &mut String, id: u32, nodes: &[usize], mesh: &Mesh) {
     let nodes: Vec<String> = nodes.iter().map(|node| mesh.nodes[*node].to_string()).collect();
     let _ = writeln!(text, "{id}, {}", nodes.join(", "));
 }
 
-/// A set of nodes.
+/// Writes a node set.
 pub(super) fn nodes(text: &mut String, name: &str, mesh: &Mesh, nodes: impl Iterator<Item = usize>) {
     set(text, &format!("*NSET, NSET={name}"), nodes.map(|node| mesh.nodes[node].0));
 }
 
-/// A number as CalculiX can take it: it reads twenty characters of a field and forgets the rest, exponent and all.
+/// Formats a number for CalculiX, which reads twenty characters of a field and ignores the rest with the exponent.
 pub(super) fn number(value: f64) -> String {
     let whole = value.to_string();
     if whole.len() <= 20 { whole } else { format!("{value:.12e}") }
@@ -62,7 +62,7 @@ pub(super) fn set(text: &mut String, card: &str, ids: impl Iterator<Item = u32>)
     }
 }
 
-/// Materials, and one section for each.
+/// Text of the materials, and of a section for each.
 #[must_use]
 pub fn materials(mesh: &Mesh, materials: &Materials) -> String {
     let mut text = String::new();
@@ -72,7 +72,7 @@ pub fn materials(mesh: &Mesh, materials: &Materials) -> String {
         let _ = writeln!(text, "*EXPANSION\n{}", number(material.expansion));
         let _ = writeln!(text, "*CONDUCTIVITY\n{}", number(material.conductivity));
         if let Some(capacity) = material.capacity {
-            // Only the product counts; this density lies in the middle of what a reader takes for one.
+            // Only the product is used. This density is in the middle of the range that the reader accepts.
             let density = 7e-9;
             let _ = writeln!(text, "*DENSITY\n{density:e}\n*SPECIFIC HEAT\n{}", number(capacity / density));
         }
@@ -88,7 +88,7 @@ pub fn materials(mesh: &Mesh, materials: &Materials) -> String {
     text
 }
 
-/// Initial temperatures and the step of a load case; `print` are cards of the step that say what is to be printed.
+/// Text of the initial temperatures and the step of a load case. `print` contains the cards of the print requests.
 #[must_use]
 pub fn load(mesh: &Mesh, load: &LoadCase, print: &str) -> String {
     let mut text = String::from("*INITIAL CONDITIONS, TYPE=TEMPERATURE\n");
@@ -125,7 +125,7 @@ pub fn load(mesh: &Mesh, load: &LoadCase, print: &str) -> String {
     text
 }
 
-/// A card with these lines; nothing where there are none.
+/// Writes a card with these lines, or nothing if there are no lines.
 fn card(text: &mut String, card: &str, lines: impl Iterator<Item = String>) {
     for (place, line) in lines.enumerate() {
         let _ = if place == 0 { writeln!(text, "{card}\n{line}") } else { writeln!(text, "{line}") };

@@ -1,6 +1,7 @@
-//! An hour without a broker, and the hour told after it: what it takes of disk and messages.
+//! An hour without a broker, whose values are published afterwards. Prints the disk space and the messages that this
+//! takes.
 //!
-//! `cargo run --release -p isotherm-plant --example gap`: a hundred temperatures, one value a second each.
+//! `cargo run --release -p isotherm-plant --example gap`: a hundred temperatures with one value per second each.
 
 use std::error::Error;
 
@@ -16,7 +17,7 @@ fn at(second: u32) -> Moment {
     Moment::from_nanos((1_800_000_000 + u64::from(second)) * 1_000_000_000)
 }
 
-/// Every temperature has changed each second.
+/// Snapshot in which every temperature differs from that of the second before.
 fn snapshot(second: u32) -> Snapshot {
     let signal = |number: u32| Metric {
         subject: Subject::Signal(format!("bed-{number}")),

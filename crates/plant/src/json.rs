@@ -1,15 +1,15 @@
-//! Readable messages: a topic for each axis, signal, output, device and bus, with one JSON document in it.
+//! MQTT messages in JSON: a topic for each axis, signal, output, device and bus, with one document.
 //!
 //! ```text
-//! GROUP/MACHINE/state           online, offline; by the will too
+//! GROUP/MACHINE/state           online, offline; the will also sets offline
 //! GROUP/MACHINE/gateway         { "at": "2026-07-02T12:00:00Z", "ready": true, … }
 //! GROUP/MACHINE/axis/z          { "at": …, "state": "active", "cz_um": -12.4, … }
 //! GROUP/MACHINE/signal/bed      { "at": …, "value": 27.5, "unit": "degC", "quality": "good" }
 //! GROUP/MACHINE/event           { "at": …, "kind": "axis-state", "level": "warning", "text": …, "data": { … } }
 //! ```
 //!
-//! The broker keeps everything but the events. What it keeps is sent at most once (the next one says it anew), the rest at least
-//! once.
+//! All messages except events are retained. Retained documents have QoS 0, because the next one replaces them. State
+//! and events have QoS 1.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
@@ -24,34 +24,34 @@ use crate::seam::{
 mod command;
 mod discovery;
 
-/// Events of which it is not known yet that they have arrived; of more the oldest are taken to have.
+/// Maximum number of events whose delivery is not confirmed. Beyond it, the oldest are assumed to be delivered.
 const MOST_RECENT: usize = 1000;
 
-/// What the messages are made with.
+/// Settings of the messages.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JsonSettings {
-    /// The first part of every topic.
+    /// First level of every topic.
     pub group: String,
-    /// The machine's name.
+    /// Name of the machine.
     pub machine: String,
-    /// The version of the program.
+    /// Version of the program.
     pub version: String,
-    /// What has not changed is told again after this much time.
+    /// Time after which unchanged values are published again.
     pub refresh: Duration,
-    /// Measured errors are asked for.
+    /// Whether the publisher subscribes to measured errors.
     pub takes_measured: bool,
-    /// Home Assistant is told what there is.
+    /// Whether it publishes discovery messages for Home Assistant.
     pub home_assistant: bool,
 }
 
-/// Knows what the broker keeps.
+/// Publisher of JSON messages. It stores the values that the broker retains.
 #[derive(Debug)]
 pub struct Json {
     settings: JsonSettings,
-    /// `GROUP/MACHINE`.
+    /// Topic prefix `GROUP/MACHINE`.
     root: String,
     told: BTreeMap<Subject, Told>,
-    /// Events that were told, and when.
+    /// Published events with their times.
     recent: VecDeque<(Moment, Record)>,
 }
 
@@ -62,7 +62,7 @@ struct Told {
 }
 
 impl Json {
-    /// Nothing is told yet.
+    /// Makes a publisher that has published nothing yet.
     pub fn new(settings: JsonSettings) -> Json {
         let root = format!("{}/{}", settings.group, settings.machine);
         Json { settings, root, told: BTreeMap::new(), recent: VecDeque::new() }
@@ -167,7 +167,7 @@ impl Told {
     }
 }
 
-/// The metrics of one subject.
+/// JSON document with the metrics of one subject.
 fn document(metrics: &[Metric]) -> Document {
     let mut document = Map::new();
     let newest = metrics.iter().map(|metric| metric.at).max().unwrap_or_default();

@@ -1,8 +1,8 @@
-//! What a plant is told of a machine over MQTT: from the state of the gateway to messages, and from messages that arrive to what
-//! is to be done.
+//! MQTT messages about a machine for its plant: from the state of the gateway to messages, and from received messages
+//! to commands.
 //!
-//! Everything here is pure: no connection, no clock; time is an argument. The gateway makes a [`Snapshot`] of its state, a
-//! [`Publisher`] makes [`Message`]s of it, and the gateway gives them to a broker.
+//! Everything is pure: there is no connection and no clock, and time is an argument. The gateway makes a [`Snapshot`]
+//! of its state, a [`Publisher`] makes [`Message`]s from it, and the gateway sends them to a broker.
 
 pub mod json;
 pub mod seam;

@@ -1,4 +1,4 @@
-//! What stands between the gateway and a format of messages.
+//! Interface between the gateway and a message format.
 
 use isotherm_core::quantity::Moment;
 
@@ -8,59 +8,66 @@ mod snapshot;
 pub use message::{Command, Message, Outcome, Qos, Reaction, Record, Subscription};
 pub use snapshot::{Happening, Importance, Metric, Snapshot, Subject, Value};
 
-/// A format of messages: a state machine that knows what the broker has been told.
+/// Message format, as a state machine that stores what has been published.
 ///
-/// The order of the calls: [`will`](Publisher::will) right before each attempt to connect, then
-/// [`subscriptions`](Publisher::subscriptions) and [`connected`](Publisher::connected) once the broker has taken the connection,
-/// [`publish`](Publisher::publish) and [`received`](Publisher::received) while it lasts,
-/// [`disconnected`](Publisher::disconnected) when it has broken, [`absent`](Publisher::absent) until the next one.
-/// [`farewell`](Publisher::farewell) is the last. Each event is in one snapshot only, given to `connected`, `publish` or `absent`.
+/// The gateway calls the functions in this order:
 ///
-/// `now` is counted: no clock that is set moves it, and what may not have arrived is found by it. Stamps have the time of day, by
-/// the [shift](Snapshot::shift) of the snapshot.
+/// - [`will`](Publisher::will) directly before each attempt to connect;
+/// - [`subscriptions`](Publisher::subscriptions) and [`connected`](Publisher::connected) when the broker has accepted
+///   the connection;
+/// - [`publish`](Publisher::publish) and [`received`](Publisher::received) while it is open;
+/// - [`disconnected`](Publisher::disconnected) when it is lost, and [`absent`](Publisher::absent) until the next one;
+/// - [`farewell`](Publisher::farewell) at the end.
+///
+/// Each event is in one snapshot only, which is passed to `connected`, `publish` or `absent`.
+///
+/// `now` is monotonic: setting a clock does not change it. It determines which messages may be undelivered. Time stamps
+/// are in wall-clock time, by the [shift](Snapshot::shift) of the snapshot.
 pub trait Publisher: Send {
-    /// What the broker sends to everybody when the connection breaks.
+    /// Will message, which the broker publishes when the connection is lost.
     fn will(&mut self) -> Message;
 
-    /// What the broker is asked for on this connection; empty where nothing may arrive.
+    /// Subscriptions of this connection; empty if no messages are accepted.
     fn subscriptions(&self) -> Vec<Subscription>;
 
-    /// The broker has taken the connection. Everything is told that whoever comes anew has to know.
+    /// Handles an accepted connection. Returns messages with everything that a new subscriber requires.
     fn connected(&mut self, now: Moment, snapshot: &Snapshot) -> Vec<Message>;
 
-    /// The state now: what has changed, or has not been told for too long, becomes messages. It is called when there is room for
-    /// them all, and may be called more often than there is something to tell.
+    /// Returns messages for values that have changed, or that have not been published for too long. The gateway calls
+    /// it when there is room for all messages, possibly more often than necessary.
     fn publish(&mut self, now: Moment, snapshot: &Snapshot) -> Vec<Message>;
 
-    /// A message has arrived. The snapshot has no events: they are told by whoever gets it next.
+    /// Handles a received message. The snapshot contains no events; they are in the next snapshot.
     fn received(&mut self, now: Moment, snapshot: &Snapshot, topic: &str, payload: &[u8]) -> Reaction;
 
-    /// The connection has broken. The broker was last heard at this moment: what was told after it may never have arrived, and
-    /// comes back to be kept.
+    /// Handles a lost connection. `last_heard` is the time of the last message from the broker. Messages that were
+    /// published after it may be undelivered, and are returned as records to store.
     fn disconnected(&mut self, last_heard: Moment) -> Vec<Record>;
 
-    /// The state now, while there is no connection: what of it is to be kept and told later.
+    /// Returns records to store while there is no connection, for publication later.
     fn absent(&mut self, now: Moment, snapshot: &Snapshot) -> Vec<Record>;
 
-    /// Records that were kept, oldest first, as messages. It is called between `publish`, a few records at a time, until there
-    /// are none left; nothing comes of a record that cannot be read.
+    /// Makes messages from stored records, which are passed oldest first. The gateway calls it between `publish`, with
+    /// a few records at a time, until all are published. A record that cannot be read gives no message.
     fn forward(&mut self, now: Moment, records: &[Record]) -> Vec<Message>;
 
-    /// [`forward`](Publisher::forward) may be called. While it may not, nothing comes of records that can be read, too.
+    /// Returns whether [`forward`](Publisher::forward) may be called. If not, it returns no messages for valid records
+    /// either.
     fn may_forward(&self) -> bool {
         true
     }
 
-    /// What happens now is told behind what waits. Otherwise records say themselves when they were.
+    /// Returns whether new events must be published after the stored records. Otherwise records contain their own
+    /// times.
     fn tells_in_order(&self) -> bool {
         false
     }
 
-    /// How much could not be told, and never will be, since this was asked last.
+    /// Number of values, records and events that were lost since the last call.
     fn left_out(&mut self) -> u64 {
         0
     }
 
-    /// The gateway ends: what is told before the connection is closed.
+    /// Returns the last messages before the gateway closes the connection.
     fn farewell(&mut self, now: Moment) -> Vec<Message>;
 }

@@ -1,34 +1,38 @@
-//! Sparkplug B, as its specification in version 3.0 has it: isotherm is an edge node.
+//! Sparkplug B, version 3.0 of the specification: isotherm is an edge node.
 //!
 //! ```text
 //! will ──► NBIRTH ──► NDATA … ──► NDEATH      bdSeq is the same in the will, in each birth and in the death of a connection
 //!  bdSeq+1  seq 0       1 … 255, 0 …
 //! ```
 //!
-//! **One node, no devices.** Axes, signals and outputs are folders in the names of the node's metrics (`axis/z/cz_um`), not
-//! devices with births and deaths of their own: they come and go with the gateway only, and a signal that fails is null with the
-//! quality bad, which says more than a death.
+//! **One node, no devices.** Axes, signals and outputs are folders in the names of the node's metrics (`axis/z/cz_um`).
+//! They are not devices with births and deaths, because they exist as long as the gateway. A failed signal is null with
+//! bad quality, which is more specific than a death.
 //!
-//! **By change.** Data have the alias of a metric that the birth has named, and only what has changed by its resolution.
+//! **Report by exception.** Data messages contain the alias from the birth. They contain only metrics that have changed
+//! by at least their resolution.
 //!
-//! **Not known** is null; a signal is of bad quality then, by its property `Quality` 0. Nothing is told as stale: what isotherm
-//! does not believe, no historian should. Its first value after that has `Quality` 192; otherwise good quality is not mentioned.
+//! **Unknown values** are null. For a signal, the property `Quality` is then 0, and 192 in the first value after that.
+//! Other values have no such property. No value is published as stale: a historian should not store values that
+//! isotherm rejects.
 //!
-//! **What happens** is the metric `gateway/event`: the sentence, with the properties `kind` and `importance`.
+//! **Events** are the metric `gateway/event`: the text, with the properties `kind` and `importance`.
 //!
-//! **Store and forward.** What could not be told, or may not have arrived, becomes records; they come back through
-//! [`forward`](Publisher::forward) as data that are historical, with the times of their values. Records name their metrics, so
-//! that they outlive a change of the profile: what the birth no longer promises is left out and counted.
+//! **Store and forward.** Values that could not be published, or may be undelivered, become records.
+//! [`forward`](Publisher::forward) publishes them as historical data, with the times of the values. Records contain
+//! metric names, so that they remain valid after a change of the profile. Metrics that the birth no longer contains are
+//! left out and counted.
 //!
-//! **Commands.** `Node Control/Rebirth`, at most once a second, and the measured error of an axis where the profile takes it.
-//! Everything else is refused.
+//! **Commands.** `Node Control/Rebirth`, at most once per second, and the measured error of an axis if the profile
+//! allows it. All other commands are refused.
 //!
-//! **No primary host.** The specification lets a node wait for one host, at whose word that it is off the node leaves the broker.
-//! That word would take the node from every other host, and whoever may publish below `spBv1.0/STATE` could say it. A host that
-//! was off while the broker was there has the gateway's logs to fill its gap from.
+//! **No primary host.** The specification lets a node wait for one host, and disconnect when this host is offline. Such
+//! an offline message would disconnect the node from every other host too. Every client that may publish below
+//! `spBv1.0/STATE` could send it. A host that was offline while the broker was available can fill its gap from the logs
+//! of the gateway.
 //!
-//! **Quality of service 0** for births and data, as the specification demands: no acknowledgement of a message by itself. The
-//! broker has taken what stood before something on the same connection that it does acknowledge.
+//! **Quality of service 0** for births and data, as the specification requires: the messages are not acknowledged. They
+//! are delivered if the broker acknowledges a later packet on the same connection.
 
 use isotherm_core::quantity::{Moment, Shift, Shifted};
 use prost::Message as _;
@@ -56,55 +60,54 @@ use crate::seam::{
     Command, Happening, Message, Outcome, Publisher, Qos, Reaction, Record, Snapshot, Subscription,
 };
 
-/// Two births that hosts ask for are so far apart at least.
+/// Minimum time between two births that hosts request.
 const BETWEEN_BIRTHS: std::time::Duration = std::time::Duration::from_secs(1);
 
-/// Messages and records of more than a few metrics have about so many bytes.
+/// Approximate size in bytes of messages and records with more than a few metrics.
 const BYTES_IN_ONE: usize = 32 * 1024;
 
-/// So many events wait for a birth that has to wait.
+/// Maximum number of events that wait for a delayed birth.
 const MOST_WAITING_EVENTS: usize = 256;
 
-/// An edge node.
+/// Edge node, as a publisher.
 #[derive(Debug)]
 pub struct Sparkplug {
     address: Address,
     takes_measured: bool,
     bd_seq: u8,
     seq: u8,
-    /// What the broker was promised on this connection.
+    /// Metrics in the birth of this connection; `None` without one.
     born: Option<Born>,
     born_at: Moment,
-    /// As the last snapshot had it.
+    /// Shift of the last snapshot.
     shift: Shift,
     told: Told,
     unconfirmed: Unconfirmed,
-    /// A host has asked for a birth that is not yet due. No data are told before it.
+    /// Whether a host has requested a birth that is not due yet. No data are published before it.
     owes_birth: bool,
-    /// They have happened meanwhile.
+    /// Events that occurred since that request.
     waiting: Vec<Happening>,
-    /// When the last measured error was sent that does not say which measurement it is of, and what it says: a broker may bring
-    /// it twice.
+    /// Time and content of the last measured error without an identification. A broker may deliver it twice.
     last_asked: Option<(u64, Command)>,
     left_out: LeftOut,
 }
 
-/// What was not told, counted since the start.
+/// Numbers of lost values since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LeftOut {
-    /// Kept records that cannot be read.
+    /// Stored records that cannot be read.
     pub unreadable_records: u64,
-    /// Values in kept records whose metric is no longer there, or has another type.
+    /// Values in stored records whose metric no longer exists, or has another type.
     pub unknown_values: u64,
-    /// What may not have arrived, and had no room in memory.
+    /// Records that may be undelivered, and did not fit into memory.
     pub unconfirmed_records: u64,
-    /// Events that happened while a birth was owed, and were too many.
+    /// Events beyond the limit while a birth was delayed.
     pub events: u64,
 }
 
 impl Sparkplug {
-    /// An edge node at this address. Each connection takes the number after `bd_seq`, which was the last one; `takes_measured`:
-    /// the profile lets hosts tell an axis's measured error.
+    /// Makes an edge node with this address. `bd_seq` is the last used number; each connection uses the next one.
+    /// `takes_measured` is whether the profile lets hosts send measured errors.
     pub fn new(address: Address, bd_seq: u8, takes_measured: bool) -> Sparkplug {
         Sparkplug {
             address,
@@ -123,17 +126,17 @@ impl Sparkplug {
         }
     }
 
-    /// The number that the last will has in common with its births: to be kept over restarts.
+    /// Number in the last will and its births. The gateway stores it over restarts.
     pub fn bd_seq(&self) -> u8 {
         self.bd_seq
     }
 
-    /// What was not told so far.
+    /// Numbers of lost values so far.
     pub fn left_out(&self) -> LeftOut {
         LeftOut { unconfirmed_records: self.unconfirmed.dropped(), ..self.left_out }
     }
 
-    /// The birth, and what has happened meanwhile, behind it.
+    /// Makes the birth, and data messages with the events since then.
     fn birth(&mut self, now: Moment, snapshot: &Snapshot, events: &[Happening]) -> Vec<Message> {
         let stamp = self.stamp(now, snapshot);
         self.owes_birth = false;
@@ -155,13 +158,13 @@ impl Sparkplug {
         messages
     }
 
-    /// The time of day.
+    /// Converts to wall-clock time.
     fn stamp(&mut self, now: Moment, snapshot: &Snapshot) -> Moment {
         self.shift = snapshot.shift;
         now.shifted(self.shift)
     }
 
-    /// Metrics that have their names, as data; `is_historical`: not of now.
+    /// Makes data messages from metrics with names. `is_historical` marks values of the past.
     fn data(
         &mut self,
         stamp: Moment,
@@ -206,19 +209,19 @@ impl Sparkplug {
         Message { topic: self.address.topic(verb), payload: payload.bytes(), qos, retained: false }
     }
 
-    /// A birth that was asked for may be told: not too soon after the last one, unless the clock was set back.
+    /// Returns whether a requested birth is due: not too soon after the last one, or the clock was set back.
     fn may_be_born(&self, now: Moment) -> bool {
         now < self.born_at || now.since(self.born_at) >= BETWEEN_BIRTHS
     }
 }
 
-/// Metrics in parts of about as many bytes as one message should have.
+/// Divides metrics into parts of about the size of one message.
 fn in_parts(metrics: Vec<Metric>) -> Vec<Vec<Metric>> {
     let mut parts: Vec<Vec<Metric>> = Vec::new();
     let mut bytes = 0;
     for metric in metrics {
         let length = metric.encoded_len();
-        // With its key and its length.
+        // The encoded field also contains its key and its length.
         let length = 1 + prost::length_delimiter_len(length) + length;
         match parts.last_mut() {
             Some(part) if bytes + length <= BYTES_IN_ONE => part.push(metric),
@@ -292,7 +295,7 @@ impl Publisher for Sparkplug {
         };
         self.owes_birth |= asks_for_birth;
         let is_due = self.owes_birth && self.may_be_born(now);
-        // Events of this snapshot are told by whoever gets it next.
+        // The next snapshot contains its events.
         let messages = if is_due { self.birth(now, snapshot, &[]) } else { Vec::new() };
         Reaction { messages, outcome }
     }
@@ -327,7 +330,7 @@ impl Publisher for Sparkplug {
         self.data(now.shifted(self.shift), metrics, true)
     }
 
-    /// No data before a birth that somebody waits for.
+    /// Returns `false` before a requested birth, because no data may precede it.
     fn may_forward(&self) -> bool {
         self.born.is_some() && !self.owes_birth
     }

@@ -1,19 +1,21 @@
-//! What could not be told, on disk until it can be: records, oldest first, bounded in bytes.
+//! Records on disk until they can be published: oldest first, with a limited size.
 //!
 //! ```text
 //! DIRECTORY/00000000000000000000.records     records 0, 1, 2 …: header, then length, checksum and bytes of each
 //! DIRECTORY/00000000000000000210.records     from 210 on; only the last file grows, and none is written to after a restart
-//! DIRECTORY/told                             all before this number were told
+//! DIRECTORY/told                             all records before this number were published
 //! ```
 //!
-//! **Killed at any instant**, every record that [`push`](Store::push) has taken is there again, in order and unchanged; half of
-//! one is none. Records that were told and not yet marked by [`drop_first`](Store::drop_first) come again, no others. After a
-//! power cut the same holds for what [`sync`](Store::sync) was called for.
+//! **After a kill**, every record that [`push`](Store::push) has accepted is available, in order and unchanged. A
+//! partly written record is discarded. Records that were published, but not yet marked by
+//! [`drop_first`](Store::drop_first), are returned again; others are not. After a power failure, this holds for records
+//! before a call of [`sync`](Store::sync).
 //!
-//! **Full**: the oldest file goes as a whole, and its records that were not told are counted.
+//! **A full store** removes the whole oldest file, and counts its records that were not published.
 //!
-//! Records are numbered, and the number is part of the checksum: bytes at another place, of another file or of an earlier life
-//! are no record. What a damaged file has lost is counted, as far as the files after it show how much it was.
+//! Records are numbered, and the checksum includes the number. Therefore bytes at another position, of another file, or
+//! of an earlier store are not accepted as a record. Records in a damaged file are counted as lost, as far as the files
+//! after it show their number.
 
 use std::collections::VecDeque;
 use std::fs::{self, File};
@@ -35,33 +37,33 @@ use crate::seam::Record;
 
 const CHECKSUM: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 
-/// As the other files of the state directory have it.
+/// Mode of the files, as of the other files in the state directory.
 const MODE: u32 = 0o640;
-/// A file ends when it is so long, or a sixteenth of what all may take.
+/// Maximum size of a file in bytes; at most a sixteenth of the size of the store.
 const LONGEST_FILE: u64 = 1024 * 1024;
 const FILES: u64 = 16;
 
-/// Records on disk.
+/// Store of records on disk.
 #[derive(Debug)]
 pub struct Store {
     directory: PathBuf,
     most_bytes: u64,
     longest_file: u64,
-    /// Oldest first; the last one grows while `writer` is there.
+    /// Files, oldest first. The last one grows as long as `writer` exists.
     segments: VecDeque<Segment>,
     writer: Option<File>,
-    /// The disk may not know yet that the last file is there.
+    /// Whether the directory entry of the last file may not be on disk yet.
     is_new: bool,
-    /// The number of the first record that was not told.
+    /// Number of the first record that was not published.
     told: u64,
-    /// The number of the next record.
+    /// Number of the next record.
     next: u64,
     told_file: NumberFile,
     dropped: u64,
     disk: Disk,
 }
 
-/// More news than these nobody has asked for.
+/// Maximum number of messages about the disk that were not read.
 const MOST_NEWS: usize = 16;
 
 #[derive(Debug, Default)]
@@ -71,23 +73,23 @@ struct Disk {
     news: VecDeque<DiskNews>,
 }
 
-/// What is said of the disk, once each time that it changes.
+/// Message about a change of the disk state.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum DiskNews {
     /// Records cannot be written, for this reason.
     Fails(String),
-    /// They can again; so many were lost meanwhile.
+    /// Records can be written again.
     Works {
-        /// Records.
+        /// Number of records that were lost meanwhile.
         lost: u64,
     },
 }
 
 impl Store {
-    /// The records in this directory, which is made where it is not there. All files together take no more than `most_bytes`.
+    /// Opens the store in this directory, which is created if necessary. All files together take at most `most_bytes`.
     ///
     /// # Errors
-    /// The directory cannot be made or read.
+    /// The directory cannot be created or read.
     pub fn open(directory: impl AsRef<Path>, most_bytes: u64) -> io::Result<Store> {
         Store::in_files_of(directory.as_ref(), most_bytes, LONGEST_FILE.min(most_bytes / FILES))
     }
@@ -123,12 +125,12 @@ impl Store {
         store.next = store.segments.back().map_or(0, Segment::end).max(store.told);
         store.dropped = store.missing();
         store.forget_told()?;
-        // It may be smaller than it was.
+        // The limit may be smaller than before.
         store.make_room(0)?;
         Ok(store)
     }
 
-    /// How many records are between what was told and what is there.
+    /// Number of records missing between the published records and those on disk.
     fn missing(&self) -> u64 {
         let mut expected = self.told;
         let mut missing = 0;
@@ -139,11 +141,11 @@ impl Store {
         missing
     }
 
-    /// Adds a record behind the others. Where it has no room, the oldest go.
+    /// Appends a record. If the store is full, it removes the oldest records.
     ///
     /// # Errors
-    /// The disk does not take it, or it is longer than all records may be together. It is lost, and [`news`](Store::news) says
-    /// so once.
+    /// - The record cannot be written. It is lost, and [`news`](Store::news) reports the failure once.
+    /// - The record is longer than allowed. It is counted in [`dropped`](Store::dropped).
     pub fn push(&mut self, record: &Record) -> io::Result<()> {
         let bytes = FRAME + u64::try_from(record.0.len()).unwrap_or(u64::MAX - FRAME);
         if record.0.len() > LONGEST || Segment::on_disk(HEADER + bytes) > self.most_bytes {
@@ -180,7 +182,7 @@ impl Store {
         Ok(())
     }
 
-    /// Whatever stands behind its last record, this file is not added to again.
+    /// Closes the last file. Nothing is appended to it again, because it may end with a part of a record.
     fn give_up_file(&mut self) {
         let Some(last) = self.segments.back_mut() else { return };
         let path = last.path(&self.directory);
@@ -189,12 +191,12 @@ impl Store {
         }
         if last.count == 0 {
             self.segments.pop_back();
-            // Where it stays, the next start removes it.
+            // If this fails, the next start removes the file.
             let _ = fs::remove_file(path);
         }
     }
 
-    /// Removes the oldest files until so many bytes more have room.
+    /// Removes the oldest files until there is room for this number of bytes.
     fn make_room(&mut self, bytes: u64) -> io::Result<()> {
         let mut lost_some = false;
         while self.after(bytes) > self.most_bytes {
@@ -212,7 +214,7 @@ impl Store {
         if lost_some { self.told_file.write(self.told) } else { Ok(()) }
     }
 
-    /// What all files take with so many bytes more.
+    /// Size of all files on disk after this number of bytes is appended.
     fn after(&self, bytes: u64) -> u64 {
         let sizes = self.segments.iter().map(|segment| segment.bytes);
         let grows = self.writer.is_some();
@@ -222,10 +224,10 @@ impl Store {
         if grows || bytes == 0 { taken } else { taken + Segment::on_disk(HEADER + bytes) }
     }
 
-    /// Up to so many of the oldest records, which stay. What turns out to be damaged is left out and counted.
+    /// Returns at most `most` of the oldest records, without removing them. Damaged records are left out and counted.
     ///
     /// # Errors
-    /// The disk does not give them.
+    /// The records cannot be read.
     pub fn first(&mut self, most: usize) -> io::Result<Vec<Record>> {
         let most = u64::try_from(most).unwrap_or(u64::MAX);
         loop {
@@ -244,7 +246,7 @@ impl Store {
         }
     }
 
-    /// From this number on, the oldest file is not readable any more.
+    /// Marks the oldest file as unreadable from this record number on.
     fn drop_damaged(&mut self, from: u64) -> io::Result<()> {
         let is_growing = self.segments.len() == 1;
         let Some(oldest) = self.segments.front_mut() else { return Ok(()) };
@@ -256,10 +258,11 @@ impl Store {
         self.forget_told()
     }
 
-    /// The oldest records were told: so many of them go.
+    /// Marks this number of the oldest records as published, and removes them.
     ///
     /// # Errors
-    /// The disk does not take the mark. They do not come again before a restart; after one, those whose file is still there.
+    /// The mark cannot be written. The records are not returned before a restart. After a restart, they are returned if
+    /// their file still exists.
     pub fn drop_first(&mut self, count: usize) -> io::Result<()> {
         let mut left = u64::try_from(count).unwrap_or(u64::MAX);
         for segment in &self.segments {
@@ -270,7 +273,7 @@ impl Store {
             }
             left -= taken;
         }
-        // Marked first: what is gone without a mark would count as lost.
+        // The mark is written first: records that are removed without a mark would count as lost.
         let marked = self.told_file.write(self.told);
         let marked = self.forget_told().and(marked);
         if let Err(error) = &marked {
@@ -279,7 +282,7 @@ impl Store {
         marked
     }
 
-    /// Removes the files of which all was told.
+    /// Removes the files in which all records were published.
     fn forget_told(&mut self) -> io::Result<()> {
         while let Some(oldest) = self.segments.front()
             && oldest.end() <= self.told.max(oldest.first)
@@ -294,10 +297,10 @@ impl Store {
         Ok(())
     }
 
-    /// Waits until the disk itself has everything.
+    /// Waits until all data are on disk.
     ///
     /// # Errors
-    /// It has not.
+    /// The data may not be on disk.
     pub fn sync(&mut self) -> io::Result<()> {
         let Some(file) = &self.writer else { return Ok(()) };
         file.sync_data()?;
@@ -307,34 +310,34 @@ impl Store {
         Ok(())
     }
 
-    /// How many records wait.
+    /// Number of waiting records.
     pub fn len(&self) -> u64 {
         let waiting = |segment: &Segment| segment.end().saturating_sub(segment.first.max(self.told));
         self.segments.iter().map(waiting).sum()
     }
 
-    /// None waits.
+    /// Returns whether no record waits.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// What the files take of the disk.
+    /// Size of the files on disk in bytes.
     pub fn bytes(&self) -> u64 {
         self.after(0)
     }
 
-    /// How many records had no room, or were damaged, since this was asked last.
+    /// Number of records since the last call that were removed for lack of room, or were damaged.
     pub fn dropped(&mut self) -> u64 {
         std::mem::take(&mut self.dropped)
     }
 
-    /// What there is to say of the disk: once when it begins to fail, once when it is over.
+    /// Next message about the disk: one when it begins to fail, and one when it works again.
     pub fn news(&mut self) -> Option<DiskNews> {
         self.disk.news.pop_front()
     }
 }
 
-/// Removes a file, or finds that it is gone.
+/// Removes a file. A missing file is no error.
 fn remove(path: &Path) -> io::Result<()> {
     match fs::remove_file(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
@@ -342,7 +345,7 @@ fn remove(path: &Path) -> io::Result<()> {
     }
 }
 
-/// A file that this user writes, and his group reads.
+/// Creates a file that the user can write and the group can read.
 fn create(path: &Path) -> io::Result<File> {
     fs::OpenOptions::new().write(true).create(true).truncate(true).mode(MODE).open(path)
 }

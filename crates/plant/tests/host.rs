@@ -1,5 +1,6 @@
-//! The edge node beside pysparkplug, an implementation of Sparkplug B that is not ours: it reads what the node tells, and the
-//! node takes what it asks for. Without it this fails and says so; `tests/run interop` installs it.
+//! Tests of the edge node with pysparkplug, an independent implementation of Sparkplug B. It reads the messages of the
+//! node, and the node evaluates its commands. Without pysparkplug, the tests fail with a message; `tests/run interop`
+//! installs it.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -16,7 +17,7 @@ use isotherm_plant::{
 };
 use serde_json::{Value as Json, json};
 
-/// pysparkplug, which is asked a line and answers a line.
+/// The process of pysparkplug, which answers each line with a line.
 struct Host {
     child: Child,
     says: ChildStdin,
@@ -57,7 +58,7 @@ impl Host {
         messages.iter().map(|message| self.reads(message)).collect()
     }
 
-    /// The topic and the bytes of what it asks for.
+    /// Topic and bytes of a command.
     fn asks(&mut self, command: &Json) -> (String, Vec<u8>) {
         let answer = self.ask(command);
         let hex = answer["payload"].as_str().unwrap();
@@ -111,7 +112,7 @@ fn node() -> Sparkplug {
     Sparkplug::new(Address::new("shop", "grinder-3").unwrap(), 254, true)
 }
 
-/// The one metric of this name.
+/// The only metric with this name.
 fn find<'a>(message: &'a Json, name: &str) -> &'a Json {
     let metrics = message["metrics"].as_array().unwrap();
     let found: Vec<&Json> = metrics.iter().filter(|metric| metric["name"] == name).collect();
@@ -150,7 +151,7 @@ fn another_implementation_reads_will_birth_data_and_death_as_they_are_meant() {
     }
     assert_eq!(birth["metrics"].as_array().unwrap().len(), table.len());
 
-    // Data have aliases only: the names are what pysparkplug knows from the birth.
+    // Data contain aliases only; pysparkplug knows the names from the birth.
     let mut state = snapshot(2, None);
     state.events = vec![Happening {
         at: at(2),
@@ -225,7 +226,7 @@ fn another_implementation_reads_a_gap_from_the_disk_as_historical_after_the_next
             store.push(&record).unwrap();
         }
         if second == 30 {
-            // The program is started anew: it knows nothing but what is on disk.
+            // The program is restarted, and has only the data on disk.
             node = Sparkplug::new(Address::new("shop", "grinder-3").unwrap(), node.bd_seq(), true);
             store = Store::open(directory.path(), 1 << 20).unwrap();
         }
@@ -251,7 +252,7 @@ fn another_implementation_reads_a_gap_from_the_disk_as_historical_after_the_next
         }
         store.drop_first(records.len()).unwrap();
     }
-    // The birth of second 0 may not have arrived.
+    // The birth of second 0 may be undelivered.
     let expected: Vec<(u64, f64)> = (0..=60u32).map(|second| (ms(second.into()), second.into())).collect();
     assert_eq!(told, expected);
     assert_eq!((store.len(), store.dropped()), (0, 0));

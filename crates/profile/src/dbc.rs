@@ -1,4 +1,4 @@
-//! DBC files: from the name of a signal to the bits it has in which frames.
+//! DBC files: from the name of a signal to its frames and bits.
 
 use can_dbc::{
     AttributeDefinition, AttributeValue, AttributeValueType, ByteOrder as DbcOrder, Dbc, Message, MessageId,
@@ -10,47 +10,47 @@ use crate::error::allowed;
 use isotherm_core::border::beyond;
 use isotherm_core::codec::{BitField, BitKind, ByteOrder, CanId, CanMatch, Field, Selector};
 
-/// What the parser did not think of.
+/// Error for a file on which the parser panicked.
 fn failed() -> Wrong {
     let message = "this is not a readable DBC file: its parser failed on it".to_owned();
     Wrong { at: None, message, help: "open and save it with an editor for DBC files".to_owned() }
 }
 
-/// Multiplexers behind each other, at most.
+/// Largest depth of nested multiplexers.
 const DEEPEST: usize = 8;
 
-/// A DBC file that was read.
+/// Parsed DBC file with its text.
 #[derive(Clone, Debug)]
 pub(crate) struct DbcFile {
     dbc: Dbc,
     text: String,
 }
 
-/// What a DBC file says of one signal.
+/// Description of one signal in a DBC file.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Described {
-    /// The frames it is in, and where in there.
+    /// Frames that contain the signal, and its bits.
     pub(crate) field: Field,
     pub(crate) scale: f64,
     pub(crate) offset: f64,
-    /// Its unit, where a profile has one of that meaning.
+    /// Unit of the signal, if a profile has one with this meaning.
     pub(crate) unit: Option<Unit>,
 }
 
-/// What is wrong with a DBC file, and where; a place of its own only where the file is to blame.
+/// Mistake in or about a DBC file. It has a position only if the file itself is wrong.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Wrong {
-    /// Line and column, from 1.
+    /// Line and column, counted from 1.
     pub(crate) at: Option<(usize, usize)>,
     pub(crate) message: String,
     pub(crate) help: String,
 }
 
 impl DbcFile {
-    /// Reads the bytes of a file: UTF-8, or the Western European code page that most editors write.
+    /// Parses the bytes of a file in UTF-8 or Latin-1, which most editors write.
     ///
     /// # Errors
-    /// It is no DBC file from this line on.
+    /// The file is not a DBC file. The error has the first invalid line.
     pub(crate) fn read(bytes: Vec<u8>) -> Result<DbcFile, Wrong> {
         let text = match String::from_utf8(bytes) {
             Ok(text) => text,
@@ -69,16 +69,16 @@ impl DbcFile {
         Ok(DbcFile { dbc, text })
     }
 
-    /// The line of a place in it.
+    /// Returns a line of the file, for messages.
     pub(crate) fn line(&self, line: usize) -> Option<&str> {
         shown(&self.text, line)
     }
 
-    /// The signal with this name, "Message.Signal". With a J1939 source address its message is a parameter group of that
-    /// sender; else it is one, of any sender, where the file says so.
+    /// Returns the signal with this name, "Message.Signal". With a J1939 source address, its message is a parameter
+    /// group of that sender. Without one, it is a parameter group of any sender if the file marks it as such.
     ///
     /// # Errors
-    /// There is none, or it lies nowhere.
+    /// The signal does not exist, or its frames or bits are not possible.
     pub(crate) fn signal(&self, name: &str, source: Option<u8>) -> Result<Described, Wrong> {
         let about = |message: String, help: String| Wrong { at: None, message, help };
         let Some((message_name, signal_name)) = name.split_once('.') else {
@@ -114,7 +114,7 @@ impl DbcFile {
         let is_group = source.is_some() || self.format(message.id) == Some("J1939PG");
         let id = match message.id {
             MessageId::Extended(raw) => CanId::extended(raw),
-            // The crate cuts a number without the flag of 29 bits to 16.
+            // The parser truncates a number without the flag of 29 bits to 16 bits.
             MessageId::Standard(raw) => match self.written_id(&message.name) {
                 Some(written) if written != u64::from(raw) => None,
                 _ => CanId::standard(u32::from(raw)),
@@ -142,7 +142,7 @@ impl DbcFile {
         }
     }
 
-    /// The message's frame format, by the attribute that editors keep it in.
+    /// Returns the frame format of a message, from the attribute in which editors store it.
     fn format(&self, id: MessageId) -> Option<&str> {
         const NAME: &str = "VFrameFormat";
         let words = self.dbc.attribute_definitions.iter().find_map(|definition| match definition {
@@ -182,7 +182,7 @@ impl DbcFile {
         })
     }
 
-    /// The multiplexers that say whether a frame holds the signal.
+    /// Returns the multiplexers that select whether a frame contains the signal.
     fn selectors(&self, message: &Message, signal: &Signal, deep: usize) -> Result<Vec<Selector>, Wrong> {
         let extended: Vec<_> = (self.dbc.extended_multiplex.iter())
             .filter(|known| known.message_id == message.id && known.signal_name == signal.name)
@@ -214,7 +214,7 @@ impl DbcFile {
         Ok(selectors)
     }
 
-    /// The identifier as the file writes it.
+    /// Returns the identifier of a message as it is in the text.
     fn written_id(&self, name: &str) -> Option<u64> {
         self.text.lines().find_map(|line| {
             let mut words = line.trim_start().strip_prefix("BO_ ")?.split_whitespace();
@@ -223,7 +223,7 @@ impl DbcFile {
         })
     }
 
-    /// At the line with this text, in the block of a message where one is named.
+    /// Builds an error at the first line with this text, within the block of a message if one is given.
     fn at(&self, text: &str, message: Option<&&str>, what: String) -> Wrong {
         let mut lines = self.text.lines().enumerate();
         if let Some(message) = message {
@@ -235,8 +235,7 @@ impl DbcFile {
     }
 }
 
-/// A line of a DBC file, as it may be shown. What is no entry of one is some other file's, whose content is nobody's
-/// business here.
+/// Returns a line that may be shown. Only entries of a DBC file are shown: another file may contain secrets.
 pub(crate) fn shown(text: &str, line: usize) -> Option<&str> {
     const ENTRIES: [&str; 11] =
         ["BO_", "SG_", "CM_", "BA_", "VAL_", "VERSION", "NS_", "BS_", "BU_", "EV_", "SIG_"];
@@ -249,13 +248,14 @@ fn names(messages: &[Message]) -> String {
     names.join(", ")
 }
 
-/// Line and column of ` --> 10:16`.
+/// Parses line and column from ` --> 10:16`.
 fn place(why: &str) -> Option<(usize, usize)> {
     let (line, column) = why.split_once("--> ")?.1.lines().next()?.split_once(':')?;
     Some((line.trim().parse().ok()?, column.trim().parse().ok()?))
 }
 
-/// What could stand there, where that is a short list. What the crate says quotes the line.
+/// Builds the hint from the parser's list of expected entries, if it is short. The parser's full message quotes the
+/// line, and is not shown.
 fn expected(why: &str) -> String {
     let wanted = why.split_once("= expected ").map(|(_, wanted)| wanted.trim());
     match wanted {
@@ -266,7 +266,7 @@ fn expected(why: &str) -> String {
     }
 }
 
-/// The units that DBC files write in many ways.
+/// Recognises units that DBC files write in several ways.
 fn unit(text: &str) -> Option<Unit> {
     let name = match text.trim() {
         "°C" | "degC" | "deg C" | "DegC" | "C" | "℃" | "Celsius" | "celsius" => "degC",

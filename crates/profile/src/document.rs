@@ -1,18 +1,18 @@
-//! A document for two readers: lines for people, and JSON for programs.
+//! Document with two forms: lines of text, and JSON.
 
 use std::fmt;
 
 use serde::{Serialize, Serializer};
 use serde_json::Value;
 
-/// A part of the document, its lines and its JSON object.
+/// Part of the document: its lines and its JSON object.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Section {
     lines: Vec<String>,
     json: Vec<(&'static str, Json)>,
 }
 
-/// JSON whose objects keep the order of their keys, which `serde_json::Value` sorts.
+/// JSON whose objects keep the order of their keys. `serde_json::Value` sorts them.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Json {
     Value(Value),
@@ -21,38 +21,38 @@ pub(crate) enum Json {
 }
 
 impl Section {
-    /// A line for people.
+    /// Adds a line of text.
     pub(crate) fn line(&mut self, line: impl Into<String>) {
         self.lines.push(line.into());
     }
 
-    /// Lines for people that all begin with `label`; an `Option` is one line or none.
+    /// Adds lines of text with a common label. An `Option` is one line or none.
     pub(crate) fn lines<T: fmt::Display>(&mut self, label: &str, lines: impl IntoIterator<Item = T>) {
         self.lines.extend(lines.into_iter().map(|line| format!("{label}{line}")));
     }
 
-    /// The lines of another section, whose JSON stands elsewhere.
+    /// Adds the lines of another section, whose JSON is added separately.
     pub(crate) fn lines_of(&mut self, other: &Section) {
         self.lines.extend(other.lines.iter().cloned());
     }
 
-    /// An entry of the JSON object: a scalar or a list of them.
+    /// Adds a scalar, or a list of scalars, to the JSON object.
     pub(crate) fn entry(&mut self, key: &'static str, value: impl Serialize) {
         self.json(key, Json::Value(serde_json::to_value(value).unwrap_or_default()));
     }
 
-    /// An entry of the JSON object that is or holds an object.
+    /// Adds JSON that is or contains an object to the JSON object.
     pub(crate) fn json(&mut self, key: &'static str, json: impl Into<Json>) {
         self.json.push((key, json.into()));
     }
 
-    /// A section inside this one.
+    /// Adds a section within this one: its lines and its JSON.
     pub(crate) fn part(&mut self, key: &'static str, part: Option<Section>) {
         part.iter().for_each(|part| self.lines_of(part));
         self.json(key, part);
     }
 
-    /// Several sections inside this one.
+    /// Adds several sections within this one.
     pub(crate) fn parts(&mut self, key: &'static str, parts: impl Iterator<Item = Section>) {
         let parts: Vec<Section> = parts.collect();
         parts.iter().for_each(|part| self.lines_of(part));
@@ -106,12 +106,13 @@ impl fmt::Display for Section {
     }
 }
 
-/// A number with at most so many digits, which hides the last ones of binary fractions, and no zeros at its end.
+/// Formats a number with at most this number of decimals, without trailing zeros. That hides the last digits of binary
+/// fractions.
 pub(crate) fn figure(number: f64, digits: usize) -> String {
     format!("{number:.digits$}").trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-/// Values under their keys, in the order in which each key first comes.
+/// Groups values by key, in the order of the first occurrence of each key.
 pub(crate) fn grouped<K: PartialEq, V>(pairs: impl IntoIterator<Item = (K, V)>) -> Vec<(K, Vec<V>)> {
     let mut groups: Vec<(K, Vec<V>)> = Vec::new();
     for (key, value) in pairs {

@@ -1,4 +1,4 @@
-//! Durations as a profile writes them: "300ms", "10s", "3min", "2h", "90d".
+//! Durations in a profile: "300ms", "10s", "3min", "2h", "90d".
 
 use std::time::Duration;
 
@@ -7,12 +7,13 @@ use serde::{Deserialize, Deserializer};
 
 use crate::wording::duration_text;
 
-/// A duration that a profile has written.
+/// Duration, as written in a profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Timespan(pub(crate) Duration);
 
 impl Timespan {
-    /// How editors know a duration, and how the walk knows one: a required key has this schema itself, not a `$ref`.
+    /// Pattern in the schema, for editors. The walk recognises durations by it, because the schema of a required key is
+    /// inlined instead of a `$ref`.
     pub(crate) const PATTERN: &'static str = "^\\s*(\\d+\\s*[a-zA-Zµ]+\\s*)+$";
 }
 
@@ -38,7 +39,7 @@ impl JsonSchema for Timespan {
     }
 }
 
-/// A duration as a profile would write it.
+/// Formats a duration in the notation of a profile.
 pub(crate) fn shown(span: Duration) -> String {
     duration_text(span)
 }

@@ -1,4 +1,4 @@
-//! What is wrong with a profile: every error with its place, what is allowed, and the nearest word.
+//! Errors of a profile: each with its place, the allowed words, and the nearest one.
 
 use std::fmt;
 
@@ -9,32 +9,32 @@ use crate::span::Spans;
 use crate::unseen::{lines, one_line};
 use crate::wording::{allowing_line, counted};
 
-/// One thing that is wrong, or worth a warning.
+/// Error or warning in a profile.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct ProfileError {
-    /// The file, `environment ISOTHERM__…` or `--set key`.
+    /// Name of the file, `environment ISOTHERM__…` or `--set key`.
     pub file: String,
-    /// Counted from 1; `None` where there is no file.
+    /// Line, counted from 1. `None` outside of a file.
     pub line: Option<usize>,
-    /// Counted from 1, in characters.
+    /// Column, counted from 1, in characters. `None` outside of a file.
     pub column: Option<usize>,
-    /// The path of the key: `axis.z.model[0].terms[1].gain`.
+    /// Path of the key: `axis.z.model[0].terms[1].gain`.
     pub key: String,
-    /// What is wrong.
+    /// Mistake, in one sentence.
     pub message: String,
-    /// What is allowed, the nearest word, or the remedy.
+    /// Hint: allowed words, the nearest word, or the remedy.
     pub help: Option<String>,
-    /// The line it stands in; of a long one the part around it.
+    /// Line with the error. If it is long, only the part around the error.
     #[serde(skip)]
     pub excerpt: Option<String>,
-    /// How many characters of that stand before the place.
+    /// Number of characters of the excerpt before the error.
     #[serde(skip)]
     pub caret: usize,
-    /// How many more there are, behind the last one that is listed.
+    /// Number of errors that are not listed. Only the last listed error has it.
     #[serde(skip_serializing_if = "is_nought")]
     pub more: usize,
-    /// A layer above the profile may not set this key: what `allow_override` of the profile would have to be. Empty if
-    /// nothing allows it.
+    /// Value that `allow_override` of the profile would need, if a layer above the profile must not set this key. Empty
+    /// if nothing allows it. `None` for any other error.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub allow_override: Option<Vec<String>>,
 }
@@ -44,20 +44,20 @@ fn is_nought(number: &usize) -> bool {
     *number == 0
 }
 
-/// As many errors are listed; the others are counted.
+/// Number of errors that are listed. The others are only counted.
 const MOST_LISTED: usize = 50;
-/// As many are described while a profile is looked at: the first of them in the order of the lines are listed.
+/// Number of errors that are collected before they are sorted. Any more are only counted.
 const MOST_DESCRIBED: usize = 1000;
-/// Words that are named as allowed.
+/// Number of words that are listed as allowed.
 const MOST_WORDS: usize = 130;
-/// Words among which the one is looked for that was meant.
+/// Number of words that are compared to find the nearest one.
 const MOST_COMPARED: usize = 1000;
-/// A message in characters: it quotes what a profile says.
+/// Largest length of a message, in characters. A message quotes the profile.
 const LONGEST_MESSAGE: usize = 800;
-/// Its remedy: it names the words that are allowed.
+/// Largest length of a hint, in characters. A hint lists the allowed words.
 const LONGEST_HELP: usize = 1900;
 
-/// Errors, or warnings, as they are found. Whoever writes two million wrong keys reads fifty.
+/// Collected errors or warnings. The number is limited, because a file may contain millions of wrong keys.
 #[derive(Debug, Default)]
 pub(crate) struct Found {
     described: Vec<ProfileError>,
@@ -74,12 +74,12 @@ impl Found {
         other.described.into_iter().for_each(|error| self.push(error));
     }
 
-    /// Whether there is no need to describe another one: it is enough to count it.
+    /// Returns whether another error is only counted, so that its description is not needed.
     pub(crate) fn is_full(&self) -> bool {
         self.described.len() >= MOST_DESCRIBED
     }
 
-    /// One more that nobody describes.
+    /// Counts an error without its description.
     pub(crate) fn count(&mut self) {
         self.more += 1;
     }
@@ -92,8 +92,8 @@ impl Found {
         self.len() == 0
     }
 
-    /// Those that are listed: first what layers above the profile may not set, then the others, each in the order of the
-    /// layers and of their lines.
+    /// Returns the errors that are listed. Those of keys that layers must not set come first. Both groups are in the
+    /// order of the layers and lines.
     pub(crate) fn listed(mut self, spans: &Spans) -> Vec<ProfileError> {
         spans.sort(&mut self.described);
         self.described.sort_by_key(|error| error.allow_override.is_none());
@@ -119,14 +119,14 @@ fn cut(text: &mut String, longest: usize) {
     }
 }
 
-/// Everything that is wrong with a profile: first what layers above it may not set, then the others, each in the order of the
-/// layers and of their lines.
+/// All errors of a profile. Those of keys that layers above it must not set come first. Both groups are in the order of
+/// the layers and lines.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(transparent)]
 pub struct Errors(pub Vec<ProfileError>);
 
 impl ProfileError {
-    /// An error about a whole file.
+    /// Creates an error about a whole file.
     pub(crate) fn about(
         file: impl Into<String>,
         message: impl Into<String>,
@@ -159,7 +159,7 @@ impl fmt::Display for ProfileError {
         write!(f, " {}", one_line(&self.message))?;
         if let Some(excerpt) = &self.excerpt {
             let before: String = excerpt.chars().take(self.caret).collect();
-            // Tabs stay tabs, so that the caret stands under its character in every terminal.
+            // Tabs stay tabs, so that the caret is below its character in every terminal.
             let blank: String = lines(&before).chars().map(|c| if c == '\t' { '\t' } else { ' ' }).collect();
             write!(f, "\n    {}\n    {blank}^", lines(excerpt))?;
         }
@@ -202,13 +202,13 @@ impl fmt::Display for Errors {
 
 impl std::error::Error for Errors {}
 
-/// "did you mean `step`? allowed: …", from the words that are allowed.
+/// Builds a hint from the allowed words: "did you mean `step`? allowed: …".
 pub fn allowed<'a>(word: &str, words: impl IntoIterator<Item = &'a str>) -> String {
     let words: Vec<&str> = words.into_iter().collect();
     listed(nearest(word, &words), &words)
 }
 
-/// The words that are allowed, after the one that was probably meant.
+/// Builds a hint from the nearest word, if any, and the allowed words.
 pub(crate) fn listed(near: Option<&str>, words: &[&str]) -> String {
     let mut list = if words.is_empty() { "nothing".to_owned() } else { shown(words).join(", ") };
     if words.len() > MOST_WORDS {
@@ -224,7 +224,7 @@ fn shown<'w, 'a>(words: &'w [&'a str]) -> &'w [&'a str] {
     &words[..words.len().min(MOST_WORDS)]
 }
 
-/// What people write for some of the words.
+/// Common spellings, with the words of a profile that they mean.
 const ALSO: [(&str, &str); 16] = [
     ("c", "degC"),
     ("°c", "degC"),
@@ -244,7 +244,7 @@ const ALSO: [(&str, &str); 16] = [
     ("float", "f32"),
 ];
 
-/// The word for what people write instead of it, in small letters.
+/// Returns the word of the profile that a common spelling means. `lower` is in lower case.
 pub(crate) fn also<'a>(
     lower: &str,
     words: &[&'a str],
@@ -254,22 +254,22 @@ pub(crate) fn also<'a>(
     meant.filter_map(|meant| words.iter().copied().find(|known| *known == meant)).next()
 }
 
-/// The word that was probably meant.
+/// Returns the word that was probably meant.
 pub fn nearest<'a>(word: &str, words: &[&'a str]) -> Option<&'a str> {
     let lower = word.to_lowercase();
     if let Some(meant) = also(&lower, words, |word, written| word == written) {
         return Some(meant);
     }
-    // One slip in a short word, more in a longer one.
+    // Allows one mistake in a short word, and more in a longer one.
     let far = match word.chars().count() {
-        // Nothing has such a name.
+        // No name is that long.
         LONGEST_QUOTE.. => return None,
-        // Any other letter is one slip away: that says something only where there is one.
+        // Any other letter is one mistake away, so the result is only useful if there is a single word.
         ..=1 => usize::from(words.len() == 1),
         length => ((length + 1) / 3).max(1),
     };
     let distance = |known: &str| strsim::damerau_levenshtein(&lower, &known.to_lowercase());
-    // Of thousands of names those are looked at that begin alike, and none that differ by their length alone.
+    // Among thousands of names, only those with the same first letter and a similar length are compared.
     let begins_alike =
         |known: &str| words.len() <= MOST_COMPARED || known.chars().next() == word.chars().next();
     words

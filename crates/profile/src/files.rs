@@ -1,4 +1,4 @@
-//! The files that a profile names: beside it, kept from an earlier loading, or, for one that is part of the program, in the program.
+//! Files that a profile names. They are read from disk, from kept sources, or from the program itself.
 
 use std::collections::BTreeSet;
 use std::io::{Error, ErrorKind};
@@ -8,27 +8,27 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use crate::regular;
 use crate::sources::{Found, Sources, is_open_to_all, layer_name, names_in};
 
-/// The files of one profile.
+/// Source of the files of one profile.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Files<'a> {
-    /// On disk.
+    /// Files on disk, relative to the directory of the profile.
     Beside(&'a Disk<'a>),
-    /// Relative to this directory, as they were when these sources were kept.
+    /// Files as they were when these sources were kept, relative to this directory.
     Kept(&'a Path, &'a Sources),
-    /// By name.
+    /// Files in memory, by name.
     Inside(&'a [(&'a str, &'a [u8])]),
 }
 
-/// Certificates and keys that a profile names.
+/// Whether the certificates and keys that a profile names must exist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Certificates {
-    /// They must be there.
+    /// They must exist.
     Needed,
-    /// Those that are not there are still to be made.
+    /// Missing ones are created later.
     ToBeMade,
 }
 
-/// The directory of a profile.
+/// Directory of a profile, with the record of what was read.
 #[derive(Debug)]
 pub(crate) struct Disk<'a> {
     directory: &'a Path,
@@ -36,11 +36,11 @@ pub(crate) struct Disk<'a> {
     reads: Mutex<Reads>,
 }
 
-/// What was read of it.
+/// Record of the files that were read.
 #[derive(Debug, Default)]
 pub(crate) struct Reads {
     pub(crate) names: BTreeSet<String>,
-    /// Where the answers are kept, if they are.
+    /// Sources that keep the answers of the file system. `None` if they are not kept.
     pub(crate) sources: Option<Sources>,
 }
 
@@ -57,7 +57,7 @@ impl<'a> Disk<'a> {
         self.reads.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A file is read once where its answer is kept.
+    /// Reads a file. If sources are kept, each file is read from disk only once.
     fn bytes(&self, name: &str, largest: u64) -> Result<Vec<u8>, String> {
         let mut reads = self.reads();
         reads.names.insert(name.to_owned());
@@ -90,10 +90,10 @@ impl<'a> Disk<'a> {
 }
 
 impl Files<'_> {
-    /// The text of a layer.
+    /// Reads the text of a layer.
     ///
     /// # Errors
-    /// As reading a file.
+    /// Those of reading a file.
     pub(crate) fn layer(&self, path: &Path) -> std::io::Result<String> {
         match self {
             Files::Beside(disk) => disk.layer(path),
@@ -105,10 +105,10 @@ impl Files<'_> {
         }
     }
 
-    /// The text of a file that need not be there.
+    /// Reads the text of an optional file. Returns `None` if it does not exist.
     ///
     /// # Errors
-    /// A sentence: it is there and cannot be read.
+    /// A sentence, if the file exists but cannot be read.
     pub(crate) fn text(&self, name: &str) -> Result<Option<String>, String> {
         if !self.is_there(name) {
             if let Files::Beside(disk) = self
@@ -130,13 +130,13 @@ impl Files<'_> {
         }
     }
 
-    /// Whether this certificate, or key, is still to be made.
+    /// Returns whether this certificate or key is missing, and will be created later.
     pub(crate) fn is_to_be_made(&self, name: &str) -> bool {
         matches!(self, Files::Beside(disk) if disk.certificates == Certificates::ToBeMade)
             && !self.is_there(name)
     }
 
-    /// As errors name a file.
+    /// Path of a file in messages.
     pub(crate) fn path(&self, name: &str) -> String {
         match self.directory() {
             Some(directory) => directory.join(name).display().to_string(),
@@ -152,7 +152,7 @@ impl Files<'_> {
         }
     }
 
-    /// Whether anybody on this computer may read or change it.
+    /// Returns whether any user of this computer may read or change the file.
     pub(crate) fn is_open_to_all(&self, name: &str) -> bool {
         let kept = if let Files::Kept(_, sources) = self { sources.found(name) } else { None };
         match kept {
@@ -161,7 +161,7 @@ impl Files<'_> {
         }
     }
 
-    /// The names in a directory that end so, without that end.
+    /// Returns the names in a directory that end with `end`, without that end.
     pub(crate) fn names(&self, directory: &str, end: &str) -> Vec<String> {
         let list = format!("{directory}/*{end}");
         match self {
@@ -184,10 +184,10 @@ impl Files<'_> {
         }
     }
 
-    /// The bytes of a file.
+    /// Reads the bytes of a file.
     ///
     /// # Errors
-    /// A sentence: not there, not readable, too large.
+    /// A sentence, if the file does not exist, cannot be read, or is too large.
     pub(crate) fn read(&self, name: &str) -> Result<Vec<u8>, String> {
         self.bytes(name, regular::LARGEST)
     }

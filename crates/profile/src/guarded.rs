@@ -1,16 +1,17 @@
-//! Keys that a layer above the profile does not change, unless the profile allows it by `[machine] allow_override`.
+//! Keys that a layer above the profile must not change, unless the profile allows it by `[machine] allow_override`.
 //!
-//! The schema says of each key what a layer may do with it, in `x-layers` of the key or of its table:
+//! The schema states for each key or table, as `x-layers`, what a layer may do:
 //!
 //! | `x-layers` | meaning |
 //! |---|---|
-//! | `less` | A guard: a layer may make the number smaller |
+//! | `less` | A guard: a layer may reduce the number |
 //! | `same` | A guard: only the profile sets it |
 //! | `arrives` | The key changes what arrives at the machine: only the profile sets it |
-//! | `free` | A layer may set it, though its table says otherwise |
+//! | `free` | A layer may set it, although its table says otherwise |
 //!
-//! A key of a device counts if something is written to that device. A key of a signal counts if the signal is the
-//! position of an output, or if a register is written before it is read. All other devices and signals are only read.
+//! The rule for keys of a device applies only if the gateway writes to that device. The rule for keys of a signal
+//! applies to the position of an output, and if a register is written before the signal is read. All other devices and
+//! signals are only read.
 
 use serde_json::{Map, Value};
 
@@ -20,13 +21,13 @@ use crate::span::{Spans, child};
 use crate::walk::resolved;
 use crate::wording::allowing_line;
 
-/// The word of the schema.
+/// Name of the rule in the schema.
 const MARK: &str = "x-layers";
-/// The models of an axis, with the part of them that a control applies itself.
+/// Models of an axis. Some of their keys are applied by the control itself.
 const MODELS: &str = "model";
 const ARM: &str = "machine.arm";
 
-/// Permission of a layer for a key.
+/// Rule for a key in the layers above the profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Rule {
     Less,
@@ -34,7 +35,7 @@ enum Rule {
     Arrives,
 }
 
-/// A key that a layer sets and may not set.
+/// Key that a layer sets although its rule forbids it.
 #[derive(Debug)]
 pub(crate) struct Refusal {
     kind: String,
@@ -43,7 +44,7 @@ pub(crate) struct Refusal {
     error: ProfileError,
 }
 
-/// The rule of this key or table itself; `Some(None)` if it is free.
+/// Returns the rule of a key or table in the schema. `Some(None)` if the key is free, `None` if it has no rule.
 fn rule(schema: &Value) -> Option<Option<Rule>> {
     match schema.get(MARK)?.as_str()? {
         "less" => Some(Some(Rule::Less)),
@@ -53,7 +54,7 @@ fn rule(schema: &Value) -> Option<Option<Rule>> {
     }
 }
 
-/// The keys of a table, each with its schema and its rule.
+/// Iterates over the keys of a table, each with its schema and its rule.
 fn keys<'a>(
     root: &'a Value,
     table: &'a Value,
@@ -64,14 +65,14 @@ fn keys<'a>(
     keys.map(move |(key, schema)| (key, schema, rule(schema).unwrap_or(default)))
 }
 
-/// The schema of one table of this kind, and whether such tables have names.
+/// Returns the schema of one table of this kind, and whether such tables have names.
 fn table_of<'a>(root: &'a Value, kind: &str) -> Option<(&'a Value, bool)> {
     let schema = resolved(root, root.get("properties")?.get(kind)?);
     let named = schema.get("additionalProperties").filter(|named| named.is_object());
     Some((named.unwrap_or(schema), named.is_some()))
 }
 
-/// The parts of a value inside which keys are marked; `None` if there are none.
+/// Returns the parts of a value whose keys have rules. `None` if there are none.
 fn marked(root: &Value, schema: &Value, value: &Value) -> Option<Value> {
     match value {
         Value::Object(table) => {
@@ -91,7 +92,7 @@ fn marked(root: &Value, schema: &Value, value: &Value) -> Option<Value> {
     }
 }
 
-/// Every key that `allow_override` may name, of tables with these names.
+/// Returns every key that `allow_override` may name, for tables with these names.
 pub(crate) fn guarded_keys(names: &[(&str, &[String])]) -> Vec<String> {
     let root = crate::schema();
     let mut found = Vec::new();
@@ -113,7 +114,7 @@ pub(crate) fn allowed(profile: &Value) -> Vec<String> {
     list.into_iter().flatten().filter_map(Value::as_str).map(str::to_owned).collect()
 }
 
-/// The keys that this layer sets and may not set.
+/// Returns the keys that a layer sets although their rules forbid it.
 pub(crate) fn refused(profile: &Value, layer: &Value, spans: &Spans) -> Vec<Refusal> {
     let root = crate::schema();
     let mut guards = Guards {
@@ -142,14 +143,14 @@ pub(crate) fn refused(profile: &Value, layer: &Value, spans: &Spans) -> Vec<Refu
     guards.refused
 }
 
-/// Returns the refusals that concern this machine. `merged` is all layers in one, with the keys of templates.
+/// Returns the refusals that matter for this machine. `merged` is all layers merged, with the keys of templates.
 pub(crate) fn that_count(refused: Vec<Refusal>, profile: &Value, merged: &Value) -> Vec<ProfileError> {
     let counts = |one: &Refusal| [profile, merged].into_iter().any(|machine| one.counts(machine));
     refused.into_iter().filter(counts).map(|one| one.error).collect()
 }
 
 impl Refusal {
-    /// Whether what the key changes arrives at the machine.
+    /// Returns whether the key influences what arrives at the machine.
     fn counts(&self, machine: &Value) -> bool {
         let of = |table: &Value, key: &str, name: &str| table.get(key).is_some_and(|value| value == name);
         match (self.kind.as_str(), self.key.as_str()) {
@@ -168,7 +169,7 @@ fn tables<'a>(machine: &'a Value, kind: &str) -> impl Iterator<Item = (&'a Strin
     machine.get(kind).and_then(Value::as_object).into_iter().flatten()
 }
 
-/// Whether something is written to this device, or a position that is sent on is read from it.
+/// Returns whether the gateway writes to this device, or writes a position that it reads from there.
 fn is_written(machine: &Value, device: &str) -> bool {
     let is_its = |table: &Value| table.get("device").is_some_and(|of| of == device);
     let has_setup = machine.get("device").and_then(|all| all.get(device)?.get("setup")).is_some();
@@ -178,7 +179,7 @@ fn is_written(machine: &Value, device: &str) -> bool {
         || tables(machine, "signal").any(|(name, signal)| is_its(signal) && is_sent(machine, name))
 }
 
-/// Whether this signal is the position of an output, or a register is written before it is read.
+/// Returns whether this signal is the position of an output, or a register is written before it is read.
 fn is_sent(machine: &Value, signal: &str) -> bool {
     let has_capture = machine.get("signal").and_then(|all| all.get(signal)?.pointer("/counter/capture"));
     has_capture.is_some()
@@ -189,7 +190,7 @@ struct Guards<'a> {
     root: &'a Value,
     spans: &'a Spans,
     allowed: Vec<String>,
-    /// The table that is looked at.
+    /// Kind of the table that is checked.
     kind: String,
     name: String,
     refused: Vec<Refusal>,
@@ -204,7 +205,7 @@ impl Guards<'_> {
                 Some(Rule::Less) => self.smaller(&path, key, own, value),
                 Some(rule) => self.same(rule, (&path, key), &path, own, value),
                 None if key == MODELS => {
-                    // A list is replaced as a whole: what counts of it are its marked parts.
+                    // A list is replaced as a whole. Only its parts with rules are compared.
                     let Some(value) = marked(self.root, schema, value) else { continue };
                     let own = own.and_then(|own| marked(self.root, schema, own));
                     self.same(Rule::Arrives, (&path, key), &path, own.as_ref(), &value);
@@ -223,7 +224,7 @@ impl Guards<'_> {
         }
     }
 
-    /// A value, or each key of a table, is what the profile says.
+    /// Refuses a value, or each key of a table, that differs from the profile.
     fn same(&mut self, rule: Rule, guard: (&str, &str), path: &str, profile: Option<&Value>, value: &Value) {
         match (profile, value) {
             (own, Value::Object(table)) if own.is_none_or(Value::is_object) && !table.is_empty() => {
@@ -264,7 +265,7 @@ impl Guards<'_> {
     }
 
     fn absent(&mut self, rule: Rule, guard: (&str, &str), path: &str) {
-        // A key that the profile has, but wrongly, has been reported.
+        // If the profile has the key with a wrong value, that has been reported.
         if self.spans.rank(path).0 > 0 {
             let why = match rule {
                 Rule::Arrives => "and it changes what arrives at the machine",
@@ -291,7 +292,7 @@ impl Guards<'_> {
     }
 }
 
-/// Whether two values are the same; 1 is 1.0.
+/// Returns whether two values are equal. 1 equals 1.0.
 fn is_same(one: &Value, other: &Value) -> bool {
     match (one, other) {
         (Value::Number(one), Value::Number(other)) if one != other => {

@@ -1,23 +1,23 @@
-//! Host and port, wherever a profile or a command names them: `host`, `host:502`, `[::1]`, `[::1]:502`.
+//! Host and port in profiles and commands: `host`, `host:502`, `[::1]`, `[::1]:502`.
 
 use std::net::Ipv6Addr;
 
-/// Why a text is no host and port.
+/// Reason why a text is not a host with an optional port.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum NoPlace {
     /// The port is a number above 65535.
     PortTooLarge {
-        /// The host before it.
+        /// Host before the port.
         host: String,
     },
-    /// An IPv6 address without its brackets.
+    /// An IPv6 address has no brackets.
     Unbracketed {
-        /// The address.
+        /// Address without brackets.
         address: String,
-        /// The port after it, if one can be told from it.
+        /// Port after it, if it can be distinguished from the address.
         port: Option<u16>,
     },
-    /// Something else.
+    /// Any other reason.
     Other,
 }
 
@@ -31,7 +31,7 @@ impl NoPlace {
         }
     }
 
-    /// The remedy, in which `written` shows what was probably meant; `None` if nobody can know that.
+    /// Builds the hint. `written` formats the address that was probably meant. `None` if that is unknown.
     pub fn help(&self, usual: u16, written: impl Fn(&str) -> String) -> Option<String> {
         let meant = written(&self.meant(usual)?);
         Some(match self {
@@ -43,10 +43,10 @@ impl NoPlace {
     }
 }
 
-/// Host and port of a text; the host as it is written, an IPv6 address in its brackets.
+/// Splits a text into host and port. The host is returned as written, with the brackets of an IPv6 address.
 ///
 /// # Errors
-/// Why it is none.
+/// The reason why the text is not a host and port.
 pub fn host_and_port(text: &str) -> Result<(&str, Option<u16>), NoPlace> {
     let end = match text.strip_prefix('[') {
         Some(rest) => rest.find(']').filter(|end| is_ipv6(&rest[..*end])).ok_or(NoPlace::Other)? + 2,
@@ -67,7 +67,7 @@ pub fn host_and_port(text: &str) -> Result<(&str, Option<u16>), NoPlace> {
     }
 }
 
-/// Several colons, and no brackets around what is before the last one.
+/// Explains a text with several colons and without brackets.
 fn unbracketed(text: &str) -> NoPlace {
     let unbracketed = |address: &str, port| NoPlace::Unbracketed { address: address.to_owned(), port };
     match text.rsplit_once(':').filter(|(address, _)| is_ipv6(address)) {
@@ -84,7 +84,7 @@ fn is_number(text: &str) -> bool {
     !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit())
 }
 
-/// Whether this is an IPv6 address; the number of an interface may follow: `fe80::1%2`.
+/// Returns whether a text is an IPv6 address. The number of an interface may follow: `fe80::1%2`.
 pub(crate) fn is_ipv6(text: &str) -> bool {
     let (address, interface) = text.split_once('%').unwrap_or((text, "0"));
     address.parse::<Ipv6Addr>().is_ok() && interface.parse::<u32>().is_ok()

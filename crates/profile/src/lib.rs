@@ -1,17 +1,18 @@
-//! A machine profile: one TOML file, resolved into final types before anything is opened.
+//! Machine profile: one TOML file, resolved into its final types before anything is opened.
 //!
-//! [`load`] reads the layers (profile, `.local.toml` beside it, environment, `--set`), reports every error at
-//! once with its place, and gives a [`Profile`] in which each name has become an index and each text a type.
+//! [`load`] reads the layers: the profile, the `.local.toml` next to it, the environment, and `--set`. It reports all
+//! errors at once, each with its place. The result is a [`Profile`], in which names are indices and texts are types.
 //!
 //! # Layout
-//! - `load`, `merge`, `walk`, `span`, `overridden`, `guarded`: the layers, each against the schema, where every key was written,
-//!   what those above the profile change, and what they may not change.
-//! - `files`, `sources`: the files that a profile names, and everything that was read of one, kept so that it can be loaded again.
-//! - [`host_and_port`]: addresses. [`regular`]: files that a person names. `unseen`: texts of others, as people may see them.
-//! - `template`, `dbc`: what device templates and DBC files bring.
-//! - `tables`: a file for each table of the profile: as written, checked, resolved, and what `isotherm check` says of it.
+//! - `load`, `merge`, `walk`, `span`: reading the layers, merging them, checking them against the schema, and the place
+//!   of each key.
+//! - `overridden`, `guarded`: keys that the layers change, and keys that they must not change.
+//! - `files`, `sources`: files that a profile names, and the record of everything that was read.
+//! - [`host_and_port`]: addresses. [`regular`]: files named by a user. `unseen`: safe display of foreign texts.
+//! - `template`, `dbc`: device templates and DBC files.
+//! - `tables`: one file for each table of the profile: its keys, checks, resolved form, and preview.
 //! - `written`: the places that a gateway writes to.
-//! - [`plan`], [`preview`]: which requests read a device; the tables' previews and the load of each line in one document.
+//! - [`plan`], [`preview`]: read requests of a device; the document of `isotherm check`.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -93,95 +94,95 @@ pub use template::Template;
 pub use unseen::{lines, one_line};
 pub use wording::{counted, duration_text};
 
-/// One physical line: its place in the profile's list.
+/// Index of a bus (one physical line) in the profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct BusId(pub usize);
 
-/// One device: its place in the profile's list.
+/// Index of a device in the profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct DeviceId(pub usize);
 
-/// One axis: its place in the profile's list.
+/// Index of an axis in the profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct AxisId(pub usize);
 
-/// One output: its place in the profile's list.
+/// Index of an output in the profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct OutputId(pub usize);
 
-/// One set: its place in the profile's list.
+/// Index of a set in the profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct SetId(pub usize);
 
-/// A whole machine, checked. Lists are in the order of the file.
+/// Checked profile of a machine. Lists are in the order of the file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Profile {
-    /// `machine.name`, `[a-z0-9-]`.
+    /// Key `machine.name`, `[a-z0-9-]`.
     pub name: String,
-    /// One line for people.
+    /// Description in one line.
     pub description: String,
-    /// What people call it; empty where the profile does not say.
+    /// Display name of the machine. Empty if the profile has none.
     pub label: String,
-    /// The file it came from.
+    /// Path of the profile.
     pub path: PathBuf,
-    /// Time since machine start, and references.
+    /// Settings of the time since machine start, and of references.
     pub machine: MachineSettings,
-    /// When an axis may begin to write.
+    /// Condition for arming the axes.
     pub arm: Arm,
-    /// How long a request to arm waits that cannot be served yet.
+    /// Timeout of a request to arm that cannot be executed yet.
     pub arm_timeout: Duration,
-    /// What a stop does to the registers.
+    /// Action on the registers at a stop.
     pub on_stop: OnStop,
-    /// The lines.
+    /// Buses, which are the physical lines.
     pub buses: Vec<Bus>,
-    /// What hangs on them.
+    /// Devices on the buses.
     pub devices: Vec<Device>,
-    /// What is read. `SignalId` counts here.
+    /// Signals, indexed by `SignalId`.
     pub signals: Vec<Signal>,
-    /// The names of those that nothing uses: they are recorded.
+    /// Names of the signals that nothing uses. They are only recorded.
     pub only_recorded: Vec<String>,
-    /// What is computed. Same order as [`Profile::outputs`]' `axis`.
+    /// Axes, indexed by [`AxisId`].
     pub axes: Vec<Axis>,
-    /// What is written.
+    /// Outputs, which are written.
     pub outputs: Vec<Output>,
-    /// Which of them are written as one.
+    /// Sets of outputs that are written together.
     pub sets: Vec<OutputSet>,
-    /// The register that lets the CNC see the gateway die.
+    /// Heartbeat, which shows the CNC that the gateway runs.
     pub heartbeat: Option<Heartbeat>,
-    /// Page, API, metrics.
+    /// Page, API and metrics.
     pub web: Option<Web>,
-    /// What is published to a broker.
+    /// Publication to an MQTT broker.
     pub mqtt: Option<Mqtt>,
-    /// Where what happens is posted.
+    /// Servers that receive messages about events.
     pub notify: Vec<Notify>,
-    /// Where state and logs are kept.
+    /// Directory of state and logs.
     pub history: History,
-    /// What layers above the file have set.
+    /// Keys set by layers above the file.
     pub overridden: Vec<Overridden>,
 }
 
 impl Profile {
-    /// The shortest time for which a reading may be used.
+    /// Shortest `max_age` of all signals.
     pub fn shortest_age(&self) -> Duration {
         self.signals.iter().map(|signal| signal.max_age).min().unwrap_or(Duration::MAX)
     }
 
-    /// The signal.
+    /// Signal with this index.
     pub fn signal(&self, id: SignalId) -> &Signal {
         &self.signals[id.0]
     }
 
-    /// The device.
+    /// Device with this index.
     pub fn device(&self, id: DeviceId) -> &Device {
         &self.devices[id.0]
     }
 
-    /// The bus.
+    /// Bus with this index.
     pub fn bus(&self, id: BusId) -> &Bus {
         &self.buses[id.0]
     }
 
-    /// The devices of a bus.
+    /// Devices on a bus.
     pub fn devices_on(&self, bus: BusId) -> impl Iterator<Item = (DeviceId, &Device)> + Clone {
         let devices = self.devices.iter().enumerate().map(|(place, device)| (DeviceId(place), device));
         devices.filter(move |(_, device)| device.bus == bus)
@@ -194,49 +195,49 @@ impl Profile {
         device.quirks.gateway.is_present(self.bus(device.bus).transport, units)
     }
 
-    /// The signals that are read from a device.
+    /// Signals that are read from a device.
     pub fn signals_of(&self, device: DeviceId) -> impl Iterator<Item = (SignalId, &Signal)> + Clone {
         let signals = self.signals.iter().enumerate().map(|(place, signal)| (SignalId(place), signal));
         signals.filter(move |(_, signal)| signal.device == device)
     }
 
-    /// The axis.
+    /// Axis with this index.
     pub fn axis(&self, id: AxisId) -> &Axis {
         &self.axes[id.0]
     }
 
-    /// Returns whether an axis takes a register that is no output's any more back to its base.
+    /// Returns whether an axis returns a released register to its base. Such a register belongs to no output any more.
     pub fn is_release(&self, id: AxisId) -> bool {
         self.axis(id).purpose == Purpose::Release
     }
 
-    /// Number of the axes that compensate, which come first.
+    /// Number of the axes that compensate. They come first in the list.
     pub fn compensated(&self) -> usize {
         self.axes.iter().take_while(|axis| axis.purpose == Purpose::Compensation).count()
     }
 
-    /// The output.
+    /// Output with this index.
     pub fn output(&self, id: OutputId) -> &Output {
         &self.outputs[id.0]
     }
 
-    /// The set.
+    /// Set with this index.
     pub fn set(&self, id: SetId) -> &OutputSet {
         &self.sets[id.0]
     }
 
-    /// The requests of one poll of a device.
+    /// Requests of one poll of a device.
     pub fn requests(&self, device: DeviceId) -> Vec<plan::ReadRequest> {
         plan::plan(self.device(device), self.signals_of(device))
     }
 
-    /// Those of them that read registers or nodes of a server: without the objects of a CANopen node.
+    /// Requests of one poll of a device, without those for CANopen objects.
     pub fn register_requests(&self, device: DeviceId) -> Vec<plan::ReadRequest> {
         let is_object = |request: &plan::ReadRequest| matches!(request.asks, plan::ReadTarget::Object(_));
         self.requests(device).into_iter().filter(|request| !is_object(request)).collect()
     }
 
-    /// The CANopen objects of a device that are in use, each once: as checks, signals and outputs name them, in this order.
+    /// CANopen objects of a device that checks, signals and outputs use. Each occurs once, in this order.
     pub fn objects(&self, device: DeviceId) -> Vec<Object> {
         let object =
             |address: &Address| if let Address::Object(object) = address { Some(*object) } else { None };

@@ -1,4 +1,4 @@
-//! From layers of text to a [`Profile`], or to every error at once.
+//! Loading: from the layers, which are texts, to a [`Profile`] or to all its errors.
 
 use std::path::{Path, PathBuf};
 
@@ -21,34 +21,35 @@ use crate::tables::signal::unit::Scaling;
 use crate::walk::{Walk, resolved, types};
 use crate::{Profile, merge, template};
 
-/// Variables that begin with this are a layer of the profile.
+/// Prefix of environment variables that are a layer of the profile.
 const PREFIX: &str = "ISOTHERM__";
-/// Variables that begin with this are meant for this program, or look as if they were.
+/// Prefix of environment variables that are, or look like, settings of this program.
 const FAMILY: &str = "ISOTHERM_";
-/// The one of them that is no layer.
+/// Variable with this prefix that is not a layer.
 const LOG: &str = "ISOTHERM_LOG";
-/// So many variables are named in a warning.
+/// Number of variables that a warning names.
 const NAMED: usize = 5;
-/// Bytes of a large machine's files.
+/// Size of a profile, in bytes, above which it is read in a separate thread.
 const LARGE: usize = 100_000;
-/// Twice the largest piece that reading a machine of a thousand devices frees.
+/// Twice the size of the largest block that is freed after reading a machine with a thousand devices, in bytes.
 const MOST_END: usize = 40_000_000;
 
-/// A good profile, and what is worth a second look.
+/// Valid profile with its warnings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loaded {
-    /// Ready to be used.
+    /// The profile, ready for use.
     pub profile: Profile,
-    /// Nothing that keeps it from running.
+    /// Warnings. None of them prevents running.
     pub warnings: Vec<ProfileError>,
-    /// The files that were read, by the names that the profile has for them: its layers, models, templates, certificates.
+    /// Files that were read, as the profile names them: layers, models, templates, certificates.
     pub files: Vec<String>,
 }
 
-/// Reads a profile with all its layers: the file, `<stem>.local.toml` beside it, `environment`, `settings` (`--set`).
+/// Loads a profile with all its layers: the file, `<stem>.local.toml` next to it, `environment`, and `settings`
+/// (`--set`).
 ///
 /// # Errors
-/// Everything that is wrong with it, each with its place.
+/// All mistakes in the profile, each with its place.
 pub fn load(
     path: &Path,
     settings: &[(String, String)],
@@ -57,10 +58,10 @@ pub fn load(
     Ok(read(path, settings, environment, Certificates::Needed, None)?.0)
 }
 
-/// The same for whoever makes the certificates of its OPC UA lines: where they are not there yet they are empty.
+/// Loads a profile before the certificates of its OPC UA lines are created. Missing ones are taken as empty.
 ///
 /// # Errors
-/// Everything else that is wrong with it, each with its place.
+/// All other mistakes in the profile, each with its place.
 pub fn load_before_certificates(
     path: &Path,
     settings: &[(String, String)],
@@ -69,10 +70,10 @@ pub fn load_before_certificates(
     Ok(read(path, settings, environment, Certificates::ToBeMade, None)?.0)
 }
 
-/// Loads a profile with the layers that `sources` name, and keeps in them what was read.
+/// Loads a profile with the layers in `sources`, and stores there what was read.
 ///
 /// # Errors
-/// Everything that is wrong with it, each with its place.
+/// All mistakes in the profile, each with its place.
 pub fn load_and_keep(path: &Path, sources: Sources) -> Result<(Loaded, Sources), Errors> {
     let (settings, environment) = (sources.settings().to_vec(), sources.environment().to_vec());
     let (loaded, sources) = read(path, &settings, &environment, Certificates::Needed, Some(sources))?;
@@ -80,10 +81,10 @@ pub fn load_and_keep(path: &Path, sources: Sources) -> Result<(Loaded, Sources),
     Ok((loaded, sources.ok_or_else(lost)?))
 }
 
-/// Loads a profile from sources that were kept. Nothing of it is read from the file system.
+/// Loads a profile from kept sources, without the file system.
 ///
 /// # Errors
-/// Everything that is wrong with it, each with its place.
+/// All mistakes in the profile, each with its place.
 pub fn load_from(path: &Path, sources: &Sources) -> Result<Loaded, Errors> {
     let directory = path.parent().unwrap_or(Path::new(""));
     read_layers(path, sources.settings(), sources.environment(), &Files::Kept(directory, sources))
@@ -124,10 +125,10 @@ fn read_layers(
     Ok(loaded)
 }
 
-/// Reads a profile from a text that is already here, as one that is part of the program. It cannot name files.
+/// Loads a profile from a text, for example one that is part of the program. It cannot name files.
 ///
 /// # Errors
-/// Everything that is wrong with it, each with its place.
+/// All mistakes in the profile, each with its place.
 pub fn parse(
     name: &Path,
     text: &str,
@@ -137,10 +138,11 @@ pub fn parse(
     parse_with(name, text, &[], settings, environment)
 }
 
-/// The same for a text whose matrices, networks and envelopes are here as well: `files`, by the names it gives them.
+/// Loads a profile from a text, with the files that it names. `files` contains matrices, networks and envelopes by
+/// name.
 ///
 /// # Errors
-/// Everything that is wrong with it, each with its place.
+/// All mistakes in the profile, each with its place.
 pub fn parse_with(
     name: &Path,
     text: &str,
@@ -151,7 +153,7 @@ pub fn parse_with(
     layered(&[(name.to_owned(), text.to_owned())], &Files::Inside(files), settings, environment)
 }
 
-/// The variables of this process that are a layer of the profile, or might have been meant as one.
+/// Returns the environment variables that are a layer of the profile, or may have been meant as one.
 pub fn environment() -> Vec<(String, String)> {
     let text = |os: std::ffi::OsString| os.to_string_lossy().into_owned();
     let mut variables: Vec<_> = std::env::vars_os()
@@ -166,8 +168,8 @@ fn is_ours(name: &str) -> bool {
     name.starts_with(PREFIX)
 }
 
-/// Variables that look like ours and are not: an orchestrator sets such of a service of this name, a person forgets an
-/// underscore.
+/// Warns about variables that look like settings but are not. An orchestrator sets such variables for a service with
+/// this name, and an operator may forget an underscore.
 fn strangers(environment: &[(String, String)]) -> Option<ProfileError> {
     let names = environment.iter().map(|(name, _)| name.as_str());
     let names: Vec<&str> =
@@ -202,15 +204,16 @@ fn local_beside(path: &Path) -> PathBuf {
     path.with_extension("local.toml")
 }
 
-/// Reading a large machine takes many times the memory of what comes out of it, and glibc gives that back only where nothing
-/// that is kept lies between. So it is read in a thread, whose memory is its own, and copied from there.
+/// Loads the layers. Reading a large machine needs many times the memory of the result. The allocator of glibc returns
+/// that memory only if nothing that stays in use lies in between. Therefore a separate thread with its own memory reads
+/// the profile, and the result is copied from there.
 fn layered(
     layers: &[(PathBuf, String)],
     files: &Files<'_>,
     settings: &[(String, String)],
     environment: &[(String, String)],
 ) -> Result<Loaded, Errors> {
-    // It stays, and must not lie there.
+    // The schema stays in use, so it must not be in the memory of the thread.
     schema();
     let read = || merged_and_checked(layers, files, settings, environment);
     if layers.iter().map(|(_, text)| text.len()).sum::<usize>() < LARGE {
@@ -220,17 +223,17 @@ fn layered(
         let loaded = scope.spawn(read).join().unwrap_or_else(|panicked| std::panic::resume_unwind(panicked));
         let kept = loaded.clone();
         let _ = scope.spawn(|| drop(loaded)).join();
-        // What belongs to a thread lies above what there was before it.
+        // The memory of a thread is above everything allocated before.
         scope.spawn(free_the_end);
         kept
     })
 }
 
-/// glibc gives the free end of a thread's memory back once it is twice as large as the largest piece that was ever freed, and a
-/// large profile is freed in large pieces (malloc(3), `M_TRIM_THRESHOLD`). So it is made that large, which costs addresses and no
-/// memory: none of this is ever touched.
+/// Makes glibc return the free memory at the end of a thread's heap. It does so when that memory is twice as large as
+/// the largest block ever freed (malloc(3), `M_TRIM_THRESHOLD`). A large profile is freed in large blocks. This
+/// function reserves enough address space for that limit without touching it, so it uses no memory.
 fn free_the_end() {
-    // Smaller than what is mapped by itself.
+    // Smaller than a block that is mapped separately.
     const PIECE: usize = 100 * 1024;
     let end: Vec<Vec<u8>> = (0..MOST_END / PIECE).map(|_| Vec::with_capacity(PIECE)).collect();
     drop(std::hint::black_box(end));
@@ -255,7 +258,7 @@ fn merged_and_checked(
         loader.file(path, text);
     }
     let ours = || environment.iter().filter(|(name, _)| is_ours(name));
-    // What a variable or a flag may name.
+    // Merged files, which contain the names that a variable or flag may use.
     let below = if settings.is_empty() && ours().next().is_none() {
         Value::Null
     } else {
@@ -280,13 +283,13 @@ struct Loader<'a> {
     schema: &'a Value,
     spans: Spans,
     errors: Found,
-    /// The first is the profile, unless that is broken.
+    /// Layers, the profile first unless it cannot be parsed.
     layers: Vec<Value>,
-    /// Keys that layers above the profile set and may not set.
+    /// Keys that layers above the profile set although their rules forbid it.
     refused: Vec<Refusal>,
-    /// So many of them are files.
+    /// Number of layers that are files.
     files: usize,
-    /// A file is no TOML: what it would have said is unknown, so nothing is said to be missing.
+    /// Whether a file is not valid TOML. Its content is then unknown, so no key is reported as missing.
     broken: bool,
 }
 
@@ -309,7 +312,7 @@ impl Loader<'_> {
         }
     }
 
-    /// Puts a layer over those that are there.
+    /// Adds a layer above the existing ones.
     fn layer(&mut self, layer: Value) {
         if let Some(profile) = self.layers.first().filter(|_| !self.broken) {
             self.refused.extend(guarded::refused(profile, &layer, &self.spans));
@@ -317,12 +320,12 @@ impl Loader<'_> {
         self.layers.push(layer);
     }
 
-    /// One value from the environment or the command line.
+    /// Adds one value from the environment or the command line.
     fn setting(&mut self, name: &str, parts: &[&str], text: &str, below: &Value, any_case: bool) {
         let layer = self.spans.add_layer(name, None);
         let (keys, schema) = match find(self.schema, below, parts, any_case) {
             Ok(found) => found,
-            // A file that is no TOML does not tell which names there are.
+            // If a file is not valid TOML, the existing names are unknown.
             Err(_) if self.broken => return,
             Err((message, help)) => {
                 let error = ProfileError::about(name, message, Some(help));
@@ -344,7 +347,7 @@ impl Loader<'_> {
     fn finish(mut self, path: PathBuf, files: &Files<'_>) -> Result<Loaded, Errors> {
         let mut layers = std::mem::take(&mut self.layers);
         let (mut merged, mut overridden) = (Value::Null, Vec::new());
-        // The profile alone, where layers lie above it.
+        // The profile without its layers, if there are layers above it.
         let mut own = None;
         if layers.len() > 1 {
             merged = merge_all(&layers, &mut self.errors);
@@ -354,7 +357,7 @@ impl Loader<'_> {
             overridden = Above { profile, layers: above, allowed, files, merged: &merged, spans }.list();
             own = Some(layers.swap_remove(0));
         } else if let Some(only) = layers.pop() {
-            // A copy of a large machine would be a large part of the memory.
+            // A copy of a large machine would need too much memory.
             merged = only;
         }
         let mut checked = None;
@@ -368,7 +371,7 @@ impl Loader<'_> {
             let schema = self.schema;
             self.walk(0).missing(schema, "", &merged);
             self.spans.mark_right("", &merged);
-            // Used up, so that a large machine is not in memory twice.
+            // Consumed, so that a large machine is not in memory twice.
             match RawProfile::deserialize(merged) {
                 Ok(raw) => checked = Some(raw.check(&self.spans, path, files, &templates)),
                 Err(why) => self.errors.push(ProfileError::about("the layers", why.to_string(), None)),
@@ -394,7 +397,7 @@ impl Loader<'_> {
     }
 }
 
-/// The layers in one.
+/// Merges the layers.
 fn merge_all(layers: &[Value], errors: &mut Found) -> Value {
     merge::merged(layers).unwrap_or_else(|why| {
         errors.push(ProfileError::about("the layers", why.to_string(), None));
@@ -402,7 +405,7 @@ fn merge_all(layers: &[Value], errors: &mut Found) -> Value {
     })
 }
 
-/// Where a path leads in the schema, with the keys as the profile spells them. Names of things must exist in the files.
+/// Finds the schema of a path, and returns it with the keys as the profile spells them. Names must exist in the files.
 fn find<'a>(
     root: &'a Value,
     below: &Value,
@@ -445,12 +448,12 @@ fn find<'a>(
     Ok((keys, schema))
 }
 
-/// A variable's name has no lower case and no hyphen.
+/// Compares without case and with hyphens as underscores, because a variable's name has neither.
 fn same_name(name: &str, part: &str) -> bool {
     name.to_lowercase().replace('-', "_") == part.replace('-', "_")
 }
 
-/// The text itself where a text is wanted; else what TOML makes of it, if it makes anything of it.
+/// Returns the text itself if the schema requires a text. Otherwise returns what TOML parses, if anything.
 fn scalar<'t>(types: &[&str], text: &'t str) -> Spanned<DeValue<'t>> {
     let literal = || Spanned::new(0..0, DeValue::String(text.into()));
     if types == ["string"] {

@@ -1,15 +1,15 @@
-//! The layers become one: tables are merged, everything else is replaced by the later layer.
+//! Merging of the layers: tables are merged, everything else is replaced by the later layer.
 //!
-//! The crate `config` does it, and only that. It would turn "100" into 100 and 3.7 into 4 where the target wants an
-//! integer, so each layer has been checked against the schema before, and the result is taken out as it is. Its key
-//! paths (`a.b[0]`) are read only in top-level keys, which are plain words of the schema by now.
+//! The crate `config` merges, and nothing else. It would convert "100" to 100, and 3.7 to 4 if an integer is required.
+//! Therefore each layer has been checked against the schema before, and the result is not converted. `config` parses
+//! key paths (`a.b[0]`) only in top-level keys, which are plain words of the schema here.
 
 use std::collections::HashMap;
 
 use config::{ConfigError, Source};
 use serde_json::Value;
 
-/// A checked layer.
+/// Layer that has been checked.
 #[derive(Clone, Debug)]
 struct Layer(Value);
 
@@ -23,7 +23,7 @@ impl Source for Layer {
     }
 }
 
-/// All layers in one, the later ones over the earlier ones.
+/// Merges all layers, later ones over earlier ones.
 pub(crate) fn merged(layers: &[Value]) -> Result<Value, ConfigError> {
     let start = config::Config::builder();
     let builder = layers.iter().fold(start, |builder, layer| builder.add_source(Layer(layer.clone())));

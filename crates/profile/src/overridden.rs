@@ -1,4 +1,4 @@
-//! Keys that the layers above a profile set: the gateway reports them wherever it says how it is set.
+//! Keys that layers above a profile set. The gateway reports them wherever it reports its settings.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -9,21 +9,21 @@ use serde_json::Value;
 use crate::span::{Spans, child};
 use crate::unseen::veiled;
 
-/// Longest value that is shown whole, in characters.
+/// Longest value that is shown in full, in characters.
 const LONGEST: usize = 80;
 
-/// A key that a layer above the profile has set.
+/// Key set by a layer above the profile.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Overridden {
-    /// Its path: `axis.z.limit`. Of a table that the profile does not have, the table's.
+    /// Path of the key: `axis.z.limit`. If the profile does not have its table, the path of the table.
     pub key: String,
-    /// Its value in the profile; `None` where that does not have it.
+    /// Value in the profile. `None` if the profile does not have the key.
     pub profile: Option<String>,
-    /// Its value now.
+    /// Present value.
     pub now: String,
-    /// The file with its line, `environment ISOTHERM__…`, or `--set key`.
+    /// File with line, `environment ISOTHERM__…`, or `--set key`.
     pub from: String,
-    /// The profile names the key in `allow_override`.
+    /// Whether the profile names the key in `allow_override`.
     #[serde(skip_serializing_if = "is_not")]
     pub allowed: bool,
 }
@@ -44,20 +44,20 @@ impl fmt::Display for Overridden {
     }
 }
 
-/// The layers above a profile.
+/// Layers above a profile.
 pub(crate) struct Above<'a> {
     pub(crate) profile: &'a Value,
     pub(crate) layers: &'a [Value],
     /// Keys that the profile names in `allow_override`.
     pub(crate) allowed: Vec<String>,
-    /// So many of them are files, which come first.
+    /// Number of layers that are files. They come first.
     pub(crate) files: usize,
     pub(crate) merged: &'a Value,
     pub(crate) spans: &'a Spans,
 }
 
 impl Above<'_> {
-    /// Every key that they set, by its path; first those that `allow_override` names.
+    /// Returns every key that the layers set, by path. Those named in `allow_override` come first.
     pub(crate) fn list(&self) -> Vec<Overridden> {
         let mut found = BTreeSet::new();
         for (place, layer) in self.layers.iter().enumerate() {
@@ -78,7 +78,8 @@ impl Above<'_> {
     }
 }
 
-/// The keys of a layer. A whole table of a file that the profile does not have counts as one.
+/// Collects the keys of a layer. If a file has a whole table that the profile does not have, the table counts as one
+/// key.
 fn gather(
     keys: &mut Vec<String>,
     profile: Option<&Value>,
@@ -98,7 +99,7 @@ fn gather(
     }
 }
 
-/// Whether the rest of a path is nothing, or a key inside.
+/// Returns whether the rest of a path is empty, or continues with a key inside.
 fn begins_anew(rest: &str) -> bool {
     rest.is_empty() || rest.starts_with('.')
 }
@@ -107,7 +108,7 @@ fn at<'v>(value: &'v Value, keys: &[String]) -> Option<&'v Value> {
     keys.iter().try_fold(value, |value, key| value.get(key))
 }
 
-/// A value as it is shown; a long one by its beginning.
+/// Formats a value. A long value is truncated.
 pub(crate) fn short(value: &Value) -> String {
     let text = value.to_string();
     let text = veiled(&text).into_owned();

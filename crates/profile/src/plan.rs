@@ -1,10 +1,15 @@
-//! Which requests read a device: pure, from its signals to the fewest read requests.
+//! Plan of the requests that read a device: from its signals to the fewest read requests. Pure.
 //!
-//! Neighbours in one table share a request, also across a few registers that nobody asked for: a request costs a
-//! round trip, a register two bytes. A device that refuses registers it does not have wants `max_gap = 0`; one that
-//! serves a register wrongly among others has signals with `merge = false`. A CANopen object is a request of its own, what
-//! comes in CAN frames is not asked for, and all nodes of an OPC UA server are one request, or one subscription. So are all sensors
-//! of this computer that belong to one device: they are read at once.
+//! Registers that are close to each other in one table share a request, even if a few registers in between are not
+//! needed. A request costs a round trip, a register only two bytes. A device that refuses registers that it does not
+//! have needs `max_gap = 0`. A device that serves a register wrongly together with others has signals with `merge =
+//! false`.
+//!
+//! Other kinds of devices are planned as follows:
+//! - Each CANopen object has its own request.
+//! - Values in CAN frames arrive without a request.
+//! - All nodes of an OPC UA server share one request or subscription.
+//! - All sensors of this computer in one device are read at the same time.
 
 use std::fmt;
 use std::time::Duration;
@@ -15,65 +20,66 @@ use crate::{Device, Profile, Quirks, ReadBy, Signal, SourceTime};
 use isotherm_core::codec::{Address, Node, Object, PcSensor, Register};
 use isotherm_core::reading::SignalId;
 
-/// Most coils or discrete inputs that one request may ask for, by the protocol.
+/// Largest number of coils or discrete inputs in one request of the protocol.
 const MAX_BITS: u16 = 2000;
 
-/// One read request, and which of its registers belong to whom.
+/// Read request with the position of each signal in its answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReadRequest {
-    /// What is asked for.
+    /// Registers, object, nodes or sensors to read.
     pub asks: ReadTarget,
-    /// What the answer holds. Never empty.
+    /// Signals in the answer. Never empty.
     pub fields: Vec<Field>,
 }
 
-/// What one read request asks for.
+/// Target of a read request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ReadTarget {
-    /// Neighbours of one table.
+    /// Adjacent registers or bits of one table.
     Registers {
         /// First register or bit.
         from: Register,
-        /// How many.
+        /// Number of registers or bits.
         count: u16,
     },
-    /// One object of a CANopen node.
+    /// Object of a CANopen node.
     Object(Object),
-    /// Nodes of an OPC UA server, each a field of the answer.
+    /// Nodes of an OPC UA server. Each is a field of the answer.
     Nodes(Vec<Node>),
-    /// What the server has sent of such nodes.
+    /// Values that the server has sent for subscribed nodes.
     Subscription(Subscription),
-    /// Sensors of this computer, each a field of the answer.
+    /// Sensors of this computer. Each is a field of the answer.
     Sensors(Vec<PcSensor>),
 }
 
-/// Nodes that an OPC UA server sends by itself, each a field of the answer.
+/// Nodes that an OPC UA server sends by itself. Each is a field of the answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Subscription {
-    /// Which.
+    /// Subscribed nodes.
     pub nodes: Vec<Node>,
-    /// How often it looks at them, and sends what has changed.
+    /// Sampling interval of the server, which sends changed values.
     pub every: Duration,
-    /// How old the youngest of their values may become.
+    /// Smallest `max_age` of the signals.
     pub max_age: Duration,
-    /// A value is sent for its time stamp alone, too: that says when it was measured.
+    /// Whether the server also sends a value if only its timestamp changed. The timestamp then shows when the value was
+    /// measured.
     pub by_stamp: bool,
 }
 
-/// The part of an answer that is one signal.
+/// Position of one signal in an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Field {
-    /// Whose.
+    /// Signal at this position.
     pub signal: SignalId,
-    /// Its first register or bit, or its node, counted from the beginning of the answer.
+    /// First register, bit or node, counted from the beginning of the answer.
     pub at: u16,
-    /// How many registers or bits; of a node, those of its value.
+    /// Number of registers or bits. For a node, those of its value.
     pub len: u16,
 }
 
-/// The fewest requests that read these signals of one device, by table and address.
+/// Plans the fewest requests that read these signals of one device, in the order of tables and addresses.
 ///
-/// A value of several registers is never torn apart, even where it is longer than the device's limit.
+/// A value of several registers is never split, even if it is longer than the device's limit.
 pub fn plan<'a>(
     device: &Device,
     signals: impl IntoIterator<Item = (SignalId, &'a Signal)>,
@@ -99,7 +105,7 @@ pub fn plan<'a>(
                 sensors.push((field, sensor.clone()));
                 continue;
             }
-            // Nobody can be asked for it.
+            // Arrives without a request.
             Address::Frame(_) => continue,
         };
         let fields = vec![field];
@@ -121,7 +127,7 @@ pub fn plan<'a>(
     requests
 }
 
-/// The one request that brings all of these.
+/// Returns the request for all nodes. `None` if there are none.
 fn all_nodes(nodes: Vec<(Field, Node)>, device: &Device, max_age: Duration) -> Option<ReadRequest> {
     let (fields, nodes) = numbered(nodes);
     let by_stamp = device.source_time == Some(SourceTime::Sampled);
@@ -134,29 +140,29 @@ fn all_nodes(nodes: Vec<(Field, Node)>, device: &Device, max_age: Duration) -> O
     (!fields.is_empty()).then_some(ReadRequest { asks, fields })
 }
 
-/// The one request that brings all of these.
+/// Returns the request for all sensors. `None` if there are none.
 fn all_sensors(sensors: Vec<(Field, PcSensor)>) -> Option<ReadRequest> {
     let (fields, sensors) = numbered(sensors);
     (!fields.is_empty()).then_some(ReadRequest { asks: ReadTarget::Sensors(sensors), fields })
 }
 
-/// Each with its place in the answer.
+/// Assigns each part its position in the answer.
 fn numbered<T>(parts: Vec<(Field, T)>) -> (Vec<Field>, Vec<T>) {
     parts.into_iter().zip(0..).map(|((field, part), at)| (Field { at, ..field }, part)).unzip()
 }
 
 impl ReadRequest {
-    /// The first register or bit, and how many; `None` for an object, nodes and sensors.
+    /// First register or bit, and their number. `None` for an object, nodes and sensors.
     pub const fn span(&self) -> Option<(Register, u16)> {
         if let ReadTarget::Registers { from, count } = self.asks { Some((from, count)) } else { None }
     }
 
-    /// The names of the signals in its answer.
+    /// Names of the signals in the answer.
     pub fn signals<'a>(&self, profile: &'a Profile) -> Vec<&'a str> {
         self.fields.iter().map(|field| profile.signal(field.signal).name.as_str()).collect()
     }
 
-    /// The request and the signals in its answer.
+    /// Preview of the request and the signals in its answer.
     pub(crate) fn preview(&self, profile: &Profile) -> Section {
         let function = self.span().map_or(0, |(from, _)| from.table.read_function());
         let signals = self.signals(profile);
@@ -175,8 +181,8 @@ impl ReadRequest {
         (self.span(), self.fields[0].signal)
     }
 
-    /// Takes in the one that follows it by address, so that only its end can move; `false` where that is too far away or
-    /// would make it too long.
+    /// Merges the next request by address into this one. Returns `false` if it is too far away, or if the merged
+    /// request would be too long.
     fn takes(&mut self, next: &ReadRequest, quirks: &Quirks) -> bool {
         let (ReadTarget::Registers { from, count }, Some((start, len))) = (&mut self.asks, next.span())
         else {
@@ -195,7 +201,7 @@ impl ReadRequest {
     }
 }
 
-/// `read input:0..7 (30001..30008), 8 registers`.
+/// Formats the request, for example as `read input:0..7 (30001..30008), 8 registers`.
 impl fmt::Display for ReadRequest {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (first, count) = match &self.asks {
@@ -219,7 +225,7 @@ impl fmt::Display for ReadRequest {
     }
 }
 
-/// `3 requests touching 17 registers for 9 signals`.
+/// Summarises requests, for example as `3 requests touching 17 registers for 9 signals`.
 pub fn summary(requests: &[ReadRequest]) -> String {
     if requests.is_empty() {
         return "nothing is read".to_owned();

@@ -1,6 +1,7 @@
-//! What a good profile will do, in sentences and figures: what is read, what is written, which way it moves.
+//! Preview of a valid profile in sentences and figures: what the gateway reads, what it writes, and how each axis
+//! moves.
 //!
-//! A person reads it before the gateway touches a machine; a program reads the same as one JSON document.
+//! The operator reads it before the gateway touches a machine. Programs read the same as one JSON document.
 
 use std::fmt;
 
@@ -22,13 +23,13 @@ mod traffic;
 
 pub use load::{Load, Verdict, warnings};
 
-/// The whole machine: for people as its `Display`, for programs as it is serialised.
+/// Preview of the whole machine. `Display` is the text; serialisation is the JSON document.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(transparent)]
 pub struct Preview(Section);
 
 impl Preview {
-    /// What this profile will do.
+    /// Creates the preview of a profile.
     pub fn of(profile: &Profile) -> Preview {
         let devices = profile.devices.iter().enumerate();
         let preview = |(place, device): (usize, &Device)| {

@@ -1,5 +1,5 @@
-//! Files that a person names, opened so that whatever lies there holds nobody up: a pipe without a writer, a device
-//! without an end, a directory.
+//! Files named by a user. They are opened so that the program never blocks on a pipe without a writer, a device without
+//! an end, or a directory.
 
 use std::borrow::Cow;
 use std::fs::{File, FileType, Metadata, OpenOptions};
@@ -9,19 +9,19 @@ use std::path::Path;
 
 use rustix::fs::OFlags;
 
-/// A file that a profile names is no larger than this, in bytes: a network, a matrix, a DBC file.
+/// Largest size of a file that a profile names (a network, matrix or DBC file), in bytes.
 pub const LARGEST: u64 = 16 * 1024 * 1024;
 
-/// A profile, or a template, is no larger than this, in bytes: thirty thousand signals. Each of its keys takes fifty times
-/// its length while it is checked.
+/// Largest size of a profile or template, in bytes: about thirty thousand signals. Checking a key needs fifty times its
+/// length in memory.
 pub const LARGEST_PROFILE: u64 = 4 * 1024 * 1024;
 
 /// Opens a regular file for reading. Links are followed.
 ///
 /// # Errors
-/// As [`File::open`]; or what lies there is no regular file. The text does not name the path.
+/// Those of [`File::open`], or the path is not a regular file. The message does not contain the path.
 pub fn open(path: &Path) -> io::Result<File> {
-    // Opening a device may already do something.
+    // Checked before, because opening a device may have an effect.
     regular(&std::fs::metadata(path)?)?;
     let flags = (OFlags::NONBLOCK | OFlags::NOCTTY).bits().cast_signed();
     let file = OpenOptions::new().read(true).custom_flags(flags).open(path)?;
@@ -29,10 +29,10 @@ pub fn open(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
-/// The bytes of a regular file.
+/// Reads the bytes of a regular file.
 ///
 /// # Errors
-/// As [`open`]; or it is larger than `largest` bytes.
+/// Those of [`open`], or the file is larger than `largest` bytes.
 pub fn read(path: &Path, largest: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     open(path)?.take(largest + 1).read_to_end(&mut bytes)?;
@@ -43,24 +43,24 @@ pub fn read(path: &Path, largest: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The text of a regular file of at most [`LARGEST`] bytes, in UTF-8.
+/// Reads the text of a regular file of at most [`LARGEST`] bytes, in UTF-8.
 ///
 /// # Errors
-/// As [`read`]; or it is no such text.
+/// Those of [`read`], or the file is not valid UTF-8.
 pub fn read_text(path: &Path) -> io::Result<String> {
     read_text_of(path, LARGEST)
 }
 
-/// The same of at most `largest` bytes.
+/// Reads the text of a regular file of at most `largest` bytes, in UTF-8.
 ///
 /// # Errors
-/// As [`read_text`].
+/// Those of [`read_text`].
 pub fn read_text_of(path: &Path, largest: u64) -> io::Result<String> {
     String::from_utf8(read(path, largest)?)
         .map_err(|_| io::Error::new(ErrorKind::InvalidData, "it is no text in UTF-8"))
 }
 
-/// A sentence in which the system's words stand, without its " (os error N)".
+/// Removes " (os error N)" from a sentence that contains messages of the system.
 pub fn without_numbers(sentence: &str) -> String {
     let mut left = String::with_capacity(sentence.len());
     let mut rest = sentence;
@@ -73,20 +73,20 @@ pub fn without_numbers(sentence: &str) -> String {
     left
 }
 
-/// A row of a log is no longer than this, in bytes: a hundred thousand numbers. A file without line ends (a sparse one, a
-/// picture, a quotation mark that nobody closed) is refused there, and not when all of it has been read.
+/// Longest row of a log, in bytes: a hundred thousand numbers. A file without line ends (a sparse file, a picture, an
+/// unclosed quotation mark) is rejected there, before all of it has been read.
 pub const LONGEST_ROW: usize = 1_000_000;
 
-/// What is quoted from a file is cut after so many characters.
+/// Longest quotation from a file, in characters.
 pub const LONGEST_QUOTE: usize = 200;
 
-/// A text as it may be quoted: what is longer than [`LONGEST_QUOTE`] is cut, and says so.
+/// Truncates a text longer than [`LONGEST_QUOTE`], and marks the truncation with "…".
 #[must_use]
 pub fn quoted(text: &str) -> Cow<'_, str> {
     cut(text, LONGEST_QUOTE)
 }
 
-/// The first `most` characters of a text; where it has more, it says so.
+/// Truncates a text to `most` characters, and marks the truncation with "…".
 #[must_use]
 pub fn cut(text: &str, most: usize) -> Cow<'_, str> {
     if text.len() <= most {
@@ -98,10 +98,11 @@ pub fn cut(text: &str, most: usize) -> Cow<'_, str> {
     }
 }
 
-/// The first line, and all of it, with every line ended by a line feed alone. Of a line without an end its beginning.
+/// Reads the first line. Returns it with a reader of the whole input, in which every line ends with a line feed. If the
+/// line has no end, only its beginning is returned.
 ///
 /// # Errors
-/// As reading it.
+/// Those of the reader.
 pub fn first_line<R: Read>(input: R) -> io::Result<(String, Lines<R>)> {
     const BUFFER: usize = 1 << 18;
     let (mut reader, mut first) = (BufReader::with_capacity(BUFFER, input), Vec::new());
@@ -110,18 +111,19 @@ pub fn first_line<R: Read>(input: R) -> io::Result<(String, Lines<R>)> {
     Ok((text, Lines { input: Cursor::new(first).chain(reader), last: b'\n', open: 0 }))
 }
 
-/// Ends every line with a line feed, as nothing else counts lines alike; refuses a row that has no end.
+/// Reader that ends every line with a line feed, because programs count other line ends differently. It rejects a row
+/// without an end.
 #[derive(Debug)]
 pub struct Lines<R> {
     input: Chain<Cursor<Vec<u8>>, BufReader<R>>,
-    /// The last byte that was taken.
+    /// Last byte that was read.
     last: u8,
-    /// The bytes that were taken since a row was over.
+    /// Number of bytes read since the end of the last row.
     open: usize,
 }
 
 impl<R: Read> Lines<R> {
-    /// Whoever reads these has come to the end of a row.
+    /// Records that the end of a row has been reached.
     pub fn row_is_over(&mut self) {
         self.open = 0;
     }
@@ -155,7 +157,7 @@ impl<R: Read> Read for Lines<R> {
             }
             self.input.consume(taken);
         }
-        // Empty lines are no rows, and nobody says that one is over.
+        // Empty lines are not rows, so no row end is recorded for them.
         self.open += out[..filled].iter().filter(|byte| **byte != b'\n').count();
         if self.open > LONGEST_ROW {
             let limit = LONGEST_ROW / 1_000_000;

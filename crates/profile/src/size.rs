@@ -1,13 +1,13 @@
-//! Sizes on a disk as a profile writes them: "500MB", "2GB".
+//! Sizes on a disk in a profile: "500MB", "2GB".
 
 use schemars::{JsonSchema, Schema};
 use serde::{Deserialize, Deserializer};
 
-/// A number of bytes that a profile has written.
+/// Number of bytes, as written in a profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Size(pub(crate) u64);
 
-/// Decimal, as disks are sold.
+/// Decimal units, as used for the capacity of disks.
 const UNITS: [(&str, u64); 3] = [("MB", 1_000_000), ("GB", 1_000_000_000), ("TB", 1_000_000_000_000)];
 
 impl Size {

@@ -1,5 +1,5 @@
-//! Sources of a profile: everything that its loader asks of the file system, environment and command line, with the answers. They are
-//! kept in one file, so that the same profile can be loaded again after the answers have changed.
+//! Sources of a profile: everything that the loader reads from the file system, environment and command line. They are
+//! kept in one file, so that the same profile can be loaded again after its sources have changed.
 //!
 //! ```text
 //! isotherm-sources 1
@@ -19,13 +19,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::regular;
 
-/// First word of the file, whatever its form.
+/// First word of the file, in every version of its format.
 pub const SOURCES_MARK: &str = "isotherm-sources ";
-/// First line of a file in the form of this version.
+/// First line of a file in the format of this version.
 const FORM: &str = "isotherm-sources 1\n";
-/// Longest line: the list of a directory.
+/// Longest line in bytes. It contains the list of a directory.
 const LONGEST_LINE: u64 = 16 * 1024 * 1024;
-/// Permission of users who are neither the owner nor in the group of a file: to read it, or to write it.
+/// Permission bits of other users: reading or writing.
 const OF_OTHERS: u32 = 0o006;
 
 /// Layers that are not files.
@@ -40,9 +40,9 @@ struct Layers {
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Found {
     Absent,
-    /// Sentence that says why the file cannot be read.
+    /// The file cannot be read, for this reason.
     Unreadable(String),
-    /// Number of bytes, and whether any user may read or change the file.
+    /// Length of the file, and whether any user may read or change it.
     File {
         bytes: u64,
         open_to_all: bool,
@@ -57,21 +57,21 @@ struct Record {
     found: Found,
 }
 
-/// Sources of one profile, and the file that keeps them.
+/// Sources of one profile, and the file that contains them.
 #[derive(Debug)]
 pub struct Sources {
     file: File,
-    /// Place behind the last record.
+    /// Position after the last record.
     end: u64,
     layers: Layers,
-    /// By name relative to the directory of the profile: the answer, and the place of its bytes.
+    /// Answers by name relative to the directory of the profile, with the positions of their bytes.
     known: BTreeMap<String, (Found, u64)>,
-    /// First write that failed.
+    /// First failed write.
     failed: Option<Error>,
 }
 
 impl Sources {
-    /// Begins sources in an empty file. The loader fills them.
+    /// Creates sources in an empty file. The loader adds the records.
     pub fn create(file: File, environment: &[(String, String)], settings: &[(String, String)]) -> Sources {
         let layers = Layers { environment: environment.to_vec(), settings: settings.to_vec() };
         let mut sources = Sources { file, end: 0, layers, known: BTreeMap::new(), failed: None };
@@ -81,10 +81,10 @@ impl Sources {
         sources
     }
 
-    /// Opens the sources in the first bytes of a file.
+    /// Opens the sources in the first `length` bytes of a file.
     ///
     /// # Errors
-    /// The file cannot be read, or is of another form.
+    /// The file cannot be read, or has the format of another version.
     pub fn open(file: File, length: u64) -> Result<Sources> {
         let invalid = || Error::new(ErrorKind::InvalidData, "its form is of another version of the program");
         let mut reader = BufReader::new(&file);
@@ -114,15 +114,15 @@ impl Sources {
         Ok(Sources { file, end, layers, known, failed: None })
     }
 
-    /// File of sources that are complete, and their length.
+    /// Returns the file of complete sources, and its length.
     ///
     /// # Errors
-    /// A source could not be written.
+    /// The first failed write.
     pub fn finish(self) -> Result<(File, u64)> {
         self.failed.map_or(Ok((self.file, self.end)), Err)
     }
 
-    /// Variables of the environment that were a layer.
+    /// Environment variables that were a layer.
     pub fn environment(&self) -> &[(String, String)] {
         &self.layers.environment
     }
@@ -132,17 +132,17 @@ impl Sources {
         &self.layers.settings
     }
 
-    /// Whether the profile at this path was a file, and not one that is part of the program.
+    /// Returns whether the profile at this path was a file, not one that is part of the program.
     pub fn has_file(&self, path: &Path) -> bool {
         matches!(self.found(&layer_name(path)), Some(Found::File { .. }))
     }
 
-    /// Keeps that there is no file at this path, so that the profile is one that is part of the program.
+    /// Records that there is no file at this path, so that the profile is one that is part of the program.
     pub fn put_absent(&mut self, path: &Path) {
         self.put(&layer_name(path), Found::Absent, &[]);
     }
 
-    /// Names of the files, variables and settings that are different now. `path` is that of the profile.
+    /// Returns the names of the files, variables and settings that have changed. `path` is the path of the profile.
     pub fn differences(
         &self,
         path: &Path,
@@ -178,7 +178,7 @@ impl Sources {
         self.known.get(name).map(|(found, _)| found)
     }
 
-    /// Bytes of a file; of another answer the sentence that says why there are none.
+    /// Returns the bytes of a file, or a sentence that says why there are none.
     pub(crate) fn bytes(&self, name: &str) -> std::result::Result<Vec<u8>, String> {
         match self.known.get(name) {
             Some((Found::File { bytes, .. }, place)) => {
@@ -196,7 +196,7 @@ impl Sources {
         self.put(name, Found::File { bytes: bytes.len() as u64, open_to_all }, bytes);
     }
 
-    /// Keeps an answer. The first one of a name counts.
+    /// Records an answer. Only the first one of each name is stored.
     pub(crate) fn put(&mut self, name: &str, found: Found, bytes: &[u8]) {
         if self.known.contains_key(name) {
             return;
@@ -222,7 +222,7 @@ pub(crate) fn layer_name(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
-/// Names in a directory that end so, without that end, in order.
+/// Names in a directory that end with `end`, without that end, sorted.
 pub(crate) fn names_in(directory: &Path, end: &str) -> Vec<String> {
     let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
     let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
@@ -231,7 +231,7 @@ pub(crate) fn names_in(directory: &Path, end: &str) -> Vec<String> {
     names
 }
 
-/// Whether any user of this computer may read or change a file.
+/// Returns whether any user of this computer may read or change a file.
 pub(crate) fn is_open_to_all(path: &PathBuf) -> bool {
     std::fs::metadata(path).is_ok_and(|found| found.permissions().mode() & OF_OTHERS != 0)
 }

@@ -1,4 +1,4 @@
-//! Where each key of the merged profile was written: layer, line and column.
+//! Place of each key of the merged profile: layer, line and column.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -9,17 +9,18 @@ use crate::error::ProfileError;
 use crate::regular::LONGEST_QUOTE;
 use crate::unseen::veiled;
 
-/// One layer: a file with its text, a variable or a flag.
+/// Layer: a file with its text, a variable or a flag.
 #[derive(Clone, Debug)]
 struct Layer {
-    /// As errors name it.
+    /// Name in messages.
     name: String,
-    /// The text of a file, and where each of its lines begins: a large profile may have a warning for every signal.
+    /// Text of a file, with the beginning of each line. The beginnings are stored because a large profile may have a
+    /// warning for every signal.
     text: Option<(String, Vec<usize>)>,
 }
 
 impl Layer {
-    /// Line and column of a byte, counted from 1, and the line with how many of its characters are shown before the column.
+    /// Returns line and column of a byte, counted from 1, and the excerpt of the line with the caret position in it.
     fn locate(&self, byte: usize) -> Option<(usize, usize, (String, usize))> {
         let (text, lines) = self.text.as_ref()?;
         let byte = if text.is_char_boundary(byte) { byte } else { text.len() };
@@ -31,7 +32,8 @@ impl Layer {
     }
 }
 
-/// A line as it is shown, and how many characters of that stand before the byte: of a long line the part around it.
+/// Returns an excerpt of a line, and the number of its characters before the byte. A long line is truncated on both
+/// sides.
 pub(crate) fn around(line: &str, byte: usize) -> (String, usize) {
     const BEFORE: usize = LONGEST_QUOTE * 3 / 4;
     let byte = if line.is_char_boundary(byte) { byte } else { line.len() };
@@ -49,22 +51,22 @@ pub(crate) fn around(line: &str, byte: usize) -> (String, usize) {
     (shown, caret)
 }
 
-/// Where one key stands. A large machine has a hundred thousand of them, so they are small.
+/// Place of one key. It is small because a large machine has a hundred thousand of them.
 #[derive(Clone, Debug)]
 struct Span {
     layer: u32,
-    /// The bytes of its name, from and to.
+    /// First and last byte of the name.
     key: (u32, u32),
-    /// The bytes of its value.
+    /// First and last byte of the value.
     value: (u32, u32),
-    /// The layer and the byte in which it was first written.
+    /// Layer and byte of the first occurrence.
     rank: (u32, u32),
-    /// Something of the right type stands there, in the profile that the layers make.
+    /// Whether the merged profile contains a value of the correct type here.
     is_right: bool,
 }
 
 impl Span {
-    /// The layer, and the byte at which its name begins.
+    /// Layer, and the byte at which the name begins.
     fn begin(&self) -> (usize, usize) {
         (large(self.layer), large(self.key.0))
     }
@@ -78,18 +80,18 @@ fn large(number: u32) -> usize {
     usize::try_from(number).unwrap_or(usize::MAX)
 }
 
-/// Where all keys stand. A later layer that sets a key again takes its place over, but not its rank in the order.
+/// Places of all keys. A later layer that sets a key again replaces its place, but not its rank in the order.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Spans {
     layers: Vec<Layer>,
     by_path: BTreeMap<Box<str>, Span>,
-    /// What is right and stands nowhere: a template has brought it.
+    /// Valid keys without a place, which a template added.
     brought: BTreeSet<String>,
-    /// Where values come from that nobody wrote into a layer.
+    /// Origin of values that no layer contains.
     notes: BTreeMap<String, String>,
 }
 
-/// The path of a key in a table.
+/// Builds the path of a key in a table.
 pub(crate) fn child(path: &str, key: &str) -> String {
     let is_plain = !key.is_empty()
         && key.bytes().all(|byte| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-'));
@@ -97,13 +99,13 @@ pub(crate) fn child(path: &str, key: &str) -> String {
     if path.is_empty() { key } else { format!("{path}.{key}") }
 }
 
-/// The path of an entry of a list.
+/// Builds the path of an entry of a list.
 pub(crate) fn element(path: &str, index: usize) -> String {
     format!("{path}[{index}]")
 }
 
 impl Spans {
-    /// A layer with its name, and its text where it is a file.
+    /// Adds a layer with its name, and its text if it is a file. Returns its index.
     pub(crate) fn add_layer(&mut self, name: &str, text: Option<&str>) -> usize {
         let lines = |text: &str| {
             let after_breaks = text.match_indices('\n').map(|(at, _)| at + 1);
@@ -121,14 +123,14 @@ impl Spans {
         self.by_path.insert(path.into(), Span { layer, key, value, rank, is_right: false });
     }
 
-    /// A key that nobody wrote stands where `of` stands, which brought it; `note` says so.
+    /// Records a key that no layer contains. It gets the place of `of`, which added it. `note` describes the origin.
     pub(crate) fn fill_in(&mut self, path: &str, of: &str, note: &str) {
         let Some(span) = self.by_path.get(of).cloned() else { return };
         self.by_path.insert(path.into(), span);
         self.notes.insert(path.to_owned(), note.to_owned());
     }
 
-    /// A list is replaced as a whole: what an earlier layer had inside is gone.
+    /// Removes the places inside a list, because a later layer replaces the whole list.
     pub(crate) fn forget_inside(&mut self, path: &str) {
         let inside = format!("{path}[");
         let after = self.by_path.range(Box::from(&*inside)..).map(|(known, _)| known);
@@ -138,7 +140,7 @@ impl Spans {
         }
     }
 
-    /// What stands in the profile that the layers make is right: this value, and whatever is inside.
+    /// Marks a value of the merged profile, and everything in it, as valid.
     pub(crate) fn mark_right(&mut self, path: &str, value: &Value) {
         match (self.by_path.get_mut(path), path) {
             (Some(span), _) => span.is_right = true,
@@ -159,7 +161,7 @@ impl Spans {
         }
     }
 
-    /// Whether something of the right type stands there.
+    /// Returns whether the path has a value of the correct type.
     pub(crate) fn is_right(&self, path: &str) -> bool {
         self.by_path.get(path).is_some_and(|span| span.is_right) || self.brought.contains(path)
     }
@@ -168,13 +170,13 @@ impl Spans {
         self.by_path.contains_key(path)
     }
 
-    /// The order in which things were first written.
+    /// Order in which keys first occurred.
     pub(crate) fn rank(&self, path: &str) -> (usize, usize) {
         let rank = self.by_path.get(path).map(|span| (large(span.rank.0), large(span.rank.1)));
         rank.unwrap_or((usize::MAX, 0))
     }
 
-    /// An error at the name of a key; for a key that is not there, at the table it is missing from.
+    /// Creates an error at the name of a key. If the key is missing, the error is at its table.
     pub(crate) fn at_key(
         &self,
         path: &str,
@@ -185,7 +187,7 @@ impl Spans {
         self.at_byte(layer, byte, path, message, help)
     }
 
-    /// An error at the value of a key; for a key that is not there, at the table it is missing from.
+    /// Creates an error at the value of a key. If the key is missing, the error is at its table.
     pub(crate) fn at_value(
         &self,
         path: &str,
@@ -196,7 +198,7 @@ impl Spans {
         self.at_byte(large(span.layer), large(span.value.0), path, message, help)
     }
 
-    /// An error inside a text value, `offset` bytes from its beginning.
+    /// Creates an error inside a text value, `offset` bytes after its beginning.
     pub(crate) fn inside(
         &self,
         path: &str,
@@ -209,12 +211,12 @@ impl Spans {
         let file = self.layers.get(large(span.layer)).and_then(|layer| layer.text.as_ref());
         let (from, to) = (large(span.value.0), large(span.value.1));
         let written = file.and_then(|(file, _)| file.get(from..to));
-        // Where the text has escapes, its bytes are not those of the file.
+        // If the text contains escapes, its bytes differ from those of the file.
         let verbatim = written.and_then(|written| written.find(text)).map(|quotes| quotes + offset);
         self.at_byte(large(span.layer), from + verbatim.unwrap_or(0), path, message, help)
     }
 
-    /// An error at a byte of a layer.
+    /// Creates an error at a byte of a layer.
     pub(crate) fn at_byte(
         &self,
         layer: usize,
@@ -248,7 +250,7 @@ impl Spans {
         }
     }
 
-    /// `profiles/x.toml:41`, for a message that names a second key.
+    /// Formats the place of a second key in a message: `profiles/x.toml:41`.
     pub(crate) fn line_of(&self, path: &str) -> String {
         let found = self.enclosing(path).map(Span::begin);
         let found = found.and_then(|(layer, byte)| Some((self.layers.get(layer)?, byte)));
@@ -259,7 +261,7 @@ impl Spans {
         }
     }
 
-    /// The order of the layers, then of their lines.
+    /// Sorts errors by layer, line and column.
     pub(crate) fn sort(&self, errors: &mut [ProfileError]) {
         let layer = |error: &ProfileError| self.layers.iter().position(|layer| layer.name == error.file);
         errors.sort_by_key(|error| (layer(error), error.line, error.column));

@@ -1,26 +1,28 @@
-//! How long a stop takes at most: the fault actions of the axes, or what is under way where the registers keep what they hold.
+//! Longest duration of a stop: that of the fault actions of the axes, or of the exchanges under way if the registers
+//! keep their values.
 
 use std::time::Duration;
 
 use crate::Profile;
 use isotherm_core::quantity::Micron;
 
-/// What is said and kept at the end.
+/// Time for the last reports and writes to disk.
 const REST: Duration = Duration::from_secs(2);
-/// How long the last messages to servers are waited for after all of that.
+/// Time after that for the last messages to servers.
 pub const MESSAGES: Duration = Duration::from_secs(2);
-/// How long the broker is waited for meanwhile: to take the last state, and to let go.
+/// Time for the broker in parallel to that, to accept the last state and the disconnection.
 pub const BROKER: Duration = Duration::from_secs(4);
 
-/// How long the fault actions take at most, where each axis has so far to go: with its Cz, and with its slope.
+/// Returns the longest duration of the fault actions. `ways` are the distances of each axis: of its Cz, and of its
+/// slope.
 pub fn fault_actions(profile: &Profile, ways: impl IntoIterator<Item = [Micron; 2]>) -> Duration {
     let exchange = profile.sets.iter().filter_map(|set| Some(set.handshake.as_ref()?.timeout * 2)).max();
     let settle = profile.outputs.iter().filter_map(|output| Some(output.applied.as_ref()?.settle)).max();
     let exchange = exchange.unwrap_or_default() + settle.unwrap_or_default();
-    // A slope goes to zero beside Cz, in steps of the same size.
+    // A slope returns to zero in parallel to Cz, in steps of the same size.
     let times = profile.axes.iter().zip(ways).flat_map(|(axis, ways)| {
         ways.map(|way| {
-            // Each step may have to wait for its acknowledge, and to be applied.
+            // Each step may have to wait until it is acknowledged and applied.
             let steps = way.abs().get() / axis.settings.guard.step.get() + 2.0;
             axis.settings.time_to_rest(way).saturating_add(exchange.mul_f64(steps))
         })
@@ -28,7 +30,7 @@ pub fn fault_actions(profile: &Profile, ways: impl IntoIterator<Item = [Micron; 
     times.max().unwrap_or_default().saturating_add(hold(profile))
 }
 
-/// The same with every axis at its limit.
+/// Longest duration of the fault actions with every axis at its limit.
 pub fn longest(profile: &Profile) -> Duration {
     let at_limit = |axis: &crate::Axis| {
         let limit = axis.settings.guard.limit;
@@ -37,19 +39,19 @@ pub fn longest(profile: &Profile) -> Duration {
     fault_actions(profile, profile.axes.iter().map(at_limit))
 }
 
-/// How long what is under way takes at most: a last value is still to be written and read back, by a device that may be slow.
+/// Longest duration of the exchanges under way. A slow device may still write and read back a last value.
 pub fn hold(profile: &Profile) -> Duration {
     let slowest = profile.buses.iter().map(|bus| bus.timeout * 6).max();
     slowest.unwrap_or_default() + REST
 }
 
-/// How long whoever is told of the machine is waited for after all of that; `None` where nobody is told.
+/// Longest wait for broker and message servers after that. `None` without any.
 pub fn told(profile: &Profile) -> Option<Duration> {
     let broker = profile.mqtt.as_ref().map(|_| BROKER);
     broker.max((!profile.notify.is_empty()).then_some(MESSAGES))
 }
 
-/// How long a write that was not answered may keep the next step of a register waiting, of those that are changed in steps.
+/// Longest delay by an unanswered write of the next step, among registers that change in steps. `None` without any.
 pub fn late(profile: &Profile) -> Option<Duration> {
     let stepped = profile.outputs.iter().filter(|output| output.writes.is_scheduled());
     stepped.map(|output| profile.bus(profile.device(output.device).bus).late).max()

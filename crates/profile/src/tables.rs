@@ -1,8 +1,8 @@
-//! The tables of a profile, one file each: how it is written, what it becomes, what can be wrong with it, and what
-//! `isotherm check` says of it.
+//! Tables of a profile, one file each: the keys as written, the resolved form, the checks, and the preview of `isotherm
+//! check`.
 //!
-//! A thing that cannot be resolved leaves a gap in its list, so that the places of the others, and the checks on
-//! them, stay right; with a single error there is no profile.
+//! A table that cannot be resolved leaves a gap in its list. The indices of the other tables, and the checks on them,
+//! then stay correct. With a single error there is no profile.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, HashMap};
@@ -63,9 +63,9 @@ pub(crate) mod web;
 
 /// One machine: its buses, devices, signals, axes and outputs.
 ///
-/// The JSON schema is generated from the `Raw…` types, and each layer is walked against that schema: their doc comments
-/// are what editors and error messages say. Every key is an `Option`, also the required ones: what is missing or wrong is
-/// reported by the walk and left out, and the rest can still be checked.
+/// The JSON schema is generated from the `Raw…` types, and each layer is checked against it. Editors and error messages
+/// show the doc comments of the fields. Every key is an `Option`, even if it is required. The walk reports missing and
+/// wrong keys and leaves them out, so that the rest can still be checked.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(
@@ -73,61 +73,61 @@ pub(crate) mod web;
     description = "One machine: its buses, devices, signals, axes and outputs."
 )]
 pub(crate) struct RawProfile {
-    /// What the machine is.
+    /// Settings of the whole machine.
     #[schemars(required)]
     machine: Option<RawMachine>,
-    /// The physical lines, by name.
+    /// Lines (buses) to which devices are connected, by name.
     #[serde(default)]
     bus: BTreeMap<String, RawBus>,
-    /// What hangs on the lines, by name.
+    /// Devices on the lines, by name.
     #[serde(default)]
     device: BTreeMap<String, RawDevice>,
-    /// What is read, by name.
+    /// Values that are read from devices, by name.
     #[serde(default)]
     signal: BTreeMap<String, RawSignal>,
-    /// What is computed, by name.
+    /// Compensated axes, by name.
     #[serde(default)]
     axis: BTreeMap<String, RawAxis>,
-    /// What is written, by name.
+    /// Values that are written to devices, by name.
     #[serde(default)]
     output: BTreeMap<String, RawOutput>,
-    /// Outputs that a control must see together or not at all, by name.
+    /// Sets of outputs that a control must receive together, by name.
     #[serde(default)]
     set: BTreeMap<String, RawSet>,
-    /// A register that counts while the gateway lives, so that the CNC can see it die.
+    /// Register or node with a counter that shows the CNC that the gateway runs.
     heartbeat: Option<RawHeartbeat>,
     /// Page, API and metrics.
     web: Option<RawWeb>,
-    /// Publishing to a broker.
+    /// Publication of values and events to an MQTT broker.
     mqtt: Option<RawMqtt>,
-    /// Where what happens is posted.
+    /// Servers that receive messages about events.
     #[serde(default)]
     notify: Vec<RawNotify>,
-    /// State and logs.
+    /// Storage of state and logs.
     history: Option<RawHistory>,
 }
 
-/// The shortest period at which a profile may have something read, written or decided. At a microsecond a line would be
-/// asked 66,000 times a second, and its computer have no time for anything else.
+/// Shortest allowed period of reads, writes and decisions. A period of a microsecond would send 66,000 requests per
+/// second, and occupy the whole computer.
 const SHORTEST_PERIOD: Duration = Duration::from_millis(1);
 
-/// What the check found.
+/// Result of the check.
 pub(crate) struct Checked {
     pub(crate) profile: Option<Profile>,
     pub(crate) errors: Found,
     pub(crate) warnings: Found,
 }
 
-/// All tables of one kind: their names in the order of the file, and what has become of them so far.
+/// Tables of one kind: their names in the order of the file, and the resolved ones so far.
 struct Tables<T> {
     kind: &'static str,
     names: Vec<String>,
     places: HashMap<String, usize>,
-    /// In the same order; `None` where something is wrong with it.
+    /// Resolved tables in the same order. `None` if a table has errors.
     resolved: Vec<Option<T>>,
 }
 
-/// A check under way.
+/// State of a check in progress.
 pub(crate) struct Check<'a> {
     raw: &'a RawProfile,
     spans: &'a Spans,
@@ -141,16 +141,16 @@ pub(crate) struct Check<'a> {
     sets: Tables<OutputSet>,
     errors: RefCell<Found>,
     warnings: RefCell<Found>,
-    /// The signals that something uses.
+    /// Whether each signal is used, by its index.
     used: RefCell<Vec<bool>>,
-    /// What outputs write in CAN frames.
+    /// Frames that outputs write on CAN lines.
     written_frames: RefCell<Vec<can::Written>>,
     dbcs: RefCell<dbc::Dbcs>,
-    /// How often something is due on each line.
+    /// Periods of reads and writes on each line.
     periods: Periods,
 }
 
-/// A key of the profile under check: where it stands, and what is to be said of it.
+/// Key of the profile that is being checked, with functions for its errors and warnings.
 #[derive(Clone)]
 struct At<'c> {
     check: &'c Check<'c>,
@@ -158,7 +158,7 @@ struct At<'c> {
 }
 
 impl RawProfile {
-    /// Resolves the profile.
+    /// Checks and resolves the profile.
     pub(crate) fn check(
         &self,
         spans: &Spans,
@@ -202,24 +202,24 @@ impl<T> Tables<T> {
         self.places.get(name).copied()
     }
 
-    /// What the table at this place has become; `None` where something is wrong with it.
+    /// Returns the resolved table at this index. `None` if it has errors.
     fn get(&self, place: usize) -> Option<&T> {
         self.resolved.get(place)?.as_ref()
     }
 
-    /// Everything that nothing is wrong with.
+    /// Iterates over the tables without errors.
     fn right(&self) -> impl Iterator<Item = &T> {
         self.resolved.iter().flatten()
     }
 
-    /// All of it; `None` where something is wrong with any.
+    /// Takes all resolved tables. `None` if one of them has errors.
     fn whole(&mut self) -> Option<Vec<T>> {
         std::mem::take(&mut self.resolved).into_iter().collect()
     }
 }
 
 impl Check<'_> {
-    /// The order matters: each step looks at what those before it have resolved.
+    /// Resolves all tables. The order matters, because each step uses the results of those before it.
     fn profile(&mut self, path: PathBuf) -> Option<Profile> {
         let raw = self.raw;
         self.check_names();
@@ -275,7 +275,7 @@ impl Check<'_> {
         Some(profile)
     }
 
-    /// What each table of a kind becomes, in the order of the file.
+    /// Resolves the tables of one kind, in the order of the file.
     fn each<'c, R, T>(
         &'c self,
         tables: &Tables<T>,
@@ -311,49 +311,49 @@ impl Check<'_> {
         }
     }
 
-    /// A key of the profile itself.
+    /// Returns a key at the top of the profile.
     fn at(&self, key: &str) -> At<'_> {
         At { check: self, path: String::new() }.key(key)
     }
 
-    /// What a device understands; `None` where it or its line is not known.
+    /// Returns the kind of a device's line. `None` if the device or its line is unknown.
     fn line_kind(&self, device: Option<&String>) -> Option<LineKind> {
         self.raw.device.get(device?)?.line_kind(self)
     }
 
-    /// The line of a device.
+    /// Returns the bus of a device.
     fn bus_of(&self, device: &Device) -> Option<&Bus> {
         self.buses.get(device.bus.0)
     }
 }
 
 impl<'c> At<'c> {
-    /// A key of this table.
+    /// Returns a key of this table.
     fn key(&self, key: &str) -> At<'c> {
         At { check: self.check, path: child(&self.path, key) }
     }
 
-    /// An entry of this list.
+    /// Returns an entry of this list.
     fn item(&self, index: usize) -> At<'c> {
         At { check: self.check, path: element(&self.path, index) }
     }
 
-    /// Whether this table has the key, and nothing is wrong with its type.
+    /// Returns whether this table has the key with a value of the correct type.
     fn has(&self, key: &str) -> bool {
         self.check.spans.is_right(&child(&self.path, key))
     }
 
-    /// Whether it has been written at all, rightly or wrongly.
+    /// Returns whether this key has been written, with a correct or a wrong value.
     fn is_written(&self) -> bool {
         self.check.spans.contains(&self.path)
     }
 
-    /// `profiles/x.toml:41`.
+    /// Returns the place for messages, for example `profiles/x.toml:41`.
     fn line(&self) -> String {
         self.check.spans.line_of(&self.path)
     }
 
-    /// Its value is wrong.
+    /// Reports an error at the value.
     fn wrong(&self, message: impl Into<String>, help: impl Into<String>) {
         if self.is_enough() {
             return;
@@ -361,7 +361,7 @@ impl<'c> At<'c> {
         self.error(self.check.spans.at_value(&self.path, message, Some(help.into())));
     }
 
-    /// Whether so many errors were described that this one is only counted.
+    /// Returns whether an error is only counted, because the limit of described errors is reached. It is counted here.
     fn is_enough(&self) -> bool {
         let mut errors = self.check.errors.borrow_mut();
         let is_full = errors.is_full();
@@ -371,7 +371,7 @@ impl<'c> At<'c> {
         is_full
     }
 
-    /// That it is there is wrong.
+    /// Reports an error at the key, which should not be present.
     fn wrong_key(&self, message: impl Into<String>, help: impl Into<String>) {
         if self.is_enough() {
             return;
@@ -379,14 +379,14 @@ impl<'c> At<'c> {
         self.error(self.check.spans.at_key(&self.path, message, Some(help.into())));
     }
 
-    /// This combination needs it. Where it is there but wrong, that has been reported already.
+    /// Reports a missing key that this combination requires. If it has a wrong value, that has been reported already.
     fn missing(&self, message: impl Into<String>, help: impl Into<String>) {
         if !self.is_written() {
             self.wrong_key(message, help);
         }
     }
 
-    /// Keys of this table that are there and belong to something else.
+    /// Reports keys of this table that belong to something else.
     fn foreign(&self, keys: &[&str], owner: &str, help: &str) {
         for key in keys.iter().filter(|key| self.has(key)) {
             self.key(key).wrong_key(format!("`{key}` belongs to {owner}"), help);
@@ -397,13 +397,13 @@ impl<'c> At<'c> {
         self.check.errors.borrow_mut().push(error);
     }
 
-    /// Its value is worth a second look.
+    /// Reports a warning at the value.
     fn warn(&self, message: impl Into<String>, help: impl Into<String>) {
         let warning = self.check.spans.at_value(&self.path, message, Some(help.into()));
         self.check.warnings.borrow_mut().push(warning);
     }
 
-    /// The file that it names is a private key.
+    /// Warns if the private key or password in this file can be read by any user.
     fn secret(&self, name: Option<&String>) {
         if let Some(name) = name.filter(|name| self.check.files.is_open_to_all(name)) {
             let file = self.check.files.path(name);
@@ -413,17 +413,17 @@ impl<'c> At<'c> {
         }
     }
 
-    /// That it is there is worth a second look.
+    /// Reports a warning at the key.
     fn warn_key(&self, message: impl Into<String>, help: Option<&str>) {
         let warning = self.check.spans.at_key(&self.path, message, help.map(str::to_owned));
         self.check.warnings.borrow_mut().push(warning);
     }
 
-    /// The place of the table that this names.
+    /// Returns the index of the table with this name.
     fn named<T>(&self, tables: &Tables<T>, name: Option<&String>) -> Option<usize> {
         let name = name?;
         let found = tables.place(name);
-        // One that is there but wrong has been reported itself.
+        // If the table exists but has errors, these have been reported.
         if found.is_none() && !self.check.spans.contains(&child(tables.kind, name)) {
             if self.is_enough() {
                 return None;
@@ -434,18 +434,18 @@ impl<'c> At<'c> {
         found
     }
 
-    /// The signal that this names; it is used now.
+    /// Returns the signal with this name, and marks it as used.
     fn signal(&self, name: Option<&String>) -> Option<SignalId> {
         let found = self.named(&self.check.signals, name)?;
         self.check.used.borrow_mut()[found] = true;
         Some(SignalId(found))
     }
 
-    /// The signal that this names, which must be a position in mm.
+    /// Returns the signal with this name, which must be a position in mm.
     fn position(&self, name: Option<&String>) -> Option<SignalId> {
         let position = self.signal(name)?;
         let (name, signal) = (name?, self.check.signals.get(position.0));
-        // Where the unit was a wrong word, that has been reported.
+        // A wrong unit has been reported.
         if let Some(unit) = signal.map(|signal| signal.unit.0).filter(|unit| *unit != "mm") {
             let help = format!("write unit = \"mm\" and the scale in mm per count at signal `{name}`");
             self.wrong(format!("`{name}` is in \"{unit}\"; a position is in mm"), help);
@@ -453,13 +453,13 @@ impl<'c> At<'c> {
         Some(position)
     }
 
-    /// Whether this signal is a temperature.
+    /// Returns whether this signal is a temperature.
     fn is_temperature(&self, signal: Option<SignalId>) -> bool {
         let signal = signal.and_then(|id| self.check.signals.get(id.0));
         signal.is_some_and(|signal| matches!(signal.unit.0, "degC" | "K"))
     }
 
-    /// A duration that must be longer than nothing.
+    /// Returns a duration, which must not be zero.
     fn duration(&self, raw: Option<Timespan>) -> Option<Duration> {
         let Timespan(span) = raw?;
         if span.is_zero() {
@@ -469,7 +469,7 @@ impl<'c> At<'c> {
         Some(span)
     }
 
-    /// How often something is read or written: a faster one would take the line, and the computer, for itself.
+    /// Returns the period of a read or write. A shorter period than allowed would occupy the line and the computer.
     fn period(&self, raw: Option<Timespan>) -> Option<Duration> {
         let span = self.duration(raw)?;
         if span < SHORTEST_PERIOD {
@@ -481,7 +481,7 @@ impl<'c> At<'c> {
         Some(span)
     }
 
-    /// A number that must be above zero.
+    /// Returns a number, which must be positive.
     fn positive(&self, number: Option<f64>) -> Option<f64> {
         let number = number?;
         if number <= 0.0 {
@@ -491,7 +491,7 @@ impl<'c> At<'c> {
         Some(number)
     }
 
-    /// The content of the file that this names.
+    /// Returns the content of the file with this name.
     fn file(&self, name: &str, help: &str) -> Option<Vec<u8>> {
         self.check.files.read(name).map_err(|why| self.wrong(why, help)).ok()
     }

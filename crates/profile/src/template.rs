@@ -1,9 +1,9 @@
-//! Device templates: what is known of a make of device, as data, put under what a profile says of it.
+//! Device templates: knowledge about a type of device, as data. A profile inherits the keys that it does not set.
 //!
-//! A template is a TOML file: groups of channels with their registers, types, sentinels and status bits, targets that
-//! can be written, checks that are read before arming, quirks, and what of all that nobody has verified. The shipped
-//! ones are part of the program; a file `devices/NAME.toml` beside the profile comes before the shipped one of its
-//! name. What a profile spells out wins over its template, key by key.
+//! A template is a TOML file. It contains groups of channels with their registers, types, sentinels and status bits,
+//! targets for writing, checks before arming, and quirks. It also lists what has not been verified. The shipped
+//! templates are part of the program. A file `devices/NAME.toml` next to the profile replaces the shipped template of
+//! that name. Keys of the profile take precedence over those of the template.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -32,33 +32,33 @@ pub use schema::schema;
 pub(crate) use shipped::dbc;
 pub use shipped::names;
 
-/// What a device has from its template.
+/// Template of a device.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Template {
-    /// Its name.
+    /// Name of the template.
     pub name: String,
-    /// The variant that the profile chose.
+    /// Variant chosen by the profile.
     pub variant: Option<String>,
-    /// Make and kind.
+    /// Manufacturer and type.
     pub title: String,
-    /// The manual or page that it is taken from.
+    /// Manual or page that the template is taken from.
     pub source: String,
-    /// The file, where it is the user's own and not the shipped one.
+    /// Path of the user's own file. `None` for a shipped template.
     pub own_file: Option<String>,
-    /// All of it, as written.
+    /// Text of the template.
     pub text: Cow<'static, str>,
-    /// What a person should know who uses it.
+    /// Notes for the user.
     pub notes: Vec<String>,
-    /// What nobody has verified against the manual or on the device.
+    /// Facts that were not verified with the manual or on the device.
     pub unverified: Vec<String>,
-    /// Checks that are left out, and why.
+    /// Checks that are omitted, and why.
     pub unchecked: Vec<String>,
-    /// Signals and outputs that use a channel of it.
+    /// Signals and outputs that use a channel of the template.
     pub uses: Vec<Use>,
 }
 
 impl Template {
-    /// Where a device has its channels from, with what a person should know of that.
+    /// Preview of the template: its origin and its notes.
     pub(crate) fn preview(&self) -> Section {
         let variant = self.variant.as_ref().map_or(String::new(), |variant| format!(", variant {variant}"));
         let mut section = Section::default();
@@ -85,21 +85,21 @@ impl Template {
     }
 }
 
-/// A signal or an output that has its registers from a template.
+/// Signal or output that takes its registers from a template.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Use {
-    /// Its name in the profile.
+    /// Name in the profile.
     pub name: String,
-    /// The channel.
+    /// Name of the channel.
     pub channel: String,
-    /// Keys that the profile spells out over the template.
+    /// Keys of the template that the profile sets itself.
     pub overridden: Vec<String>,
 }
 
-/// The template of each device that has one, by the device's name.
+/// Templates by the name of their device.
 pub(crate) type Templates = BTreeMap<String, Template>;
 
-/// Puts the templates under the merged layers of a profile.
+/// Adds the keys of templates to the merged layers of a profile.
 pub(crate) fn fill(
     profile: &mut Value,
     files: &Files<'_>,
@@ -110,7 +110,7 @@ pub(crate) fn fill(
     fill::Filling::new(profile, files, spans, errors).run()
 }
 
-/// A group of channels, checks or targets: one or several that are alike.
+/// Group of similar channels, checks or targets.
 type Group = Map<String, Value>;
 
 fn text<'v>(table: &'v Group, key: &str) -> Option<&'v str> {
@@ -122,7 +122,7 @@ fn texts(table: &Group, key: &str) -> Vec<String> {
     list.into_iter().flatten().filter_map(Value::as_str).map(str::to_owned).collect()
 }
 
-/// The names of one kind of thing, in the order of the file.
+/// Returns the names of one kind of table, in the order of the file.
 fn in_order(profile: &Map<String, Value>, table: &str, spans: &Spans) -> Vec<String> {
     let names = profile.get(table).and_then(Value::as_object);
     let mut names: Vec<String> = names.into_iter().flat_map(Map::keys).cloned().collect();

@@ -1,22 +1,22 @@
-//! Texts that somebody else wrote (a profile, a device, a file's name, whoever asks over the network), as people see them:
-//! nothing in them ends a line, steers a terminal or turns the direction of what stands behind it, and of an address nobody reads
-//! what only its server is to know.
+//! Safe display of texts from other sources: profiles, devices, file names, network clients. Control characters are
+//! escaped, so that they cannot end a line, control a terminal or change the direction of text. Secret parts of
+//! addresses are masked.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
 
-/// What is not seen, and does something.
+/// Returns whether a character is invisible but has an effect.
 pub(crate) fn is_unseen(one: char) -> bool {
     one.is_control()
         || matches!(one, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}')
 }
 
-/// The text in one line. What is not seen stands there as JSON writes it: `\n`, `\u001b`.
+/// Escapes a text into one line. Invisible characters are written as in JSON: `\n`, `\u001b`.
 pub fn one_line(text: &str) -> Cow<'_, str> {
     escaped(text, is_unseen)
 }
 
-/// The same of a text of several lines: its line ends and tabs stay. JSON stays what it is.
+/// Escapes a text of several lines. Line ends and tabs stay. JSON remains valid JSON.
 pub fn lines(text: &str) -> Cow<'_, str> {
     escaped(text, |one| is_unseen(one) && !matches!(one, '\n' | '\t'))
 }
@@ -41,8 +41,8 @@ fn escaped(text: &str, is_unwanted: impl Fn(char) -> bool) -> Cow<'_, str> {
     Cow::Owned(escaped)
 }
 
-/// The text, in which asterisks stand for user, password and query of every address (`https://…`), and where it is a web server's
-/// that stands alone between its quotes, for its path: as many bytes as there were.
+/// Masks user, password and query of each address (`https://…`) with asterisks. The path of a quoted web address is
+/// masked too, because it may contain a secret. The number of bytes stays the same.
 pub(crate) fn veiled(text: &str) -> Cow<'_, str> {
     const BEGIN: &str = "://";
     if !text.contains(BEGIN) {

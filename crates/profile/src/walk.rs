@@ -1,5 +1,5 @@
-//! One layer against the JSON schema: unknown keys, wrong types, wrong words, numbers that are none. Nothing is ever
-//! coerced. What is wrong is reported and left out, so that the rest can still be checked.
+//! Check of one layer against the JSON schema: unknown keys, wrong types, unknown words, invalid numbers. Values are
+//! never converted. Mistakes are reported and left out, so that the rest can still be checked.
 
 use serde_json::{Map, Value};
 use toml::Spanned;
@@ -11,10 +11,10 @@ use crate::span::{Spans, child, element};
 use crate::tables::signal::unit::{Scaling, Unit};
 use crate::unseen::is_unseen;
 
-/// A list of a profile has no more entries: every term of a model is computed in every step.
+/// Largest number of entries in a list. Every term of a model is computed in every step.
 const MOST_ITEMS: usize = 10_000;
 
-/// Walks one layer.
+/// Checker of one layer.
 pub(crate) struct Walk<'a> {
     pub(crate) schema: &'a Value,
     pub(crate) layer: usize,
@@ -24,14 +24,14 @@ pub(crate) struct Walk<'a> {
     pub(crate) beside: Scaling,
 }
 
-/// The schema behind a `$ref`.
+/// Resolves a `$ref` of the schema.
 pub(crate) fn resolved<'a>(root: &'a Value, schema: &'a Value) -> &'a Value {
     let target =
         schema.get("$ref").and_then(Value::as_str).and_then(|name| root.pointer(name.strip_prefix('#')?));
     target.unwrap_or(schema)
 }
 
-/// The types a value may have.
+/// Returns the types that a value may have.
 pub(crate) fn types<'a>(root: &'a Value, schema: &'a Value) -> Vec<&'a str> {
     let schema = resolved(root, schema);
     match schema.get("anyOf").and_then(Value::as_array) {
@@ -41,7 +41,7 @@ pub(crate) fn types<'a>(root: &'a Value, schema: &'a Value) -> Vec<&'a str> {
 }
 
 impl Walk<'_> {
-    /// The text of a file, and whether all of it is TOML; where it is not, that has been reported.
+    /// Parses a file. Returns its table, and whether all of it is TOML. Mistakes are reported.
     pub(crate) fn parsed<'t>(&mut self, text: &'t str) -> (DeTable<'t>, bool) {
         let (table, problems) = DeTable::parse_recoverable(text);
         for problem in &problems {
@@ -55,7 +55,7 @@ impl Walk<'_> {
         (table.into_inner(), problems.is_empty())
     }
 
-    /// What is right in a table, which is used up, so that a large machine is not in memory twice.
+    /// Returns the valid part of a table. The table is consumed, so that a large machine is not in memory twice.
     pub(crate) fn table(&mut self, schema: &Value, path: &str, table: DeTable<'_>) -> Value {
         let schema = resolved(self.schema, schema);
         let known = schema.get("properties").and_then(Value::as_object);
@@ -100,7 +100,7 @@ impl Walk<'_> {
         Value::Object(right)
     }
 
-    /// The value, if it is one that the schema allows.
+    /// Returns the value if the schema allows it. Otherwise reports the mistake.
     pub(crate) fn value(&mut self, schema: &Value, path: &str, value: Spanned<DeValue<'_>>) -> Option<Value> {
         let described = schema;
         let at = value.span().start;
@@ -152,7 +152,7 @@ impl Walk<'_> {
         None
     }
 
-    /// A list in which everything is right.
+    /// Returns the list if all its entries are valid.
     fn list(&mut self, schema: &Value, path: &str, at: usize, items: DeArray<'_>) -> Option<Value> {
         self.spans.forget_inside(path);
         if items.len() > MOST_ITEMS {
@@ -183,7 +183,7 @@ impl Walk<'_> {
         }
     }
 
-    /// Of several alternatives the one of the value's type.
+    /// Selects the alternative for the type of a value.
     fn choice<'s>(schema: &'s Value, value: &DeValue<'_>) -> &'s Value {
         let Some(choices) = schema.get("anyOf").and_then(Value::as_array) else { return schema };
         let fits = |choice: &&Value| {
@@ -200,7 +200,7 @@ impl Walk<'_> {
         choices.iter().find(fits).unwrap_or(schema)
     }
 
-    /// Reports the keys that the merged profile lacks. One that is there but wrong has been reported already.
+    /// Reports the keys that the merged profile lacks. A key with a wrong value has been reported already.
     pub(crate) fn missing(&mut self, schema: &Value, path: &str, value: &Value) {
         let schema = resolved(self.schema, schema);
         let property = |key: &str| schema.get("properties").and_then(|known| known.get(key));
@@ -242,11 +242,11 @@ impl Walk<'_> {
     }
 }
 
-/// What steers a terminal or ends a line forges what stands behind it, on every screen and in every log.
+/// Invisible characters could control a terminal or end a line, and so falsify what follows on a screen or in a log.
 const UNSEEN: &str = "has characters that are not seen, or end a line";
 const SEEN: &str = "write it in one line, of characters that are seen";
 
-/// What is wrong with a text, and the remedy.
+/// Returns the mistake in a text and its remedy. `None` if the text is allowed.
 fn wrong_text(schema: &Value, is_duration: bool, text: &str, beside: Scaling) -> Option<(String, String)> {
     if text.contains(is_unseen) {
         return Some((format!("the text `{text}` {UNSEEN}"), SEEN.to_owned()));
@@ -265,7 +265,7 @@ fn wrong_text(schema: &Value, is_duration: bool, text: &str, beside: Scaling) ->
     Some((format!("`{text}` is no duration: {why}"), help.to_owned()))
 }
 
-/// What OPC UA and its tools call otherwise.
+/// Suggests a word for a name from OPC UA and its tools.
 fn meant(text: &str, words: &[&str]) -> Option<String> {
     const TYPES: [(&str, &str); 11] = [
         ("Boolean", "bool"),
@@ -293,8 +293,8 @@ fn meant(text: &str, words: &[&str]) -> Option<String> {
     })
 }
 
-/// How a table is written that something else stands for: with the keys that it must have, and the word that was written
-/// where that is one of them.
+/// Suggests how to write a table if another value was found. The suggestion contains the required keys, and the value
+/// found if it is an allowed word of a key.
 fn written(root: &Value, schema: &Value, path: &str, found: &DeValue<'_>) -> Option<String> {
     if types(root, schema) != ["object"] {
         return None;
@@ -333,7 +333,7 @@ fn written(root: &Value, schema: &Value, path: &str, found: &DeValue<'_>) -> Opt
     })
 }
 
-/// `limit = 40,0`: the remedy, where that is what is wrong at this place.
+/// Suggests a decimal point if the line contains a decimal comma: `limit = 40,0`.
 fn decimal_comma(text: &str, at: usize) -> Option<String> {
     let begin = text.get(..at)?.rfind('\n').map_or(0, |end| end + 1);
     let line = text.get(begin..)?.lines().next()?;
@@ -345,7 +345,7 @@ fn decimal_comma(text: &str, at: usize) -> Option<String> {
     is_number.then(|| format!("write a decimal point: {whole}.{fraction}"))
 }
 
-/// What is allowed, where a number is not.
+/// Returns the allowed range if a number is outside of it.
 fn bounds(schema: &Value, number: i64) -> Option<String> {
     let bound = |name| schema.get(name).and_then(Value::as_i64);
     let (least, most) = (bound("minimum"), bound("maximum"));

@@ -3,23 +3,23 @@
 use std::fmt::Display;
 use std::time::Duration;
 
-/// A count with its noun, which takes an "s" unless there is one: `1 row`, `2 rows`.
+/// Formats a count with its noun, which gets an "s" unless the count is one: `1 row`, `2 rows`.
 pub fn counted(count: impl Display, noun: &str) -> String {
     let count = count.to_string();
     let plural = if count == "1" { "" } else { "s" };
     format!("{count} {noun}{plural}")
 }
 
-/// The line of the profile that allows these keys.
+/// Formats the line of the profile that allows these keys.
 pub(crate) fn allowing_line<'a>(keys: impl IntoIterator<Item = &'a String>) -> String {
     let keys: Vec<String> = keys.into_iter().map(|key| format!("{key:?}")).collect();
     format!("allow_override = [{}]", keys.join(", "))
 }
 
-/// A duration in a sentence, as a profile may write it, too: `90s`, `1h 30m`, `9 days 2h`.
+/// Formats a duration for a sentence, in a notation that a profile also accepts: `90s`, `1h 30m`, `9 days 2h`.
 pub fn duration_text(span: Duration) -> String {
     let mut text = humantime::format_duration(span).to_string();
-    // A word has a space before it, a symbol has none.
+    // Words need a space before them, symbols do not.
     for word in ["day", "month", "year"] {
         if let Some(place) = text.find(word) {
             text.insert(place, ' ');

@@ -1,4 +1,4 @@
-//! Places that a gateway writes to, as text by which two profiles can be compared.
+//! Places that a gateway writes to, as texts, for comparing two profiles.
 
 use std::collections::BTreeSet;
 
@@ -6,8 +6,8 @@ use crate::{BusId, DeviceId, Profile};
 use isotherm_core::codec::{Address, Register, Table};
 
 impl Profile {
-    /// Returns every place on this bus that a gateway with this profile writes to: `unit 1 holding:104`, `node ns=2;i=5`,
-    /// `node 5 object 6110:01`, `frame 0x20c`. Each register of a value is a place of its own.
+    /// Returns every place on this bus that a gateway with this profile writes to: `unit 1 holding:104`, `node
+    /// ns=2;i=5`, `node 5 object 6110:01`, `frame 0x20c`. Each register of a value is a separate place.
     pub fn written_on(&self, bus: BusId) -> BTreeSet<String> {
         let mut written = Written { profile: self, bus, places: BTreeSet::new() };
         for output in &self.outputs {
@@ -15,7 +15,7 @@ impl Profile {
             output.display.registers().for_each(|register| written.register(output.device, register));
         }
         for set in &self.sets {
-            // Includes the registers between its words if the set writes them as zeros.
+            // Includes registers between the words of a set that it writes as zeros.
             for stretch in set.stretches(set.members(self), self.device(set.device).longest_request()) {
                 let from = Register { table: Table::Holding, offset: stretch.from };
                 written.value(set.device, &Address::Modbus(from), stretch.count);
@@ -69,7 +69,7 @@ impl Written<'_> {
             Address::Object(object) => {
                 self.places.insert(format!("node {unit} object {}", object.entry));
             }
-            // A gateway sends a frame whole, with all of its values.
+            // The gateway sends a whole frame, with all its values.
             Address::Frame(field) => {
                 self.places.insert(format!("frame {}", field.frames.id));
             }

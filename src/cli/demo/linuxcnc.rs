@@ -1,4 +1,5 @@
-//! A real CNC in the demo: LinuxCNC without a screen, from the files of `profiles/linuxcnc`, cuts a part over and over.
+//! A real CNC in the demo. LinuxCNC runs without a screen from the files of `profiles/linuxcnc`, and cuts a part
+//! repeatedly.
 
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io::{BufRead, BufReader, Write};
@@ -14,13 +15,13 @@ use anyhow::Context;
 use crate::virtual_machine::Window;
 use isotherm_profile::{AxisId, Profile};
 
-/// The machine whose control it is.
+/// Machine that has LinuxCNC as its control.
 pub(super) const MACHINE: &str = "linuxcnc-mill";
 
-/// The bus of its profile at which the component listens.
+/// Bus of the profile on which the component of LinuxCNC listens.
 const BUS: &str = "control";
 
-/// How often the virtual plant gets what LinuxCNC applies.
+/// Interval at which the virtual plant reads the offset that LinuxCNC applies.
 const LOOKS: Duration = Duration::from_millis(10);
 
 macro_rules! files {
@@ -29,7 +30,7 @@ macro_rules! files {
     };
 }
 
-/// What it is started from, the two programs first.
+/// Files from which LinuxCNC is started, the two programs first.
 const FILES: [(&str, &str); 15] = files![
     "headless",
     "isotherm-eoffset",
@@ -48,13 +49,13 @@ const FILES: [(&str, &str); 15] = files![
     "sim/simulation.py",
 ];
 
-/// How many of them are programs.
+/// Number of programs among the files.
 const PROGRAMS: usize = 2;
 
-/// Where it says what goes wrong.
+/// File for the standard error of LinuxCNC.
 const LOG: &str = "linuxcnc.log";
 
-/// LinuxCNC with our component in it. It ends when this is dropped.
+/// LinuxCNC with the isotherm component. Dropping it ends LinuxCNC.
 #[derive(Debug)]
 pub(super) struct Mill {
     child: Child,
@@ -64,7 +65,7 @@ pub(super) struct Mill {
 }
 
 impl Mill {
-    /// Starts it, where the machine has this control.
+    /// Starts LinuxCNC if it is the control of this machine; `None` for other machines.
     pub(super) fn of(machine: &str) -> anyhow::Result<Option<Mill>> {
         if machine != MACHINE {
             return Ok(None);
@@ -83,13 +84,13 @@ impl Mill {
         let number = RandomState::new().build_hasher().finish();
         let directory = std::env::temp_dir().join(format!("isotherm-linuxcnc-{number:016x}"));
         write_files(&directory).with_context(|| format!("{} cannot be written", directory.display()))?;
-        // One that is free now: the component does not say which it took.
+        // A port that is free now is given to the component, because it does not report a port that it chose itself.
         let port = TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
         let mut command = Command::new(directory.join("headless"));
         command.args(["--home", "--port", &port.to_string(), "--run"]).arg(directory.join("sim/part.ngc"));
         let log = std::fs::File::create(directory.join(LOG))?;
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(log);
-        // Ctrl-C ends the demo; LinuxCNC is needed until the offset is out.
+        // Ctrl-C ends the demo, but LinuxCNC must run until the gateway has removed its offset.
         command.process_group(0);
         let mut child = command.spawn().with_context(|| format!("{command:?} cannot be started"))?;
         let talk = child.stdin.take().zip(child.stdout.take().map(BufReader::new));
@@ -105,7 +106,7 @@ impl Mill {
         Ok(mill)
     }
 
-    /// What it said last of what is wrong.
+    /// Last line of the log of LinuxCNC, with a hint.
     fn complaint(&self) -> String {
         let log = std::fs::read_to_string(self.directory.join(LOG)).unwrap_or_default();
         let last = log.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it does not say why");
@@ -114,7 +115,7 @@ impl Mill {
         )
     }
 
-    /// It has cut and moved until now.
+    /// Fails if LinuxCNC has ended before the demo.
     pub(super) fn has_run_through(&mut self) -> anyhow::Result<()> {
         match self.child.try_wait()? {
             None => Ok(()),
@@ -122,7 +123,7 @@ impl Mill {
         }
     }
 
-    /// From now on the gateway writes to LinuxCNC, and the virtual plant is moved by what LinuxCNC applies.
+    /// Directs the gateway to LinuxCNC, and moves the virtual plant by the offset that LinuxCNC applies.
     pub(super) fn takes_the_place_of_the_control(
         mut self,
         profile: &mut Profile,
@@ -147,7 +148,7 @@ impl Mill {
     }
 }
 
-/// What is applied for an axis; `None` when there is nobody any more.
+/// Offset that LinuxCNC applies to an axis, in mm; `None` if LinuxCNC has ended.
 fn offset_mm(asks: &mut ChildStdin, says: &mut BufReader<ChildStdout>, axis: &str) -> Option<f64> {
     writeln!(asks, "get axis.{axis}.eoffset").ok()?;
     let mut line = String::new();
@@ -170,7 +171,7 @@ fn write_files(directory: &Path) -> std::io::Result<()> {
 
 impl Drop for Mill {
     fn drop(&mut self) {
-        // The end of its input, which the thread holds that asks it, would do as well.
+        // The end of its standard input would stop LinuxCNC as well, but the polling thread holds that pipe.
         let asked = Command::new("kill").arg(self.child.id().to_string()).status();
         if asked.is_ok_and(|status| status.success()) || self.child.kill().is_ok() {
             let _ = self.child.wait();

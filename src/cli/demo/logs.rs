@@ -1,18 +1,18 @@
-//! Where a demo keeps its logs for as long as it runs, so that its page has a past. State and ledger it forgets: it is
-//! always its first day.
+//! Temporary logs of a demo, so that its page has a history. State and ledger are not kept: each demo starts without
+//! them.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
 use crate::gateway::Disk;
 
-/// A directory of its own, gone with it.
+/// Temporary directory, removed when this is dropped.
 pub(super) struct Logs(PathBuf);
 
-/// Before the number of the process that it belongs to.
+/// Start of the directory's name. The process id follows.
 const NAME: &str = "isotherm-demo-";
 
-/// Those of demos that were killed go with the next one.
+/// Removes the directories of demos that were killed.
 fn tidy(directory: &Path) {
     for entry in std::fs::read_dir(directory).into_iter().flatten().flatten() {
         let name = entry.file_name();
@@ -20,14 +20,14 @@ fn tidy(directory: &Path) {
         let is_over =
             |process: u32| process == std::process::id() || !Path::new(&format!("/proc/{process}")).exists();
         if process.is_some_and(is_over) {
-            // One of another user is his.
+            // Removal of another user's directory fails.
             let _ = std::fs::remove_dir_all(entry.path());
         }
     }
 }
 
 impl Logs {
-    /// `None` where there is no room for one: a demo runs without it.
+    /// Makes the directory; `None` if that fails. A demo also runs without logs.
     pub(super) fn make() -> Option<Logs> {
         tidy(&std::env::temp_dir());
         let path = std::env::temp_dir().join(format!("{NAME}{}", std::process::id()));
@@ -41,12 +41,12 @@ impl Logs {
 
 impl Drop for Logs {
     fn drop(&mut self) {
-        // What cannot be removed is the system's to tidy.
+        // If this fails, the next demo or the system removes the directory.
         let _ = std::fs::remove_dir_all(&self.0);
     }
 }
 
-/// Keeps nothing.
+/// Disk that keeps nothing.
 pub(super) struct Forgetful;
 
 impl Disk for Forgetful {
@@ -86,7 +86,7 @@ mod tests {
             std::fs::write(path.join("m-2026-01-05.csv"), "time").unwrap();
             path
         };
-        // No process has a number as large as that; number 1 always runs.
+        // No process has as large an id as the first; the process with id 1 always runs.
         let [killed, running, other] =
             ["isotherm-demo-4294967295", "isotherm-demo-1", "isotherm-demo-x"].map(made);
         tidy(home.path());

@@ -1,4 +1,4 @@
-//! The live table: on a terminal redrawn in place, elsewhere a row each half hour of machine time.
+//! The live table: redrawn in place on a terminal, otherwise one row for each half hour of machine time.
 
 use std::fmt::Write as _;
 use std::io::{IsTerminal, Write};
@@ -8,10 +8,10 @@ use crate::cli::say::{Out, Screen};
 use crate::observe::status::{AxisStatus, Status, TruthStatus};
 use crate::virtual_machine::Summary;
 
-/// Where no terminal redraws, a row this often.
+/// Interval between rows if stdout is no terminal, in seconds of machine time.
 const ROW_EVERY: f64 = 1800.0;
 
-/// What is drawn, and how.
+/// Live table of a demo.
 pub(super) struct Table {
     mode: Mode,
     page: String,
@@ -21,11 +21,11 @@ pub(super) struct Table {
 }
 
 enum Mode {
-    /// A terminal on stdout.
+    /// A table that is redrawn, because stdout is a terminal.
     Live,
     /// Rows on stdout.
     Rows,
-    /// stdout belongs to the JSON document: progress on stderr, if that is a terminal.
+    /// Progress on stderr, which is a terminal. The JSON document needs stdout.
     Progress,
     Nothing,
 }
@@ -42,7 +42,7 @@ impl Table {
     }
 
     pub(super) fn draw(&mut self, status: &Status, summary: &Summary) -> std::io::Result<()> {
-        // What follows are the fault actions of a stop, not the machine's day.
+        // After the span come the fault actions of the stop, which are not part of the day.
         if status.uptime_s > self.span.as_secs_f64() {
             return Ok(());
         }
@@ -148,16 +148,16 @@ impl Table {
     }
 }
 
-/// Error, the Cz that acts, and what is left, in tenths of a micrometre that add up.
+/// Error, acting Cz and residual error. They are rounded to tenths of a micrometre so that the sum is exact as printed.
 fn figures(truth: Option<TruthStatus>) -> [Option<f64>; 3] {
     let Some(truth) = truth else { return [None; 3] };
     let tenths = |value: f64| (value * 10.0).round();
     let (error, left) = (tenths(truth.error_um), tenths(truth.left_um));
-    // Adding 0.0 makes a zero of what was a negative zero.
+    // Adding 0.0 converts a negative zero to zero.
     [error, left - error, left].map(|tenths| Some(tenths / 10.0 + 0.0))
 }
 
-/// `14:05:00` of an RFC 3339 time.
+/// Time of day of an RFC 3339 time, for example `14:05:00`.
 fn clock(time: &str) -> &str {
     time.get(11..19).unwrap_or(time)
 }

@@ -1,5 +1,4 @@
-//! What only a virtual machine knows, beside what the gateway does: the error of each axis, and what is left of it. It is on the
-//! page with the rest.
+//! True error and residual error of each axis, which only a virtual machine knows. The demo adds them to the page.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -14,16 +13,16 @@ use crate::virtual_machine::Window;
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::quantity::{Moment, time};
 
-/// The gateway's state, with the truth in it.
+/// Source of the gateway's state, with the truth added.
 pub(super) struct WithTruth {
     pub(super) source: Arc<dyn Source>,
     pub(super) window: Window,
-    /// The course of the truth, as a log beside the gateway's.
+    /// Log of the truth, in the directory of the gateway's logs.
     pub(super) log: Option<PathBuf>,
 }
 
 impl WithTruth {
-    /// Writes what is new to the log. Without room for it the page has the rest.
+    /// Appends the new rows to the log. If that fails, the charts of the page lack these rows.
     pub(super) fn keep(&self, clock: &Clock) {
         let (Some(log), rows) = (&self.log, self.window.take_course()) else { return };
         let axes = self.window.summary().axes;

@@ -1,4 +1,5 @@
-//! The logs of one day's decisions as one table: `time`, `machine`, and the columns of the logs but `machine_memory`, which is for a replay.
+//! Logs of the decisions of one day as one table. It has `time`, `machine`, and the columns of the logs except
+//! `machine_memory`, which only a replay needs.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -12,17 +13,17 @@ use crate::gateway::log::{is_for_replay, is_text};
 use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::regular;
 
-/// What stands before the columns of the logs.
+/// Columns before those of the logs.
 const FIRST: [(&str, Kind); 2] = [("time", Kind::Moment), ("machine", Kind::Text)];
 
-/// A log, and where each of its columns goes.
+/// A log, and the column of the table for each of its columns.
 struct Log<'p> {
     path: &'p Path,
     reader: Reader<File>,
     places: Vec<Option<usize>>,
 }
 
-/// Writes them; what was left out, as sentences.
+/// Writes the logs as a Parquet file. Returns a warning for each log of which rows were left out.
 pub(super) fn write(machine: &str, logs: &[PathBuf], to: &mut File) -> anyhow::Result<Vec<String>> {
     let mut columns: Vec<(String, Kind)> = FIRST.map(|(name, kind)| (name.to_owned(), kind)).to_vec();
     let mut known = BTreeMap::new();
@@ -56,7 +57,7 @@ fn open<'p>(
     let mut place = |name: &&str| {
         let kind = if is_text(name, &names) { Kind::Text } else { Kind::Number };
         let at = *known.entry((*name).to_owned()).or_insert_with(|| {
-            // A signal may be called so.
+            // A signal may have the name of a first column.
             let is_taken = FIRST.iter().any(|(taken, _)| taken == name);
             columns.push((if is_taken { format!("{name}_signal") } else { (*name).to_owned() }, kind));
             columns.len() - 1
@@ -70,7 +71,7 @@ fn open<'p>(
 }
 
 impl Log<'_> {
-    /// Its rows into the table; how many were none.
+    /// Copies the rows to the table. Returns the number of rows that were left out.
     fn copy(
         &mut self,
         machine: &str,
@@ -107,7 +108,7 @@ impl Log<'_> {
         }
     }
 
-    /// The moment and the cells of a row, in the order of the columns, where it is whole.
+    /// Time and cells of a row, in the order of the columns. `None` if the row is incomplete or a cell cannot be read.
     fn whole<'r>(
         &self,
         row: &'r ByteRecord,

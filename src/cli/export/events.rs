@@ -18,7 +18,7 @@ const COLUMNS: [(&str, Kind); 6] = [
     ("data", Kind::Text),
 ];
 
-/// Writes them; what is wrong with the file they come from, as sentences.
+/// Writes the events as a Parquet file. Returns warnings about damaged lines of the event log.
 pub(super) fn write(machine: &str, log: &Path, to: &mut File) -> anyhow::Result<Vec<String>> {
     let mut table = Table::new(to, &COLUMNS.map(|(name, kind)| (name.to_owned(), kind)))?;
     let (mut warnings, mut written) = (Vec::new(), Ok(()));

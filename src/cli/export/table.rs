@@ -1,4 +1,5 @@
-//! A table of moments, numbers and texts as a Parquet file, some rows at a time: however long a day is, it takes as much memory.
+//! A table of times, numbers and texts as a Parquet file. It is written in parts, so that memory does not grow with the
+//! length of a day.
 
 use std::fs::File;
 use std::sync::Arc;
@@ -11,19 +12,19 @@ use parquet::file::properties::WriterProperties;
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::Type;
 
-/// So many cells are held before they are written.
+/// Maximum number of cells in memory before they are written.
 const HELD: usize = 2_000_000;
 
-/// What stands in a column.
+/// Type of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// In each row: a moment, to the microsecond, in UTC.
+    /// A time in UTC, to the microsecond, in each row.
     Moment,
     Number,
     Text,
 }
 
-/// The cells of a column, and for each row whether there is one.
+/// Cells of a column. Numbers and texts have a flag for each row: 1 if the row has a cell.
 #[derive(Debug)]
 enum Cells {
     Moments(Vec<i64>),
@@ -31,7 +32,7 @@ enum Cells {
     Texts(Vec<ByteArray>, Vec<i16>),
 }
 
-/// One that is being written.
+/// A table that is being written.
 pub(super) struct Table<'f> {
     writer: SerializedFileWriter<&'f mut File>,
     columns: Vec<Cells>,
@@ -39,7 +40,7 @@ pub(super) struct Table<'f> {
 }
 
 impl<'f> Table<'f> {
-    /// With these columns.
+    /// Begins a table with these columns.
     pub(super) fn new(file: &'f mut File, columns: &[(String, Kind)]) -> Result<Table<'f>, ParquetError> {
         let fields = columns.iter().map(|(name, kind)| field(name, *kind).map(Arc::new));
         let fields = fields.collect::<Result<Vec<_>, _>>()?;
@@ -72,7 +73,7 @@ impl<'f> Table<'f> {
         }
     }
 
-    /// Every column has its cell of this row.
+    /// Ends a row. Every column must have its cell.
     pub(super) fn end_row(&mut self) -> Result<(), ParquetError> {
         self.rows += 1;
         if self.rows * self.columns.len() >= HELD { self.flush() } else { Ok(()) }

@@ -1,4 +1,4 @@
-//! `--prior MODEL.toml`: the terms of a model that exists, as `--write` or a profile has them.
+//! `--prior MODEL.toml`: the terms of an existing model, in a file of `--write` or in a profile.
 
 use std::path::Path;
 
@@ -32,7 +32,7 @@ struct Term {
     power: Option<u8>,
 }
 
-/// The terms of the first model of this axis that has some.
+/// Reads the terms of the first model of this axis that has terms.
 pub(super) fn terms(path: &Path, axis: &str) -> anyhow::Result<Vec<PriorTerm>> {
     let shown = path.display();
     let text = std::fs::read_to_string(path).with_context(|| format!("{shown} cannot be read"))?;

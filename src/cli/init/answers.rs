@@ -1,9 +1,9 @@
-//! What a person may answer.
+//! Answers to the questions, and their checks.
 
 use isotherm_profile::allowed;
 use isotherm_profile::template::{Outline, on_modbus};
 
-/// What a first profile is made from.
+/// Values from which the first profile is made.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Answers {
     pub(super) machine: String,
@@ -15,12 +15,12 @@ pub(super) struct Answers {
     pub(super) axis: String,
     pub(super) limit: f64,
     pub(super) target: Target,
-    /// The control's line, where it is another.
+    /// Line of the control, if it is another one.
     pub(super) control: Option<Line>,
     pub(super) control_unit: u8,
 }
 
-/// A line of Modbus.
+/// A Modbus line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Line {
     Tcp(String),
@@ -52,7 +52,7 @@ impl Line {
     }
 }
 
-/// What measures the temperatures.
+/// Source of the temperatures.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Module {
     Template(Outline),
@@ -75,16 +75,16 @@ impl Module {
         if let Module::Template(outline) = self { Some(outline) } else { None }
     }
 
-    /// How many temperatures it has room for.
+    /// Number of temperatures that the module can measure.
     pub(super) fn channels(&self) -> usize {
         self.outline().map_or(32, |outline| outline.temperatures.len())
     }
 }
 
-/// Where Cz is written.
+/// Target of Cz.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Target {
-    /// A template, and which of its targets.
+    /// A template, and the name of one of its targets.
     Template(Outline, String),
     Register(u16),
 }

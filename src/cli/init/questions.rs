@@ -1,19 +1,20 @@
-//! One question after the other.
+//! Questions on the terminal, one after the other.
 
 use std::io::{BufRead, Write};
 
 use anyhow::Context;
 
-/// Whoever answers, and whoever is shown the questions.
+/// Input of the answers and output of the questions.
 pub(super) struct Questions<'a> {
     pub(super) input: &'a mut dyn BufRead,
     pub(super) out: &'a mut dyn Write,
-    /// Nobody is asked.
+    /// Takes the default of each question without asking.
     pub(super) takes_defaults: bool,
 }
 
 impl Questions<'_> {
-    /// What was given as the option of this name, or is answered; an answer that is none is asked for again.
+    /// Returns the value of the option with this name, or asks for it. An invalid answer is asked for again; an invalid
+    /// option is an error.
     pub(super) fn ask<T>(
         &mut self,
         option: &str,
@@ -46,7 +47,7 @@ impl Questions<'_> {
         }
     }
 
-    /// Shows a line.
+    /// Prints a line.
     pub(super) fn show(&mut self, line: &str) -> std::io::Result<()> {
         writeln!(self.out, "{line}")
     }

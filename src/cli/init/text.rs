@@ -1,10 +1,10 @@
-//! The profile.
+//! Text of a first profile.
 
 use std::fmt::Write;
 
 use super::answers::{Answers, Line, Module, Target};
 
-/// A commented profile, which `check` takes.
+/// Makes a profile with comments, which `check` accepts.
 pub(super) fn profile(answers: &Answers) -> String {
     let mut text = String::new();
     // Writing to a string never fails.

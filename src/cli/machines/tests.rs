@@ -1,6 +1,6 @@
 use super::*;
 
-/// The model of a shipped profile as it is written, line by line.
+/// Lines of the model in a shipped profile.
 fn model(name: &str) -> Vec<&'static str> {
     let (_, text) = text(name).unwrap();
     text.lines()

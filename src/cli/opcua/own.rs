@@ -18,10 +18,10 @@ const YEAR: Duration = Duration::from_hours(365 * 24);
 const OF_A_KEY: u32 = 0o600;
 const OF_A_CERTIFICATE: u32 = 0o644;
 
-/// Shows the gateway's own certificate of an OPC UA line: for whom it is, its thumbprint, how long it is valid.
+/// Shows the gateway's own certificate of an OPC UA line: its subject, its thumbprint, and its validity.
 ///
-/// Where neither it nor its key is there, both are made in the files that the profile names: RSA of 2048 bits, signed by itself,
-/// with the URI of the application in it. What is there is never written over.
+/// If neither certificate nor key exists, the verb makes both in the files that the profile names. The certificate is
+/// RSA with 2048 bits, self-signed, and contains the URI of the application. Existing files are never overwritten.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm opcua certificate my-machine.toml\n  isotherm opcua certificate my-machine.toml --bus nck --years 5"
@@ -29,7 +29,7 @@ const OF_A_CERTIFICATE: u32 = 0o644;
 pub(super) struct Arguments {
     #[command(flatten)]
     line: LineArguments,
-    /// How long one that is made is valid
+    /// Validity of a new certificate in years
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=30))]
     years: u32,
 }
@@ -74,7 +74,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Makes both; the bytes of the certificate.
+/// Makes certificate and key, and returns the bytes of the certificate.
 fn made(line: &SecuredLine, cert: &Path, key: &Path, years: u32) -> anyhow::Result<Vec<u8>> {
     let host: String =
         hostname().chars().filter(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '.')).collect();
@@ -85,13 +85,13 @@ fn made(line: &SecuredLine, cert: &Path, key: &Path, years: u32) -> anyhow::Resu
         make(&subject, &application, &host, now, YEAR * years).map_err(anyhow::Error::msg)?;
     put(key, secret.as_bytes(), OF_A_KEY)?;
     put(cert, &bytes, OF_A_CERTIFICATE).inspect_err(|_| {
-        // One without the other would keep the next try from making both.
+        // A key without its certificate would keep the next attempt from making both.
         let _ = std::fs::remove_file(key);
     })?;
     Ok(bytes)
 }
 
-/// Puts a new file there.
+/// Writes a new file, and makes its directory if needed.
 pub(super) fn put(path: &Path, bytes: &[u8], mode: u32) -> anyhow::Result<()> {
     let directory = path.parent().filter(|directory| !directory.as_os_str().is_empty());
     let done =

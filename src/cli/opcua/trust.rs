@@ -1,4 +1,4 @@
-//! `isotherm opcua trust`: the server's certificate, put among those that are trusted.
+//! `isotherm opcua trust`: adds the server's certificate to the trusted ones.
 
 use std::path::PathBuf;
 
@@ -10,11 +10,12 @@ use crate::cli::{print_json, runtime};
 use crate::discovery::opcua::{Certificate, Offer, offers};
 
 const OF_A_CERTIFICATE: u32 = 0o644;
-/// What is typed by whoever has compared.
+/// Answer that confirms the thumbprint.
 const YES: &str = "yes";
 
-/// Asks the server of an OPC UA line for its certificate, shows it, and puts it among those that are trusted once you have
-/// compared its thumbprint with the one that the server itself shows: what comes over the network may be somebody else's.
+/// Requests the certificate of an OPC UA server and shows it. It adds the certificate to the trusted ones after you
+/// have compared its thumbprint with the one that the server itself shows. The comparison is needed because another
+/// computer could answer in place of the server.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm opcua trust my-machine.toml\n  isotherm opcua trust my-machine.toml --thumbprint \
@@ -23,7 +24,8 @@ const YES: &str = "yes";
 pub(super) struct Arguments {
     #[command(flatten)]
     line: LineArguments,
-    /// The thumbprint that the server itself shows, SHA-1 or SHA-256: nothing is asked then, and no other certificate taken
+    /// The thumbprint that the server itself shows, SHA-1 or SHA-256. Nothing is asked then, and no other certificate
+    /// is accepted
     #[arg(long, value_name = "HEX")]
     thumbprint: Option<String>,
 }
@@ -62,7 +64,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The certificate of the endpoint that the profile wants, or of another one where that is not offered.
+/// Certificate of the endpoint with the security of the profile, or of another endpoint if the server does not offer
+/// that one.
 fn of_the_server<'o>(line: &SecuredLine, offers: &'o [Offer]) -> anyhow::Result<&'o Certificate> {
     let wanted = line.bus.opcua.as_ref().map(|opcua| opcua.security);
     let shown = |offer: &&Offer| offer.certificate.is_some();
@@ -76,14 +79,14 @@ fn of_the_server<'o>(line: &SecuredLine, offers: &'o [Offer]) -> anyhow::Result<
     })
 }
 
-/// The file of this certificate among those that are trusted.
+/// File of this certificate among the trusted ones.
 fn trusted_already(line: &SecuredLine, certificate: &Certificate) -> Option<PathBuf> {
     let known = line.bus.opcua.iter().flat_map(|opcua| &opcua.trusted);
     let mut known = known.filter_map(|file| Some((file, Certificate::read(&file.bytes)?)));
     known.find(|(_, known)| known.der == certificate.der).map(|(file, _)| line.beside.join(&file.name))
 }
 
-/// Somebody has compared.
+/// Checks the thumbprint given as an option, or asks the operator to confirm it.
 fn agreed(thumbprint: Option<&str>, certificate: &Certificate) -> anyhow::Result<()> {
     if let Some(thumbprint) = thumbprint {
         let is_it = certificate.has_thumbprint(thumbprint).map_err(anyhow::Error::msg)?;
@@ -107,7 +110,7 @@ fn agreed(thumbprint: Option<&str>, certificate: &Certificate) -> anyhow::Result
     Ok(())
 }
 
-/// `192.168.214.241-5F3A0C96.der`: which server, and which of its certificates.
+/// File name with the server's host and the start of the thumbprint, for example `192.168.214.241-5F3A0C96.der`.
 fn file_name(line: &SecuredLine, certificate: &Certificate) -> String {
     let url = &line.bus.address;
     let host =

@@ -1,4 +1,4 @@
-//! What a plant is made from: the structure's modes; and an example to begin with.
+//! Modes of a structure for a plant, and the files of the example.
 
 use crate::cli::say::say;
 use std::path::Path;
@@ -16,7 +16,7 @@ use isotherm_placement::reduced::Modes;
 use isotherm_placement::structure::Adjoint;
 use isotherm_placement::study::{Placement, Sensor};
 
-/// The plant's FE input file, read before the long work begins.
+/// Reads the plant's FE input file. This happens before the long computation, so that errors appear early.
 pub(super) fn read(path: &Path, engine: Engine) -> anyhow::Result<FeInput> {
     if engine == Engine::Ccx {
         anyhow::bail!("--modes needs isotherm's own finite elements: leave --engine ccx out");
@@ -24,8 +24,8 @@ pub(super) fn read(path: &Path, engine: Engine) -> anyhow::Result<FeInput> {
     Ok(fe_input::read(path)?)
 }
 
-/// Writes the plant's modes, with the temperatures at the sensors and at the blocks' centres (`NAME_centre`) and the
-/// displacement along the guideway.
+/// Computes the modes of the plant as JSON. They include the temperatures at the sensors and at the centres of the
+/// blocks (`NAME_centre`), and the displacement along the guideway.
 pub(super) fn modes(
     plant: &FeInput,
     adjoint: &Adjoint,
@@ -43,13 +43,13 @@ pub(super) fn modes(
     Ok(modes.to_json(&points, adjoint, line))
 }
 
-/// Writes the example's files, and says what to do with them.
+/// Writes the files of the example, and prints the next command.
 pub(super) fn write_example(directory: &Path) -> anyhow::Result<()> {
     let place = directory.display();
     std::fs::create_dir_all(directory).with_context(|| format!("cannot make the directory {place}"))?;
     let files: Vec<_> =
         example::files().into_iter().map(|(name, text)| (directory.join(name), text)).collect();
-    // What somebody has changed there is not lost.
+    // Files that were changed in this directory are not overwritten.
     for (path, text) in &files {
         if std::fs::read(path).is_ok_and(|there| there != text.as_bytes()) {
             let path = path.display();

@@ -1,4 +1,4 @@
-//! From FE input files to what sensors are chosen on: temperatures, displacements, P.
+//! From FE input files to the data for the selection of sensors: temperatures, displacements, P.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -14,7 +14,7 @@ use isotherm_placement::structure::{Adjoint, guideway_and_temperatures};
 use isotherm_placement::study::{Study, rows};
 use isotherm_placement::views::outside;
 
-/// Reads the files and computes.
+/// Reads the files, and computes temperatures, displacements and P.
 pub(super) fn study(
     arguments: &Arguments,
     plant: Option<&FeInput>,
@@ -49,16 +49,16 @@ pub(super) fn study(
     Ok(Study { mesh: inputs.swap_remove(0).mesh, guide, p, adjoint, parts, reach, loads })
 }
 
-/// What an engine computes.
+/// Results of an engine.
 struct Computed {
-    /// Rows 3·guide + component, columns blocks, mm/K.
+    /// P in mm/K, with rows 3·guide + component and one column for each block.
     p: Vec<Vec<f64>>,
-    /// Only the own engine knows it.
+    /// Adjoint solution; `None` for CalculiX.
     adjoint: Option<Adjoint>,
     loads: Vec<Load>,
 }
 
-/// With the own finite elements.
+/// Computes with isotherm's own finite elements.
 fn own(
     inputs: &[FeInput],
     fixed: &[usize],
@@ -76,7 +76,7 @@ fn own(
     Ok(Computed { p: rows(&columns), adjoint: Some(adjoint), loads })
 }
 
-/// With CalculiX: temperatures case by case, then all displacements and P by unit rises of each block.
+/// Computes with CalculiX: temperatures case by case, then all displacements, and P from a unit rise of each block.
 fn calculix(
     inputs: &[FeInput],
     fixed: &[usize],
@@ -109,7 +109,7 @@ fn calculix(
     Ok(Computed { p: rows(&columns), adjoint: None, loads: loads.collect() })
 }
 
-/// Every file, all of one structure, which is the plant's.
+/// Reads every file. All must describe the same structure as the plant.
 fn read(paths: &[PathBuf], plant: Option<&FeInput>, progress: Progress<'_>) -> anyhow::Result<Vec<FeInput>> {
     let mut inputs: Vec<FeInput> = Vec::new();
     let mut wrong = Vec::new();
@@ -131,7 +131,7 @@ fn read(paths: &[PathBuf], plant: Option<&FeInput>, progress: Progress<'_>) -> a
     Ok(inputs)
 }
 
-/// Why two files are not of one structure, if they are not.
+/// Reason why two files do not describe the same structure; `None` if they do.
 fn differs(first: &FeInput, other: &FeInput) -> Option<String> {
     let (one, two) = (&first.mesh, &other.mesh);
     let why = if one.nodes != two.nodes {
@@ -154,12 +154,12 @@ fn differs(first: &FeInput, other: &FeInput) -> Option<String> {
     ))
 }
 
-/// Node sets without the order in which a file names their nodes: the first file's is that of P's rows.
+/// Node sets without the order of their nodes. The order of the first file is that of the rows of P.
 fn members(mesh: &Mesh) -> BTreeMap<&str, BTreeSet<usize>> {
     mesh.node_sets.iter().map(|(name, nodes)| (name.as_str(), nodes.iter().copied().collect())).collect()
 }
 
-/// The nodes of a set that must be there.
+/// Nodes of a set that must exist. If it is missing or empty, the error is added to `wrong`.
 fn set(mesh: &Mesh, name: &str, option: &str, wrong: &mut Vec<String>) -> Vec<usize> {
     let name = name.to_uppercase();
     match mesh.node_sets.get(&name) {

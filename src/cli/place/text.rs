@@ -5,7 +5,7 @@ use std::fmt::{self, Display, Formatter};
 use isotherm_placement::blocks::Part;
 use isotherm_placement::study::{CaseResult, Placement};
 
-/// A placement in these parts of the structure.
+/// A placement with the parts of the structure.
 pub(super) struct Text<'a>(pub(super) &'a Placement, pub(super) &'a [Part]);
 
 impl Display for Text<'_> {

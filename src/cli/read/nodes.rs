@@ -1,4 +1,4 @@
-//! The nodes of an OPC UA server, as a person looks for the one that is meant.
+//! The nodes of an OPC UA server, for a user who looks for the right one.
 
 use crate::cli::say::{say, say_beside};
 use crate::cli::target::Target;
@@ -7,20 +7,21 @@ use crate::discovery::opcua::{Described, browse, in_a_line};
 use isotherm_core::codec::{Namespace, NodeId};
 use isotherm_profile::{Bus, one_line};
 
-/// The folder that all of a server's own hangs below.
+/// Standard folder `Objects`, which contains the server's own nodes.
 const OBJECTS: &str = "i=85";
 
-/// What is looked at.
+/// Selects the nodes to show.
 #[derive(clap::Args, Debug)]
 #[command(next_help_heading = "The nodes of an OPC UA server")]
 pub(in crate::cli) struct Nodes {
-    /// What hangs below this node, `ns=2;s=/Nck`; without one, below Objects: type, what this user may, value
+    /// Shows the nodes below this one, `ns=2;s=/Nck`, with type, access rights and value; without a node, those below
+    /// Objects
     #[arg(long, value_name = "NODE", num_args = 0..=1, default_missing_value = OBJECTS, conflicts_with_all = ["register", "watch"])]
     browse: Option<NodeId>,
-    /// How far below
+    /// Number of levels to show
     #[arg(long, value_name = "LEVELS", default_value_t = 2, value_parser = clap::value_parser!(u8).range(0..=20), requires = "browse")]
     depth: u8,
-    /// How many nodes
+    /// Largest number of nodes to show
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u16).range(1..=10_000), requires = "browse")]
     most: u16,
 }
@@ -58,7 +59,7 @@ pub(super) fn run(target: &Target, nodes: &Nodes, json: bool) -> anyhow::Result<
     Ok(())
 }
 
-/// The server that is meant.
+/// Finds the OPC UA server of the arguments; `None` if they name none.
 fn server(target: &Target, json: bool) -> anyhow::Result<Option<Bus>> {
     if target.bus.is_none() && target.profile.is_none() {
         return Ok(None);

@@ -1,4 +1,4 @@
-//! One register, or some of them in a row, without a signal: what a device says, raw and as a value.
+//! One register, or several consecutive ones, without a signal: the raw data, and the value decoded in different ways.
 
 use std::io::Write;
 use std::time::Duration;
@@ -12,11 +12,11 @@ use crate::discovery::remedy::{Question, remedy};
 use crate::discovery::values::{Form, RegisterValue};
 use crate::discovery::{DataType, Exchange, Register, WordOrder};
 
-/// Registers and bits that one request carries, by the protocol.
+/// Maximum number of registers in one request, by the protocol. [`MOST_BITS`] applies to bits.
 const MOST_REGISTERS: u16 = 125;
 const MOST_BITS: u16 = 2000;
 
-/// What is read and how it is understood.
+/// Registers to read, and how to decode them.
 #[derive(clap::Args, Debug)]
 #[command(next_help_heading = "One register, without a signal")]
 pub(in crate::cli) struct One {
@@ -26,31 +26,31 @@ pub(in crate::cli) struct One {
     /// The Modbus unit
     #[arg(long, value_name = "UNIT", conflicts_with = "device", requires = "register")]
     unit: Option<u8>,
-    /// The unit and line of a device of the profile
+    /// A device of the profile, whose unit and line are used
     #[arg(long, value_name = "DEVICE", requires_all = ["register", "profile"], conflicts_with = "bus")]
     device: Option<String>,
-    /// bool, u16, i16, u32, i32, u64, i64, f32, f64; without it u16, and i16 beside it where that differs
+    /// bool, u16, i16, u32, i32, u64, i64, f32, f64 [default: u16, and also i16 if that differs]
     #[arg(long = "type", value_name = "TYPE", value_parser = data_type, requires = "register")]
     data_type: Option<DataType>,
-    /// msw-first or lsw-first; without it a value of several registers is shown in both
+    /// msw-first or lsw-first [default: both, for values of several registers]
     #[arg(long, value_name = "ORDER", value_parser = word_order, requires = "register")]
     word_order: Option<WordOrder>,
-    /// The two bytes inside every register are exchanged
+    /// Swaps the two bytes of every register
     #[arg(long, requires = "register")]
     byte_swap: bool,
-    /// How many values
+    /// Number of values
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=2000), requires = "register")]
     count: u16,
-    /// Engineering units per count
+    /// Engineering units for each count
     #[arg(long, value_name = "UNITS", default_value = "1", value_parser = scale, allow_negative_numbers = true, requires = "register")]
     scale: f64,
-    /// Engineering value of raw zero
+    /// Engineering value of the raw value zero
     #[arg(long, value_name = "UNITS", default_value = "0", value_parser = finite, allow_negative_numbers = true, requires = "register")]
     offset: f64,
-    /// With --watch: how often
+    /// With --watch: interval between readings
     #[arg(long, value_name = "SPAN", default_value = "1s", value_parser = humantime::parse_duration, requires = "watch")]
     every: Duration,
-    /// The bytes of each frame, on stderr
+    /// Prints the bytes of each frame on stderr
     #[arg(long, requires = "register")]
     trace: bool,
 }
@@ -86,7 +86,7 @@ impl One {
     }
 }
 
-/// The line and the unit that are meant.
+/// Finds the line and the unit of the arguments.
 fn line(target: &Target, one: &One, json: bool) -> anyhow::Result<(Line, u8)> {
     let Some(name) = &one.device else {
         if target.bus.is_none() {
@@ -161,7 +161,7 @@ fn print_exchange(exchange: &Exchange) {
     say_beside!("{exchange}");
 }
 
-/// One reading on stdout. With `now`, one of many: a fault of it is printed and does not end them.
+/// Prints one reading. With `now` it is one of many: its error is printed and does not end the verb.
 fn print(values: &Result<Vec<RegisterValue>, String>, form: &Form, now: Option<&str>) -> std::io::Result<()> {
     let mut out = Out;
     if let Some(now) = now {
@@ -183,7 +183,7 @@ fn print(values: &Result<Vec<RegisterValue>, String>, form: &Form, now: Option<&
                 );
             }
         }
-        // What is read once ends with its fault, as every verb does.
+        // A single reading ends with its error, which the verb prints.
         Err(why) if now.is_some() => writeln!(out, "  {why}")?,
         Err(_) => {}
     }

@@ -1,4 +1,4 @@
-//! The log of the outputs: the same facts again, and whether the same was to be done.
+//! Replay of the log of the outputs: repeats the facts, and compares the actions.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -15,27 +15,27 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::regular;
 use isotherm_profile::{counted, duration_text};
 
-/// A replayed log of outputs in numbers.
+/// Statistics of a replayed log of outputs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OutputsSummary {
-    /// The log's name.
+    /// Name of the log.
     pub log: String,
-    /// Rows read.
+    /// Number of rows read.
     pub rows: u64,
-    /// From the earliest to the latest moment, s.
+    /// Time between the earliest and the latest row, s.
     pub span_s: f64,
-    /// What is odd about the log.
+    /// Warnings about the log.
     pub warnings: Vec<String>,
-    /// By name: outputs, sets and the heartbeat.
+    /// Results by name of output, set or heartbeat.
     pub outputs: BTreeMap<String, Reproduced>,
 }
 
-/// A log begins with the columns of outputs: the first bytes of it are enough.
+/// Returns whether a log is one of outputs, from its first bytes.
 pub(super) fn is_of_outputs(first: &[u8]) -> bool {
     first.starts_with(HEADER.trim_end().as_bytes())
 }
 
-/// Replays what the outputs did with the decisions of this log, where that stands beside it.
+/// Replays the log of the outputs that belongs to this log of decisions; `None` if there is none.
 pub(super) fn beside(log: &Path) -> anyhow::Result<Option<OutputsSummary>> {
     let Some(stem) = log.to_str().and_then(|name| name.strip_suffix(".csv")) else { return Ok(None) };
     let name = format!("{stem}{ENDING}");
@@ -50,10 +50,10 @@ pub(super) fn beside(log: &Path) -> anyhow::Result<Option<OutputsSummary>> {
     }
 }
 
-/// Replays a log of outputs and sums up. `name` is the log's name in messages.
+/// Replays a log of outputs, and returns its statistics. `name` is the name of the log in messages.
 ///
 /// # Errors
-/// A log that cannot be read, with the place.
+/// The log cannot be read. The error names the place.
 pub fn replay_outputs(log: impl Read, name: &str) -> anyhow::Result<OutputsSummary> {
     let mut reader = OutputLogReader::open(log, name)?;
     let mut replay = OutputReplay::default();

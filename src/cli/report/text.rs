@@ -1,4 +1,4 @@
-//! The drift of a run, for a person: sentences, then tables.
+//! The drift of a run as text: sentences, then tables.
 
 use std::io::{self, Write};
 
@@ -124,7 +124,7 @@ fn figure(value: Option<f64>) -> String {
     value.map_or("-".to_owned(), |value| format!("{value:.2}"))
 }
 
-/// `3:05 h`.
+/// Formats a time in hours as `3:05 h`.
 fn clock(hours: f64) -> String {
     let minutes = (hours * 60.0).round();
     format!("{:.0}:{:02.0} h", (minutes / 60.0).floor(), minutes % 60.0)

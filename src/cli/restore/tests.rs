@@ -4,7 +4,7 @@ use rand_pcg::Pcg64;
 use super::*;
 use tar::{Builder, EntryType, Header};
 
-/// A list of one profile and these files.
+/// Manifest of one profile and these files.
 fn manifest(files: &[(&str, &[u8])]) -> Vec<u8> {
     let entry = |(path, bytes): &(&str, &[u8])| serde_json::json!({ "path": path, "mode": 0o640, "bytes": bytes.len(), "sha256": sha256(bytes) });
     let files: Vec<_> = files.iter().map(entry).collect();
@@ -15,7 +15,7 @@ fn manifest(files: &[(&str, &[u8])]) -> Vec<u8> {
     serde_json::to_vec(&list).unwrap()
 }
 
-/// A header with any name at all.
+/// A tar header with any name, including invalid ones.
 fn header(path: &str, kind: EntryType, size: u64) -> Header {
     let mut header = Header::new_ustar();
     header.as_old_mut().name[..path.len()].copy_from_slice(path.as_bytes());
@@ -131,7 +131,7 @@ fn more_less_and_other_than_the_list_says_is_refused() {
     assert!(why(b"no archive at all").contains("it is"));
 }
 
-/// No byte of a backup can be changed so that something else is put on disk: it is refused, or it is the same.
+/// After any change of a backup's bytes, it is rejected or its files are the same.
 #[test]
 fn whatever_is_changed_in_a_backup_it_is_refused_or_the_files_are_the_same() {
     let good = archive(&manifest(&GOOD), &GOOD);

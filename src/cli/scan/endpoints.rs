@@ -1,4 +1,4 @@
-//! What an OPC UA server offers: its endpoints, whom they let in, its certificate; as lines of a profile too.
+//! Endpoints of an OPC UA server, with their users and its certificate, also as lines of a profile.
 
 use crate::cli::opcua::shown;
 use crate::cli::print_json;
@@ -40,7 +40,7 @@ pub(super) fn run(line: &Line, json: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// A line for each endpoint.
+/// Formats the endpoints, one line each.
 fn table(offers: &[Offer]) -> String {
     let width = offers.iter().map(|offer| offer.policy.len()).max().unwrap_or(0);
     let lines = offers.iter().map(|Offer { security, policy, is_spoken, users, .. }| {
@@ -52,7 +52,7 @@ fn table(offers: &[Offer]) -> String {
     lines.collect()
 }
 
-/// The best that lets in somebody whom the gateway can be.
+/// Strongest security at which the server accepts a kind of user that the gateway supports.
 fn strongest(offers: &[Offer]) -> Option<Security> {
     let order = [Security::SignAndEncrypt, Security::Sign, Security::None];
     let offered = |security: &Security| {
@@ -66,7 +66,7 @@ fn lets_in(offers: &[Offer], security: Security, user: &str) -> bool {
     fitting.flat_map(|offer| &offer.users).any(|known| *known == user)
 }
 
-/// The line of a profile that says as whom, where nobody is let in without a name.
+/// Profile lines for the user, if the server does not accept anonymous users.
 fn user(offers: &[Offer], security: Security) -> &'static str {
     if lets_in(offers, security, "anonymous") {
         return "";
@@ -82,7 +82,7 @@ fn user(offers: &[Offer], security: Security) -> &'static str {
     }
 }
 
-/// As a profile writes it.
+/// Security as a profile writes it.
 const fn word(security: Security) -> &'static str {
     match security {
         Security::None => "none",

@@ -1,4 +1,4 @@
-//! The temperatures that this computer reads by itself; as lines of a profile too.
+//! Temperatures that the kernel of this computer reads, also as lines of a profile.
 
 use std::path::Path;
 use std::time::Duration;
@@ -8,7 +8,7 @@ use crate::cli::say::{say, say_all};
 use crate::cli::target::Line;
 use crate::discovery::sysfs::{Temperature, scan};
 
-/// A 1-Wire sensor takes most of a second.
+/// Default timeout. A 1-Wire sensor needs almost a second.
 const TIMEOUT: Duration = Duration::from_secs(2);
 
 pub(super) fn run(line: &Line, timeout: Option<Duration>, json: bool) -> anyhow::Result<()> {
@@ -35,7 +35,7 @@ pub(super) fn run(line: &Line, timeout: Option<Duration>, json: bool) -> anyhow:
     Ok(())
 }
 
-/// A line for each.
+/// Formats the temperatures, one line each.
 fn table(found: &[Temperature]) -> String {
     let width = found.iter().map(|found| found.sensor.chars().count()).max().unwrap_or(0);
     let lines = found.iter().map(|Temperature { sensor, read_in, value, reason }| {

@@ -11,7 +11,7 @@ use crate::discovery::walk::RegisterRange;
 use isotherm_profile::duration_text;
 use isotherm_profile::{BusId, Profile};
 
-/// What is about to be asked, and how long that can take.
+/// Describes the requests of the scan, and their longest duration.
 pub(super) fn plan(scan: &Scan) -> String {
     let registers: Vec<String> =
         scan.registers.iter().map(|address| format!("{address} ({})", address.modicon())).collect();
@@ -68,7 +68,7 @@ pub(super) fn range(unit: u8, range: &RegisterRange) -> String {
     }
 }
 
-/// What can be pasted into a profile, and what is to be known about it.
+/// Lines for a profile, with a hint if the device ignores the unit number.
 pub(super) fn summary(
     scan: &Scan,
     found: &[(LineAddress, Responder)],

@@ -1,4 +1,4 @@
-//! What was found, for a person.
+//! Result of the selection as text.
 
 use std::io::{self, Write};
 

@@ -1,4 +1,4 @@
-//! The nodes of a profile as its servers have them, and what does not fit.
+//! Nodes of a profile as their servers describe them, and conflicts with the profile.
 
 use serde::Serialize;
 
@@ -8,28 +8,28 @@ use crate::fieldbus::opcua::browse::{Browser, Described, Value};
 use isotherm_core::codec::{Address, DataType, Node};
 use isotherm_profile::{Bit, Bus, BusId, Profile, Transport};
 
-/// A node of the profile, as its server has it.
+/// Node of the profile as its server describes it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Inspected {
-    /// Its bus in the profile.
+    /// Bus in the profile.
     pub bus: String,
-    /// What the profile has it for: `signal bed`, `output cnc_z`.
+    /// Use of the node in the profile: `signal bed`, `output cnc_z`.
     pub of: String,
-    /// What the server says; `None`: nothing.
+    /// Description by the server; `None` if the server did not answer.
     #[serde(flatten)]
     pub found: Option<Described>,
-    /// What does not fit, and what to do; empty where all does.
+    /// Conflicts, and what to do; empty if there is none.
     pub advice: Vec<String>,
 }
 
-/// What the profile wants of a node.
+/// Requirements of the profile for a node.
 struct Wanted<'p> {
     of: String,
     node: &'p Node,
     is_written: bool,
 }
 
-/// Asks each OPC UA server of a profile about its nodes. Reads only.
+/// Inspects the nodes of a profile on each OPC UA server. It only reads.
 pub async fn inspect(profile: &Profile) -> Vec<Inspected> {
     let mut all = Vec::new();
     for (place, bus) in profile.buses.iter().enumerate().filter(|(_, bus)| bus.opcua.is_some()) {
@@ -63,7 +63,7 @@ async fn found(bus: &Bus, wanted: &[Wanted<'_>]) -> Result<Vec<Described>, Fault
     found
 }
 
-/// Every node of the profile on this bus.
+/// Returns every node of the profile on this bus.
 fn wanted<'p>(profile: &'p Profile, bus: BusId) -> Vec<Wanted<'p>> {
     let mut wanted = of_devices(profile, bus);
     wanted.extend(of_sets(profile, bus));
@@ -143,7 +143,7 @@ fn advice(wanted: &Wanted<'_>, found: &Described) -> Vec<String> {
     advice
 }
 
-/// What is wrong with the type that the profile says.
+/// Describes a conflict between the type of the node and the type in the profile, if any.
 fn wrong_type(said: Option<DataType>, variable: &Value) -> Option<String> {
     let Value { kind, data_type, is_array, .. } = variable;
     match (said, data_type) {
@@ -160,13 +160,13 @@ fn wrong_type(said: Option<DataType>, variable: &Value) -> Option<String> {
     }
 }
 
-/// `an Int32`, `a UInt32`.
+/// Type with its article: `an Int32`, `a UInt32`.
 fn one(kind: &str) -> String {
     let article = if kind.starts_with(['A', 'E', 'I', 'O']) { "an" } else { "a" };
     format!("{article} {kind}")
 }
 
-/// What a server says of a node, in a line: `f32 (Float), read, 20`.
+/// Formats the description of a node in one line: `f32 (Float), read, 20`.
 pub fn in_a_line(found: &Described) -> String {
     let Some(Value { kind, data_type, is_array, is_readable, is_writable, value }) = &found.variable else {
         return String::new();

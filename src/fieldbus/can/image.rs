@@ -1,9 +1,9 @@
-//! The frames that are written: several values may share one, and it is sent whole.
+//! Frames that the gateway writes. Several values may share a frame, which is always sent whole.
 
 use crate::fieldbus::error::{CallerFault, Fault};
 use isotherm_core::codec::{BitField, CanId, Encoded, Frame, Object};
 
-/// The frames of one interface, as they are sent next.
+/// Frames of one interface, with their current content.
 #[derive(Clone, Debug, Default)]
 pub struct Images(Vec<Image>);
 
@@ -13,34 +13,35 @@ struct Image {
     values: Vec<Value>,
 }
 
-/// A value that is written in a frame.
+/// Value in a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Value {
-    /// Where in there.
+    /// Bits of the value in the frame.
     pub bits: BitField,
-    /// The node and the object that reads what stands there.
+    /// Node and object from which the current value can be read.
     pub read_at: Option<(u8, Object)>,
-    /// It has been put in.
+    /// Whether the frame contains a value that was written or read.
     is_known: bool,
 }
 
 impl Value {
-    /// One that is not known yet.
+    /// Returns a value that is not known yet.
     pub fn new(bits: BitField, read_at: Option<(u8, Object)>) -> Value {
         Value { bits, read_at, is_known: false }
     }
 }
 
 impl Images {
-    /// One more frame, as it is before any of its values is put in.
+    /// Adds a frame. Its data is the content before any value is put in.
     pub fn add(&mut self, frame: Frame, values: Vec<Value>) {
         self.0.push(Image { frame, values });
     }
 
-    /// Puts a value in. The frame as it is to be sent.
+    /// Puts a value into its frame. Returns the frame to send.
     ///
     /// # Errors
-    /// No such frame; or another of its values is not known yet, and a zero in its place would be one that nobody wants.
+    /// There is no such frame, or another value of the frame is not known yet. A zero in its place would be a wrong
+    /// value.
     pub fn put(&mut self, id: CanId, bits: BitField, registers: &[u16]) -> Result<Frame, Fault> {
         let image = self.0.iter_mut().find(|image| image.frame.id() == id);
         let image = image.ok_or(Fault::Caller(CallerFault::Extent))?;
@@ -49,12 +50,12 @@ impl Images {
         if is_whole { Ok(image.frame) } else { Err(Fault::Caller(CallerFault::Incomplete)) }
     }
 
-    /// An object was read: a value that stands there, and was not known yet, is now.
+    /// Records the value of an object that was read from a node. It sets a value of a frame that is not known yet.
     pub fn was_read(&mut self, node: u8, object: Object, registers: &[u16]) {
         for image in &mut self.0 {
             let read = |value: &&Value| !value.is_known && value.read_at == Some((node, object));
             if let Some(bits) = image.values.iter().find(read).map(|value| value.bits) {
-                // Where it does not fit, it stays unknown.
+                // If the value does not fit, it stays unknown.
                 let _ = image.put(bits, Encoded::of(registers).bits());
             }
         }
@@ -92,7 +93,7 @@ mod tests {
         images.was_read(5, object, &[0xfffe]);
         let whole = images.put(id, bits(8), &[0x0103]).unwrap();
         assert_eq!(whole.data(), [0xaa, 0x03, 0x01, 0xfe, 0xff, 0xbb]);
-        // What is known is not overwritten by what was read a moment earlier.
+        // An earlier reading does not overwrite a known value.
         images.was_read(5, object, &[7]);
         assert_eq!(images.put(id, bits(8), &[1]).unwrap().data(), [0xaa, 1, 0, 0xfe, 0xff, 0xbb]);
         let other = CanId::standard(0x20d).unwrap();

@@ -1,4 +1,4 @@
-//! Whether a CAN interface is up, and how it is set, as the kernel says by netlink. A virtual one has no settings.
+//! State and settings of a CAN interface, as the kernel reports them by netlink. A virtual interface has no settings.
 
 use std::fmt;
 
@@ -7,28 +7,28 @@ use socketcan::nl::{CanState, Mtu};
 
 use crate::fieldbus::error::CanFault;
 
-/// A CAN interface as it is now.
+/// State of a CAN interface.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Interface {
-    /// It carries frames.
+    /// Whether the interface is up.
     pub is_up: bool,
-    /// It carries frames of CAN FD.
+    /// Whether the interface carries CAN FD frames.
     pub does_fd: bool,
-    /// Bits per second; `None` where its driver has no bits, as a virtual one.
+    /// Bits per second; `None` if the driver has no bit rate, as for a virtual interface.
     pub bitrate: Option<u32>,
-    /// Milliseconds after which a controller that took itself off the bus comes back; 0: never by itself.
+    /// Pause in milliseconds until the controller restarts after bus-off; 0: it does not restart by itself.
     pub restart_ms: Option<u32>,
-    /// What its controller thinks of the bus, in words.
+    /// State of the controller, as text.
     pub state: Option<&'static str>,
-    /// Errors counted by the controller, sending and receiving.
+    /// Error counters of the controller: sending, receiving.
     pub errors: Option<(u16, u16)>,
 }
 
 impl Interface {
-    /// The interface of this name.
+    /// Reads the state of the interface with this name.
     ///
     /// # Errors
-    /// There is none, or the kernel does not say.
+    /// The interface does not exist, or the kernel does not report its state.
     pub fn look(name: &str) -> Result<Interface, CanFault> {
         let interface = CanInterface::open(name).map_err(|_| CanFault::NoInterface)?;
         let details = interface.details().map_err(|_| CanFault::NoInterface)?;
@@ -42,7 +42,7 @@ impl Interface {
         })
     }
 
-    /// A controller that takes itself off the bus stays off it.
+    /// Returns whether the controller stays off the bus after bus-off.
     pub fn stays_off(&self) -> bool {
         self.restart_ms == Some(0)
     }
@@ -59,7 +59,7 @@ const fn state_name(state: CanState) -> &'static str {
     }
 }
 
-/// `up, 250000 bit/s, restart after 100 ms, controller well`.
+/// State as in `up, 250000 bit/s, restart 100 ms after bus-off, controller well`.
 impl fmt::Display for Interface {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(if self.is_up { "up" } else { "down" })?;

@@ -1,7 +1,7 @@
-//! What belongs to one interface while the gateway lives: its socket, which may come and go, and what outlives that.
+//! State of one interface while the gateway runs: its socket, which may be replaced, and what outlives the socket.
 //!
-//! One task hears ([`Link::socket`]) and hands the frames of SDO on ([`Link::passed`]); the line asks and writes
-//! through [`super::wire`].
+//! One task receives frames ([`Link::socket`]) and passes SDO frames on ([`Link::passed`]). The line sends requests and
+//! writes through [`super::wire`].
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -16,10 +16,10 @@ use crate::fieldbus::canopen::sdo::Client;
 use crate::fieldbus::error::{CanFault, Fault, LinkFault};
 use isotherm_core::codec::{CanMatch, Frame};
 
-/// Frames of SDO that wait; a node has one answer under way.
+/// Capacity of the queue of SDO frames. A node sends one answer at a time.
 const UNREAD: usize = 64;
 
-/// One interface.
+/// One CAN interface: its socket, and the state that outlives it.
 #[derive(Debug)]
 pub struct Link {
     interface: String,
@@ -30,18 +30,18 @@ pub struct Link {
 #[derive(Debug)]
 struct Inner {
     socket: Option<Arc<Socket>>,
-    /// Why nothing can be sent now.
+    /// Reason why sending is impossible now.
     fault: Option<Fault>,
     passing: Option<mpsc::Sender<Frame>>,
     clients: BTreeMap<NodeId, Client>,
     images: Images,
-    /// Of sockets that are no more.
+    /// Full queues of closed sockets; `lost` counts on the same sockets.
     full: u64,
     lost: u64,
 }
 
 impl Link {
-    /// The interface of this name, not opened yet: the frames that are wanted, and those that are written.
+    /// Returns a link that is not opened yet. `wanted` selects the frames to receive; `images` are the frames to write.
     pub fn new(interface: &str, wanted: Vec<CanMatch>, images: Images) -> Link {
         let inner = Inner {
             socket: None,
@@ -55,15 +55,15 @@ impl Link {
         Link { interface: interface.to_owned(), wanted, inner: Mutex::new(inner) }
     }
 
-    /// Its name.
+    /// Returns the name of the interface.
     pub fn interface(&self) -> &str {
         &self.interface
     }
 
-    /// Opens a socket where there is none, and looks whether the interface is up.
+    /// Opens a socket if there is none, and checks whether the interface is up.
     ///
     /// # Errors
-    /// Why nothing can be sent or heard now.
+    /// The reason why sending and receiving is impossible now.
     pub fn open(&self) -> Result<Arc<Socket>, Fault> {
         let mut inner = self.inner();
         let opened = match &inner.socket {
@@ -84,17 +84,17 @@ impl Link {
         }
     }
 
-    /// The socket, also of an interface that is down.
+    /// Returns the socket, even if the interface is down.
     pub fn socket(&self) -> Option<Arc<Socket>> {
         self.inner().socket.clone()
     }
 
-    /// Why nothing can be sent now.
+    /// Returns the reason why sending is impossible now.
     pub fn fault(&self) -> Option<Fault> {
         self.inner().fault
     }
 
-    /// What a call to the socket failed with. One whose interface is gone is given up.
+    /// Records the fault of a call to the socket. Drops the socket if its interface is gone.
     pub fn failed(&self, fault: Fault) {
         let mut inner = self.inner();
         match fault {
@@ -108,33 +108,33 @@ impl Link {
         }
     }
 
-    /// The interface went down, says the socket: whether it is so still. Opening one that is down leaves such a word behind,
-    /// which comes when it has long been up.
+    /// Returns whether the interface is down now. A socket may report an outdated error. A socket opened on an
+    /// interface that is down keeps one error, which is read after the interface is up.
     pub fn is_down(&self) -> bool {
         !Interface::look(&self.interface).is_ok_and(|found| found.is_up)
     }
 
-    /// Hands a frame of SDO to whoever asks: an answer, or a question of ours that has passed itself.
+    /// Passes an SDO frame to the current requester: an answer, or its own request once that was on the bus.
     pub fn passed(&self, frame: &Frame) {
         if let Some(passing) = &self.inner().passing {
-            // One that nobody takes is none that anybody waits for.
+            // If the queue is full, no requester waits for this frame.
             let _ = passing.try_send(*frame);
         }
     }
 
-    /// How often a frame found the queue full, since the beginning.
+    /// Returns how often a frame found the queue full since the start.
     pub fn full(&self) -> u64 {
         let inner = self.inner();
         inner.full + inner.socket.as_ref().map_or(0, |socket| socket.full())
     }
 
-    /// Frames lost because they were not taken fast enough, since the beginning.
+    /// Returns the number of frames lost since the start, because they were not read fast enough.
     pub fn lost(&self) -> u64 {
         let inner = self.inner();
         inner.lost + inner.socket.as_ref().map_or(0, |socket| socket.lost())
     }
 
-    /// Whoever asks from now on.
+    /// Registers a new requester, which replaces the one before.
     pub(super) fn ask(&self) -> mpsc::Receiver<Frame> {
         let (sender, receiver) = mpsc::channel(UNREAD);
         self.inner().passing = Some(sender);
@@ -149,14 +149,14 @@ impl Link {
         act(&mut self.inner().images)
     }
 
-    /// Nothing behind this lock is left half done by a panic.
+    /// Locks the state. A panic of another thread leaves it consistent.
     fn inner(&self) -> MutexGuard<'_, Inner> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl Inner {
-    /// Keeps the counts of a socket that is not to be kept.
+    /// Adds the counts of the present socket, unless `kept` is the same socket.
     fn give_up(&mut self, kept: Option<&Arc<Socket>>) {
         let is_kept = |socket: &&Arc<Socket>| kept.is_some_and(|kept| Arc::ptr_eq(kept, socket));
         if let Some(socket) = self.socket.as_ref().filter(|socket| !is_kept(socket)) {

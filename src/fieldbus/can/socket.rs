@@ -1,15 +1,17 @@
-//! Frames through a raw socket of the kernel.
+//! Raw CAN sockets of the kernel.
 //!
-//! Four traps, each measured on a real kernel:
+//! Four properties, each measured on a real kernel:
 //!
-//! - A read that waits for frames never learns that the interface went down: the socket's error is waited for as well.
-//! - Going down leaves one error behind that the next call gets, even after the interface is up again: a write tries twice.
-//! - A full queue says so at once (`ENOBUFS`) and never that there is room again: the write pauses and is repeated.
-//! - The receive buffer holds 278 frames, and what comes then is lost without a word: it is made larger, and losses are
-//!   counted.
+//! - A read that waits for frames does not report that the interface went down. [`Socket::ready`] therefore also waits
+//!   for the error state of the socket.
+//! - After the interface went down, the next call gets one old error, even if the interface is up again. A write is
+//!   therefore tried twice.
+//! - A full queue is reported at once (`ENOBUFS`), but free room is never reported. The caller pauses and tries again.
+//! - The default receive buffer holds 278 frames. Later frames are lost without an error. The socket enlarges the
+//!   buffer, and counts losses.
 //!
-//! A socket hears its own frames only where it is told to ([`Socket::hears_itself`]). Where the interface was deleted it is of no use any more, also when there is one
-//! of that name again: open another.
+//! A socket receives its own frames only after [`Socket::hears_itself`]. If the interface was removed, the socket is
+//! unusable, even if a new interface has the same name: open another socket.
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
@@ -26,26 +28,26 @@ use super::trouble::Trouble;
 use crate::fieldbus::error::{CanFault, Fault, LinkFault};
 use isotherm_core::codec::{CanId, CanMatch, Frame};
 
-/// Bytes of the receive buffer, which the kernel doubles: 10 923 frames by Linux 6.1, 9363 by 6.12, more than half a second
-/// of the fullest bus.
+/// Size of the receive buffer in bytes, which the kernel doubles. It holds 10 923 frames on Linux 6.1 and 9363 on 6.12:
+/// more than half a second of traffic at full load.
 const BUFFER: libc::c_int = 4 << 20;
-/// Filters that the kernel takes.
+/// Maximum number of filters that the kernel accepts.
 const MOST_FILTERS: usize = 512;
-/// Frames, and the error that tells that the interface went down.
+/// Readiness for frames, and for the error that reports an interface that went down.
 const READING: Interest = Interest::READABLE.add(Interest::ERROR);
-/// Arbitration is lost all the time on a bus that is well.
+/// Error classes to receive. Lost arbitration is normal on a healthy bus.
 const TROUBLES: u32 = libc::CAN_ERR_MASK & !libc::CAN_ERR_LOSTARB;
 
-/// What came.
+/// Received frame.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Heard {
     /// A frame with data.
     Frame(Frame),
-    /// The controller says that something is wrong on the bus.
+    /// Error frame: the controller reports a problem on the bus.
     Trouble(Trouble),
 }
 
-/// An open socket on one interface.
+/// Open socket on one interface.
 #[derive(Debug)]
 pub struct Socket {
     fd: AsyncFd<CanFdSocket>,
@@ -53,11 +55,11 @@ pub struct Socket {
 }
 
 impl Socket {
-    /// On the interface of this name, which may be down; only frames that are wanted are let through by the
-    /// kernel, and error frames.
+    /// Opens a socket on the interface of this name, which may be down. The kernel passes only the wanted frames and
+    /// error frames.
     ///
     /// # Errors
-    /// No such interface, one that is not CAN, a kernel without CAN.
+    /// There is no such interface, it is not a CAN interface, the kernel has no CAN, or access is denied.
     pub fn open(interface: &str, wanted: &[CanMatch]) -> Result<Socket, Fault> {
         let address = CanAddr::from_iface(interface).map_err(|_| fault(CanFault::NoInterface))?;
         let socket = CanFdSocket::open_addr(&address).map_err(|error| match error.raw_os_error() {
@@ -70,29 +72,31 @@ impl Socket {
         Ok(Socket { fd, full: AtomicU64::new(0) })
     }
 
-    /// Hears its own frames too, where they are wanted: each in its place among the others, once it has gone out.
+    /// Makes the socket receive its own frames too, if they are wanted. Each arrives after it was on the bus, in the
+    /// order of the bus.
     ///
     /// # Errors
-    /// The kernel refuses it.
+    /// The kernel refuses the option.
     pub fn hears_itself(self) -> Result<Socket, Fault> {
         self.fd.get_ref().set_recv_own_msgs(true).map_err(|error| judge(&error))?;
         Ok(self)
     }
 
-    /// Until something has come since this was last asked. Whoever waits so calls [`Socket::hear_now`] until there is
-    /// nothing more, else what is left is waited for in vain.
+    /// Waits until something has arrived since the last call. The caller must then call [`Socket::hear_now`] until it
+    /// returns `None`. Otherwise nothing reports the remaining frames.
     pub async fn ready(&self) {
-        // Where the runtime ends, so does whoever waits.
+        // An error means that the runtime ends, and the caller with it.
         if let Ok(mut guard) = self.fd.ready(READING).await {
-            // Before the reads, not after them: what comes between the two is told anew.
+            // Clear before the reads, not after them: a frame that arrives in between is then reported again.
             guard.clear_ready();
         }
     }
 
-    /// The next frame, if it has come.
+    /// Returns the next frame, if one has arrived.
     ///
     /// # Errors
-    /// Down, once for each time the interface goes down: the socket hears again as soon as it is up. Gone: open another.
+    /// Down: reported once for each time that the interface goes down; the socket receives again when it is up. Gone:
+    /// open another socket.
     pub fn hear_now(&self) -> Result<Option<Heard>, Fault> {
         loop {
             match self.fd.get_ref().read_frame() {
@@ -107,19 +111,19 @@ impl Socket {
         }
     }
 
-    /// Puts a frame into the interface's queue, where it has room now.
+    /// Puts a frame into the queue of the interface, if the queue has room now.
     ///
     /// # Errors
-    /// Down, gone, full, a frame of more than 8 bytes on an interface without CAN FD.
+    /// The interface is down or gone, the queue is full, or the frame has more than 8 bytes without CAN FD.
     pub fn send_now(&self, frame: &Frame) -> Result<(), Fault> {
         self.write(&packed(frame).ok_or(fault(CanFault::TooLong))?)
     }
 
-    /// As [`Socket::send_now`], an error frame of this class, as a controller gives to its own computer: on a virtual
-    /// interface the others hear it.
+    /// Sends an error frame of this class, as a controller reports it to its own computer. On a virtual interface the
+    /// other sockets receive it.
     ///
     /// # Errors
-    /// As [`Socket::send_now`].
+    /// Same as for [`Socket::send_now`].
     pub fn send_error_now(&self, class: u32, data: &[u8; 8]) -> Result<(), Fault> {
         let frame = CanErrorFrame::new_error(class, data).map_err(|_| fault(CanFault::TooLong))?;
         self.write(&CanAnyFrame::Error(frame))
@@ -128,7 +132,7 @@ impl Socket {
     fn write(&self, packed: &CanAnyFrame) -> Result<(), Fault> {
         let socket = self.fd.get_ref();
         let written = match socket.write_frame(packed) {
-            // What was left behind by the last time it was down.
+            // An old error from the last time that the interface was down.
             Err(error) if error.raw_os_error() == Some(libc::ENETDOWN) => socket.write_frame(packed),
             written => written,
         };
@@ -141,14 +145,15 @@ impl Socket {
         })
     }
 
-    /// How often a frame found the queue full, since it was opened.
+    /// Returns how often a frame found the queue full since the socket was opened.
     pub fn full(&self) -> u64 {
         self.full.load(Ordering::Relaxed)
     }
 
-    /// Frames that were lost because they were not taken fast enough, since it was opened; 0 where the kernel does not say.
+    /// Returns the number of frames lost since the socket was opened, because they were not read fast enough. Returns 0
+    /// if the kernel does not count them.
     pub fn lost(&self) -> u64 {
-        // Nine numbers, the last of them the losses (linux/sock_diag.h).
+        // The kernel returns nine numbers; the last one counts losses (linux/sock_diag.h).
         let mut numbers = [0; 36];
         let socket = self.fd.get_ref();
         match socket.get_socket_option_bytes(libc::SOL_SOCKET, libc::SO_MEMINFO, &mut numbers) {
@@ -185,13 +190,14 @@ fn set(socket: &CanFdSocket, wanted: &[CanMatch]) -> io::Result<()> {
         socket.set_filters(&wanted.iter().map(filter).collect::<Vec<_>>())?;
     }
     socket.set_error_filter(TROUBLES)?;
-    // Beyond the system's limit where we may, else up to it.
+    // Exceed the system's limit if permitted, else use up to the limit.
     socket
         .set_socket_option_int(libc::SOL_SOCKET, libc::SO_RCVBUFFORCE, BUFFER)
         .or_else(|_| socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RCVBUF, BUFFER))
 }
 
-/// The same number with the other length is another identifier, and a frame that asks for data has none.
+/// Returns the kernel filter of a match. The same number with the other identifier length does not match, and neither
+/// do remote frames, because they carry no data.
 fn filter(wanted: &CanMatch) -> CanFilter {
     let length = if wanted.id.is_extended() { libc::CAN_EFF_FLAG } else { 0 };
     CanFilter::new(wanted.id.raw() | length, wanted.mask | libc::CAN_EFF_FLAG | libc::CAN_RTR_FLAG)
@@ -228,9 +234,9 @@ fn judge(error: &io::Error) -> Fault {
     fault(match error.raw_os_error() {
         Some(libc::ENETDOWN) => CanFault::Down,
         Some(libc::ENOBUFS) => CanFault::Full,
-        // The socket's own buffer.
+        // The send buffer of the socket is full.
         _ if error.kind() == io::ErrorKind::WouldBlock => CanFault::Full,
-        // A frame that the interface cannot carry.
+        // The interface cannot carry this frame.
         Some(libc::EINVAL | libc::EMSGSIZE) => CanFault::TooLong,
         Some(libc::EPERM | libc::EACCES) => CanFault::Forbidden,
         _ => CanFault::NoInterface,

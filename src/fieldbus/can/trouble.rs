@@ -1,4 +1,4 @@
-//! What a CAN controller says in its error frames, in words that name what to look at.
+//! Error frames of a CAN controller as text, with advice on what to check.
 
 use std::fmt;
 
@@ -9,16 +9,16 @@ use socketcan::{CanError, CanErrorFrame};
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trouble(CanError);
 
-/// How much an error frame matters.
+/// Severity of an error frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Gravity {
-    /// The controller is back on the bus, or well again.
+    /// The controller has recovered, or only reports its error counters.
     Over,
-    /// A frame went wrong and is repeated by the controller.
+    /// A frame failed, and the controller repeats it.
     Error,
-    /// So many did that the controller is near to giving up.
+    /// Many frames failed: the controller is error-passive.
     Passive,
-    /// It has taken itself off the bus: nothing is sent or received.
+    /// The controller has disconnected itself from the bus: it sends and receives nothing.
     BusOff,
 }
 
@@ -27,13 +27,13 @@ impl Trouble {
         Trouble(frame.into_error())
     }
 
-    /// One with nothing but its class.
+    /// Returns an error frame with a class and no details.
     #[cfg(test)]
     pub(crate) fn from_class(class: u32) -> Trouble {
         Trouble::of(CanErrorFrame::new_error(class, &[0; 8]).unwrap())
     }
 
-    /// How much it matters.
+    /// Returns the severity.
     pub fn gravity(&self) -> Gravity {
         let gravity = |cause: &ErrorCause| match cause {
             ErrorCause::BusOff => Gravity::BusOff,
@@ -53,7 +53,7 @@ const PASSIVE: ControllerProblems = ControllerProblems::RX_PASSIVE.union(Control
 
 impl fmt::Display for Trouble {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // The numbers beside another cause say nothing to a person.
+        // Counters next to another cause do not help the user.
         let is_told = |cause: &&ErrorCause| !matches!(cause, ErrorCause::Counters { .. });
         let mut causes = self.0.causes().filter(is_told);
         let Some(first) = causes.next() else { return f.write_str("errors counted by the controller") };

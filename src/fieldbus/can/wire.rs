@@ -1,4 +1,4 @@
-//! A CAN interface as a line: objects are read and written by SDO, process data is written in frames.
+//! CAN interface as a line: SDO reads and writes objects, and frames carry process data.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,7 +16,7 @@ use crate::fieldbus::trace::Tap;
 use crate::fieldbus::wire::{Answer, Boxed, CanRequest, Ending, Request, Wire};
 use isotherm_core::codec::Frame;
 
-/// Opens the line of an interface that somebody listens to.
+/// Opens the line of an interface whose frames another task receives.
 #[derive(Debug)]
 pub struct CanDial {
     link: Arc<Link>,
@@ -24,7 +24,7 @@ pub struct CanDial {
 }
 
 impl CanDial {
-    /// On this interface; a full queue is given half of the line's timeout.
+    /// Returns a dial for this interface. A frame may wait for room in a full queue for half of `timeout`.
     pub fn new(link: Arc<Link>, timeout: Duration) -> CanDial {
         CanDial { link, timeout }
     }
@@ -47,16 +47,16 @@ impl Dial for CanDial {
     }
 }
 
-/// A full queue never says that there is room again.
+/// Pause between two attempts to send. The kernel does not report when a full queue has room again.
 const PAUSE: Duration = Duration::from_millis(1);
 
 struct CanWire {
     link: Arc<Link>,
     socket: Arc<Socket>,
-    /// Answers, and our own questions, in the order of the bus.
+    /// Answers and the gateway's own requests, in the order of the bus.
     passing: mpsc::Receiver<Frame>,
     patience: Duration,
-    /// The node whose answer is awaited.
+    /// Node that has to answer.
     asked: Option<NodeId>,
     tap: Tap,
 }
@@ -92,7 +92,8 @@ impl Wire for CanWire {
                     self.transfer(node, first, departure).await.map(|_| Answer::Done)
                 }
                 CanRequest::Send { id, bits, values } => {
-                    // What does not leave must not leave with another value of the same frame either.
+                    // A value that may not be sent now must not be sent later with another value of the same frame
+                    // either.
                     departure.leave()?;
                     let frame = self.link.images(|images| images.put(id, bits, values))?;
                     self.send(&frame, Some(departure)).await.map(|()| Answer::Done)
@@ -101,7 +102,7 @@ impl Wire for CanWire {
         })
     }
 
-    /// The listener of the interface notices which nodes come and go.
+    /// Keeps the connection: the task that receives frames detects nodes that come and go.
     fn ending(&mut self) -> Ending {
         Ending::Kept
     }
@@ -109,7 +110,7 @@ impl Wire for CanWire {
     fn missed(&mut self) -> Fault {
         let given_up = self.asked.take().and_then(|node| self.link.client(node, Client::timed_out));
         if let Some(abort) = given_up {
-            // Where it does not leave the house, the next transfer settles the matter.
+            // If the abort cannot be sent, the next transfer first waits until no old answer is under way.
             let _ = self.socket.send_now(&abort);
         }
         Fault::Timeout
@@ -117,8 +118,8 @@ impl Wire for CanWire {
 }
 
 impl CanWire {
-    /// What has come before the question answers an older one, or none: whatever else of that kind is under way must not be
-    /// taken for the answer to this one.
+    /// Discards frames that arrived before the request. They answer an older request, or none. The client then expects
+    /// that more such frames may be under way.
     fn discard_unasked(&mut self, node: NodeId) {
         while let Ok(passed) = self.passing.try_recv() {
             self.show(&passed);
@@ -126,8 +127,8 @@ impl CanWire {
         }
     }
 
-    /// Sends a frame of a transfer and waits until it has passed. What passes before it came before it, wherever in the
-    /// computer it waited meanwhile, and answers nothing.
+    /// Sends a frame of a transfer, and waits until it was on the bus. A frame that arrives before it was on the bus
+    /// earlier, however long this computer kept it, and answers nothing.
     async fn ask(
         &mut self,
         node: NodeId,
@@ -150,14 +151,14 @@ impl CanWire {
         Ok(passed)
     }
 
-    /// What is asked was shown when it was sent.
+    /// Writes an answer to the log. Requests were logged when they were sent.
     fn show(&self, passed: &Frame) {
         if NodeId::sender(passed, ANSWER).is_some() {
             self.tap.pass(passed.data(), false);
         }
     }
 
-    /// One object, one frame at a time. `None`: it was written.
+    /// Transfers one object, frame by frame. Returns `None` if the object was written.
     async fn transfer(
         &mut self,
         node: NodeId,
@@ -175,7 +176,7 @@ impl CanWire {
             };
             match progress {
                 Progress::Send(next) => self.ask(node, &next, None).await?,
-                // Only now does the question itself leave, if it still may.
+                // Only now is the actual request sent, if it is not too late for it.
                 Progress::Begin(first) => {
                     departure.leave()?;
                     self.ask(node, &first, Some(departure)).await?;
@@ -194,8 +195,8 @@ impl CanWire {
         end
     }
 
-    /// Puts a frame into the interface's queue; a full one is given its time, in which the question that begins with the
-    /// frame, where one does, may become too late.
+    /// Sends a frame through the queue of the interface. It waits a limited time for room in a full queue. A request
+    /// that begins with this frame may become too late meanwhile.
     async fn send(&self, frame: &Frame, mut departure: Option<&mut Departure>) -> Result<(), Fault> {
         self.tap.pass(frame.data(), true);
         let mut pauses = self.patience.as_millis() / PAUSE.as_millis();

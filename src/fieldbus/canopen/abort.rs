@@ -1,30 +1,30 @@
-//! Why a device refuses an SDO transfer, in words.
+//! Reasons for which a device aborts an SDO transfer, as text.
 
 use std::fmt;
 
-/// The 32-bit code of an SDO abort.
+/// 32-bit code of an SDO abort.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct AbortCode(pub u32);
 
 impl AbortCode {
     /// The toggle bit did not alternate.
     pub const TOGGLE: AbortCode = AbortCode(0x0503_0000);
-    /// No answer in time.
+    /// The answer did not arrive in time.
     pub const TIMED_OUT: AbortCode = AbortCode(0x0504_0000);
-    /// A command that does not exist.
+    /// The command does not exist.
     pub const COMMAND: AbortCode = AbortCode(0x0504_0001);
-    /// More data than there is room for.
+    /// The data is larger than the available memory.
     pub const MEMORY: AbortCode = AbortCode(0x0504_0005);
-    /// The object is only to be read.
+    /// The object can only be read.
     pub const READ_ONLY: AbortCode = AbortCode(0x0601_0002);
-    /// There is no such object.
+    /// The object does not exist.
     pub const NO_OBJECT: AbortCode = AbortCode(0x0602_0000);
-    /// The length of the data is not the object's.
+    /// The length of the data differs from the length of the object.
     pub const LENGTH: AbortCode = AbortCode(0x0607_0010);
-    /// There is no such sub-index.
+    /// The sub-index does not exist.
     pub const NO_SUB_INDEX: AbortCode = AbortCode(0x0609_0011);
 
-    /// What CiA 301 says of it; a code of the maker's own has no words there.
+    /// Returns the text of CiA 301. Codes of manufacturers have no text there.
     const fn message(self) -> &'static str {
         match self.0 {
             0x0503_0000 => "the toggle bit did not alternate",

@@ -1,30 +1,30 @@
-//! What a node complains of: EMCY messages.
+//! Emergency messages (EMCY) of a node.
 
 use std::fmt;
 
 use super::NodeId;
 use isotherm_core::codec::Frame;
 
-/// The identifiers on which emergencies come: this and the node's number.
+/// First identifier of emergency messages, to which the node's number is added.
 pub const SERVICE: u16 = 0x080;
 
 /// One emergency message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Emergency {
-    /// What is wrong; 0x00xx: it is over.
+    /// Error code; 0x00xx: the error is over.
     pub code: u16,
-    /// What kinds of errors stand in the device at all (object 1001h).
+    /// Kinds of present errors in the device (object 1001h).
     pub register: ErrorRegister,
-    /// The maker's own five bytes; those that were not sent are zero.
+    /// Five bytes of the manufacturer; bytes that were not sent are zero.
     pub detail: [u8; 5],
 }
 
-/// Object 1001h: a bit for each kind of error that stands.
+/// Object 1001h: one bit for each kind of present error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct ErrorRegister(pub u8);
 
 impl Emergency {
-    /// The node and what it says; `None` where the frame is no emergency, or too short for code and register.
+    /// Returns the node and its message; `None` if the frame is no emergency, or too short for code and register.
     pub fn of(frame: &Frame) -> Option<(NodeId, Emergency)> {
         let node = NodeId::sender(frame, SERVICE)?;
         let [low, high, register, rest @ ..] = frame.data() else { return None };
@@ -34,13 +34,13 @@ impl Emergency {
         Some((node, Emergency { code, register: ErrorRegister(*register), detail }))
     }
 
-    /// The error that was told before is over.
+    /// Returns whether the message reports that an earlier error is over.
     pub const fn is_over(self) -> bool {
         self.code >> 8 == 0
     }
 }
 
-/// Without the words of its code, which are the device's.
+/// Code, register and details. The text of the code is not included, because it depends on the device.
 impl fmt::Display for Emergency {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:04X}h", self.code)?;
@@ -56,7 +56,7 @@ impl fmt::Display for Emergency {
 }
 
 impl ErrorRegister {
-    /// The kinds of error that stand.
+    /// Returns the kinds of present errors.
     pub fn kinds(self) -> impl Iterator<Item = &'static str> {
         const KINDS: [&str; 8] = [
             "generic",

@@ -1,11 +1,11 @@
-//! The master of an interface: its nodes are started after every boot-up and missed when they fall silent, and SYNC is
-//! sent in its time.
+//! Master of an interface. It starts its nodes after every boot-up, detects missing heartbeats, and sends SYNC on time.
 //!
-//! A node that resets falls back to pre-operational and sends nothing until it is started again; and one that was never
-//! heard of is as lost as one that is heard of no more. A node that somebody else has stopped is not fought for.
+//! A node that resets returns to pre-operational, and sends nothing until it is started again. A node that was never
+//! detected counts as lost like one that fell silent. The master does not restart a node that another master has
+//! stopped.
 //!
-//! Give every frame of [`Master::identifiers`] to [`Master::take`], and call [`Master::tick`] at once and whenever
-//! [`Master::due`] has come.
+//! Pass every frame of [`Master::identifiers`] to [`Master::take`]. Call [`Master::tick`] at once, and whenever
+//! [`Master::due`] is reached.
 
 use std::fmt;
 use std::time::Duration;
@@ -18,64 +18,64 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::Sync;
 use isotherm_profile::duration_text;
 
-/// How a node is led.
+/// Supervision settings of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Care {
-    /// Lost when nothing has been heard of it for so long; `None`: it is not missed.
+    /// Heartbeat timeout, after which the node counts as lost; `None`: it is not supervised.
     pub heartbeat: Option<Duration>,
-    /// When it is started.
+    /// Condition on which the master starts the node.
     pub start: Start,
 }
 
-/// When a node is started.
+/// Condition on which the master starts a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Start {
-    /// Never: it starts by itself, or another master starts it.
+    /// Never: the node starts by itself, or another master starts it.
     Never,
-    /// At the beginning and after every boot-up.
+    /// At the beginning, and after every boot-up.
     AtOnce,
-    /// Likewise, but not before its setup list is written: whenever [`Master::set_up`] is called.
+    /// After its setup list is written: whenever [`Master::set_up`] is called.
     WhenSetUp,
 }
 
-/// What the master does, in its order.
+/// Output of the master, in order.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Output {
-    /// A frame to be sent.
+    /// Frame to send.
     Send(Frame),
-    /// Something to be told.
+    /// Event to report.
     Tell(NodeId, NodeEvent),
 }
 
-/// What happens to a node.
+/// Event of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NodeEvent {
-    /// It has come up. Whatever was set up in it is as after power-on.
+    /// The node has booted. Its settings are those after power-on.
     BootedUp {
-        /// It was heard of before: it has been reset.
+        /// Whether the node was detected before, so that this is a reset.
         again: bool,
     },
-    /// It was operational, and has gone back to pre-operational by itself.
+    /// The node was operational, and returned to pre-operational by itself.
     FellBack,
-    /// Somebody has stopped it.
+    /// Another master has stopped the node.
     Stopped,
-    /// Nothing was heard of it for so long.
+    /// No heartbeat arrived within the timeout.
     Lost {
-        /// Not since the beginning either.
+        /// Whether no heartbeat has arrived since the start.
         never_seen: bool,
-        /// The patience that is at an end.
+        /// Timeout that has expired.
         after: Duration,
     },
-    /// It was lost and is heard of again.
+    /// The node was lost, and its heartbeat is present again.
     Back {
-        /// For so long.
+        /// Time without a heartbeat.
         after: Duration,
     },
-    /// It complains of something.
+    /// The node sent an emergency message.
     Emergency(Emergency),
 }
 
-/// The nodes of an interface.
+/// Master with the nodes of one interface.
 #[derive(Clone, Debug)]
 pub struct Master {
     nodes: Vec<Node>,
@@ -87,16 +87,16 @@ struct Node {
     id: NodeId,
     care: Care,
     state: Option<NodeState>,
-    /// When it was heard of last; before the first time, when listening began.
+    /// Time of the last heartbeat; before the first one, the start of listening.
     heard: Moment,
     was_heard: bool,
     is_lost: bool,
-    /// It was told to start since its last boot-up.
+    /// Whether a start command was sent since the last boot-up.
     is_started: bool,
 }
 
 impl Master {
-    /// A master that begins to listen now.
+    /// Returns a master that begins to listen at `now`.
     pub fn new(nodes: impl IntoIterator<Item = (NodeId, Care)>, sync: Option<Sync>, now: Moment) -> Master {
         let nodes = nodes.into_iter().map(|(id, care)| Node {
             id,
@@ -110,18 +110,18 @@ impl Master {
         Master { nodes: nodes.collect(), sync: sync.map(|sync| (sync, now)) }
     }
 
-    /// What it has to hear: the heartbeats and the emergencies of its nodes.
+    /// Returns the identifiers to receive: heartbeats and emergency messages of the nodes.
     pub fn identifiers(&self) -> impl Iterator<Item = CanId> {
         let both = |node: &Node| [node.id.identifier(emergency::SERVICE), node.id.identifier(HEARTBEAT)];
         self.nodes.iter().flat_map(both)
     }
 
-    /// Nothing was heard of it within its patience.
+    /// Returns whether the heartbeat timeout of a node has expired.
     pub fn is_lost(&self, id: NodeId) -> bool {
         self.nodes.iter().any(|node| node.id == id && node.is_lost)
     }
 
-    /// Takes a frame; one that is none of its own changes nothing.
+    /// Processes a frame. Frames of other nodes or services change nothing.
     pub fn take(&mut self, frame: &Frame, now: Moment, outputs: &mut Vec<Output>) {
         if let Some((id, state)) = NodeState::of(frame) {
             self.with(id, |node| {
@@ -133,7 +133,7 @@ impl Master {
         }
     }
 
-    /// Lets time pass: starts the nodes, misses those that are silent, sends SYNC.
+    /// Advances the time: starts nodes, checks heartbeat timeouts, sends SYNC.
     pub fn tick(&mut self, now: Moment, outputs: &mut Vec<Output>) {
         for node in &mut self.nodes {
             if node.care.start == Start::AtOnce && !node.is_started {
@@ -156,13 +156,14 @@ impl Master {
         }
     }
 
-    /// When it has something to do at the latest.
+    /// Returns the latest moment at which [`Master::tick`] must be called.
     pub fn due(&self) -> Option<Moment> {
         let sync = self.sync.map(|(_, due)| due);
         self.nodes.iter().filter_map(Node::due).chain(sync).min()
     }
 
-    /// The setup list of a node is written: it is started.
+    /// Reports that the setup list of a node is written. The master then starts the node, if its condition is
+    /// [`Start::WhenSetUp`].
     pub fn set_up(&mut self, id: NodeId, outputs: &mut Vec<Output>) {
         self.with(id, |node| {
             if node.care.start == Start::WhenSetUp {
@@ -206,7 +207,7 @@ impl Node {
                 outputs.push(Output::Tell(self.id, NodeEvent::FellBack));
                 self.start_at_once(outputs);
             }
-            // The command to start was lost, or came while the node was not listening.
+            // The start command was lost, or the node was not ready to receive it.
             NodeState::PreOperational if self.is_started => self.start(outputs),
             NodeState::Stopped if before != Some(NodeState::Stopped) => {
                 outputs.push(Output::Tell(self.id, NodeEvent::Stopped));

@@ -1,34 +1,34 @@
-//! What a node says of itself, and the command that starts it.
+//! Boot-up and heartbeat of a node, and the command that starts it.
 
 use std::fmt;
 
 use super::NodeId;
 use isotherm_core::codec::{CanId, Frame};
 
-/// The identifiers of boot-up and heartbeat: this and the node's number.
+/// First identifier of boot-up and heartbeat, to which the node's number is added.
 pub const HEARTBEAT: u16 = 0x700;
 
-/// The identifier of NMT commands.
+/// Identifier of NMT commands.
 const NMT: u16 = 0x000;
 
-/// The state that a heartbeat tells.
+/// State of a node in its heartbeat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum NodeState {
-    /// It has just come up, and goes on to pre-operational by itself.
+    /// The node has just booted, and continues to pre-operational by itself.
     BootedUp,
-    /// Silent but for its heartbeat: neither PDO nor SDO.
+    /// The node sends only its heartbeat: neither PDO nor SDO.
     Stopped,
-    /// Everything.
+    /// The node supports all services.
     Operational,
-    /// SDO, but no PDO.
+    /// The node supports SDO, but no PDO.
     PreOperational,
-    /// None that CiA 301 knows.
+    /// State that CiA 301 does not define.
     Unknown(u8),
 }
 
 impl NodeState {
-    /// The node and its state; `None` where the frame is no heartbeat. The top bit, which alternates where nodes are
-    /// guarded, is no part of the state.
+    /// Returns the node and its state; `None` if the frame is no heartbeat. The top bit is not part of the state: it
+    /// alternates if nodes are guarded.
     pub fn of(frame: &Frame) -> Option<(NodeId, NodeState)> {
         let node = NodeId::sender(frame, HEARTBEAT)?;
         let state = match frame.data().first()? & 0x7f {
@@ -54,7 +54,7 @@ impl fmt::Display for NodeState {
     }
 }
 
-/// The NMT command by which a node becomes operational.
+/// Returns the NMT command that makes a node operational.
 pub fn start(node: NodeId) -> Frame {
     Frame::short(CanId::of_11_bits(NMT), [0x01, node.get()])
 }

@@ -1,10 +1,10 @@
-//! The SDO client: one entry of a node's object dictionary read or written, a frame at a time.
+//! SDO client: reads or writes one entry of a node's object dictionary, frame by frame.
 //!
-//! The caller sends the frames that come out, gives the frames of [`Client::answers`] in, and says when an answer has
-//! not come in time. Nothing in an SDO tells one transfer from another but index and sub-index, and its segments do not
-//! tell even those. So a frame that cannot be the awaited answer is left alone, and after a transfer that ended without
-//! its last answer the client first asks for the device type (1000:00): a node answers in order, so with that answer
-//! nothing of the older transfer is under way any more, and no late answer is taken for the next one's.
+//! The caller sends the returned frames, passes in the frames of [`Client::answers`], and reports a timeout. Only index
+//! and sub-index distinguish SDO transfers, and segments do not contain even those. The client therefore ignores a
+//! frame that cannot be the expected answer. After a transfer that ended without its last answer, the client first
+//! reads an entry that every node has. A node answers in order. When that answer arrives, no answer to an older
+//! transfer is under way, and none can be taken for the answer to the next one.
 //!
 //! ```text
 //! read    40 index sub ─► ◄─ 43 index sub data                                     at most 4 bytes: expedited
@@ -18,42 +18,42 @@ use super::abort::AbortCode;
 use crate::fieldbus::error::{Fault, PeerFault};
 use isotherm_core::codec::{CanId, Entry, Frame};
 
-/// The identifiers of requests: this and the node's number.
+/// First identifier of requests, to which the node's number is added.
 pub const REQUEST: u16 = 0x600;
-/// The identifiers of answers: this and the node's number.
+/// First identifier of answers, to which the node's number is added.
 pub const ANSWER: u16 = 0x580;
 
-/// What passes of the transfers with a node: requests and answers.
+/// Returns the identifiers of the transfers with a node: requests and answers.
 pub fn identifiers(node: NodeId) -> [CanId; 2] {
     [node.identifier(REQUEST), node.identifier(ANSWER)]
 }
 
-/// The most bytes that are read: more than any value or name has.
+/// Maximum number of bytes of an entry that is read: more than any value or name has.
 pub const LONGEST: usize = 4096;
 
-/// What is asked for, in turn, after a transfer that ended without its last answer: what CiA 301 has in every node. One
-/// question alone would not do: its own late answer would be taken for that to the next one.
+/// Entries that the client reads in turn after a transfer without its last answer. CiA 301 requires them in every node.
+/// One entry alone is not enough: its own late answer would be taken for the answer to the next read.
 const SETTLERS: [Entry; 4] =
     [Entry::new(0x1000, 0), Entry::new(0x1001, 0), Entry::new(0x1018, 0), Entry::new(0x1018, 1)];
 
-/// One node's client. One transfer at a time.
+/// SDO client of one node, for one transfer at a time.
 #[derive(Clone, Debug)]
 pub struct Client {
     node: NodeId,
-    /// The transfer that is under way.
+    /// Transfer in progress.
     transfer: Option<Transfer>,
-    /// An answer to an older transfer may still be under way.
+    /// Whether an answer to an older transfer may still be under way.
     is_unsettled: bool,
-    /// What is begun as soon as that is no longer so.
+    /// Transfer that begins when no such answer can be under way any more.
     postponed: Option<Job>,
-    /// The question that is asked next to find out.
+    /// Index of the next entry of [`SETTLERS`] to read.
     settler: usize,
 }
 
 #[derive(Clone, Debug)]
 struct Job {
     entry: Entry,
-    /// What is written; `None`: it is read.
+    /// Bytes to write; `None` for a read.
     data: Option<Vec<u8>>,
 }
 
@@ -65,30 +65,30 @@ struct Transfer {
 
 #[derive(Clone, Debug)]
 enum Stage {
-    /// The first request is under way.
+    /// The first request was sent.
     Opening,
-    /// Segments come in; the next one has this toggle bit.
+    /// Segments are being received; the next one has this toggle bit.
     Reading { length: Option<usize>, bytes: Vec<u8>, toggle: bool },
-    /// Segments go out; the one under way has this toggle bit, and so many bytes are gone with it.
+    /// Segments are being sent. The last one has this toggle bit; `sent` bytes were sent so far, including its own.
     Writing { sent: usize, toggle: bool },
 }
 
-/// What follows from an answer.
+/// Result of an answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Progress {
-    /// Send it, and wait for the next answer.
+    /// Frame to send before the next answer.
     Send(Frame),
-    /// Nothing older is under way any more: with this frame begins what was asked for.
+    /// First frame of the requested transfer: no older answer is under way any more.
     Begin(Frame),
-    /// The entry has been read.
+    /// The entry was read.
     Read(Data),
-    /// The entry has been written.
+    /// The entry was written.
     Written,
-    /// It came to nothing. The frame, where there is one, is to be sent: it ends the transfer at the node too.
+    /// The transfer failed. The frame, if any, must be sent: it aborts the transfer at the node.
     Failed(Fault, Option<Frame>),
 }
 
-/// What an entry reads.
+/// Data of an entry.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Data {
     bytes: Vec<u8>,
@@ -96,28 +96,28 @@ pub struct Data {
 }
 
 impl Client {
-    /// A client of this node, by its standard identifiers.
+    /// Returns a client of this node with its default identifiers.
     pub fn new(node: NodeId) -> Client {
         Client { node, transfer: None, is_unsettled: false, postponed: None, settler: 0 }
     }
 
-    /// The identifier on which its answers come.
+    /// Returns the identifier of the node's answers.
     pub fn answers(&self) -> CanId {
         self.node.identifier(ANSWER)
     }
 
-    /// Begins to read an entry. Gives the first frame to be sent. A transfer that is under way is given up.
+    /// Begins to read an entry, and returns the first frame to send. A transfer in progress is abandoned.
     pub fn read(&mut self, entry: Entry) -> Frame {
         self.begin(Job { entry, data: None })
     }
 
-    /// Begins to write an entry: its bytes, lowest first. Gives the first frame to be sent. A transfer that is under
-    /// way is given up.
+    /// Begins to write an entry, and returns the first frame to send. `data` has the lowest byte first. A transfer in
+    /// progress is abandoned.
     pub fn write(&mut self, entry: Entry, data: &[u8]) -> Frame {
         self.begin(Job { entry, data: Some(data.to_vec()) })
     }
 
-    /// Takes a frame. `None`: it is not the awaited answer, and the wait goes on.
+    /// Processes a frame. Returns `None` if it is not the expected answer; the client then waits on.
     pub fn take(&mut self, frame: &Frame) -> Option<Progress> {
         if frame.id() != self.answers() {
             return None;
@@ -128,7 +128,7 @@ impl Client {
         let is_ours = Entry::new(u16::from_le_bytes([low, high]), sub) == job.entry;
         let toggled = command & 0x10 != 0;
         match (command >> 5, stage, &job.data) {
-            // A refusal is the last answer of its transfer.
+            // An abort is the last answer of its transfer.
             (4, ..) if is_ours => {
                 let refused = Fault::Aborted(AbortCode(u32::from_le_bytes(rest)));
                 Some(self.ended(Progress::Failed(refused, None)))
@@ -179,8 +179,8 @@ impl Client {
         }
     }
 
-    /// The awaited answer has not come in time. Gives what is to be sent, so that the node gives up too; `None` where
-    /// nothing is awaited.
+    /// Records that the expected answer did not arrive in time. Returns the abort to send to the node; `None` if no
+    /// answer was expected.
     pub fn timed_out(&mut self) -> Option<Frame> {
         self.postponed = None;
         let transfer = self.transfer.take()?;
@@ -188,7 +188,7 @@ impl Client {
         Some(self.abort(transfer.job.entry, AbortCode::TIMED_OUT))
     }
 
-    /// An answer of the node has come that answers nothing: more of them may be under way.
+    /// Records a frame that answers no request. If it is an answer of the node, more of them may be under way.
     pub fn was_not_asked(&mut self, frame: &Frame) {
         self.is_unsettled |= frame.id() == self.answers();
     }
@@ -218,7 +218,7 @@ impl Client {
         frame
     }
 
-    /// The first answer of an entry that is read: all of it, or the beginning of its segments.
+    /// Processes the first answer of a read: the whole entry, or the start of its segments.
     fn read_opened(&mut self, command: u8, rest: [u8; 4]) -> Progress {
         let is_sized = command & 1 == 1;
         if command & 2 == 2 {
@@ -235,8 +235,8 @@ impl Client {
         Progress::Send(self.frame([0x60, 0, 0, 0, 0, 0, 0, 0]))
     }
 
-    /// The last answer of a transfer has come. Where that was the settling question's, whatever it said, what has waited
-    /// for it begins.
+    /// Ends a transfer with its last answer. If a transfer was postponed, that answer shows that no older one is under
+    /// way, whatever its content, and the postponed transfer begins.
     fn ended(&mut self, progress: Progress) -> Progress {
         self.transfer = None;
         let Some(job) = self.postponed.take() else { return progress };
@@ -244,7 +244,7 @@ impl Client {
         Progress::Begin(self.open(job))
     }
 
-    /// What came is none of the protocol's: the transfer is given up, at the node too.
+    /// Abandons the transfer because the answer violates the protocol, and aborts it at the node.
     fn fail(&mut self, code: AbortCode) -> Progress {
         let entry = self.transfer.take().map(|transfer| transfer.job.entry);
         self.is_unsettled = true;
@@ -268,12 +268,13 @@ impl Client {
 }
 
 impl Data {
-    /// As they came, lowest first. Four of which some may mean nothing, where the node did not say how many are meant.
+    /// Returns the bytes in the order received, lowest first. If the node did not report the length, these are four
+    /// bytes, and some may have no meaning.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }
 
-    /// The bytes of a type of this width.
+    /// Returns the bytes of a type with this width.
     ///
     /// # Errors
     /// The entry has another width.
@@ -284,7 +285,7 @@ impl Data {
     }
 }
 
-/// The segment of an entry that is written, from this byte on, and where the next one begins.
+/// Returns the segment of the written data that begins at `from`, and the start of the next one.
 fn segment(data: &[u8], from: usize, toggle: bool) -> ([u8; 8], usize) {
     let until = data.len().min(from + 7);
     let part = &data[from..until];

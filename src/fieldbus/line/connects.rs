@@ -1,4 +1,4 @@
-//! Making a connection, closing it, and giving way to another client of the device.
+//! Opening and closing of a connection, and back-off in favour of another client of the device.
 
 use std::time::Duration;
 
@@ -8,14 +8,14 @@ use crate::fieldbus::owed::Owed;
 use isotherm_core::continuity::Break;
 use isotherm_core::quantity::Moment;
 
-/// A connection that lives for less than this, after it has brought answers, was taken away by somebody.
+/// Shortest normal life of a connection. A shorter one was probably closed in favour of another client.
 const SHORT_LIFE: Duration = Duration::from_secs(5);
-/// Short lives in a row after which we give way: a device that accepts one client drops the first for the second, and
-/// two masters that both come back at once would keep each other from working for ever.
+/// Number of short connections in a row after which the line backs off. A device that accepts one client drops the
+/// first for the second. Two masters that reconnect at once would interrupt each other for ever.
 const SHORT_LIVES: u32 = 3;
 
 impl DeviceLine {
-    /// Closes the connection after an answer of a device that lets in one client at a time.
+    /// Closes the connection after an answer, if the device accepts one client at a time.
     pub(super) fn put_down(&mut self, place: usize) {
         if self.units.at(place).quirks.close_after_each {
             self.wire = None;
@@ -23,20 +23,20 @@ impl DeviceLine {
         }
     }
 
-    /// Hangs up: what is on its way on the connection belongs to a time that is over.
+    /// Drops the connection: data that is still on its way belongs to an earlier time.
     pub fn hang_up(&mut self) {
         self.wire = None;
         self.units.owed.each().for_each(Owed::anything);
     }
 
-    /// Takes leave of the other end, for no longer than it is waited for an answer.
+    /// Closes the connection properly. It waits for the other end at most for the timeout of an answer.
     pub async fn close(&mut self) {
         let Some(mut connection) = self.wire.take() else { return };
         self.departure.away_for(self.timeout);
         let _ = self.patience.within(self.timeout, connection.wire().close()).await;
     }
 
-    /// The connection was closed by the other end: whether that happens too often to come back at once.
+    /// Records that the other end closed the connection. Returns whether this happens too often to reconnect at once.
     pub(super) fn is_contested(&mut self, now: Moment) -> bool {
         if now.since(self.connected_at) >= SHORT_LIFE {
             self.short_lives = 0;

@@ -1,8 +1,8 @@
 //! Evidence of a line about the continuity of its devices, see [`isotherm_core::continuity`].
 //!
-//! A device that is exchanged, or switched off and on, breaks its connections. So each connection that was refused, or did
-//! not end with an orderly close, is a break. A server that closes each connection after its answer, or whenever it is idle,
-//! does so by habit. Those closes are no break.
+//! A device that is exchanged, or switched off and on, breaks its connections. Each connection that was refused, or
+//! that did not end with an orderly close, is therefore a break. Some servers close each connection after its answer,
+//! or when it is idle. Such closes are no break.
 
 use std::time::Duration;
 
@@ -12,10 +12,10 @@ use crate::fieldbus::wire::{Answer, Ending};
 use isotherm_core::continuity::Break;
 use isotherm_core::quantity::Moment;
 
-/// A server that closed a connection this recently closes them by habit.
+/// A second orderly close within this time is a habit of the server.
 const HABIT: Duration = Duration::from_secs(3600);
-/// Shortest silence of a device after which a timeout on a connection that ended is a break. At the usual periods one lost
-/// answer is shorter.
+/// Shortest silence of a device after which a timeout on a connection that ended is a break. At the usual periods, one
+/// lost answer causes a shorter silence.
 const SILENCE: Duration = Duration::from_secs(3);
 
 impl DeviceLine {
@@ -60,7 +60,7 @@ impl DeviceLine {
 pub(super) struct Evidence {
     /// Answers on the present connection.
     answers: u32,
-    /// When the other end last closed a connection in order.
+    /// Time of the last orderly close by the other end.
     closed_at: Option<Moment>,
 }
 
@@ -75,18 +75,18 @@ pub(super) enum Broken {
 }
 
 impl Evidence {
-    /// Notes a new connection.
+    /// Records a new connection.
     pub(super) fn connected(&mut self) {
         self.answers = 0;
     }
 
-    /// Notes an answer.
+    /// Records an answer.
     pub(super) fn answered(&mut self) {
         self.answers = self.answers.saturating_add(1);
     }
 
-    /// Returns the devices with which contact was broken if a request ends with this fault and ending. `heard` is the time
-    /// of the device's last answer.
+    /// Returns the devices with which contact was broken if a request ends with this fault and ending. `heard` is the
+    /// time of the device's last answer.
     pub(super) fn ends(&mut self, fault: Fault, ending: Ending, heard: Moment, now: Moment) -> Broken {
         match (fault, ending) {
             (_, Ending::Kept) => Broken::None,

@@ -1,11 +1,11 @@
-//! Waiting for late answers of units whose answers do not name their question.
+//! Waiting for late answers of units whose answers have no reliable transaction number.
 //!
-//! On a line of RTU frames the wire receives a late answer and discards it. A gateway from Modbus TCP to a serial line may
-//! stamp it with the transaction that is open when it arrives. Then nothing distinguishes it from the answer to that question.
-//! So after a missed answer no question of the same form goes to that unit while the late answer may arrive. It then finds no
-//! open transaction.
+//! On an RTU line the wire receives a late answer and discards it. A gateway from Modbus TCP to a serial line may send
+//! a late answer with the transaction number of a later request. The line cannot distinguish it from the answer to that
+//! request. After a missing answer, the line therefore sends no request of the same form to that unit while the late
+//! answer may arrive. A late answer then finds no open request.
 //!
-//! A gateway that keeps a late answer until the next question comes is not cured by waiting: see `order.rs`.
+//! A gateway may also keep a late answer until the next request. Waiting does not help then: see `order.rs`.
 
 use std::time::Duration;
 
@@ -23,7 +23,7 @@ impl DeviceLine {
         let Some(connection) = &mut self.wire else { return Err(Fault::Link(LinkFault::Down)) };
         let owed = self.units.owed.of(number);
         loop {
-            // On a new connection nothing waits yet of what is said out of turn. A gateway says nothing out of turn.
+            // On a new connection, unsolicited input has not had time to arrive yet. A gateway sends no such input.
             let least = if self.has_answered || is_behind_gateway { Duration::ZERO } else { self.timeout };
             let anything = owed.left_of_anything(spans).map(|left| left.max(least));
             let left = anything.unwrap_or_else(|| owed.left(request, spans));
@@ -56,10 +56,10 @@ impl DeviceLine {
         Ok(())
     }
 
-    /// Notes that the unit has not answered in time, and that its answer may still come.
+    /// Records that the unit has not answered in time. Its answer may still arrive.
     pub(super) fn note_miss(&mut self, place: usize, request: Request<'_>, fault: Fault, now: Moment) {
         let asked = self.departure.asked().unwrap_or(now);
-        // A gateway answers for the unit after a timeout of its own, and the late answer has its time from then on.
+        // The gateway has its own timeout. The late answer may arrive for some time after that.
         let missed = if fault.is_of_a_gateway() { self.departure.looked() } else { now.after(self.timeout) };
         self.units.misses(place, (request, asked, missed), fault, now, self.spans());
     }

@@ -1,13 +1,16 @@
-//! Order of questions and answers of a unit behind a gateway from Modbus TCP to a serial line.
+//! Order of requests and answers of a unit behind a gateway from Modbus TCP to a serial line.
 //!
-//! Some gateways keep a late answer until the next question comes, and give it as the answer to that. From then on each question
-//! gets the answer to the one before it. Waiting does not help, and an answer of the right length does not show it.
+//! Some gateways keep a late answer until the next request, and send it as the answer to that. From then on, each
+//! request gets the answer to the one before it. Waiting does not help, and an answer of the correct length does not
+//! show it.
 //!
-//! So after an answer was missed, the next read that is answered is followed by a control question: a read whose answer has another
-//! form. If that gets the answer to the read, order is lost: the read is not used either, the connection is closed, and the unit
-//! rests. Whatever else comes of a control question is no reason to refuse the read.
+//! After a missing answer, the next read that is answered is therefore followed by a control question: a read whose
+//! answer has another form. If it gets the answer to the first read, order is lost. The line then rejects the first
+//! read too, closes the connection, and the unit backs off. Any other result of a control question is no reason to
+//! reject the first read.
 //!
-//! Limits: a gateway that keeps two answers or more, and an answer that is kept although no question of this line was missed.
+//! Limits: the check does not detect a gateway that keeps two answers or more. It also does not detect a kept answer if
+//! no answer to this line was missing.
 
 use std::pin::pin;
 
@@ -18,17 +21,17 @@ use crate::fieldbus::owed::Mark;
 use crate::fieldbus::wire::{Answer, Request};
 use isotherm_core::quantity::Moment;
 
-/// Control questions in a row that show nothing, after which none is asked before the next miss.
+/// Control questions in a row without a result, after which the line sends no more until the next missing answer.
 const ATTEMPTS: u8 = 3;
-/// Doublings of the pause after lost order.
+/// Maximum number of doublings of the pause after lost order.
 const LONGEST_PAUSE: u8 = 5;
 
-/// Knowledge about one unit.
+/// State of the order check of one unit.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(in crate::fieldbus) struct Order {
     doubt: Doubt,
     shorter_reads: ShorterReads,
-    /// The last two reads that brought data, of different forms.
+    /// Last two reads with data, whose answers have different forms.
     answered: [Option<Request<'static>>; 2],
     /// Control questions in a row that showed lost order.
     lost: u8,
@@ -37,31 +40,31 @@ pub(in crate::fieldbus) struct Order {
 /// Whether the gateway may keep an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Doubt {
-    /// It may. So many control questions have shown nothing.
+    /// The gateway may keep one. `attempts` counts the control questions without a result.
     Open { attempts: u8 },
-    /// Nothing was missed since order was shown, or the attempts to show it have ended.
+    /// No answer was missing since order was confirmed, or the attempts to confirm it have ended.
     Closed,
 }
 
-/// Experience with control questions for fewer registers than a read has.
+/// Whether the unit answers control questions for fewer registers than a read has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ShorterReads {
     Untried,
     Answered,
-    /// The unit did not answer them when they were tried.
+    /// The unit did not answer such control questions.
     Unusable,
 }
 
-/// A control question.
+/// Control question.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Control {
-    /// A read that the unit has answered before.
+    /// Read that the unit has answered before.
     Answered(Request<'static>),
-    /// The read that it follows, with fewer registers.
+    /// First read again, with fewer registers.
     Shorter(Request<'static>),
 }
 
-/// Conclusion from what came of a control question.
+/// Conclusion from the result of a control question.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Verdict {
     InOrder,
@@ -70,7 +73,7 @@ pub(super) enum Verdict {
 }
 
 impl Order {
-    /// Order of a unit that nobody has asked yet. What a former gateway process asked may be kept.
+    /// Returns the state of a unit without requests so far. The gateway may keep an answer to an earlier process.
     pub(in crate::fieldbus) fn unknown() -> Order {
         Order {
             doubt: Doubt::Open { attempts: 0 },
@@ -80,12 +83,12 @@ impl Order {
         }
     }
 
-    /// Notes that a question has left and has no answer of its own.
+    /// Records a request that was sent, and got no answer of its own.
     pub(super) fn misses(&mut self) {
         self.doubt = Doubt::Open { attempts: 0 };
     }
 
-    /// Notes a read that brought data.
+    /// Records a read with data.
     pub(super) fn is_answered(&mut self, request: Request<'_>) {
         let Request::Read { from, count } = request else { return };
         let read = Some(Request::Read { from, count });
@@ -96,7 +99,8 @@ impl Order {
         };
     }
 
-    /// Returns the question that must follow this read before its answer is used. Its answer has another form than that of the read.
+    /// Returns the control question for this read, to ask before its answer is used. The forms of the two answers
+    /// differ.
     pub(super) fn control(&self, request: Request<'_>) -> Option<Control> {
         let Request::Read { from, count } = request else { return None };
         if self.doubt == Doubt::Closed {
@@ -112,7 +116,7 @@ impl Order {
             .then(|| Control::Shorter(Request::Read { from, count: count - step }))
     }
 
-    /// Notes what came of a control question.
+    /// Records the result of a control question.
     pub(super) fn judge(&mut self, control: Control, answer: Result<(), Fault>) -> Verdict {
         let is_shorter = matches!(control, Control::Shorter(_));
         match answer {
@@ -155,19 +159,19 @@ impl DeviceLine {
     /// Returns the control question that must follow this request.
     pub(super) fn control_question(&self, place: usize, request: Request<'_>) -> Option<Control> {
         let unit = self.units.at(place);
-        // A connection that is closed after each answer would be made once more for it.
+        // If each answer ends its connection, the control question would need another connection.
         if !unit.is_behind_gateway || unit.quirks.close_after_each {
             return None;
         }
         let owed = self.units.owed.get(unit.number)?;
         let control = owed.order.control(request)?;
-        // A late answer of the same form would be taken for its own.
+        // A late answer of the same form would be taken for the answer to the control question.
         let may_be_late = owed.marks().any(|mark| mark == Mark::of(control.request()));
         (!may_be_late && unit.functions.allow(control.request().function())).then_some(control)
     }
 
-    /// Returns the answer to this request, after the control question where order is in doubt. `is_repeated` says that the answer
-    /// may also be the late one to the same request before.
+    /// Returns the answer to this request, after a control question if order is in doubt. `is_repeated` means that the
+    /// answer may also be the late answer to the first attempt of this request.
     pub(super) async fn in_order(
         &mut self,
         place: usize,
@@ -227,7 +231,7 @@ impl DeviceLine {
             (Verdict::Nothing, Err(fault)) => fault,
         };
         let now = self.departure.looked();
-        // The connection or the unit is treated as after any other question.
+        // The connection and the unit are treated as after any other request.
         let _ = self.settle(place, request, Err(fault), now);
         if verdict != Verdict::OutOfOrder {
             return Ok(());
@@ -248,7 +252,7 @@ mod tests {
         Request::Read { from: Register { table, offset }, count }
     }
 
-    /// Order of a unit that has answered these.
+    /// Returns the state of a unit that has answered these reads.
     fn after(answered: &[Request<'static>]) -> Order {
         let mut order = Order::unknown();
         answered.iter().for_each(|read| order.is_answered(*read));

@@ -1,13 +1,14 @@
-//! Other masters on a line whose answers do not name their question.
+//! Other masters on a line without transaction numbers.
 //!
-//! A second master on a serial line, or a second client of a serial server, asks the same units. An answer to its question that
-//! has the unit, function and length of an answer to ours cannot be distinguished from that. Frames without a question from here
-//! show such a master: one question, or two answers within [`AFTER`]. One answer alone may be noise or a part of another frame.
-//! For [`AFTER`] from the last frame, answers of a form that was seen with the other master are marked as
-//! [`Attribution::Ambiguous`]. Such an answer is used only with a second one that agrees.
+//! A second master on a serial line, or a second client of a serial server, sends requests to the same units. An answer
+//! to it may have the same unit, function and length as an answer to the gateway. The gateway cannot distinguish the
+//! two. Frames without a request of the gateway show another master: one request, or two answers within [`AFTER`]. A
+//! single answer may be noise or a part of another frame. Until [`AFTER`] after the last such frame, answers of a form
+//! that was seen from the other master are [`Attribution::Ambiguous`]. An ambiguous answer is used only if a second one
+//! is equal.
 //!
-//! If both masters ask at once, two such answers follow each other. So the line listens after an ambiguous answer for as
-//! long as the second one takes, and if it comes neither is used ([`Attribution::Contested`]).
+//! If both masters send a request at once, two such answers follow each other. After an ambiguous answer the line
+//! therefore listens for as long as the second one takes. If it arrives, neither is used ([`Attribution::Contested`]).
 
 use std::time::Duration;
 
@@ -19,20 +20,20 @@ use crate::fieldbus::wire::{Overheard, Request};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::DeviceId;
 
-/// Another master is gone if nothing of it was received for this long.
+/// Time without a frame of another master after which that master counts as gone.
 const AFTER: Duration = Duration::from_secs(600);
-/// Forms that are remembered. Beyond that each answer is ambiguous.
+/// Maximum number of stored forms. With more, every answer is ambiguous.
 const MOST_FORMS: usize = 64;
 
-/// Reads after the first that may confirm an answer.
+/// Reads after the first one that may confirm an answer.
 const CONFIRMATIONS: u32 = 3;
 
-/// What was received of other masters.
+/// State of the search for other masters.
 #[derive(Debug, Default)]
 pub(super) enum Others {
     #[default]
     None,
-    /// One answer without a question from here, and when it was received.
+    /// One answer without a request of the gateway, and the time of its arrival.
     Suspected(Overheard, Moment),
     Noticed(Noticed),
 }
@@ -42,12 +43,12 @@ pub(super) struct Noticed {
     since: Moment,
     last: Moment,
     frames: u64,
-    /// Units and the forms of their answers.
+    /// Unit and form of each answer of another master.
     forms: Vec<(u8, Mark)>,
 }
 
 impl Others {
-    /// Notes a frame of another master. Returns whether the master is new, or the form of its answers is.
+    /// Records a frame of another master. Returns whether the master or the form of its answers is new.
     fn note(&mut self, heard: Overheard, now: Moment) -> bool {
         let (first, since) = match self {
             Others::Noticed(noticed) => return noticed.note(heard, now),
@@ -66,7 +67,7 @@ impl Others {
         true
     }
 
-    /// Returns the frames of other masters, and the time from the first to the last, once that was long enough ago.
+    /// Returns the number of frames of other masters and the time from the first to the last, if they are gone now.
     fn end(&mut self, now: Moment) -> Option<(u64, Duration)> {
         let Others::Noticed(Noticed { since, last, frames, .. }) = self else { return None };
         let ended = (now.since(*last) >= AFTER).then(|| (*frames, last.since(*since)))?;
@@ -74,7 +75,7 @@ impl Others {
         Some(ended)
     }
 
-    /// Whether the answer of this unit to a request could be the one to a question of another master.
+    /// Returns the attribution of an answer of this unit to a request.
     pub(super) fn attribute(&self, unit: u8, request: Request<'_>) -> Attribution {
         let Others::Noticed(Noticed { forms, .. }) = self else { return Attribution::Ours };
         let is_known = forms.len() >= MOST_FORMS || forms.contains(&(unit, Mark::of(request)));
@@ -83,7 +84,7 @@ impl Others {
 }
 
 impl Noticed {
-    /// Notes one more frame. Returns whether the form of its answers is new.
+    /// Records one more frame. Returns whether the form of its answers is new.
     fn note(&mut self, heard: Overheard, now: Moment) -> bool {
         self.last = now;
         self.frames += 1;
@@ -95,11 +96,11 @@ impl Noticed {
 }
 
 impl DeviceLine {
-    /// Reads as [`DeviceLine::request`] does. An answer that may be another master's is used only if the next one is equal; it is then
-    /// as old as the first of the two.
+    /// Reads like [`DeviceLine::request`]. If the answer may belong to another master, the next one must be equal. The
+    /// age then counts from the first of the two.
     ///
     /// # Errors
-    /// Those of [`DeviceLine::request`]. Answers that do not agree are answers of another master.
+    /// Same as for [`DeviceLine::request`]. If no two answers are equal, they count as answers to another master.
     pub async fn read_confirmed(
         &mut self,
         device: DeviceId,
@@ -108,10 +109,10 @@ impl DeviceLine {
         self.confirm(device, request, false).await
     }
 
-    /// Reads as [`DeviceLine::read_confirmed`] does, also if the checks of the device have not passed.
+    /// Reads like [`DeviceLine::read_confirmed`], even if the checks of the device have not passed.
     ///
     /// # Errors
-    /// Those of [`DeviceLine::read_confirmed`].
+    /// Same as for [`DeviceLine::read_confirmed`].
     pub async fn read_unverified(
         &mut self,
         device: DeviceId,
@@ -141,7 +142,8 @@ impl DeviceLine {
         Err(Fault::Peer(PeerFault::Foreign))
     }
 
-    /// Returns whether another answer of the unit follows an ambiguous one. After a repeated question the other answer may be ours.
+    /// Returns whether another answer of the unit follows an ambiguous one. After a repeated request, both may belong
+    /// to the gateway.
     pub(super) async fn is_followed_by_another(
         &mut self,
         number: u8,
@@ -158,7 +160,7 @@ impl DeviceLine {
         let may_be_late = is_repeated || owed.is_owing();
         let span = owed.second_within(self.timeout, under_way);
         self.departure.away_for(span + self.timeout);
-        // A connection that is lost meanwhile is found at the next request.
+        // The next request detects a connection that is lost meanwhile.
         let heard = connection.wire().listen(number, span, Duration::ZERO).await;
         self.departure.look();
         let late = connection.wire().heard_late();
@@ -171,8 +173,8 @@ impl DeviceLine {
         is_followed
     }
 
-    /// Notes the frames of other masters that were received in an exchange. A unit that owes an answer, or did not answer the last
-    /// question in time, may have sent it late.
+    /// Records the frames of other masters that were received in an exchange. An answer is not counted if its unit may
+    /// have sent it late to the gateway.
     pub(super) fn note_others(&mut self, now: Moment) {
         let Some(connection) = &mut self.wire else { return };
         let mut is_news = false;

@@ -10,13 +10,13 @@ use isotherm_profile::{BusId, Functions, Quirks, ReadBy};
 
 mod gateway;
 
-/// What happens to one request or one attempt to connect.
+/// Result of one request or one attempt to connect.
 #[derive(Clone, Debug)]
 enum Turn {
     Gives(Result<Answer, Fault>),
-    /// A good answer, after so long.
+    /// Valid answer after this time.
     Takes(Duration),
-    /// The exception of a gateway without an answer, after so long.
+    /// Exception of a gateway for a missing answer, after this time.
     Misses(Duration),
     NeverEnds,
 }
@@ -26,9 +26,9 @@ struct Script {
     dials: VecDeque<Turn>,
     answers: VecDeque<Turn>,
     dialled: u32,
-    /// Unit, function, and milliseconds since the test began.
+    /// Unit, function, and milliseconds since the start of the test.
     asked: Vec<(u8, u8, u128)>,
-    /// It is listened to for as long as the line wants, as a serial one is.
+    /// Whether `listen` waits for the whole time, as on a serial line.
     is_heard: bool,
     began: Option<tokio_time::Instant>,
 }
@@ -109,7 +109,7 @@ const READ: Request<'static> =
     Request::Read { from: Register { table: Table::Holding, offset: 1 }, count: 1 };
 const WRITE: Request<'static> = Request::WriteSingle { at: 1, value: 9 };
 
-/// A line and its time, which runs as the test says.
+/// Line with a clock that the test sets.
 struct Rig {
     line: DeviceLine,
     begun: Moment,
@@ -117,7 +117,7 @@ struct Rig {
 }
 
 impl Rig {
-    /// Asks at this moment, in milliseconds.
+    /// Sends a request at this time in milliseconds.
     async fn ask(&mut self, device: usize, request: Request<'_>, at: u64) -> Result<Answer, Fault> {
         self.ask_by(device, request, at, Leave::Whenever).await
     }
@@ -256,7 +256,7 @@ async fn what_goes_by_what_was_read_leaves_on_no_other_connection() {
     assert_eq!(line.ask_by(0, WRITE, 0, here).await, Err(Fault::CLOSED), "nothing has been read yet");
     assert_eq!(line.ask(0, READ, 0).await, Ok(good()));
     assert_eq!(line.ask_by(0, WRITE, 100, here).await, Ok(good()));
-    // The other device's fault closes the connection for both.
+    // The fault of the other device closes the connection for both.
     answers(&script, &[Turn::Gives(Err(Fault::Peer(PeerFault::Malformed)))]);
     assert_eq!(line.ask(1, READ, 200).await, Err(Fault::Peer(PeerFault::Malformed)));
     assert_eq!(line.ask_by(0, WRITE, 300, here).await, Err(Fault::CLOSED));
@@ -277,7 +277,7 @@ async fn a_write_that_was_sent_is_never_reported_as_not_done_though_the_line_giv
         let written = line.ask(0, WRITE, 10_000 * second + 300).await;
         assert_eq!(written, Err(Fault::BROKEN));
         assert_eq!(Fault::BROKEN.outcome(), crate::fieldbus::error::Outcome::Unknown);
-        // The connection that was made anew is taken away as soon.
+        // The new connection breaks as soon as the first one.
         answers(&script, &[Turn::Gives(Err(Fault::BROKEN))]);
         assert_eq!(line.ask(0, WRITE, 10_000 * second + 600).await, Err(Fault::BROKEN));
         script.lock().unwrap().answers.clear();
@@ -358,7 +358,7 @@ async fn what_the_profile_does_not_list_and_what_does_not_fit_never_leaves_the_h
     assert!(script.asked.is_empty() && script.dialled == 0);
 }
 
-/// The same device on a line whose answers do not name their question.
+/// Scripted device on a line without transaction numbers.
 struct Nameless(Scripted);
 
 impl Dial for Nameless {
@@ -405,7 +405,7 @@ async fn without_transactions_a_unit_is_not_asked_again_before_its_late_answer_h
     assert_eq!(line.ask(0, READ, 0).await, Err(Fault::Timeout));
     assert!(line.is_resting(0, 4 * 300 - 1), "three timeouts more, also where the pause is over");
     assert_eq!(line.ask(1, READ, 300).await, Ok(good()), "the other one is asked at once");
-    // The moments of the caller may run ahead of the wall; the silence that is owed does not.
+    // The clock of the caller may be ahead of wall-clock time. The silence before the next request is wall-clock time.
     assert_eq!(line.ask(0, READ, 2200).await, Ok(good()));
     let script = script.lock().unwrap();
     let asked: Vec<u128> = script.asked.iter().map(|(_, _, at)| *at).collect();
@@ -475,7 +475,7 @@ async fn a_device_that_hangs_up_before_its_first_answer_is_said_to_have_another_
 async fn a_connection_that_another_master_takes_again_and_again_is_not_fought_for() {
     let (mut line, script) = line(|_| {});
     let mut dialled = Vec::new();
-    // The other master comes back 300 ms after each of our polls, which come every second, for a minute.
+    // The other master reconnects 300 ms after each poll of the gateway. Polls come every second, for a minute.
     for second in 0..60 {
         if line.line.is_connected() {
             answers(&script, &[Turn::Gives(Err(Fault::BROKEN))]);
@@ -492,7 +492,7 @@ async fn a_connection_that_another_master_takes_again_and_again_is_not_fought_fo
     }
     let pauses: Vec<u64> = dialled.windows(2).map(|pair| pair[1] - pair[0]).collect();
     assert!(dialled.len() <= 9 && pauses.is_sorted(), "a fight would be 60: {dialled:?}");
-    // The other one has gone: what lives on is believed again.
+    // The other master is gone: a connection of normal length ends the back-off.
     let after = 100_000;
     assert_eq!(line.ask(0, READ, after).await, Ok(good()));
     assert_eq!(line.ask(0, READ, after + 6000).await, Ok(good()));
@@ -500,7 +500,7 @@ async fn a_connection_that_another_master_takes_again_and_again_is_not_fought_fo
     assert_eq!(line.ask(0, READ, after + 7000).await, Ok(good()), "asked once more");
 }
 
-/// A line whose time passes as the test's does, and is asked every second for half a minute; when it stood still.
+/// Sends a request every second for half a minute, on a line whose clock follows the test. Returns the detected gaps.
 async fn stands_still(
     timeout: Duration,
     change: impl Fn(&mut Device),

@@ -1,4 +1,4 @@
-//! The devices of a line: what each may be asked, and how long one that failed is left alone.
+//! Devices of a line: permitted requests, and back-off after a failure.
 
 use std::time::Duration;
 
@@ -10,11 +10,11 @@ use crate::fieldbus::wire::Request;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Device, DeviceId, Functions, Quirks, Transport};
 
-/// No such unit is left alone for less after a miss: where timeouts are short, an answer may be later than four of them.
+/// Shortest pause of such a unit after a missing answer. With short timeouts, an answer may arrive after four of them.
 const SHORTEST_REST: Duration = Duration::from_millis(750);
-/// Misses in a row of a unit that has answered before, on such a line, that make no pause longer.
+/// Missing answers in a row, of a unit on such a line that has answered before, without a longer pause.
 const PATIENT: u32 = 3;
-/// The first pause after a failure.
+/// First pause after a failure.
 pub(super) const FIRST_PAUSE: Duration = Duration::from_secs(1);
 
 /// One device on the line.
@@ -26,18 +26,19 @@ pub(super) struct Unit {
     pub(super) quirks: Quirks,
     pub(super) breaker: Backoff,
     pub(super) last_fault: Fault,
-    /// Whether the unit has checks that must pass before it is used. The nodes of a server are identified by their namespaces.
+    /// Whether the unit has checks that must pass before use. An OPC UA server is checked by its namespaces.
     pub(super) is_checked: bool,
-    /// A late answer of the unit may name the transaction of another question: a gateway to a serial line is in front of it.
+    /// Whether a gateway to a serial line is in front of the unit. Its late answer may then have the transaction of
+    /// another request.
     pub(super) is_behind_gateway: bool,
-    /// When it last answered.
+    /// Time of the last answer.
     pub(super) heard: Moment,
 }
 
-/// All of them. Several devices of a profile may be one unit.
+/// All devices of the line. Several devices of a profile may have the same unit number.
 pub(super) struct Units {
     all: Vec<Unit>,
-    /// What the units still owe, by their numbers.
+    /// Late answers that may still arrive, by unit number.
     pub(super) owed: Debts,
 }
 
@@ -58,13 +59,14 @@ impl Units {
         };
         let mut owed = Debts::of_units(numbers());
         if is_tcp {
-            // A gateway has one question at a time on its line: an answer from before the start names no question of ours.
+            // A gateway has one request at a time on its line, so that an answer to an earlier process gets no new
+            // transaction.
             owed.each().for_each(Owed::is_quiet);
         }
         Units { all: devices.iter().map(unit).collect(), owed }
     }
 
-    /// The place of a device.
+    /// Returns the index of a device.
     pub(super) fn place(&self, device: DeviceId) -> Option<usize> {
         self.all.iter().position(|unit| unit.device == device)
     }
@@ -81,7 +83,7 @@ impl Units {
         self.all.iter().find(|unit| unit.device == device)
     }
 
-    /// The devices with this unit number.
+    /// Returns the devices with this unit number.
     pub(super) fn named(&self, number: u8) -> impl Iterator<Item = DeviceId> {
         self.all.iter().filter(move |unit| unit.number == number).map(|unit| unit.device)
     }
@@ -90,21 +92,21 @@ impl Units {
         self.owed.of(self.all[place].number)
     }
 
-    /// Returns whether the last question to the unit with this number was not answered in time.
+    /// Returns whether the last request to the unit with this number was not answered in time.
     pub(super) fn has_timed_out(&self, number: u8) -> bool {
         let has_missed = self.owed.get(number).is_some_and(|owed| owed.missed() > 0);
         has_missed && self.all.iter().any(|unit| unit.number == number && unit.last_fault == Fault::Timeout)
     }
 
-    /// This device, or each of them, need rest no longer.
+    /// Ends the back-off of a device; with `None`, of all devices.
     pub(super) fn revive(&mut self, device: Option<DeviceId>) {
         for unit in self.all.iter_mut().filter(|unit| device.is_none_or(|one| one == unit.device)) {
             unit.breaker.succeed();
         }
     }
 
-    /// No answer, where a late one would not say what it answers: of a prompt unit it is lost, and it may be asked again;
-    /// another is left alone until what it owes has had its time.
+    /// Records a missing answer that could arrive late without a reliable transaction number. A unit that usually
+    /// answers promptly may get a request again. Another unit gets none until the late answer can no longer arrive.
     pub(super) fn misses(
         &mut self,
         place: usize,
@@ -126,9 +128,8 @@ impl Units {
         }
     }
 
-    /// A unit whose answer may still come, and would not say what it answers, is left alone for as long as that takes:
-    /// by each of the devices that are this unit. Where that is longer than a miss or two are worth, for a pause that
-    /// doubles.
+    /// Stops requests to a unit, by all its devices, while its late answer may still arrive. Its pause also doubles if
+    /// it has never answered, or has missed more than a few answers.
     pub(super) fn rest(&mut self, place: usize, fault: Fault, now: Moment, spans: Spans) {
         let quiet = now.after((spans.timeout + spans.grace).max(spans.timeout + SHORTEST_REST));
         let number = self.all[place].number;

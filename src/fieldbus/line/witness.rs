@@ -8,9 +8,9 @@ use crate::fieldbus::wire::Request;
 use isotherm_core::continuity::Break;
 use isotherm_profile::DeviceId;
 
-/// Hears what became of each request that was not refused at once.
+/// Receives the result of each request that was not rejected at once.
 pub trait Witness: Send + Sync {
-    /// It was answered, or failed; the attempts to connect that have failed in a row, and why the last did.
+    /// A request was answered or failed. `refusals` has the failed attempts to connect in a row, and the last fault.
     fn note(
         &self,
         device: DeviceId,
@@ -19,10 +19,10 @@ pub trait Witness: Send + Sync {
         refusals: (u32, Fault),
     );
 
-    /// The device has answered with what was asked for, and not with a refusal of all of it.
+    /// The device has answered with at least a part of the requested data.
     fn delivers(&self, _device: DeviceId) {}
 
-    /// Contact with a device, or with each on the line (`None`), was broken: another one may answer next.
+    /// Contact with a device was broken, or with each device on the line (`None`): another device may answer next.
     fn breaks(&self, _device: Option<DeviceId>, _cause: Break) {}
 
     /// Returns whether the device has passed its checks since contact was last broken.
@@ -30,16 +30,16 @@ pub trait Witness: Send + Sync {
         true
     }
 
-    /// Questions go out one at a time from now on, because this came of two.
+    /// The line sends one request at a time from now on, because of this fault of two requests.
     fn gives_up_pipeline(&self, _fault: Fault) {}
 
-    /// This is to be said of a device's subscription.
+    /// News about the subscription of a device.
     fn subscribes(&self, _device: DeviceId, _what: String) {}
 
-    /// Another master was received on the line, or a new form of its answers. `attribute` says of a unit and a request whether
-    /// the answer could be that to a question of the other master.
+    /// Another master was detected on the line, or a new form of its answers. `attribute` returns, for a unit and a
+    /// request, whether the answer could be an answer to the other master.
     fn shares_line(&self, _attribute: &dyn Fn(u8, Request<'_>) -> Attribution) {}
 
-    /// No other master was received for ten minutes: so many frames came before, in that time.
+    /// No other master was detected for ten minutes. `frames` frames came before, during `within`.
     fn has_line_alone(&self, _frames: u64, _within: Duration) {}
 }

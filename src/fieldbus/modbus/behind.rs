@@ -1,20 +1,20 @@
-//! A read that goes out in one segment behind another question (`pipeline = 2`): while the device carries out the one, the
-//! other is there already. Whoever asks that read next is given its answer, which is as old as its question.
+//! Read that is sent in one segment after another request (`pipeline = 2`). The device gets it while it executes the
+//! first one. The next request for the same read receives the answer. Its age counts from the time of sending.
 
 use crate::fieldbus::departure::Departure;
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::wire::{Answer, Request};
 use isotherm_core::quantity::Moment;
 
-/// At most one read behind a question.
+/// At most one read after another request.
 #[derive(Debug, Default)]
 pub(super) struct Behind {
-    /// It goes out with the next question.
+    /// Read to send after the next request.
     next: Option<(u8, Request<'static>)>,
     open: Option<Open>,
 }
 
-/// One that has gone out.
+/// Read that was sent.
 #[derive(Debug)]
 struct Open {
     unit: u8,
@@ -25,12 +25,13 @@ struct Open {
 }
 
 impl Behind {
-    /// It goes out with the next question; with `None` nothing does. One that has not been answered is enough.
+    /// Sets the read to send after the next request. `None` means no read. While one is unanswered, no other is
+    /// accepted.
     pub(super) fn ask(&mut self, read: Option<(u8, Request<'static>)>) {
         self.next = read.filter(|_| self.unanswered().is_none());
     }
 
-    /// One goes out with the next question, or has not been answered.
+    /// Returns whether a read is sent after the next request, or is unanswered.
     pub(super) fn is_under_way(&self) -> bool {
         self.next.is_some() || self.unanswered().is_some()
     }
@@ -43,7 +44,7 @@ impl Behind {
         self.open = Some(Open { unit, request, transaction, asked, answer: None });
     }
 
-    /// What is still to be answered.
+    /// Returns the unanswered read.
     pub(super) fn unanswered(&self) -> Option<(u16, u8, Request<'static>)> {
         let open = self.open.as_ref().filter(|open| open.answer.is_none())?;
         Some((open.transaction, open.unit, open.request))
@@ -55,8 +56,8 @@ impl Behind {
         }
     }
 
-    /// The answer, where this is the question, and when that left. One that nobody has asked for in the time that an answer
-    /// is waited for is forgotten.
+    /// Returns the answer and the time of sending, if `request` is the read that was sent. An answer that was not
+    /// requested within the timeout is discarded.
     pub(super) fn take(
         &mut self,
         unit: u8,

@@ -1,4 +1,4 @@
-//! Against a peer that writes its answers by hand.
+//! Tests with a peer whose answers are written by hand.
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 
@@ -14,7 +14,7 @@ const READ: Request<'static> =
 const WRITE: Request<'static> = Request::WriteSingle { at: 4, value: 9 };
 const WRITE_TWO: Request<'static> = Request::WriteMultiple { at: 4, values: &[1, 2] };
 
-/// A frame around these bytes, with what is added to its transaction and unit.
+/// Builds a frame. `transaction` and `unit` are added to those of the request.
 fn frame(asked: &[u8], transaction: u8, unit: u8, pdu: &[u8]) -> Vec<u8> {
     let length = u8::try_from(pdu.len() + 1).unwrap();
     let mut bytes = vec![asked[0], asked[1].wrapping_add(transaction), 0, 0, 0, length, asked[6] + unit];
@@ -31,7 +31,7 @@ async fn hear(peer: &mut DuplexStream) -> Vec<u8> {
     asked
 }
 
-/// What one request comes to where the peer answers it like this and then closes.
+/// Returns the result of one request. The peer answers it with these bytes, and then closes.
 async fn asked(request: Request<'_>, answer: impl FnOnce(&[u8]) -> Vec<u8>) -> Result<Answer, Fault> {
     let (ours, mut theirs) = duplex(512);
     let mut wire = ModbusTcp::new(ours, &Tap::default());
@@ -130,15 +130,15 @@ async fn a_connection_that_ends_in_the_middle_of_an_answer_is_broken() {
     }
 }
 
-/// A write with a read behind it, and then that read; the peer answers both at once, as this makes it of what it was asked.
-/// What came of the two, and how many questions the peer has heard.
+/// Sends a write with a read after it, and then requests that read. The peer answers both at once. Returns both
+/// results.
 async fn pair(
     answers: impl FnOnce(&[u8], &[u8]) -> Vec<Vec<u8>>,
 ) -> (Result<Answer, Fault>, Result<Answer, Fault>) {
     let (ours, mut theirs) = duplex(512);
     let mut wire = ModbusTcp::new(ours, &Tap::default());
     let peer = async {
-        // In one go: the second question is there before the first has an answer.
+        // Both arrive together: the second request is sent before the first is answered.
         let mut both = [0; 24];
         theirs.read_exact(&mut both).await.unwrap();
         let (write, read) = both.split_at(12);
@@ -146,7 +146,7 @@ async fn pair(
             theirs.write_all(&bytes).await.unwrap();
             tokio::task::yield_now().await;
         }
-        // Nothing else is asked.
+        // Nothing else is sent.
         theirs.shutdown().await.unwrap();
         assert_eq!(theirs.read(&mut both).await.unwrap(), 0);
     };
@@ -184,7 +184,7 @@ async fn of_two_questions_in_one_go_each_gets_its_own_answer_in_whatever_order_a
 #[tokio::test]
 async fn of_two_questions_nothing_is_believed_that_a_single_one_would_not_be() {
     let done = Ok(Answer::Done);
-    // The echo of another value; the transaction of neither; a unit of nobody; one register for two.
+    // Echo of another value; unknown transaction; unknown unit; one register instead of two.
     let wrong_echo = pair(|write, read| vec![frame(write, 0, 0, &[6, 0, 4, 0, 8]), frame(read, 0, 0, TWO)]);
     assert_eq!(wrong_echo.await.0, peer(PeerFault::Echo));
     let neither = pair(|write, read| vec![frame(write, 0, 0, ECHO), frame(read, 5, 0, TWO)]);
@@ -193,10 +193,10 @@ async fn of_two_questions_nothing_is_believed_that_a_single_one_would_not_be() {
     assert_eq!(nobody.await, (done.clone(), peer(PeerFault::Foreign)));
     let short = pair(|write, read| vec![frame(write, 0, 0, ECHO), frame(read, 0, 0, &[3, 2, 0, 1])]);
     assert_eq!(short.await, (done.clone(), peer(PeerFault::Length)));
-    // The answer to the second question is no answer to the first, though it has its function.
+    // The answer to the second request does not answer the first, even with its transaction.
     let swapped = pair(|write, read| vec![frame(write, 0, 0, TWO), frame(read, 0, 0, ECHO)]);
     assert_eq!(swapped.await.0, peer(PeerFault::Function));
-    // The first answered twice, the second never.
+    // Two answers to the first request, and none to the second.
     let twice = pair(|write, _| vec![[frame(write, 0, 0, ECHO), frame(write, 0, 0, ECHO)].concat()]);
     assert_eq!(twice.await, (done.clone(), peer(PeerFault::Foreign)));
     let lost = pair(|write, _| vec![frame(write, 0, 0, ECHO)]);
@@ -216,7 +216,7 @@ async fn an_answer_that_nobody_asked_for_in_time_is_forgotten_and_the_question_p
     let peer = async {
         let (write, read) = (hear(&mut theirs).await, hear(&mut theirs).await);
         theirs.write_all(&[frame(&write, 0, 0, ECHO), frame(&read, 0, 0, TWO)].concat()).await.unwrap();
-        // The same write again, between the two.
+        // Another write between the two.
         let again = hear(&mut theirs).await;
         theirs.write_all(&frame(&again, 0, 0, ECHO)).await.unwrap();
         let anew = hear(&mut theirs).await;

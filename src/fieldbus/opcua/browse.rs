@@ -1,7 +1,7 @@
-//! The nodes of a server as a person looks for them: what hangs below one, and what it says of itself. Reads only.
+//! Browsing of a server's nodes for users: child nodes and attributes. It only reads.
 //!
-//! One node is looked below at a time, and its references come in as many answers as the server wants: no server's limit on
-//! nodes, references or continuation points is met.
+//! It browses one node at a time, and accepts its references in several answers. The limits of a server on nodes,
+//! references and continuation points are therefore never exceeded.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::time::Duration;
@@ -25,20 +25,20 @@ use super::{OPENING, OpcUaDial, fault};
 use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
 use crate::fieldbus::opcua_fault::OpcUaFault;
 
-/// Attributes that one call asks for: an answer stays far below the largest message.
+/// Attributes in one call. The answer stays far below the largest message.
 const AT_ONCE: usize = 500;
-/// Objects and variables; methods and types hold no value.
+/// Node classes to list: objects and variables. Methods and types have no value.
 const CLASSES: u32 = 1 | 2;
 /// All fields of a reference.
 const FIELDS: u32 = 63;
 const VARIABLE: i32 = 2;
 const SCALAR: i32 = -1;
-/// Bits of what a user may do.
+/// Bits of the access level of a user.
 const MAY_READ: u8 = 1;
 const MAY_WRITE: u8 = 2;
-/// A longer text is cut.
+/// Maximum length of a text; a longer one is cut.
 const LONGEST: usize = 60;
-/// What is asked of every node.
+/// Attributes that are read of every node.
 const ATTRIBUTES: [AttributeId; 5] = [
     AttributeId::NodeClass,
     AttributeId::DisplayName,
@@ -47,62 +47,62 @@ const ATTRIBUTES: [AttributeId; 5] = [
     AttributeId::UserAccessLevel,
 ];
 
-/// A login at a server, for looking around.
+/// Session with a server for browsing.
 pub struct Browser {
     link: Link,
     session: Session,
     timeout: Duration,
-    /// Attributes that one call may ask for.
+    /// Maximum number of attributes in one call.
     most: usize,
 }
 
-/// A node, and what it says of itself.
+/// Node with its attributes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Described {
-    /// Which, as a profile names it.
+    /// Identifier, as in a profile.
     pub node: String,
-    /// How far below the first.
+    /// Depth below the first node.
     pub depth: usize,
-    /// What the server shows people.
+    /// Display name.
     pub name: String,
-    /// Of a variable.
+    /// Value and type, if the node is a variable.
     #[serde(flatten)]
     pub variable: Option<Value>,
-    /// Of its value, or why it says nothing.
+    /// Status of the value, or the reason why the attributes cannot be read.
     #[serde(serialize_with = "in_text")]
     pub status: Status,
 }
 
-/// What holds a value.
+/// Value and type of a variable.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Value {
-    /// Its type as OPC UA calls it; empty where nobody knows.
+    /// Type in the terms of OPC UA; empty if it is unknown.
     pub kind: String,
-    /// The same in the word of a profile; `None` where it is no number.
+    /// Type in the terms of a profile; `None` if it is no number.
     #[serde(rename = "type", serialize_with = "in_a_word")]
     pub data_type: Option<DataType>,
-    /// It holds several.
+    /// Whether the variable is an array.
     pub is_array: bool,
-    /// This user may read it.
+    /// Whether this user may read the variable.
     pub is_readable: bool,
-    /// This user may write it.
+    /// Whether this user may write the variable.
     pub is_writable: bool,
-    /// What it holds, in text.
+    /// Value as text.
     pub value: Option<String>,
 }
 
-/// What hangs below a node, each behind what it hangs on.
+/// Node and its descendants, in depth-first order.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Tree {
-    /// The node itself, and those below.
+    /// First node, followed by its descendants.
     pub nodes: Vec<Described>,
-    /// There are more than were to be shown.
+    /// Whether there are more nodes than requested.
     pub is_cut: bool,
-    /// URIs of their namespaces, by index; without OPC UA's own.
+    /// Namespace URIs of the nodes, by index, without the namespace of OPC UA.
     pub namespaces: BTreeMap<u16, String>,
 }
 
-/// A node that was found.
+/// Node that was found.
 struct Place {
     id: NodeId,
     depth: usize,
@@ -118,10 +118,10 @@ fn in_a_word<S: Serializer>(data_type: &Option<DataType>, serializer: S) -> Resu
 }
 
 impl Browser {
-    /// Logs in as the profile says.
+    /// Logs in with the settings of the profile.
     ///
     /// # Errors
-    /// Why there is no login.
+    /// The reason why the login failed.
     pub async fn open(bus: &Bus) -> Result<Browser, Fault> {
         let opening = tokio::time::timeout(bus.timeout + OPENING, Browser::opened(bus));
         opening.await.unwrap_or(Err(Fault::Timeout))
@@ -139,8 +139,8 @@ impl Browser {
         Ok(Browser { link, session, timeout, most: limits.read.min(AT_ONCE) })
     }
 
-    /// The nodes from this one down to `depth` below it, `most` of them. What OPC UA itself defines is named, and looked below only
-    /// where it is the first.
+    /// Browses the nodes from `first` down to `depth` levels, at most `most` of them. Nodes that OPC UA itself defines
+    /// are listed, but browsed only if one of them is the first.
     ///
     /// # Errors
     /// There is no such node, or the line fails.
@@ -190,7 +190,7 @@ impl Browser {
         })
     }
 
-    /// What each of these nodes says of itself.
+    /// Reads the attributes of each of these nodes.
     ///
     /// # Errors
     /// The line fails.
@@ -212,12 +212,12 @@ impl Browser {
         Ok(each.collect())
     }
 
-    /// Gives its place at the server back.
+    /// Closes the session, so that the server can use its place again.
     pub async fn close(mut self) {
         self.session.close(&mut self.link).await;
     }
 
-    /// So many of the nodes that hang on this one, and whether there are more.
+    /// Returns at most `room` child nodes of a node, and whether there are more.
     async fn below(&mut self, id: &NodeId, room: usize) -> Result<(Vec<NodeId>, bool), Fault> {
         let browse = BrowseDescription {
             node_id: id.clone(),
@@ -228,7 +228,7 @@ impl Browser {
             result_mask: FIELDS,
         };
         let (channel, token) = (self.link.channel.clone(), self.session.token());
-        // With no room left one shows that there are more.
+        // Without room, one reference is enough to show that there are more.
         let wanted = u32::try_from(room.max(1)).unwrap_or(u32::MAX);
         let request = Browse::new_manual(0, self.timeout, token.clone(), channel.request_handle())
             .max_references_per_node(wanted)
@@ -255,7 +255,7 @@ impl Browser {
         }
     }
 
-    /// The server need not keep any more where it has got to.
+    /// Releases a continuation point at the server.
     async fn release(&mut self, point: ByteString) -> Result<(), Fault> {
         if point.is_null_or_empty() {
             return Ok(());
@@ -323,7 +323,7 @@ fn attribute_of(id: &NodeId, attribute: AttributeId) -> ReadValueId {
     ReadValueId { node_id: id.clone(), attribute_id: attribute as u32, ..Default::default() }
 }
 
-/// A node by its [`ATTRIBUTES`]; its value is asked for later.
+/// Builds the description of a node from its [`ATTRIBUTES`]. The value is read later.
 fn described(id: &NodeId, found: &[DataValue]) -> Described {
     let value = |place: usize| found.get(place).and_then(|found| found.value.as_ref());
     let number = |place: usize| match value(place) {
@@ -341,7 +341,7 @@ fn described(id: &NodeId, found: &[DataValue]) -> Described {
         kind: kind.map_or(String::new(), |kind| format!("{kind:?}")),
         data_type: kind.and_then(number_type),
         is_array: number(3).is_some_and(|rank| rank > SCALAR),
-        // A server that does not say is asked for the value.
+        // If the server does not report the access level, the value is read anyway.
         is_readable: rights.is_none_or(|rights| rights & MAY_READ != 0),
         is_writable: rights.is_some_and(|rights| rights & MAY_WRITE != 0),
         value: None,
@@ -353,7 +353,8 @@ fn described(id: &NodeId, found: &[DataValue]) -> Described {
     Described { node: id.to_string(), depth: 0, name, variable, status: Status(status.bits()) }
 }
 
-/// What a node holds, which tells its type better than a name that may be derived from another.
+/// Sets the value of a node and its type. The type of the value is more reliable than the data type, which may be
+/// derived.
 fn hold(node: &mut Described, value: DataValue) {
     node.status = Status(value.status.unwrap_or_default().bits());
     let (Some(variable), Some(value)) = (&mut node.variable, value.value) else { return };

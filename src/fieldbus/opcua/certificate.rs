@@ -1,4 +1,4 @@
-//! What a certificate says, so that a person can compare it; and one of the gateway's own, made where there is none.
+//! Reading of certificates for a comparison by the user, and creation of a certificate for the gateway.
 
 use std::fmt::Write;
 use std::time::Duration;
@@ -29,38 +29,38 @@ use x509_cert::time::{Time, Validity};
 
 use super::files::{application, certificate};
 
-/// Every policy takes a key of so many bits, and the computer of every control is quick enough for it.
+/// Key length that every policy accepts, and that the computer of every control can process.
 const KEY_BITS: usize = 2048;
-/// So long before it is made it is valid already: the clock of a control may be slow.
+/// Time before its creation at which a certificate becomes valid, because the clock of a control may be slow.
 const EARLIER: Duration = Duration::from_hours(24);
-/// TLS client authentication, which OPC UA wants of a client.
+/// TLS client authentication, which OPC UA requires of a client.
 const OF_A_CLIENT: ObjectIdentifier = ObjectIdentifier::new_unwrap("1.3.6.1.5.5.7.3.2");
 const SHA1_DIGITS: usize = 40;
 const SHA256_DIGITS: usize = 64;
 
-/// What a certificate says.
+/// Content of a certificate.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Certificate {
-    /// Whom it names.
+    /// Subject.
     pub subject: String,
-    /// The URI of the application that it is for.
+    /// URI of the application in the certificate.
     pub application: Option<String>,
-    /// Its SHA-1, by which servers and their browsers show it.
+    /// SHA-1 digest, which servers and their browsers display.
     pub thumbprint: String,
-    /// Its SHA-256, by which newer ones do.
+    /// SHA-256 digest, which newer programs display.
     pub sha256: String,
-    /// From when it is valid, RFC 3339.
+    /// Start of the validity, RFC 3339.
     #[serde(serialize_with = "in_text")]
     pub from: Moment,
-    /// Until when, RFC 3339.
+    /// End of the validity, RFC 3339.
     #[serde(serialize_with = "in_text")]
     pub to: Moment,
-    /// It itself, in DER form.
+    /// Whole certificate in DER form.
     #[serde(skip)]
     pub der: Vec<u8>,
 }
 
-/// A certificate that was made, and its key.
+/// New certificate with its key.
 pub struct Made {
     /// The certificate, in DER form.
     pub cert: Vec<u8>,
@@ -73,7 +73,7 @@ fn in_text<S: serde::Serializer>(at: &Moment, serializer: S) -> Result<S::Ok, S:
 }
 
 impl Certificate {
-    /// In DER or PEM form; in DER those of its authorities may follow.
+    /// Reads a certificate in DER or PEM form. In DER form, the certificates of its authorities may follow.
     pub fn read(bytes: &[u8]) -> Option<Certificate> {
         let parsed = first(bytes).or_else(|| certificate(bytes))?;
         let der = parsed.to_der().ok()?;
@@ -96,10 +96,10 @@ impl Certificate {
         })
     }
 
-    /// Whether this is its thumbprint, SHA-1 or SHA-256, however it is written.
+    /// Returns whether `text` is the thumbprint of the certificate, SHA-1 or SHA-256, in any usual notation.
     ///
     /// # Errors
-    /// A sentence: it is none.
+    /// A sentence, if the text is no thumbprint.
     pub fn has_thumbprint(&self, text: &str) -> Result<bool, String> {
         let text = text.trim();
         let digits = text.strip_prefix("0x").unwrap_or(text);
@@ -118,7 +118,7 @@ impl Certificate {
     }
 }
 
-/// The first of the certificates that follow each other.
+/// Returns the first certificate of a sequence.
 fn first(bytes: &[u8]) -> Option<X509> {
     let mut reader = SliceReader::new(bytes).ok()?;
     Parsed::decode(&mut reader).ok()?;
@@ -126,17 +126,17 @@ fn first(bytes: &[u8]) -> Option<X509> {
     X509::from_der(bytes.get(..end)?).ok()
 }
 
-/// `5F3A…` as `5F:3A:…`.
+/// Formats digits in pairs: `5F3A…` as `5F:3A:…`.
 fn in_pairs(digits: &str) -> String {
     let digits = digits.to_uppercase();
     let pairs = digits.as_bytes().chunks(2).map(String::from_utf8_lossy);
     pairs.collect::<Vec<_>>().join(":")
 }
 
-/// Makes a certificate that signs itself, of this subject and application on this host, and its key.
+/// Creates a self-signed certificate for this subject, application and host, with its key.
 ///
 /// # Errors
-/// A sentence: the names cannot stand in a certificate, or there are no random numbers.
+/// A sentence, if a name is not allowed in a certificate or there are no random numbers.
 pub fn make(
     subject: &str,
     application: &str,
@@ -166,7 +166,7 @@ fn signed(
     let name: Name = format!("CN={subject}").parse()?;
     let mut serial = [0; 16];
     OsRng.fill_bytes(&mut serial);
-    // A serial number is positive, and none begins with zero.
+    // A serial number is positive, and its first byte is not zero.
     serial[0] = serial[0] & 0x7f | 0x40;
     let signer = SigningKey::<Sha256>::new(key.clone());
     let profile = Profile::Manual { issuer: None };
@@ -175,7 +175,7 @@ fn signed(
     builder.add_extension(&SubjectKeyIdentifier::try_from(public.owned_to_ref())?)?;
     builder.add_extension(&AuthorityKeyIdentifier::try_from(public.owned_to_ref())?)?;
     builder.add_extension(&BasicConstraints { ca: false, path_len_constraint: None })?;
-    // What part 6 of OPC UA asks of a certificate that signs itself.
+    // Usages that OPC UA Part 6 requires of a self-signed certificate.
     let usages = KeyUsages::DigitalSignature
         | KeyUsages::NonRepudiation
         | KeyUsages::KeyEncipherment
@@ -190,7 +190,7 @@ fn signed(
     Ok(builder.build()?.to_der()?)
 }
 
-/// Until 2049 in the short form, as RFC 5280 has it, and behind that in the long one.
+/// Encodes a time as RFC 5280 requires: short form until 2049, long form after that.
 fn time(at: Moment) -> Result<Time, x509_cert::der::Error> {
     let seconds = Duration::from_secs(at.as_nanos() / 1_000_000_000);
     match UtcTime::from_unix_duration(seconds) {

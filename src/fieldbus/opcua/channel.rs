@@ -1,4 +1,4 @@
-//! A secure channel on a socket of ours, whose events are only served while somebody waits for an answer.
+//! Secure channel on a socket of the gateway. It processes events only while a caller waits for an answer.
 
 use std::future::Future;
 use std::pin::pin;
@@ -21,21 +21,22 @@ use tokio_util::codec::FramedRead;
 use super::chunks::Chunks;
 use super::contained::contained;
 
-/// How long the keys of a channel are asked for, milliseconds. They are renewed before a request where three quarters are over.
+/// Requested lifetime of the keys in milliseconds. They are renewed before a request after three quarters of it.
 const LIFETIME: u32 = 600_000;
-/// The largest chunk and message of this end; a read of a thousand nodes is far below.
+/// Largest chunk and message of this end. A read of a thousand nodes is far below.
 const CHUNK: usize = 65_535;
 const MESSAGE: usize = 4_000_000;
 const CHUNKS: usize = 100;
 
-/// As many elements as a message of this size can well have: a list takes far more room in memory than on the wire.
+/// Maximum number of elements in a list, enough for a message of this size. A list needs far more memory than bytes
+/// sent.
 const ELEMENTS: usize = 65_535;
 
 type Transport = StreamTransport<Chunks<ReadHalf<TcpStream>>, WriteHalf<TcpStream>>;
 
-/// A channel to this endpoint; not open yet.
+/// Returns a channel to this endpoint, not open yet.
 pub(super) fn secured(endpoint: &EndpointDescription) -> AsyncSecureChannel {
-    // Nothing is kept in a store of the library's: certificates come with the profile.
+    // The certificate store of the library is not used, because certificates come with the profile.
     let store = Arc::new(RwLock::new(CertificateStore::new(std::path::Path::new(""))));
     let info = endpoint.clone().into();
     let config = TransportConfiguration {
@@ -55,11 +56,11 @@ pub(super) fn secured(endpoint: &EndpointDescription) -> AsyncSecureChannel {
     let context = ContextOwned::new_default(NamespaceMap::new(), limits);
     let never = SessionRetryPolicy::never();
     let context = Arc::new(RwLock::new(context));
-    // The server's clock need not be ours.
+    // The clock of the server may differ from that of this computer.
     AsyncSecureChannel::new(store, info, never, true, Arc::default(), config, LIFETIME, context)
 }
 
-/// A socket that is open, and what the gateway shows on it.
+/// Open socket, with the certificate of the gateway.
 pub(super) struct Socket {
     url: String,
     stream: Mutex<Option<TcpStream>>,
@@ -115,12 +116,12 @@ impl Connector for Socket {
     }
 }
 
-/// An open channel.
+/// Open channel.
 pub(super) struct Link {
     pub(super) channel: Arc<AsyncSecureChannel>,
     events: SecureChannelEventLoop<Transport>,
     state: Arc<SecureChannelState>,
-    /// The library has panicked in it.
+    /// Whether the library has panicked in this channel.
     is_broken: bool,
 }
 
@@ -137,7 +138,7 @@ impl Link {
         Ok(Link { channel, events, state, is_broken: false })
     }
 
-    /// Waits for what was asked, and serves the socket meanwhile.
+    /// Waits for an answer, and processes the events of the socket meanwhile.
     pub(super) async fn ask<T>(
         &mut self,
         answer: impl Future<Output = Result<T, Error>>,
@@ -166,7 +167,7 @@ impl Link {
         }
     }
 
-    /// Whether the other end has closed it while nothing was under way. What it has sent meanwhile answers nobody.
+    /// Returns whether the other end has closed the idle channel. Messages received meanwhile answer no request.
     pub(super) async fn is_closed(&mut self) -> bool {
         if self.is_broken {
             return true;
@@ -190,18 +191,18 @@ impl Link {
         }
     }
 
-    /// The next request would be preceded by one for new keys.
+    /// Returns whether the next request would first renew the keys.
     pub(super) fn is_due_for_new_keys(&self) -> bool {
         self.state.secure_channel().read().should_renew_security_token()
     }
 
-    /// The number that the server has made up for the next signature over its session.
+    /// Sets the nonce of the server for the next signature over its session.
     pub(super) fn set_nonce(&self, nonce: &::opcua::types::ByteString) -> Result<(), Error> {
         self.state.secure_channel().write().set_remote_nonce_from_byte_string(nonce)
     }
 }
 
-/// How long the library waits for an answer at most; the line gives up before that.
+/// Returns the longest time that the library waits for an answer. The line gives up before.
 pub(super) const fn patience(timeout: Duration) -> Duration {
     timeout.saturating_mul(2)
 }

@@ -1,4 +1,4 @@
-//! What comes from a server, chunk by chunk: the library would keep as much as a header says, which may be four gigabytes.
+//! Limit on the chunks that a server sends. The library would buffer the length in a header, up to four gigabytes.
 
 use std::io::{Error, ErrorKind, Result};
 use std::pin::Pin;
@@ -6,17 +6,18 @@ use std::task::{Context, Poll, ready};
 
 use tokio::io::{AsyncRead, ReadBuf};
 
-/// A header: what kind of message, three bytes; whether more of it follows; the length of all of it, 32 bits, lowest first.
+/// Length of a chunk header: message type, three bytes; whether more follows, one byte; total length, 32 bits, lowest
+/// byte first.
 const HEADER: usize = 8;
 
-/// Passes on what it reads. A chunk that says it is longer than this ends it.
+/// Reader that passes its input on, and fails at a chunk longer than `longest`.
 pub(super) struct Chunks<R> {
     inner: R,
     longest: usize,
     header: [u8; HEADER],
     /// Bytes of the header so far.
     known: usize,
-    /// Bytes of the chunk to come.
+    /// Bytes of the chunk that are still to come.
     rest: usize,
 }
 

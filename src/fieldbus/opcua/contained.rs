@@ -1,4 +1,5 @@
-//! The library panics at some of what a peer may send. That is a fault of this line, and no end of the gateway.
+//! Containment of panics in the OPC UA library, which some input of a peer can cause. Such a panic is a fault of this
+//! line, and must not end the gateway.
 
 use std::future::Future;
 use std::pin::pin;
@@ -6,10 +7,10 @@ use std::task::Poll;
 
 use isotherm_core::border::{Panicked, beyond};
 
-/// Work of the library's.
+/// Runs work of the library.
 ///
 /// # Errors
-/// It panicked. What it worked with must not be used again.
+/// The work panicked. Its data must not be used again.
 pub(super) async fn contained<T>(work: impl Future<Output = T>) -> Result<T, Panicked> {
     let mut work = pin!(work);
     std::future::poll_fn(|context| match beyond(|| work.as_mut().poll(context)) {

@@ -1,4 +1,4 @@
-//! Which of a server's endpoints is taken: of those as the profile wants them the strongest that both ends know.
+//! Choice of an endpoint: the strongest one that both ends support, among those that the profile allows.
 
 use ::opcua::client::IdentityToken;
 use ::opcua::crypto::SecurityPolicy;
@@ -7,12 +7,12 @@ use isotherm_profile::Security;
 
 use super::user_kind;
 
-/// The policies that are spoken, the strongest first. Those with SHA-1 are broken, and not among them.
+/// Supported security policies, the strongest first. Policies with SHA-1 are broken, and not included.
 const POLICIES: [SecurityPolicy; 3] =
     [SecurityPolicy::Aes256Sha256RsaPss, SecurityPolicy::Aes128Sha256RsaOaep, SecurityPolicy::Basic256Sha256];
 
-/// The endpoint with this security that lets this kind of user in, and of its ways to do so the strongest alone. Signing alone is never
-/// taken where encryption is wanted.
+/// Returns the strongest endpoint with this security that accepts this kind of user. It keeps only the strongest way to
+/// log in. An endpoint without encryption is never chosen if the profile requires encryption.
 pub(super) fn choose(
     endpoints: Vec<EndpointDescription>,
     security: Security,
@@ -29,8 +29,8 @@ pub(super) fn choose(
     ranked.min_by_key(|(rank, _)| *rank).map(|(_, endpoint)| endpoint)
 }
 
-/// How this user is let in, and its place among such ways, the strongest first. A policy that is left out is the endpoint's (OPC UA
-/// Part 4, UserTokenPolicy); the library would take it for none.
+/// Returns how this user logs in, and its rank, the strongest first. An omitted policy is that of the endpoint (OPC UA
+/// Part 4, UserTokenPolicy); the library would use none.
 fn token(endpoint: &EndpointDescription, user: &IdentityToken) -> Option<(usize, UserTokenPolicy)> {
     let kind = user_kind(user);
     let offered = endpoint.user_identity_tokens.iter().flatten().filter(|token| token.token_type == kind);
@@ -40,13 +40,13 @@ fn token(endpoint: &EndpointDescription, user: &IdentityToken) -> Option<(usize,
         let policy = SecurityPolicy::from_uri(uri.as_ref());
         let strength = match kind {
             UserTokenType::Anonymous => 0,
-            // In clear only where the channel hides it, or the profile wants nothing hidden.
+            // Without encryption only if the channel encrypts it, or the profile requires no security.
             UserTokenType::UserName
                 if policy == SecurityPolicy::None && security_of(endpoint) != Some(Security::Sign) =>
             {
                 POLICIES.len()
             }
-            // What is secret is hidden by the server's certificate.
+            // Secrets are encrypted with the server's certificate.
             _ if endpoint.server_certificate.as_ref().is_empty() => return None,
             _ => POLICIES.iter().position(|known| *known == policy)?,
         };
@@ -55,8 +55,8 @@ fn token(endpoint: &EndpointDescription, user: &IdentityToken) -> Option<(usize,
     ranked.min_by_key(|(strength, _)| *strength)
 }
 
-/// Whether the same would be chosen of what the server says under its signature: what it offers is asked for before, unprotected,
-/// and whoever stands between can leave out what is stronger. A server that says nothing again is believed.
+/// Returns whether the signed list of endpoints leads to the same choice. The first list was requested without
+/// protection, and an attacker may have removed stronger endpoints. An empty signed list is accepted.
 pub(super) fn is_confirmed(
     chosen: &EndpointDescription,
     signed: Vec<EndpointDescription>,
@@ -74,12 +74,12 @@ pub(super) fn is_confirmed(
     choose(signed.collect(), security, user).is_none_or(|again| way(&again) == way(chosen))
 }
 
-/// The gateway can speak as this endpoint wants it.
+/// Returns whether the gateway supports this endpoint.
 pub(super) fn is_spoken(endpoint: &EndpointDescription) -> bool {
     is_binary(endpoint) && rank(endpoint).is_some()
 }
 
-/// What protects its messages.
+/// Returns the protection of the endpoint's messages.
 pub(super) fn security_of(endpoint: &EndpointDescription) -> Option<Security> {
     match endpoint.security_mode {
         MessageSecurityMode::None => Some(Security::None),
@@ -89,7 +89,7 @@ pub(super) fn security_of(endpoint: &EndpointDescription) -> Option<Security> {
     }
 }
 
-/// Its place among those with its security, the strongest first; `None` where it is not spoken.
+/// Returns the rank among the endpoints with the same security, the strongest first; `None` if it is not supported.
 fn rank(endpoint: &EndpointDescription) -> Option<usize> {
     let policy = SecurityPolicy::from_uri(endpoint.security_policy_uri.as_ref());
     match security_of(endpoint)? {
@@ -153,7 +153,7 @@ mod tests {
         assert_eq!(chosen(Security::Sign, &somebody), None);
     }
 
-    /// Encrypted by the strongest, with these ways for somebody with a password.
+    /// Returns an endpoint with the strongest policy, and these policies to log in with a password.
     fn with_password(mode: MessageSecurityMode, tokens: &[&str]) -> EndpointDescription {
         let policy = if mode == MessageSecurityMode::None { SecurityPolicy::None } else { POLICIES[0] };
         let ways = tokens.iter().map(|uri| UserTokenPolicy {

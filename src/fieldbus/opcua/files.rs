@@ -1,4 +1,4 @@
-//! The files that a profile names for an OPC UA line: the gateway's certificate, its user, and whom it trusts.
+//! Files that a profile names for an OPC UA line: certificate and user of the gateway, and trusted certificates.
 
 use ::opcua::client::IdentityToken;
 use ::opcua::crypto::{PrivateKey, X509};
@@ -11,26 +11,28 @@ use crate::clock::Clock;
 use crate::fieldbus::opcua_fault::OpcUaFault;
 use isotherm_profile::{NamedFile, OpcUa, ProfileError, User};
 
-/// As whom the gateway speaks where it has no certificate.
+/// Application URI of a gateway without a certificate.
 const APPLICATION: &str = "urn:isotherm:gateway";
 
-/// What is in the files.
+/// Content of the files.
 pub(super) struct Files {
     pub(super) own: Option<(X509, PrivateKey)>,
     pub(super) user: IdentityToken,
     trusted: Vec<Vec<u8>>,
-    /// The name of the application: the URI in its certificate, which servers compare.
+    /// Application URI in the certificate, which servers compare.
     pub(super) application: String,
 }
 
-/// What is wrong with the files of a line.
+/// Returns the mistakes in the files of a line.
 pub(in crate::fieldbus) fn wrong(line: &OpcUa) -> Vec<ProfileError> {
     Files::read(line).err().unwrap_or_default()
 }
 
 impl Files {
+    /// Reads the files of a line.
+    ///
     /// # Errors
-    /// What is wrong with each of them.
+    /// The mistakes in each of them.
     pub(super) fn read(line: &OpcUa) -> Result<Files, Vec<ProfileError>> {
         let mut wrong = Vec::new();
         let own = line.own.as_ref().and_then(|(cert, key)| pair(cert, key, &mut wrong));
@@ -72,7 +74,7 @@ impl Files {
         }
     }
 
-    /// The gateway's own certificate can be shown today.
+    /// Checks that the gateway's own certificate is valid now.
     pub(super) fn own_is_valid(&self) -> Result<(), OpcUaFault> {
         match &self.own {
             Some((cert, _)) => in_its_time(cert).map_err(|_| OpcUaFault::OursExpired),
@@ -80,9 +82,9 @@ impl Files {
         }
     }
 
-    /// The certificate is one of those in the directory, and in its time.
+    /// Checks that the certificate is trusted and valid now.
     pub(super) fn trusts(&self, shown: &[u8]) -> Result<(), OpcUaFault> {
-        // Behind the server's own, those of its authorities may follow.
+        // The certificates of the server's authorities may follow its own.
         let shown = self.trusted.iter().find(|known| shown.starts_with(known));
         let Some(known) = shown else { return Err(OpcUaFault::NotTrusted) };
         let known = X509::from_der(known).map_err(|_| OpcUaFault::NotTrusted)?;
@@ -101,7 +103,7 @@ fn in_its_time(cert: &X509) -> Result<(), OpcUaFault> {
     }
 }
 
-/// A certificate and the key that belongs to it.
+/// Returns a certificate and its key.
 fn pair(cert: &NamedFile, key: &NamedFile, wrong: &mut Vec<ProfileError>) -> Option<(X509, PrivateKey)> {
     let parsed = certificate(&cert.bytes);
     if parsed.is_none() {
@@ -124,7 +126,7 @@ pub(super) fn certificate(bytes: &[u8]) -> Option<X509> {
     X509::from_der(bytes).or_else(|_| X509::from_pem(bytes)).ok()
 }
 
-/// The URI of the application in its certificate.
+/// Returns the application URI of a certificate.
 pub(super) fn application(cert: &X509) -> Option<String> {
     let cert = Certificate::from_der(&cert.to_der().ok()?).ok()?;
     let (_, names) = cert.tbs_certificate.get::<SubjectAltName>().ok()??;

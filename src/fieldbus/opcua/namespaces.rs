@@ -1,4 +1,4 @@
-//! Namespaces of a server: which index each URI has, and the nodes of a profile as the server names them now.
+//! Namespaces of a server: the index of each URI, and the present identifiers of the nodes in a profile.
 
 use std::sync::Arc;
 
@@ -8,18 +8,18 @@ use isotherm_core::codec::{self, Identifier, Namespace};
 use crate::fieldbus::error::{CallerFault, Fault};
 use crate::fieldbus::namespaces::NamespaceTable;
 
-/// Namespaces of a server, as it had them when the connection was opened.
+/// Namespaces of a server when the connection was opened.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Namespaces {
     /// URIs by index.
     uris: Arc<[String]>,
-    /// Where those are that the profile names by index.
+    /// Namespaces that the profile names by index.
     table: NamespaceTable,
 }
 
 impl Namespaces {
-    /// The server's NamespaceArray. Anything else has no URIs: then only nodes that are named by an index are found, and only if no
-    /// URI is remembered of it.
+    /// Reads the NamespaceArray of the server. Any other value has no URIs. Then only nodes that are named by an index
+    /// are found, and only if no URI is stored for it.
     pub(super) fn of(array: Option<&Variant>, table: &NamespaceTable) -> Namespaces {
         let uri = |value: &Variant| match value {
             Variant::String(uri) => uri.as_ref().to_owned(),
@@ -33,7 +33,7 @@ impl Namespaces {
         Namespaces { uris: table.array(), table: table.clone() }
     }
 
-    /// Index of a namespace. `None` if the server does not have its URI, or has it twice.
+    /// Returns the index of a namespace; `None` if the server does not have its URI, or has it twice.
     fn index(&self, namespace: &Namespace) -> Option<u16> {
         let uri = match namespace {
             Namespace::Index(index) => return self.table.index(*index),
@@ -44,17 +44,17 @@ impl Namespaces {
         places.next().is_none().then_some(first)
     }
 
-    /// Where those are that the profile names by index.
+    /// Returns the table of the namespaces that the profile names by index.
     pub(super) fn table(&self) -> NamespaceTable {
         self.table.clone()
     }
 
-    /// URI of an index.
+    /// Returns the URI of an index.
     pub(super) fn uri(&self, index: u16) -> Option<&str> {
         self.uris.get(usize::from(index)).map(String::as_str).filter(|uri| !uri.is_empty())
     }
 
-    /// A node as the library has it. `None` if the server does not have its namespace.
+    /// Returns the identifier of a node in the library; `None` if the server does not have its namespace.
     ///
     /// # Errors
     /// The identifier is invalid.

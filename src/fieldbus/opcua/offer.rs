@@ -1,4 +1,4 @@
-//! What a server offers, as it tells whoever asks, without a login.
+//! Endpoints of a server, as it lists them without a login.
 
 use std::time::Duration;
 
@@ -11,27 +11,27 @@ use super::endpoint::{is_spoken, security_of};
 use super::{OPENING, offered};
 use crate::fieldbus::error::Fault;
 
-/// One of a server's endpoints.
+/// One endpoint of a server.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Offer {
-    /// Where, as the server says.
+    /// URL, as the server reports it.
     pub url: String,
-    /// `security` of a profile that wants it; `None` where it is none that OPC UA has.
+    /// Matching `security` of a profile; `None` if OPC UA does not define the mode.
     pub security: Option<Security>,
-    /// How it is secured: `Basic256Sha256`.
+    /// Security policy, for example `Basic256Sha256`.
     pub policy: String,
-    /// Whether the gateway can do that.
+    /// Whether the gateway supports the endpoint.
     pub is_spoken: bool,
-    /// Whom it lets in: `anonymous`, `password`, `certificate`.
+    /// Accepted kinds of users: `anonymous`, `password`, `certificate`.
     pub users: Vec<&'static str>,
-    /// The certificate that it shows.
+    /// Certificate of the server.
     pub certificate: Option<Certificate>,
 }
 
-/// What the server at this URL offers.
+/// Returns the endpoints of the server at this URL.
 ///
 /// # Errors
-/// Why there is no answer.
+/// The reason why there is no answer.
 pub async fn offers(url: &str, timeout: Duration) -> Result<Vec<Offer>, Fault> {
     let asked = tokio::time::timeout(timeout + OPENING, offered(url, timeout)).await;
     Ok(asked.unwrap_or(Err(Fault::Timeout))?.iter().map(offer).collect())

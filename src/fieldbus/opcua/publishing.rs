@@ -1,4 +1,4 @@
-//! The Publish requests that wait at a server, one for each subscription, and what their answers say.
+//! Publish requests that wait at a server, one for each subscription, and the processing of their answers.
 
 use std::collections::VecDeque;
 use std::future::Future;
@@ -18,44 +18,44 @@ use super::subscription::{Heard, Subscribed, subscribe, unsubscribe};
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::wire::NodeReading;
 
-/// What is subscribed to on one connection.
+/// Subscriptions on one connection.
 #[derive(Default)]
 pub(super) struct Publishing {
     of: Vec<(Subscription, State)>,
-    /// In the order in which they left, which is that of their answers.
+    /// Publish requests in the order of sending, which is the order of their answers.
     waiting: VecDeque<Waiting>,
     news: Option<String>,
 }
 
 enum State {
     Sent(Subscribed),
-    /// The server does not do it, or not fast enough: the nodes are read.
+    /// The server refuses the subscription, or is too slow. The nodes are read instead.
     Refused,
 }
 
-/// A Publish request without an answer.
+/// Publish request without an answer so far.
 struct Waiting {
     asked: Moment,
     answer: Pin<Box<dyn Future<Output = Result<PublishResponse, Error>> + Send>>,
 }
 
-/// What is known of the nodes of a subscription.
+/// Latest values of the nodes of a subscription.
 pub(super) enum Latest {
-    /// This.
+    /// All values are known.
     Known(Vec<NodeReading>),
-    /// Not of all of them: they are read.
+    /// Some values are unknown: the nodes must be read.
     Unknown,
-    /// Nothing: they have not been subscribed to.
+    /// The nodes are not subscribed to.
     New,
-    /// Nothing any more: the server has broken its word.
+    /// The server has not sent anything within the promised time.
     Silent,
 }
 
 impl Publishing {
-    /// Takes in what has come, and leaves as many requests at the server as there are subscriptions.
+    /// Processes the answers that have arrived. Keeps one request per subscription waiting at the server.
     ///
     /// # Errors
-    /// The connection or the session is at its end.
+    /// The connection or the session has ended.
     pub(super) async fn take_in(
         &mut self,
         link: &mut Link,
@@ -84,7 +84,7 @@ impl Publishing {
         }
     }
 
-    /// Whether there is more to come at once.
+    /// Processes an answer. Returns whether the server has more to send at once.
     fn hear(
         &mut self,
         answered: Result<PublishResponse, Error>,
@@ -100,7 +100,7 @@ impl Publishing {
                         self.lost(Some(error.status()));
                         Ok(false)
                     }
-                    // Another one goes out in its place.
+                    // Another request replaces it.
                     StatusCode::BadTooManyPublishRequests | StatusCode::BadTimeout => Ok(false),
                     _ => Err(error),
                 };
@@ -111,7 +111,7 @@ impl Publishing {
             State::Sent(subscribed) if subscribed.id == id => Some(subscribed),
             _ => None,
         });
-        // What an ended one still says is of no use.
+        // Data of an ended subscription is discarded.
         let Some(subscribed) = sent else { return Ok(false) };
         match subscribed.hear(answer, asked, now) {
             Heard::All => Ok(false),
@@ -131,10 +131,10 @@ impl Publishing {
         });
     }
 
-    /// Sends as many requests as are missing at the server, with what is acknowledged.
+    /// Sends the requests that are missing at the server, with acknowledgements.
     async fn ask(&mut self, link: &mut Link, session: &Session, now: Moment) -> Result<(), Error> {
         let sent = || self.of.iter().filter_map(|(_, state)| state.sent());
-        // Silence is noticed before.
+        // A silent subscription is detected before this timeout.
         let patience = sent().map(|subscribed| subscribed.patience * 2).max().unwrap_or(Duration::ZERO);
         for _ in self.waiting.len()..sent().count() {
             let publish = Publish::new_manual(0, patience, session.token(), link.channel.request_handle())
@@ -170,7 +170,7 @@ impl Publishing {
         numbers.collect()
     }
 
-    /// What is known of these nodes.
+    /// Returns the latest values of these nodes.
     pub(super) fn latest(&self, asked: &Subscription, now: Moment) -> Latest {
         match self.of.iter().find(|(of, _)| of == asked) {
             None => Latest::New,
@@ -183,13 +183,13 @@ impl Publishing {
         }
     }
 
-    /// Their nodes may have to be subscribed to.
+    /// Returns whether the nodes may have to be subscribed to, which takes long.
     pub(super) fn may_take_long(&self, asked: &Subscription) -> bool {
         let is_whole = |state: &State| !state.sent().is_some_and(|sent| sent.lacks);
         !self.of.iter().any(|(of, state)| of == asked && is_whole(state))
     }
 
-    /// Subscribes to these nodes; where the server does not do that, or too slowly, they are read from now on.
+    /// Subscribes to these nodes. If the server refuses, or is too slow, they are read from now on.
     ///
     /// # Errors
     /// The server does not answer.
@@ -237,7 +237,7 @@ impl Publishing {
         self.ask(link, session, now).await
     }
 
-    /// The server ends what is not listened to here: of an earlier connection, of one that was lost or is too slow.
+    /// Ends unused subscriptions at the server: those of an earlier connection, lost ones and slow ones.
     async fn end_others(&mut self, link: &mut Link, session: &Session) -> Result<(), Error> {
         let is_kept =
             |id: &u32| self.of.iter().any(|(_, state)| state.sent().is_some_and(|sent| sent.id == *id));
@@ -249,7 +249,7 @@ impl Publishing {
         unsubscribe(link, session, others).await
     }
 
-    /// What there is to say of a subscription, once.
+    /// Returns the news about a subscription, once.
     pub(super) fn news(&mut self) -> Option<String> {
         self.news.take()
     }

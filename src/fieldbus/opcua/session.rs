@@ -1,4 +1,4 @@
-//! A session with a server: made, taken up again on a new channel, and what the server allows in it.
+//! Session with an OPC UA server: creation, resumption on a new channel, and the limits of the server.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -22,11 +22,12 @@ use crate::fieldbus::error::Fault;
 use crate::fieldbus::namespaces::NamespaceTable;
 use crate::fieldbus::opcua_fault::OpcUaFault;
 
-/// How long a server keeps a session of which it hears nothing, milliseconds: a gateway that was killed holds its place as long.
+/// Lifetime in milliseconds of a session without requests at the server. A gateway that was killed occupies a session
+/// as long.
 const LIFETIME: f64 = 60_000.0;
 const NONCE: usize = 32;
 
-/// A session. Whoever has a copy of it has the same one.
+/// OPC UA session. Clones share it.
 #[derive(Clone)]
 pub(super) struct Session {
     application: String,
@@ -34,27 +35,27 @@ pub(super) struct Session {
     held: Arc<Mutex<Option<Held>>>,
 }
 
-/// What a server has given for a session.
+/// Data of a session at the server.
 #[derive(Clone)]
 struct Held {
-    /// What shows the server whose request it is.
+    /// Authentication token in each request.
     token: NodeId,
-    /// The number that the next signature is to contain.
+    /// Nonce for the next signature.
     nonce: ByteString,
-    /// What it has been given in the session, and not given back.
+    /// Subscriptions in the session that were not deleted yet.
     subscriptions: Vec<u32>,
     /// Namespaces of the server.
     namespaces: Namespaces,
 }
 
-/// How many nodes a server takes in one call.
+/// Maximum number of nodes in one call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Limits {
     pub(super) read: usize,
     pub(super) write: usize,
 }
 
-/// The endpoints of a server.
+/// Queries the endpoints of a server.
 pub(super) async fn endpoints(
     link: &mut Link,
     url: &str,
@@ -79,7 +80,7 @@ pub(super) fn header(token: &NodeId, handle: u32, timeout: Duration) -> RequestH
     RequestHeader { timeout_hint, ..RequestHeader::new(token, &DateTime::now(), handle) }
 }
 
-/// What a server says in place of an answer.
+/// Returns the error of a message that is not the expected answer.
 pub(super) fn refused(answer: &ResponseMessage) -> Error {
     let status = match answer {
         ResponseMessage::ServiceFault(fault) => fault.response_header.service_result,
@@ -89,27 +90,27 @@ pub(super) fn refused(answer: &ResponseMessage) -> Error {
 }
 
 impl Session {
-    /// None yet, of this application.
+    /// Returns a session of this application that is not created yet.
     pub(super) fn none(application: String, timeout: Duration) -> Session {
         Session { application, timeout, held: Arc::default() }
     }
 
-    /// The server keeps it, as far as is known.
+    /// Returns whether the server has the session, as far as is known.
     pub(super) fn is_alive(&self) -> bool {
         self.held().is_some()
     }
 
-    /// The server does not keep it any more.
+    /// Records that the server does not have the session any more.
     pub(super) fn is_over(&self) {
         self.hold(None);
     }
 
-    /// What shows the server whose request it is.
+    /// Returns the authentication token.
     pub(super) fn token(&self) -> NodeId {
         self.held().map_or(NodeId::null(), |held| held.token)
     }
 
-    /// How long the library waits for an answer at most.
+    /// Returns the longest time that the library waits for an answer.
     pub(super) fn patience(&self) -> Duration {
         patience(self.timeout)
     }
@@ -126,7 +127,7 @@ impl Session {
         self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes it up on a new channel.
+    /// Resumes the session on a new channel.
     pub(super) async fn take_up(
         &self,
         link: &mut Link,
@@ -138,7 +139,7 @@ impl Session {
         self.activate(link, endpoint, own, user, held).await
     }
 
-    /// Makes it.
+    /// Creates the session.
     pub(super) async fn begin(
         &self,
         link: &mut Link,
@@ -182,7 +183,7 @@ impl Session {
             return Err(dial_fault(&Error::new(made.response_header.service_result, "refused")));
         }
         if let Some((cert, _)) = own {
-            // The certificate is the one that was trusted, and whoever answers has its key.
+            // Check that the server uses the trusted certificate, and has its key.
             let not_proven = |_| fault(OpcUaFault::NotProven);
             if made.server_certificate != endpoint.server_certificate {
                 return Err(fault(OpcUaFault::NotProven));
@@ -214,7 +215,7 @@ impl Session {
     ) -> Result<(), Error> {
         let channel = link.channel.clone();
         channel.set_auth_token(held.token.clone());
-        // A new channel has a nonce of its own, over which nothing is signed here.
+        // A new channel has a nonce of its own, which no signature here uses.
         link.set_nonce(&held.nonce)?;
         let (token, handle) = (held.token.clone(), channel.request_handle());
         let request = ActivateSession::new_manual(endpoint.clone(), 0, OPENING, token, handle)
@@ -228,26 +229,26 @@ impl Session {
         Ok(())
     }
 
-    /// Gives its place at the server back, and with it what was subscribed to.
+    /// Closes the session, and with it its subscriptions.
     pub(super) async fn close(&self, link: &mut Link) {
         let channel = link.channel.clone();
         let close = CloseSession::new_manual(0, self.patience(), self.token(), channel.request_handle());
-        // Where it is not answered, the server forgets it by itself after a while.
+        // Without an answer, the server ends the session after its lifetime.
         let _ = link.ask(close.send(&channel)).await;
         self.is_over();
     }
 
-    /// What the server takes in one call; one that does not say takes everything.
+    /// Reads how many nodes the server accepts in one call. Without a limit of the server, all are accepted.
     pub(super) async fn limits(&self, link: &mut Link) -> Result<Limits, Fault> {
         let read = VariableId::Server_ServerCapabilities_OperationLimits_MaxNodesPerRead;
         let write = VariableId::Server_ServerCapabilities_OperationLimits_MaxNodesPerWrite;
-        // One each: both at once may be one too many.
+        // Read one at a time: two nodes may exceed the limit.
         let read = self.most(link, read).await.map_err(|error| call_fault(&error))?;
         let write = self.most(link, write).await.map_err(|error| call_fault(&error))?;
         Ok(Limits { read, write })
     }
 
-    /// What the server has as this limit of its own.
+    /// Reads one operation limit of the server; `usize::MAX` if it has none.
     pub(super) async fn most(&self, link: &mut Link, limit: VariableId) -> Result<usize, Error> {
         let most = match self.value(link, limit).await? {
             Some(Variant::UInt32(most)) if most > 0 => usize::try_from(most).ok(),
@@ -256,7 +257,7 @@ impl Session {
         Ok(most.unwrap_or(usize::MAX))
     }
 
-    /// Asks the server for its namespaces. The table learns them.
+    /// Reads the namespaces of the server, and updates the table.
     pub(super) async fn read_namespaces(&self, link: &mut Link, table: &NamespaceTable) -> Result<(), Error> {
         let array = self.value(link, VariableId::Server_NamespaceArray).await;
         let namespaces = Namespaces::of(array?.as_ref(), table);
@@ -266,12 +267,12 @@ impl Session {
         Ok(())
     }
 
-    /// Namespaces of the server when the connection was opened.
+    /// Returns the namespaces of the server when the connection was opened.
     pub(super) fn namespaces(&self) -> Namespaces {
         self.lock().as_ref().map_or_else(Namespaces::default, |held| held.namespaces.clone())
     }
 
-    /// Value of one of the server's own variables.
+    /// Reads one of the server's own variables.
     async fn value(&self, link: &mut Link, variable: VariableId) -> Result<Option<Variant>, Error> {
         let channel = link.channel.clone();
         let read = Read::new_manual(0, OPENING, self.token(), channel.request_handle())
@@ -281,19 +282,19 @@ impl Session {
         Ok(found.into_iter().next().and_then(|found| found.value))
     }
 
-    /// The server has given it this subscription.
+    /// Records a new subscription in this session.
     pub(super) fn subscribes(&self, id: u32) {
         if let Some(held) = self.lock().as_mut() {
             held.subscriptions.push(id);
         }
     }
 
-    /// What it has been given, on this connection or an earlier one.
+    /// Returns the subscriptions in the session, including those of earlier connections.
     pub(super) fn subscriptions(&self) -> Vec<u32> {
         self.held().map_or_else(Vec::new, |held| held.subscriptions)
     }
 
-    /// These are given back.
+    /// Records that these subscriptions are deleted.
     pub(super) fn forgets(&self, ids: &[u32]) {
         if let Some(held) = self.lock().as_mut() {
             held.subscriptions.retain(|id| !ids.contains(id));
@@ -301,7 +302,7 @@ impl Session {
     }
 }
 
-/// The question for the value of a node.
+/// Returns the request for the value of a node.
 pub(super) fn value_of(node_id: NodeId) -> ReadValueId {
     ReadValueId {
         node_id,

@@ -1,4 +1,4 @@
-//! What the library and the server say, as faults of ours.
+//! Conversion of errors of the library and the server to faults.
 
 use ::opcua::types::{Error, StatusCode};
 use isotherm_core::reading::Status;
@@ -7,7 +7,7 @@ use crate::fieldbus::error::{Fault, LinkFault, Outcome, PeerFault};
 use crate::fieldbus::opcua_fault::OpcUaFault;
 use crate::fieldbus::wire::Answer;
 
-/// Why no session came about.
+/// Returns the fault for an error while a session is opened.
 pub(super) fn dial_fault(error: &Error) -> Fault {
     use OpcUaFault as Why;
     let why = match error.status() {
@@ -36,7 +36,7 @@ pub(super) fn dial_fault(error: &Error) -> Fault {
     Fault::Link(LinkFault::OpcUa(why))
 }
 
-/// What came is none of the protocol.
+/// Returns whether the message violates the protocol.
 fn is_not_understood(error: &Error) -> bool {
     matches!(
         error.status(),
@@ -49,7 +49,7 @@ fn is_not_understood(error: &Error) -> bool {
     )
 }
 
-/// The session is over, or its channel.
+/// Returns whether the session has ended, or its channel.
 pub(super) fn is_of_the_session(error: &Error) -> bool {
     matches!(
         error.status(),
@@ -57,7 +57,7 @@ pub(super) fn is_of_the_session(error: &Error) -> bool {
     )
 }
 
-/// Why a call has no answer that could be used.
+/// Returns the fault for a call without a usable answer.
 pub(super) fn call_fault(error: &Error) -> Fault {
     match error.status() {
         _ if is_of_the_session(error) => Fault::BROKEN,
@@ -70,13 +70,14 @@ pub(super) fn call_fault(error: &Error) -> Fault {
         | StatusCode::BadShutdown => Fault::BROKEN,
         StatusCode::BadTimeout => Fault::Timeout,
         _ if is_not_understood(error) => Fault::Peer(PeerFault::Malformed),
-        // In a session the certificates were taken: it is this message that was changed.
+        // Within a session the certificates were accepted, so this message was changed on the way.
         StatusCode::BadSecurityChecksFailed => Fault::Peer(PeerFault::Malformed),
         status => Fault::Status(Status(status.bits())),
     }
 }
 
-/// What came of a call that writes these nodes: done where all of them are, and not done where that is said of each.
+/// Returns the result of a call that writes these nodes. It is done if each node was written. It is not done only if
+/// the status of each node proves that.
 pub(super) fn all_written(said: &[Status]) -> Result<Answer, Fault> {
     let mut refused = said.iter().zip(1..).filter(|(status, _)| !status.is_good());
     let Some((&status, place)) = refused.clone().next() else { return Ok(Answer::Done) };

@@ -1,15 +1,15 @@
-//! What a server sends by itself of the nodes of a device, and how old that is.
+//! Values of a device's nodes that a server sends by subscription, and their age.
 //!
 //! ```text
-//! a round's read ─► what has come since ─► one more Publish request ─► the values as they stand
+//! a poll ─► messages since the last one ─► one more Publish request ─► the latest values
 //! ```
 //!
-//! - A message answers a Publish request of ours, so what it says held after that had left: age counts from there. A value
-//!   that a message does not name has not changed until then, where the server has nothing more to send.
-//! - Where the stamps say when a value was measured, the server sends it for its stamp alone. Else it says that nothing has
-//!   changed, which may be as old as its sampling.
-//! - A message that is missing, or a subscription that the server has ended, leaves nothing that could be believed: the
-//!   nodes are read, and subscribed to anew.
+//! - A message answers a Publish request. Its content was valid after that request was sent, so the age counts from
+//!   there. A value that is not in the message has not changed, if the server has nothing more to send.
+//! - If the age counts from the time stamps of the source, the server also sends a value for a new stamp alone.
+//!   Otherwise it reports that nothing has changed, and that may be as old as its sampling period.
+//! - After a missing message, or an end of the subscription by the server, its values are discarded. The nodes are
+//!   read, and subscribed to again.
 
 use std::time::Duration;
 
@@ -31,68 +31,68 @@ use super::value::{reading, since};
 use crate::fieldbus::namespaces::NamespaceTable;
 use crate::fieldbus::wire::{NodeReading, Stamped};
 
-/// So many nodes are subscribed to in one call at most: a request stays as small as any server takes it.
+/// Maximum number of nodes in one call. Any server accepts a request of this size.
 const AT_ONCE: usize = 100;
-/// A server that hears nothing of us drops a subscription after so long.
+/// Time without a request after which a server drops a subscription.
 const LIFETIME: Duration = Duration::from_secs(60);
-/// It must not do so before this many periods.
+/// Minimum of that time, in periods.
 const LEAST: u32 = 30;
-/// What the server did not have, it may have after so long.
+/// Time after which nodes that the server did not have are subscribed to again.
 const AGAIN: Duration = Duration::from_secs(60);
 
-/// A subscription that the server has taken.
+/// Subscription at the server.
 pub(super) struct Subscribed {
     pub(super) id: u32,
-    /// Of each node what was sent last; of one that the server does not have, why.
+    /// Last value of each node; for a node that the server does not have, its status.
     values: Vec<Option<DataValue>>,
-    /// The number of the next message with values, once there was one.
+    /// Number of the next message with values, once one has arrived.
     next: Option<u32>,
-    /// The last message after which there was nothing more to send.
+    /// Last message after which the server had nothing more to send.
     confirmed: Option<Confirmed>,
-    /// When something came last, and when it was made.
+    /// Time of the last message. `made` is the time of the subscription.
     heard: Moment,
     made: Moment,
-    /// The server does not have all of its nodes.
+    /// Whether the server does not have all of the nodes.
     pub(super) lacks: bool,
-    /// Namespaces by which its nodes were found, and how often that had changed.
+    /// Namespaces of the nodes, and their number of changes at the time of the subscription.
     namespaces: (NamespaceTable, u64),
-    /// A server that sends nothing for longer breaks its word.
+    /// Longest time without a message that the server has promised.
     pub(super) patience: Duration,
-    /// How old a value may be that it says has not changed.
+    /// Greatest age of a value that the server reports as unchanged.
     sampling: Duration,
-    /// Messages that came and have not been acknowledged.
+    /// Messages that are not acknowledged yet.
     received: Vec<u32>,
 }
 
-/// A message that says how everything stands.
+/// Message after which all values are known.
 #[derive(Clone, Copy)]
 struct Confirmed {
-    /// When that left which it answers.
+    /// Time at which its request was sent.
     asked: Moment,
-    /// When it was sent, by the server's clock, and how long before that it was made.
+    /// Time of sending, by the server's clock. `lay` is how long the message waited before that.
     sent: DateTime,
     lay: Duration,
 }
 
-/// What has become of a subscription by a message.
+/// State of a subscription after a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Heard {
-    /// Everything is known as of then.
+    /// All values are known as of this message.
     All,
-    /// There is more to be asked for.
+    /// The server has more to send.
     More,
-    /// Something was lost, or the server has ended it with this status.
+    /// A message is missing, or the server has ended the subscription with this status.
     Lost(Option<StatusCode>),
 }
 
-/// What a server makes of the periods that it was asked for.
+/// Periods that a server has set in place of the requested ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Revised {
-    /// How often it sends.
+    /// Publishing interval.
     interval: Duration,
-    /// How long after that, at most, it says that there is nothing to send.
+    /// Longest time until the server reports that there is nothing to send.
     pub(super) alive: Duration,
-    /// The longest period in which a node is looked at.
+    /// Longest sampling period of a node.
     sampling: Duration,
 }
 
@@ -103,7 +103,7 @@ impl Revised {
         Revised { interval, alive, sampling: Duration::ZERO }
     }
 
-    /// What is to be said of it: `None` where it is as it was asked for.
+    /// Describes a server that is slower than requested; `None` if it is not.
     pub(super) fn news(&self, asked: &Subscription) -> Option<String> {
         let is_slower = |span: Duration| span > asked.every + asked.every / 10;
         if is_slower(self.interval) {
@@ -114,7 +114,8 @@ impl Revised {
         })
     }
 
-    /// How old a value may be that is as fresh as it can be: sampled, sent, asked for by the round before, and taken by the next.
+    /// Returns the greatest age of a value without disturbances. It includes sampling, sending, and two periods of the
+    /// polls.
     pub(super) fn oldest(&self, asked: &Subscription) -> Duration {
         let sent = if asked.by_stamp { self.interval } else { self.alive };
         self.sampling + sent + asked.every * 2
@@ -128,7 +129,7 @@ fn milliseconds(span: f64) -> Duration {
 /// Subscribes to these nodes.
 ///
 /// # Errors
-/// The server does not answer, or refuses it.
+/// The server does not answer, or refuses the subscription.
 pub(super) async fn subscribe(
     link: &mut Link,
     session: &Session,
@@ -155,7 +156,7 @@ pub(super) async fn subscribe(
         values.push(id.is_none().then(|| without_value(StatusCode::BadNodeIdUnknown)));
         known.extend(id.map(|id| (place, id)));
     }
-    // To find an index for the first time is a change.
+    // Counted after the lookups, because the first lookup of an index is a change.
     let changes = namespaces.table().changes();
     for some in known.chunks(most.clamp(1, AT_ONCE)) {
         let items = some.iter().map(|(place, id)| item(id.clone(), *place, asked));
@@ -209,7 +210,7 @@ fn without_value(status: StatusCode) -> DataValue {
     DataValue { status: Some(status), ..DataValue::null() }
 }
 
-/// Nothing is wrong with the node: the server does not send it.
+/// Returns whether the server refuses the subscription, without a fault of the node.
 fn is_of_the_subscription(status: StatusCode) -> bool {
     matches!(
         status,
@@ -221,7 +222,7 @@ fn is_of_the_subscription(status: StatusCode) -> bool {
     )
 }
 
-/// The newest value of a node, by its place.
+/// Returns the request for the newest value of a node. `place` identifies the node in messages.
 fn item(node: NodeId, place: usize, asked: &Subscription) -> Option<MonitoredItemCreateRequest> {
     let trigger =
         if asked.by_stamp { DataChangeTrigger::StatusValueTimestamp } else { DataChangeTrigger::StatusValue };
@@ -239,7 +240,7 @@ fn item(node: NodeId, place: usize, asked: &Subscription) -> Option<MonitoredIte
     })
 }
 
-/// Those that an earlier connection has left in the session are ended: nobody takes what they send.
+/// Deletes subscriptions at the server that are not used any more, for example those of an earlier connection.
 ///
 /// # Errors
 /// The server does not answer.
@@ -252,7 +253,7 @@ pub(super) async fn unsubscribe(link: &mut Link, session: &Session, ids: Vec<u32
 }
 
 impl Subscribed {
-    /// Takes in a message, which answers what left at `asked`.
+    /// Processes a message. `asked` is the time at which its request was sent.
     pub(super) fn hear(&mut self, answer: PublishResponse, asked: Moment, now: Moment) -> Heard {
         let message = answer.notification_message;
         let parts = message.notification_data.unwrap_or_default();
@@ -263,7 +264,7 @@ impl Subscribed {
         self.next = Some(message.sequence_number);
         if !parts.is_empty() {
             self.received.push(message.sequence_number);
-            // Their numbers begin anew at one.
+            // The numbers restart at one.
             self.next = Some(message.sequence_number.checked_add(1).unwrap_or(1));
         }
         for part in parts {
@@ -291,28 +292,28 @@ impl Subscribed {
         Heard::All
     }
 
-    /// The numbers of the messages that came since this was last asked.
+    /// Returns the numbers of the messages since the last call.
     pub(super) fn received(&mut self) -> Vec<u32> {
         std::mem::take(&mut self.received)
     }
 
-    /// The server has sent nothing for longer than it promised.
+    /// Returns whether the server has sent nothing for longer than it promised.
     pub(super) fn is_silent(&self, now: Moment) -> bool {
         now.since(self.heard) > self.patience
     }
 
-    /// The server did not have a node a while ago, and may have it by now; or a namespace is found elsewhere.
+    /// Returns whether to subscribe again: a missing node may exist by now, or a namespace has another index.
     pub(super) fn is_to_be_made_anew(&self, now: Moment) -> bool {
         let (table, changes) = &self.namespaces;
         table.changes() != *changes || self.lacks && now.since(self.made) >= AGAIN
     }
 
-    /// How everything stands; `None` until that is known of each node.
+    /// Returns the latest reading of each node; `None` until all are known.
     pub(super) fn readings(&self, asked: &Subscription) -> Option<Vec<NodeReading>> {
         let Confirmed { asked: left, sent, lay } = self.confirmed?;
         let of_a_node = |(node, value): (&_, &Option<DataValue>)| {
             let found = reading(node, value.as_ref()?, sent);
-            // What no stamp says may be as old as the last look at the node.
+            // Without a time stamp, a value may be as old as the last sampling.
             let is_stamped = asked.by_stamp && found.stamped != Stamped::Unknown;
             let left = if is_stamped { left } else { left.before(lay + self.sampling) };
             Some(NodeReading { asked: Some(left), ..found })
@@ -344,7 +345,7 @@ mod tests {
         Moment::default().after(SECOND * u32::try_from(seconds).unwrap())
     }
 
-    /// The server's clock is a year from ours.
+    /// Returns a time of the server's clock, which differs from the gateway's by a year.
     fn by_server(seconds: u64) -> DateTime {
         DateTime::from(ticks(seconds))
     }
@@ -369,7 +370,7 @@ mod tests {
         }
     }
 
-    /// A message of the server, sent at this second of its clock.
+    /// Message that the server sends at this second of its clock.
     fn message(number: u32, seconds: u64, values: &[(u32, f64)]) -> PublishResponse {
         let items = values.iter().map(|(client_handle, value)| MonitoredItemNotification {
             client_handle: *client_handle,

@@ -1,4 +1,4 @@
-//! What the library has of nodes and values ↔ what the profile has.
+//! Conversion of nodes and values between the library and the profile.
 
 use std::time::Duration;
 
@@ -8,13 +8,13 @@ use isotherm_core::reading::{Reason, Status};
 
 use crate::fieldbus::wire::{NodeReading, Stamped};
 
-/// Two clocks that are right differ by no more than this.
+/// Largest difference between two correct clocks.
 const APART: Duration = Duration::from_secs(1);
-/// Ticks of OPC UA's time, 100 ns each, in a second.
+/// Ticks of OPC UA time in a second; one tick is 100 ns.
 const TICKS: u64 = 10_000_000;
 
-/// What a server has sent of a node in an answer of this moment, both by its own clock. The time that it may stamp a value with
-/// itself is not looked at: some stamp with it when the value came to them.
+/// Returns the reading of a node. `answered` is the time of the answer by the server's clock. The server's own stamp of
+/// a value is not used, because some servers set it on arrival of the value.
 pub(super) fn reading(node: &Node, value: &DataValue, answered: DateTime) -> NodeReading {
     let status = value.status.unwrap_or_default();
     let stamped = match value.source_timestamp {
@@ -29,7 +29,7 @@ pub(super) fn reading(node: &Node, value: &DataValue, answered: DateTime) -> Nod
     NodeReading { value: scalar.and_then(|scalar| node.registers(scalar)), stamped, asked: None }
 }
 
-/// How long before the one moment the other was.
+/// Returns the time between two stamps in ticks. `source` may be slightly later, because clocks differ.
 pub(super) fn since(source: i64, server: i64) -> Stamped {
     let ticks = source.abs_diff(server);
     let apart = Duration::from_secs(ticks / TICKS) + Duration::from_nanos(100 * (ticks % TICKS));
@@ -40,7 +40,7 @@ pub(super) fn since(source: i64, server: i64) -> Stamped {
     }
 }
 
-/// The number that a value is; `None` where it is none.
+/// Returns the number in a value; `None` if it is no number.
 fn scalar(value: &Variant) -> Option<Scalar> {
     let (data_type, bits) = match value {
         Variant::Boolean(value) => (DataType::Bool, u64::from(*value)),
@@ -59,7 +59,7 @@ fn scalar(value: &Variant) -> Option<Scalar> {
     Some(Scalar { data_type, bits })
 }
 
-/// What a node holds, for people.
+/// Formats a value for display.
 pub(super) fn for_people(value: &Variant) -> String {
     match value {
         Variant::LocalizedText(text) => text.to_string(),
@@ -69,7 +69,7 @@ pub(super) fn for_people(value: &Variant) -> String {
     }
 }
 
-/// The type of a number; `None` of what is none.
+/// Returns the type of a number; `None` for other types.
 pub(super) fn number_type(kind: VariantScalarTypeId) -> Option<DataType> {
     Some(match kind {
         VariantScalarTypeId::Boolean => DataType::Bool,
@@ -87,7 +87,7 @@ pub(super) fn number_type(kind: VariantScalarTypeId) -> Option<DataType> {
     })
 }
 
-/// The value in the node's own type; `None` where OPC UA has no such type.
+/// Returns a value in the type of its node; `None` if OPC UA has no such type.
 pub(super) fn variant(Scalar { data_type, bits }: Scalar) -> Option<Variant> {
     let [a, b, c, d, ..] = bits.to_le_bytes();
     let (byte, word, double) = (a, u16::from_le_bytes([a, b]), u32::from_le_bytes([a, b, c, d]));

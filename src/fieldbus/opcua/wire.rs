@@ -1,4 +1,4 @@
-//! One request and its answer in a session.
+//! One request and its answer in an OPC UA session.
 
 use std::time::Duration;
 
@@ -21,7 +21,7 @@ use crate::fieldbus::departure::Departure;
 use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
 use crate::fieldbus::wire::{Answer, Boxed, Ending, NodeReading, NodeRequest, Request, Stamped, Wire};
 
-/// An open session on an open channel.
+/// Open session on an open channel.
 pub(super) struct OpcUa {
     link: Link,
     session: Session,
@@ -55,7 +55,7 @@ impl OpcUa {
         }
     }
 
-    /// What the server has sent by now, where that says how everything stands; else what is read.
+    /// Returns the values that the server has sent, if all are known. Otherwise reads the nodes.
     async fn latest(&mut self, asked: &Subscription, departure: &mut Departure) -> Result<Answer, Fault> {
         let now = departure.leave()?;
         let OpcUa { link, session, publishing, .. } = self;
@@ -75,8 +75,8 @@ impl OpcUa {
         }
     }
 
-    /// Reads nodes, in as many calls as the limit of the server requires. All values are as old as the first call. The server is not asked
-    /// for a node whose namespace it does not have.
+    /// Reads nodes, in as many calls as the limit of the server requires. The age of all values counts from the first
+    /// call. Nodes whose namespace the server does not have are not sent.
     async fn read(&mut self, nodes: &[Node], departure: &mut Departure) -> Result<Answer, Fault> {
         let namespaces = self.session.namespaces();
         let known: Result<Vec<Option<NodeId>>, Fault> =
@@ -103,8 +103,8 @@ impl OpcUa {
         Ok(Answer::Nodes(each.collect()))
     }
 
-    /// Each value in its node's own type, without a time or a quality: many servers take no others. All of them in one call, or
-    /// none.
+    /// Writes each value in the type of its node, all in one call. Values have no time and no quality, because many
+    /// servers accept none.
     async fn write(
         &mut self,
         nodes: &[Node],
@@ -146,7 +146,7 @@ impl OpcUa {
     ) -> Result<(Vec<DataValue>, DateTime), Fault> {
         let channel = self.link.channel.clone();
         let handle = channel.request_handle();
-        // With a largest age of zero the server asks its source anew.
+        // With a maximum age of zero, the server reads its source again.
         let read = Read::new_manual(0, self.session.patience(), self.session.token(), handle)
             .timestamps_to_return(stamps)
             .max_age(0.0)
@@ -155,8 +155,8 @@ impl OpcUa {
         Ok((answer.results.unwrap_or_default(), answer.response_header.timestamp))
     }
 
-    /// The library asks for new keys before a request where they are due. So that nothing stands between the last look at the clock
-    /// and the request of somebody, it is given one of nobody's.
+    /// Renews the keys of the channel. The library does so before a request, if it is due. A separate request avoids a
+    /// delay between the last clock sample and the actual request.
     async fn renew_keys(&mut self) -> Result<(), Fault> {
         let state = value_of(VariableId::Server_ServerStatus_State.into());
         self.call(vec![state], TimestampsToReturn::Neither).await.map(|_| ())
@@ -170,7 +170,7 @@ impl OpcUa {
     }
 }
 
-/// Reading of a node whose namespace the server does not have.
+/// Returns the reading of a node whose namespace the server does not have.
 fn not_there() -> NodeReading {
     NodeReading { value: Err(Reason::Status(Status::NO_SUCH_NODE.0)), stamped: Stamped::Unknown, asked: None }
 }
@@ -205,7 +205,7 @@ impl Wire for OpcUa {
         self.publishing.news()
     }
 
-    /// An exchanged or restarted server does not know the session.
+    /// An exchanged or restarted server does not have the session, which shows the break.
     fn ending(&mut self) -> Ending {
         Ending::Kept
     }

@@ -1,34 +1,34 @@
-//! RTU frames: requests as bytes, and the answer among the bytes that came. Pure.
+//! RTU frames: requests as bytes, and the search for the answer in received bytes. This module is pure.
 //!
-//! Frames are told apart by length and checksum, not by gaps: adapters on USB and on the network tear frames apart and
-//! put them together as they like.
+//! Frames are separated by length and checksum, not by gaps. Adapters on USB and on the network divide and join frames
+//! as they like.
 
 use crate::fieldbus::owed::Mark;
 use crate::fieldbus::pdu;
 use crate::fieldbus::request::Request;
 use isotherm_core::codec::{Table, checksum};
 
-/// The longest frame: unit, 253 bytes, checksum.
+/// Longest frame: unit, 253 bytes, checksum.
 pub(super) const LONGEST: usize = 256;
-/// Unit and checksum.
+/// Bytes of unit and checksum.
 const AROUND: usize = 3;
-/// The frame of a read request.
+/// Bytes of a read request.
 const QUESTION: usize = 8;
-/// The flag of an exception in the function code.
+/// Flag of an exception in the function code.
 const EXCEPTION: u8 = 0x80;
 
-/// What the bytes received so far come to.
+/// Result of the search in the bytes received so far.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Reply {
-    /// A whole frame of the unit that was asked: its protocol data unit, and the byte behind it.
+    /// Whole frame of the addressed unit: its protocol data unit, and the index of the byte after the frame.
     Own { pdu: std::ops::Range<usize>, end: usize },
-    /// A whole frame of another unit, up to this byte.
+    /// Whole frame of another unit, up to this index.
     Foreign { end: usize },
-    /// Nothing yet.
+    /// No whole frame yet.
     Incomplete,
 }
 
-/// The frame of a request.
+/// Returns the frame of a request.
 pub(super) fn request(unit: u8, request: Request<'_>) -> Vec<u8> {
     let mut bytes = vec![unit];
     pdu::question(request, &mut bytes);
@@ -36,7 +36,7 @@ pub(super) fn request(unit: u8, request: Request<'_>) -> Vec<u8> {
     bytes
 }
 
-/// How many bytes the frame of a request has, and that of its answer.
+/// Returns the lengths of the frames of a request and of its answer.
 pub(super) fn lengths(request: Request<'_>) -> (usize, usize) {
     match request {
         Request::Read { from, count } if from.table.is_bits() => (8, 5 + usize::from(count.div_ceil(8))),
@@ -47,7 +47,7 @@ pub(super) fn lengths(request: Request<'_>) -> (usize, usize) {
     }
 }
 
-/// Whether an answer to this request could begin like the request itself, byte for byte.
+/// Returns whether an answer to this request could begin with the same bytes as the request.
 pub(super) fn is_like_its_answer(request: Request<'_>) -> bool {
     match request {
         Request::Read { from, .. } => matches!(from.table, Table::Coil | Table::Discrete),
@@ -56,18 +56,18 @@ pub(super) fn is_like_its_answer(request: Request<'_>) -> bool {
     }
 }
 
-/// Looks for the answer to a request as [`find`] does, but not inside of an answer that has not arrived to its end. Some of its
-/// bytes may look like a frame.
+/// Finds the answer to a request like [`find`], but not inside an answer whose end is missing. Bytes of that answer may
+/// look like a frame.
 pub(super) fn find_answer(bytes: &[u8], unit: u8, request: Request<'_>) -> Reply {
     find_before(bytes, unit, incomplete_answer(bytes, unit, request).unwrap_or(bytes.len()))
 }
 
-/// Looks for a frame of `unit`, else for one of another unit. Bytes before it are noise.
+/// Finds a frame of `unit`, else one of another unit. Bytes before it are noise.
 pub(super) fn find(bytes: &[u8], unit: u8) -> Reply {
     find_before(bytes, unit, bytes.len())
 }
 
-/// Returns where an answer to this request begins whose end is missing.
+/// Returns the start of an answer to this request whose end is missing.
 fn incomplete_answer(bytes: &[u8], unit: u8, request: Request<'_>) -> Option<usize> {
     let (_, length) = lengths(request);
     let mut begin = vec![unit];
@@ -81,7 +81,7 @@ fn incomplete_answer(bytes: &[u8], unit: u8, request: Request<'_>) -> Option<usi
     (bytes.len().saturating_sub(length - 1)..bytes.len()).find(|start| bytes[*start..].starts_with(&begin))
 }
 
-/// Looks for a frame that begins before this byte.
+/// Finds a frame that begins before this index.
 fn find_before(bytes: &[u8], unit: u8, before: usize) -> Reply {
     let frames = (0..before).filter_map(|start| whole(&bytes[start..]).map(|end| (start, start + end)));
     let mut foreign = Reply::Incomplete;
@@ -96,7 +96,7 @@ fn find_before(bytes: &[u8], unit: u8, before: usize) -> Reply {
     foreign
 }
 
-/// Every whole frame, one after another: its unit, its protocol data unit, and the byte behind it.
+/// Returns all whole frames in order: unit, protocol data unit, and the index of the byte after the frame.
 pub(super) fn all(bytes: &[u8]) -> impl Iterator<Item = (u8, std::ops::Range<usize>, usize)> {
     let mut start = 0;
     std::iter::from_fn(move || {
@@ -114,16 +114,16 @@ pub(super) fn all(bytes: &[u8]) -> impl Iterator<Item = (u8, std::ops::Range<usi
     })
 }
 
-/// A whole frame in what was received.
+/// Whole frame in received bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Frame {
     pub(super) unit: u8,
     pub(super) pdu: std::ops::Range<usize>,
-    /// The frame is a read request: another master sends it.
+    /// Whether the frame is a read request of another master.
     pub(super) is_question: bool,
 }
 
-/// Every whole answer and every whole read request, one after another.
+/// Returns all whole answers and all whole read requests in order.
 pub(super) fn frames(bytes: &[u8]) -> Vec<Frame> {
     let (mut frames, mut start) = (Vec::new(), 0);
     while start < bytes.len() {
@@ -141,19 +141,20 @@ pub(super) fn frames(bytes: &[u8]) -> Vec<Frame> {
     frames
 }
 
-/// Whether the content of an answer is an exception. Its frame has five bytes: noise and parts of other frames look like one at times.
+/// Returns whether the content of an answer is an exception. Noise and parts of frames sometimes look like its five
+/// bytes.
 pub(super) fn is_exception(pdu: &[u8]) -> bool {
     pdu.first().is_some_and(|function| function & EXCEPTION != 0)
 }
 
-/// The length of the read request that begins here, if it is there to its end and its checksum is right.
+/// Returns the length of the read request at the start, if it is complete and its checksum is correct.
 fn whole_question(bytes: &[u8]) -> Option<usize> {
     let (body, sum) = bytes.get(..QUESTION)?.split_at(QUESTION - 2);
     Mark::of_question(&body[1..])?;
     (checksum(body).to_le_bytes() == *sum).then_some(QUESTION)
 }
 
-/// The length of the answer that begins here, if it is there to its end and its checksum is right.
+/// Returns the length of the answer at the start, if it is complete and its checksum is correct.
 fn whole(bytes: &[u8]) -> Option<usize> {
     let data = match *bytes.get(1)? {
         function if function & EXCEPTION != 0 => 2,

@@ -1,4 +1,4 @@
-//! Against a device that speaks by hand.
+//! Tests with a device whose bytes are written by hand.
 
 use std::pin::Pin;
 use std::task::Context;
@@ -30,7 +30,7 @@ fn registers(high: u8, low: u8) -> Vec<u8> {
     framed(3, &[3, 4, 0, high, 0, low])
 }
 
-/// What a request to unit 3 comes to within a second where the device answers it with these bytes.
+/// Returns the result of a request to unit 3 within one second. The device answers it with these bytes.
 async fn asked(
     wire: &mut Rtu,
     device: &mut DuplexStream,
@@ -143,7 +143,7 @@ async fn an_answer_of_another_length_function_or_echo_is_refused_at_once() {
     assert!(clock() < Duration::from_millis(500));
 }
 
-/// Time on the paused clock since the call.
+/// Returns a function for the time on the paused clock since this call.
 fn tokio_time() -> impl Fn() -> Duration {
     let begun = Silence::begin();
     let hour = Duration::from_secs(3600);
@@ -219,7 +219,7 @@ async fn the_echo_of_a_question_that_was_given_up_is_no_question_of_another_mast
     assert_eq!(wire.overheard(), [Overheard { unit: 3, form: Some(Mark::of(READ)), is_question }]);
 }
 
-/// A frame of five bytes in the middle of an answer: an exception of this unit.
+/// Frame of five bytes in the middle of an answer: it looks like an exception of this unit.
 #[tokio::test(start_paused = true)]
 async fn a_frame_inside_of_an_answer_that_arrives_in_parts_is_a_part_of_it() {
     let read = Request::Read { from: Register { table: Table::Input, offset: 0 }, count: 6 };
@@ -281,7 +281,7 @@ async fn the_echo_of_a_read_is_no_answer_whatever_it_looks_like() {
         );
         let noisy = [&[0xff], both.as_slice()].concat();
         assert_eq!(asked(&mut wire, &mut device, read, &noisy).await, Ok(Answer::Bits(bits.clone())));
-        // Once another read has shown the echo, each question is expected back.
+        // After another read has shown the echo, the echo of each request is expected.
         let shows = [frame::request(3, READ).as_slice(), &registers(1, 2)].concat();
         assert_eq!(asked(&mut wire, &mut device, READ, &shows).await, good());
         assert_eq!(asked(&mut wire, &mut device, read, &echo).await, Err(Fault::Timeout), "{read:?}");
@@ -317,7 +317,7 @@ async fn while_listening_a_late_answer_is_discarded() {
     assert_eq!(asked(&mut wire, &mut device, READ, &registers(1, 2)).await, good());
 }
 
-/// A line on which something always waits.
+/// Line on which input always waits.
 struct Chatter;
 
 impl Port for Chatter {

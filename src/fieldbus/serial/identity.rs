@@ -1,40 +1,41 @@
-//! Identity of a serial port: whether the port that is opened is the one that was open before.
+//! Identity of a serial port: whether the opened port is the one that was open before.
 //!
-//! The name of a port does not identify it, nor does its device number: another adapter may get both after one was unplugged.
-//! The kernel registers each adapter that is plugged in. It makes a directory in sysfs and a node in devtmpfs, each with an inode
-//! that was not used before. The directory also identifies an adapter whose node was made by hand, as in a container.
+//! Neither the name nor the device number identifies a port: another adapter may get both after one was unplugged. The
+//! kernel registers each adapter that is plugged in. It creates a directory in sysfs and a node in devtmpfs, each with
+//! a new inode. The directory also identifies an adapter whose node was created manually, as in a container.
 //!
-//! A pseudo-terminal is not registered, and its node has the same inode whenever its number is used again. Its `ctime` is the time at
-//! which it was made. Reading and writing change only the other two times of a node (`tty_update_time` in the kernel).
+//! A pseudo-terminal is not registered, and its node has the same inode whenever its number is used again. Its `ctime`
+//! is the time of its creation. Reading and writing change only the other two times of a node (`tty_update_time` in the
+//! kernel).
 
 use std::fs::{self, File, Metadata};
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
 
-/// Returns the device number of a serial port, which all of its paths share. `None` if this is no character device.
+/// Returns the device number of a serial port, which all of its paths share; `None` if it is no character device.
 pub fn device_number(found: &Metadata) -> Option<u64> {
     found.file_type().is_char_device().then(|| found.rdev())
 }
 
-/// Identity of a serial port. Two ports that were open one after the other are the same if it is equal.
+/// Identity of a serial port. Two ports that were opened one after the other are the same if it is equal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PortIdentity {
     device_number: u64,
-    /// File system and inode of its node.
+    /// File system and inode of the node.
     node: (u64, u64),
     origin: Origin,
 }
 
-/// Mark of an adapter that was plugged in, or of a pseudo-terminal that was made.
+/// Creation of a port: of a plugged-in adapter, or of a pseudo-terminal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Origin {
     /// Inode of the directory in sysfs of a registered device.
     Registration(u64),
-    /// Seconds and nanoseconds of the `ctime` of the node. No registration was found.
+    /// Seconds and nanoseconds of the node's `ctime`, if no registration was found.
     NodeChange(i64, i64),
 }
 
 impl PortIdentity {
-    /// Returns the identity of an open port. `None` if it is no character device.
+    /// Returns the identity of an open port; `None` if it is no character device.
     pub(super) fn of(port: &File) -> Option<PortIdentity> {
         let node = port.metadata().ok()?;
         let device_number = device_number(&node)?;
@@ -44,27 +45,27 @@ impl PortIdentity {
     }
 }
 
-/// Returns the inode of the directory in sysfs of a character device.
+/// Returns the inode of a character device's directory in sysfs.
 fn registration(device_number: u64) -> Option<u64> {
     let (major, minor) = (rustix::fs::major(device_number), rustix::fs::minor(device_number));
     fs::metadata(format!("/sys/dev/char/{major}:{minor}")).ok().map(|directory| directory.ino())
 }
 
-/// Last port that was opened, compared with the one before.
+/// Last opened port, compared with the one before.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum PortHistory {
-    /// No port: none was opened yet, or the last attempt has failed.
+    /// No port: none was opened yet, or the last attempt failed.
     #[default]
     None,
-    /// The port that was open before. Without one before, the first port.
+    /// The port that was open before; or the first port.
     Same(PortIdentity),
     /// Another port than the one before.
     Other(PortIdentity),
 }
 
 impl PortHistory {
-    /// Adds an attempt to open the port, with its identity if it was opened. A failed attempt is a break by itself, which the line
-    /// reports. The port before is forgotten then, so that the next one is no second break.
+    /// Adds an attempt to open the port, with its identity if it was opened. A failed attempt is a break by itself,
+    /// which the line reports. The previous port is then forgotten, so that the next one is no second break.
     #[must_use]
     pub(crate) fn and(self, opened: Option<PortIdentity>) -> PortHistory {
         match (self, opened) {
@@ -76,7 +77,7 @@ impl PortHistory {
         }
     }
 
-    /// Returns whether no other port has taken the place of the one before.
+    /// Returns whether the last port is not another one than the port before.
     pub(crate) fn resumes(self) -> bool {
         !matches!(self, PortHistory::Other(_))
     }

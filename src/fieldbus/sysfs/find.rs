@@ -1,4 +1,4 @@
-//! Where the kernel has a sensor: by the name of its chip and the label of its channel, or by its ROM id.
+//! Search for the files of a sensor, by the name of its chip and the label of its channel, or by its ROM id.
 
 use std::fmt;
 use std::fs::{read_dir, read_to_string};
@@ -7,21 +7,21 @@ use std::path::{Path, PathBuf};
 use isotherm_core::codec::{Channel, PcSensor};
 use isotherm_core::reading::Reason;
 
-/// No computer has more chips, and no chip more files.
+/// Maximum number of entries that are read in a directory: more than any computer has chips, or any chip has files.
 const MOST_CHIPS: usize = 1000;
 
-/// The files of one sensor.
+/// Files of one sensor.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Files {
-    /// hwmon: the directory of its chip, and its channel there, as `temp1`.
+    /// hwmon: directory of the chip, and the channel in it, for example `temp1`.
     Hwmon(PathBuf, String),
-    /// IIO: the same.
+    /// IIO: directory of the chip, and the channel in it.
     Iio(PathBuf, String),
-    /// 1-Wire: the directory of the sensor.
+    /// 1-Wire: directory of the sensor.
     OneWire(PathBuf),
 }
 
-/// The file that is read, or of IIO the several.
+/// Path of the file to read; for IIO, a pattern for several files.
 impl fmt::Display for Files {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -32,23 +32,23 @@ impl fmt::Display for Files {
     }
 }
 
-/// A temperature that this computer has.
+/// Temperature sensor of this computer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Present {
-    /// The shortest name that is its own.
+    /// Shortest unambiguous name.
     pub sensor: PcSensor,
-    /// Where it is.
+    /// Files of the sensor.
     pub files: Files,
-    /// All of its names: chip, device, and the label of its channel, or what the driver calls that.
+    /// Full name: chip, device, and the label of the channel, or the driver's name of it.
     own: PcSensor,
-    /// What the driver calls its channel; empty of a 1-Wire sensor.
+    /// Name of the channel in the driver; empty for a 1-Wire sensor.
     driver: String,
 }
 
-/// Where this sensor is.
+/// Finds the files of a sensor.
 ///
 /// # Errors
-/// There is none of this name, or there are several.
+/// No sensor has this name, or several have it.
 pub fn find(root: &Path, sensor: &PcSensor) -> Result<Files, Reason> {
     let chip = match sensor {
         PcSensor::Hwmon(Channel { chip, .. }) | PcSensor::Iio(Channel { chip, .. }) => chip,
@@ -65,7 +65,7 @@ pub fn find(root: &Path, sensor: &PcSensor) -> Result<Files, Reason> {
     }
 }
 
-/// Every temperature that this computer has, each by the shortest name that is its own.
+/// Returns every temperature sensor of this computer, each with its shortest unambiguous name.
 pub fn all(root: &Path) -> Vec<Present> {
     let one_wire = entries(&one_wire(root)).into_iter().filter_map(|directory| {
         let sensor: PcSensor = format!("w1:{}", name_of(&directory)?).parse().ok()?;
@@ -87,7 +87,7 @@ impl Present {
         Present { sensor: own.clone(), files, own, driver }
     }
 
-    /// It goes by this name.
+    /// Returns whether `name` fits this sensor.
     pub fn is(&self, name: &PcSensor) -> bool {
         let (own, asked) = match (&self.own, name) {
             (PcSensor::Hwmon(own), PcSensor::Hwmon(asked)) | (PcSensor::Iio(own), PcSensor::Iio(asked)) => {
@@ -102,7 +102,7 @@ impl Present {
         own.chip == asked.chip && is_device && is_channel
     }
 
-    /// What it may be called, the best first.
+    /// Returns the possible names of the sensor, the best first.
     fn names(&self) -> Vec<PcSensor> {
         let (Channel { chip, device, channel }, named): (_, fn(Channel) -> PcSensor) = match &self.own {
             PcSensor::Hwmon(own) => (own, PcSensor::Hwmon),
@@ -122,7 +122,7 @@ impl Present {
     }
 }
 
-/// Every temperature of chips by all of its names: of those that are called so, or of all.
+/// Returns the temperature channels of all chips, or of those with this name, with their full names.
 fn on_chips(root: &Path, only: Option<&str>) -> Vec<Present> {
     let hwmon = chips(&root.join("class/hwmon"), only).into_iter().flat_map(|(name, chip)| {
         let device = last_of(&chip.join("device"));
@@ -149,7 +149,7 @@ fn on_chips(root: &Path, only: Option<&str>) -> Vec<Present> {
     hwmon.chain(iio).collect()
 }
 
-/// The chips of a class with their names: those that are called so, or all.
+/// Returns the chips of a class with their names: all of them, or those with this name.
 fn chips(class: &Path, only: Option<&str>) -> Vec<(String, PathBuf)> {
     let named = entries(class).into_iter().filter_map(|chip| Some((text(&chip.join("name"))?, chip)));
     let is_asked_for = |name: &str| only.map_or(name != PcSensor::ONE_WIRE_IN_HWMON, |only| only == name);
@@ -164,7 +164,7 @@ fn one_wire(root: &Path) -> PathBuf {
     root.join("bus/w1/devices")
 }
 
-/// What lies in there, by name.
+/// Returns the entries of a directory, sorted by name.
 fn entries(place: &Path) -> Vec<PathBuf> {
     let entries = read_dir(place).into_iter().flatten().flatten();
     let mut found: Vec<PathBuf> = entries.take(MOST_CHIPS).map(|entry| entry.path()).collect();
@@ -172,7 +172,7 @@ fn entries(place: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// The channels of a chip, by the names of its files.
+/// Returns the channels of a chip, from the names of its files.
 fn channels(chip: &Path, of: impl Fn(&str) -> Option<&str>) -> Vec<String> {
     let files = entries(chip);
     let mut found: Vec<String> =
@@ -182,7 +182,7 @@ fn channels(chip: &Path, of: impl Fn(&str) -> Option<&str>) -> Vec<String> {
     found
 }
 
-/// The name of what a path leads to.
+/// Returns the name of a path's target.
 fn last_of(path: &Path) -> Option<String> {
     name_of(&path.canonicalize().ok()?)
 }
@@ -191,7 +191,7 @@ fn name_of(path: &Path) -> Option<String> {
     path.file_name()?.to_str().map(str::to_owned)
 }
 
-/// What stands in a file, without its end of line.
+/// Returns the content of a file without white space at its ends; `None` if it is empty.
 fn text(path: &Path) -> Option<String> {
     let text = read_to_string(path).ok()?.trim().to_owned();
     (!text.is_empty()).then_some(text)

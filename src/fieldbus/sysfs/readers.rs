@@ -1,4 +1,4 @@
-//! Reads that block, each on a thread of its own, and what has come of them in time.
+//! Blocking reads of sensors, each on a separate thread with a common timeout.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -13,11 +13,11 @@ use crate::clock::Patience;
 use isotherm_core::codec::PcSensor;
 use isotherm_core::reading::Reason;
 
-/// Reads sensors, and knows which reads have not come back.
+/// Reads sensors, and stores which reads have not returned.
 #[derive(Clone, Debug, Default)]
 pub struct Readers(Arc<Mutex<BTreeSet<PcSensor>>>);
 
-/// A read that is under way. When it ends, however it does, its sensor may be asked again.
+/// Read in progress. Dropping it allows another read of its sensor.
 struct UnderWay {
     readers: Readers,
     sensor: PcSensor,
@@ -39,8 +39,8 @@ impl Readers {
         is_free.then(|| UnderWay { readers: self.clone(), sensor: sensor.clone() })
     }
 
-    /// Reads all of these at once, and waits for them no longer than `within`. Of each, in this order, °C, or why there is none;
-    /// of one whose last read has not come back that it does not answer in time.
+    /// Reads all of these sensors at once, and waits at most for `within`. Returns each value in °C, or the reason why
+    /// there is none, in the same order. A sensor whose last read has not returned gets a timeout.
     pub async fn read(
         &self,
         root: &Path,
@@ -59,7 +59,7 @@ impl Readers {
             let read = move || {
                 let sensor = under_way.sensor.clone();
                 let value = find(&root, &sensor).and_then(|file| value::read(&file, &sensor));
-                // Free before anybody hears of it, and so asks again.
+                // Release the sensor before its value is sent, because the receiver may read it again.
                 drop(under_way);
                 let _ = sender.send((sensor, value));
             };

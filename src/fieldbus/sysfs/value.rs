@@ -1,4 +1,4 @@
-//! What stands in the files of a sensor, and what of it is believed.
+//! Content of the files of a sensor, and checks of its validity.
 //!
 //! The formats are those of the kernel's documentation: `sysfs-bus-iio`, `hwmon/sysfs-interface`, `w1/slaves/w1_therm`.
 
@@ -10,22 +10,22 @@ use super::find::Files;
 use isotherm_core::codec::PcSensor;
 use isotherm_core::reading::Reason;
 
-/// No such file is longer.
+/// Maximum number of bytes that are read.
 const LONGEST: u64 = 4096;
-/// Bytes of a 1-Wire thermometer's memory: eight and their checksum.
+/// Bytes of a 1-Wire thermometer's memory: eight, and their checksum.
 const SCRATCHPAD: usize = 9;
-/// What one shows in m°C until it has measured.
+/// Value in m°C before the first measurement.
 const POWER_ON: f64 = 85_000.0;
-/// What it can measure, in m°C; one that lacks power for it shows 127.94 °C.
+/// Measuring range in m°C. A sensor without enough power reports 127.94 °C.
 const MEASURES: (f64, f64) = (-55_000.0, 125_000.0);
-/// The errors of Linux by which a driver says that a device is gone, or has nothing now.
+/// Errors of Linux for a device that is gone, and for a device without a value at present.
 const GONE: [i32; 2] = [6, 19];
 const NOTHING_NOW: [i32; 3] = [11, 16, 61];
 
-/// The temperature in °C.
+/// Reads the temperature in °C.
 ///
 /// # Errors
-/// Why there is none.
+/// The reason why there is none.
 pub(super) fn read(files: &Files, sensor: &PcSensor) -> Result<f64, Reason> {
     let milli = match files {
         Files::Hwmon(chip, channel) => hwmon(chip, channel)?,
@@ -49,7 +49,8 @@ fn hwmon(chip: &Path, channel: &str) -> Result<f64, Reason> {
     number(&text(&chip.join(format!("{channel}_input")))?)
 }
 
-/// `(raw + offset) · scale`, each of the channel itself or of all of its type. Where the driver has done it, what it says.
+/// Calculates `(raw + offset) · scale`. Offset and scale are of the channel, or of all channels of its type. If the
+/// driver provides the result, that is used.
 fn iio(chip: &Path, channel: &str) -> Result<f64, Reason> {
     if let Some(milli) = optional(&chip.join(format!("in_{channel}_input")))? {
         return Ok(milli);
@@ -64,7 +65,8 @@ fn iio(chip: &Path, channel: &str) -> Result<f64, Reason> {
     if milli.is_finite() { Ok(milli) } else { Err(Reason::NotANumber) }
 }
 
-/// `w1_slave`, which says how the checksum was; `temperature`, which says it not, where there is no other.
+/// Reads `w1_slave`, which includes the result of the checksum. If it does not exist, reads `temperature`, which does
+/// not.
 fn one_wire(directory: &Path) -> Result<f64, Reason> {
     match text(&directory.join("w1_slave")) {
         Ok(text) => scratchpad(&text),
@@ -73,7 +75,7 @@ fn one_wire(directory: &Path) -> Result<f64, Reason> {
     }
 }
 
-/// `50 05 4b 46 7f ff 0c 10 1c : crc=1c YES`, and in the line below the same with `t=85000`.
+/// Parses `50 05 4b 46 7f ff 0c 10 1c : crc=1c YES`, and a second line with the same bytes and `t=85000`.
 fn scratchpad(text: &str) -> Result<f64, Reason> {
     let mut lines = text.lines();
     let (bytes, verdict) = lines.next().and_then(|line| line.split_once(':')).ok_or(Reason::BadReply)?;
@@ -84,7 +86,7 @@ fn scratchpad(text: &str) -> Result<f64, Reason> {
     if !verdict.trim_end().ends_with(" YES") {
         return Err(Reason::Checksum);
     }
-    // The checksum of nothing is nothing: it is right.
+    // The checksum of zeros is zero, and therefore correct.
     if bytes.iter().all(|byte| *byte == "00") {
         return Err(Reason::AllZero);
     }
@@ -92,7 +94,7 @@ fn scratchpad(text: &str) -> Result<f64, Reason> {
     number(milli.1)
 }
 
-/// The number in a file that need not be there.
+/// Returns the number in a file; `None` if the file does not exist.
 fn optional(path: &Path) -> Result<Option<f64>, Reason> {
     match text(path) {
         Ok(text) => number(&text).map(Some),
@@ -110,7 +112,7 @@ fn text(path: &Path) -> Result<String, Reason> {
     let mut text = String::new();
     let read = File::open(path).and_then(|file| file.take(LONGEST).read_to_string(&mut text));
     read.map_err(|error| reason(&error))?;
-    // A 1-Wire driver that has not heard of the sensor says nothing.
+    // The file is empty if the 1-Wire driver has received nothing from the sensor.
     if text.trim().is_empty() { Err(Reason::Unreadable) } else { Ok(text) }
 }
 

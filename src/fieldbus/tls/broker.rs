@@ -1,4 +1,4 @@
-//! A client of a broker: whom it trusts, and what it shows of itself, where it shows anything.
+//! TLS client of an MQTT broker: the authorities that it trusts, and its own certificate, if any.
 
 use std::sync::Arc;
 
@@ -8,10 +8,10 @@ use super::pem::{certificates, private_key};
 use super::visitor::trusting;
 use isotherm_profile::{Mqtt, ProfileError};
 
-/// TLS 1.2 or 1.3 as a profile says; `None` where its broker is spoken to without.
+/// Returns the TLS settings of a profile, for TLS 1.2 or 1.3; `None` if the broker is used without TLS.
 ///
 /// # Errors
-/// What is wrong with each of its files.
+/// The mistakes in each of its files.
 pub fn broker(mqtt: &Mqtt) -> Result<Option<Arc<ClientConfig>>, Vec<ProfileError>> {
     if !mqtt.broker.tls {
         return Ok(None);

@@ -1,4 +1,4 @@
-//! Whom a secured line trusts, and how the gateway shows who it is: made from the files that the profile names.
+//! TLS client of a Modbus line, made from the files that the profile names: trust, certificate and key.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -24,7 +24,7 @@ use crate::fieldbus::port::Port;
 use crate::tls::TlsFault;
 use isotherm_profile::{Errors, Profile, ProfileError, Tls};
 
-/// What opens a secured connection: versions, ciphers, trust and key, and whom it is for.
+/// Settings of a secured connection: versions, ciphers, trust, key, and the name of the device.
 #[derive(Clone, Debug)]
 pub(in crate::fieldbus) struct Client {
     name: ServerName<'static>,
@@ -32,10 +32,10 @@ pub(in crate::fieldbus) struct Client {
     shown: Arc<Shown>,
 }
 
-/// What is wrong with the TLS files of a profile, at the keys that name them.
+/// Checks the TLS files of a profile.
 ///
 /// # Errors
-/// All of it, in the order of the lines.
+/// All mistakes with their keys, in the order of the lines.
 pub fn check(profile: &Profile) -> Result<(), Errors> {
     let secured = profile.buses.iter().filter_map(|bus| bus.tls.as_ref());
     let mut wrong: Vec<ProfileError> = secured.filter_map(|tls| Client::new(tls).err()).flatten().collect();
@@ -46,10 +46,10 @@ pub fn check(profile: &Profile) -> Result<(), Errors> {
 }
 
 impl Client {
-    /// TLS 1.2 or 1.3 that trusts `ca` and shows `cert`.
+    /// Returns a client for TLS 1.2 or 1.3 that trusts `ca` and sends `cert`.
     ///
     /// # Errors
-    /// What is wrong with the name and with each file.
+    /// The mistakes in the name and in each file.
     pub(in crate::fieldbus) fn new(tls: &Tls) -> Result<Client, Vec<ProfileError>> {
         let name = ServerName::try_from(tls.name.clone()).map_err(|_| tls.wrong_name());
         let trust =
@@ -73,16 +73,16 @@ impl Client {
         }
     }
 
-    /// Makes a secured connection of a plain one.
+    /// Performs the TLS handshake on an open connection.
     pub(in crate::fieldbus) async fn secure(&self, stream: TcpStream) -> Result<TlsStream<Eager>, Fault> {
         let peer = stream.peer_addr().ok();
         let connector = TlsConnector::from(self.config.clone());
         let connected = connector.connect(self.name.clone(), Eager::new(stream)).await.map_err(|error| {
             tracing::debug!(?peer, %error, "no TLS connection");
-            // An end in the middle of the handshake without a word is also what a plain Modbus server does.
+            // A plain Modbus server also closes the connection in the middle of the handshake.
             Fault::Link(TlsFault::in_handshake(&error).map_or(LinkFault::Broken, LinkFault::Tls))
         })?;
-        // A connection that goes on from an earlier one asks nobody again.
+        // A device does not ask for a certificate again in a resumed TLS session.
         if connected.get_ref().1.handshake_kind() == Some(HandshakeKind::Full) {
             self.shown.warn(&self.name.to_str());
         }
@@ -90,7 +90,7 @@ impl Client {
     }
 }
 
-/// The gateway's certificate, and whether the device wants to see it.
+/// Certificate of the gateway, and whether a device has asked for it.
 #[derive(Debug)]
 struct Shown {
     certificate: Arc<dyn ResolvesClientCert>,
@@ -103,7 +103,7 @@ impl Shown {
         Shown { certificate, is_asked: AtomicBool::new(false), is_told: AtomicBool::new(false) }
     }
 
-    /// Once, where the device has not asked for it.
+    /// Logs a warning, once, if the device has not asked for the certificate.
     fn warn(&self, device: &str) {
         if !self.is_asked.load(Ordering::Relaxed) && !self.is_told.swap(true, Ordering::Relaxed) {
             tracing::warn!(
@@ -124,7 +124,7 @@ impl ResolvesClientCert for Shown {
     }
 }
 
-/// What passes the tap there is Modbus.
+/// TLS as a port. Its tap sees the Modbus bytes.
 impl Port for TlsStream<Eager> {}
 
 fn config(
@@ -150,10 +150,10 @@ fn config(
     })
 }
 
-/// Trusts what the authorities in a file have signed, and the very certificates in it.
+/// Verifier that trusts certificates signed by the authorities in a file, and the certificates in the file themselves.
 ///
-/// Many devices come with a certificate that they have signed themselves, for a name that is not theirs in this plant.
-/// One that was put into the file, byte for byte, is known better than by its name; only its dates are still asked.
+/// Many devices have a self-signed certificate for a name that is not their name in this plant. A certificate that is
+/// in the file, byte for byte, identifies a device better than its name. Only its dates are checked.
 #[derive(Debug)]
 pub(super) struct Trust {
     authorities: Arc<WebPkiServerVerifier>,
@@ -187,7 +187,7 @@ impl ServerCertVerifier for Trust {
         let verified =
             self.authorities.verify_server_cert(end_entity, intermediates, server_name, ocsp_response, now);
         match verified {
-            // The dates are looked at before any of these.
+            // The library checks the dates before any of these.
             Err(Error::InvalidCertificate(
                 CertificateError::NotValidForName
                 | CertificateError::NotValidForNameContext { .. }

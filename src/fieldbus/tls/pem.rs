@@ -1,14 +1,14 @@
-//! Certificates and keys as their files have them.
+//! Reading of certificates and keys in PEM form.
 
 use tokio_rustls::rustls::pki_types::pem::PemObject;
 use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 
 const ENCRYPTED: &[u8] = b"ENCRYPTED";
 
-/// The certificates in a file.
+/// Returns the certificates in a file.
 ///
 /// # Errors
-/// A sentence: what is wrong with it.
+/// The mistake in the file, in one sentence.
 pub(super) fn certificates(text: &[u8]) -> Result<Vec<CertificateDer<'static>>, String> {
     let found: Result<Vec<_>, _> = CertificateDer::pem_slice_iter(text).collect();
     match found {
@@ -20,10 +20,10 @@ pub(super) fn certificates(text: &[u8]) -> Result<Vec<CertificateDer<'static>>, 
     }
 }
 
-/// The private key in a file.
+/// Returns the private key in a file.
 ///
 /// # Errors
-/// A sentence: what is wrong with it.
+/// The mistake in the file, in one sentence.
 pub(super) fn private_key(text: &[u8]) -> Result<PrivateKeyDer<'static>, String> {
     if text.windows(ENCRYPTED.len()).any(|window| window == ENCRYPTED) {
         return Err(

@@ -1,4 +1,4 @@
-//! What a server shows by its files, to clients that need no certificate: the page.
+//! TLS server of the page, for clients without a certificate.
 
 use std::sync::Arc;
 
@@ -7,19 +7,19 @@ use tokio_rustls::rustls::{Error, InconsistentKeys, ServerConfig};
 
 use super::pem::{certificates, private_key};
 
-/// Which of the two files is wrong, and why.
+/// File with a mistake, and the mistake.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Wrong {
-    /// The certificate.
+    /// Mistake in the certificate.
     Cert(String),
-    /// The private key.
+    /// Mistake in the private key.
     Key(String),
 }
 
-/// TLS 1.2 or 1.3 that shows the certificate in `cert`, whose private key is in `key`: the contents of files in PEM form.
+/// Returns a server for TLS 1.2 or 1.3 with this certificate and its private key, both in PEM form.
 ///
 /// # Errors
-/// Which of them is of no use, and why.
+/// The file that is unusable, and the reason.
 pub fn server(cert: &[u8], key: &[u8]) -> Result<ServerConfig, Wrong> {
     let chain = certificates(cert).map_err(Wrong::Cert)?;
     let key = private_key(key).map_err(Wrong::Key)?;

@@ -1,4 +1,4 @@
-//! Whom a client of a server in the plant trusts; and one that shows no certificate, as what is posted goes.
+//! TLS clients of servers in the plant, with and without a certificate of their own.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -11,7 +11,7 @@ use super::client::Trust;
 use super::pem::certificates;
 use isotherm_profile::regular;
 
-/// Where the systems that there are keep the authorities that they trust, in one file.
+/// Files in which Linux distributions keep the trusted authorities.
 const BUNDLES: [&str; 4] = [
     "/etc/ssl/certs/ca-certificates.crt",
     "/etc/pki/tls/certs/ca-bundle.crt",
@@ -19,15 +19,16 @@ const BUNDLES: [&str; 4] = [
     "/etc/ssl/cert.pem",
 ];
 
-/// TLS 1.2 or 1.3 that trusts what is in `ca`, a file in PEM form, or without one whom this computer trusts.
+/// Returns a client for TLS 1.2 or 1.3 without a certificate. It trusts `ca`, a file in PEM form, or else the
+/// authorities of this computer.
 ///
 /// # Errors
-/// A sentence: there is nobody to be trusted.
+/// A sentence, if there is no trusted authority.
 pub fn visitor(ca: Option<&[u8]>) -> Result<ClientConfig, String> {
     Ok(trusting(ca)?.with_no_client_auth())
 }
 
-/// The same, before it has shown anything.
+/// Returns the settings of such a client, before a certificate is chosen.
 pub(super) fn trusting(ca: Option<&[u8]>) -> Result<ConfigBuilder<ClientConfig, WantsClientCert>, String> {
     let config = ClientConfig::builder_with_provider(Arc::new(default_provider()))
         .with_safe_default_protocol_versions()
@@ -41,11 +42,11 @@ pub(super) fn trusting(ca: Option<&[u8]>) -> Result<ConfigBuilder<ClientConfig, 
     }
 }
 
-/// The authorities in the first of these files that has some.
+/// Returns the authorities in the first of these files that has any.
 fn of_this_computer<'a>(bundles: impl IntoIterator<Item = &'a Path>) -> Result<RootCertStore, String> {
     for bundle in bundles {
         let mut roots = RootCertStore::empty();
-        // A system has authorities of forms that nobody here can read beside the others.
+        // A system may also have authorities in forms that this program cannot read.
         let found = regular::read(bundle, regular::LARGEST).ok().and_then(|text| certificates(&text).ok());
         roots.add_parsable_certificates(found.into_iter().flatten());
         if !roots.is_empty() {

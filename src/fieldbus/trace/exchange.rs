@@ -11,35 +11,35 @@ use isotherm_core::codec::{Frame, Register, Table};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::counted;
 
-/// One question and what came of it.
+/// Request with its result.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Exchange {
-    /// When the question was put, by the wall's clock.
+    /// Time of the request, in wall-clock time.
     #[serde(serialize_with = "stamp")]
     pub asked_at: Moment,
-    /// Until the answer, or until it was waited for no longer.
+    /// Time until the answer or the timeout.
     #[serde(rename = "took_ms", serialize_with = "millis")]
     pub took: Duration,
     /// Modbus unit.
     pub unit: u8,
-    /// The request as readable text; empty for a message that came unasked.
+    /// Request as readable text; empty for a message without a request.
     pub asked: String,
-    /// The bytes that went out; none where there was no connection.
+    /// Sent bytes; none if there was no connection.
     #[serde(serialize_with = "hex")]
     pub sent: Vec<u8>,
-    /// The bytes that came, whatever they are.
+    /// Received bytes, valid or not.
     #[serde(serialize_with = "hex")]
     pub received: Vec<u8>,
-    /// Bytes that passed beyond those two.
+    /// Number of further bytes that were not kept.
     pub more: usize,
-    /// The answer as readable text, or what was wrong with it.
+    /// Answer as readable text, or its fault.
     pub answered: String,
-    /// It is the answer that was asked for.
+    /// Whether the answer is valid.
     pub is_good: bool,
 }
 
 impl Exchange {
-    /// A CAN frame that nobody asked for.
+    /// Returns the record of a CAN frame without a request.
     pub(super) fn heard(unit: u8, frame: &Frame, at: Moment) -> Exchange {
         Exchange {
             asked_at: at,
@@ -55,7 +55,7 @@ impl Exchange {
     }
 }
 
-/// `read input:0..7`, `write holding:104 = 1 65535`.
+/// Formats a request: `read input:0..7`, `write holding:104 = 1 65535`.
 pub(super) fn asked(request: Request<'_>) -> String {
     let at = |table, offset| Register { table, offset };
     match request {
@@ -102,7 +102,7 @@ pub(super) fn answered(answer: &Result<Answer, Fault>) -> String {
     }
 }
 
-/// `17395 4660`, or why there is no value.
+/// Formats a node: `17395 4660`, or the reason why there is no value.
 fn node(node: &NodeReading) -> String {
     match &node.value {
         Ok(value) => listed(value.registers()).trim_start().to_owned(),
@@ -117,7 +117,7 @@ fn listed(values: &[impl fmt::Display]) -> String {
     })
 }
 
-/// `00 01 00 00 00 06`.
+/// Formats bytes: `00 01 00 00 00 06`.
 fn bytes(bytes: &[u8]) -> String {
     let pairs: Vec<String> = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
     pairs.join(" ")
@@ -135,8 +135,8 @@ fn millis<S: Serializer>(span: &Duration, serializer: S) -> Result<S::Ok, S::Err
     serializer.serialize_f64(span.as_secs_f64() * 1000.0)
 }
 
-/// `12:00:01.234 → 00 01 …   unit 1 read input:0..7`, and below it `← …   8 registers: 251 249 …, 3.2 ms`. The time is UTC. What came by
-/// itself is one line.
+/// Two lines: `12:00:01.234 → 00 01 …   unit 1 read input:0..7`, and `← …   8 registers: 251 249 …, 3.2 ms`. The time
+/// is UTC. A message without a request has one line.
 impl fmt::Display for Exchange {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let stamp = format!("{:.3}", jiff_stamp(self.asked_at));

@@ -11,7 +11,7 @@ use isotherm_core::codec::{Register, Table};
 const READ: Request<'static> = Request::Read { from: Register { table: Table::Input, offset: 0 }, count: 2 };
 const DEVICE: DeviceId = DeviceId(0);
 
-/// One question over a tapped stream to a peer that answers with these bytes, the transaction put in front.
+/// Sends one request over a tapped stream. The peer answers with these bytes after the transaction number.
 async fn asked(tap: &Tap, answer: &[u8]) -> Result<Answer, Fault> {
     let (ours, mut theirs) = duplex(2048);
     let mut wire = ModbusTcp::new(ours, tap);
@@ -42,7 +42,7 @@ async fn an_exchange_is_shown_with_its_bytes_and_its_meaning() {
     let exchange = listening.next_now().unwrap();
     assert_eq!(exchange.sent[2..], [0, 0, 0, 6, 1, 4, 0, 0, 0, 2]);
     assert_eq!(exchange.received[2..], GOOD);
-    // A transaction begins anywhere.
+    // The first transaction number is random.
     let mut exchange = exchange;
     exchange.sent[..2].fill(0);
     exchange.received[..2].fill(0);

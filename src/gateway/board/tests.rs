@@ -53,7 +53,7 @@ fn at(seconds: u64) -> Moment {
     Moment::default().after(Duration::from_secs(1000 + seconds))
 }
 
-/// A board on which both signals were good at this moment.
+/// Board on which both signals were good at 0 s.
 fn board(profile: &Profile) -> Board {
     let mut board = Board::new(&profile.clone().into());
     board.store(BED, Ok(20.0), at(0), 0);
@@ -135,7 +135,7 @@ fn a_change_is_reported_once_each_way_with_its_reason() {
     assert_eq!(board.changes(at(4)), []);
 }
 
-/// A reason that is found twice in a row is reported; one that comes and goes is not.
+/// A new reason is reported if it is found twice in a row, but not if it comes and goes.
 #[test]
 fn another_reason_is_reported_once_it_lasts_and_the_end_comes_with_the_first_begin() {
     let profile = profile();
@@ -155,7 +155,8 @@ fn another_reason_is_reported_once_it_lasts_and_the_end_comes_with_the_first_beg
     assert_eq!(look(7, Ok(20.5)), [Change::Back(BED, at(1))]);
 }
 
-/// A device or a line that does not answer is reported itself. What is bad after it came back is not.
+/// The loss of a device or a line is reported separately. A signal that is still bad after its device has returned is
+/// reported itself.
 #[test]
 fn a_reason_after_a_silent_device_is_reported_and_so_is_its_end() {
     let profile = profile();
@@ -192,7 +193,7 @@ fn an_ambiguous_value_is_used_only_if_the_one_before_it_agrees() {
         board.store_ambiguous(BED, Ok(if second % 2 == 0 { 21.2 } else { 41.2 }), at(second), 0);
     }
     assert_eq!(quality(&mut board, at(12)), Quality::Bad(Reason::BadReply), "none agreed until it was stale");
-    // A contested answer says nothing, and the next one has none before it.
+    // Contested answers are discarded. The next answer then has no predecessor to agree with.
     board.store(BED, Ok(21.0), at(15), 0);
     board.store_contested(BED);
     assert_eq!(value(&board, 15), Some(21.0));
@@ -200,7 +201,7 @@ fn an_ambiguous_value_is_used_only_if_the_one_before_it_agrees() {
     assert_eq!(value(&board, 16), Some(21.0));
     board.store_ambiguous(BED, Ok(21.1), at(17), 0);
     assert_eq!(value(&board, 17), Some(21.1));
-    // Two of the other in a row change too fast since the last that was used, as long as that is young.
+    // Two foreign values in a row change too fast compared with the last used value, as long as that value is young.
     board.store(BED, Ok(21.0), at(20), 0);
     board.store_ambiguous(BED, Ok(41.2), at(21), 0);
     board.store_ambiguous(BED, Ok(41.2), at(22), 0);

@@ -1,5 +1,5 @@
-//! How a CAN bus does: reported when something begins, when it gets worse and when it is over, with a count; never once
-//! a frame.
+//! Health of a CAN bus. Trouble is reported when it begins, when it gets worse and when it is over, with a count. It is
+//! not reported for each frame.
 
 use std::time::Duration;
 
@@ -7,7 +7,7 @@ use crate::fieldbus::can::{Gravity, Trouble};
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Moment;
 
-/// Quiet for this long is over.
+/// Trouble is over if it has not occurred again for this long.
 const OVER_AFTER: Duration = Duration::from_secs(10);
 
 #[derive(Debug, Default)]
@@ -25,7 +25,7 @@ struct Episode {
     count: u64,
 }
 
-/// A number that grows while something is wrong.
+/// Counter that increases while something is wrong.
 #[derive(Debug, Default)]
 struct Meter {
     read: u64,
@@ -34,14 +34,14 @@ struct Meter {
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Change {
-    /// It begins, or has become worse.
+    /// Trouble begins, or has become worse.
     Worse { what: Explained, is_off: bool },
-    /// It is over: so many of what, in this time.
+    /// Trouble is over: how often it occurred, its kind, and the time between first and last occurrence.
     Over { count: u64, what: &'static str, within: Duration },
 }
 
 impl Episode {
-    /// One more; whether it is the first.
+    /// Counts more occurrences. Returns whether the episode begins with them.
     fn add(episode: &mut Option<Episode>, count: u64, now: Moment) -> bool {
         let is_first = episode.is_none();
         let known = episode.get_or_insert(Episode { since: now, last: now, count: 0 });
@@ -68,7 +68,7 @@ impl Health {
     pub(super) fn trouble(&mut self, trouble: &Trouble, now: Moment) -> Vec<Change> {
         let gravity = trouble.gravity();
         if gravity == Gravity::Over {
-            // Well again; what it was is counted to its end.
+            // The bus works again, but the episode continues. A later bus-off is reported again.
             self.worst = self.worst.map(|_| Gravity::Error);
             return Vec::new();
         }
@@ -79,7 +79,7 @@ impl Health {
         is_worse.then(worse).into_iter().collect()
     }
 
-    /// Lets time pass. How often the queue was full and how many frames were lost, both since the beginning.
+    /// Advances the time. `full` and `lost` count full queues and lost frames since the start.
     pub(super) fn tick(&mut self, full: u64, lost: u64, now: Moment) -> Vec<Change> {
         let mut changes = Vec::new();
         if self.full.read(full, now) {
@@ -129,7 +129,7 @@ mod tests {
         let off = health.trouble(&error(0x40), at(5));
         assert!(matches!(off.as_slice(), [Change::Worse { is_off: true, .. }]), "{off:?}");
         assert_eq!(health.trouble(&error(0x100), at(6)), []);
-        // Off again is reported again.
+        // A second bus-off is reported again.
         assert_eq!(health.trouble(&error(0x40), at(7)).len(), 1);
         assert_eq!(health.tick(0, 0, at(16)), []);
         let over = Change::Over { count: 7, what: "error frames", within: Duration::from_secs(7) };

@@ -1,4 +1,4 @@
-//! The task that listens: takes what comes, does what follows from it, and keeps the interface.
+//! Task that receives the frames of a CAN line, handles them, and keeps the interface open.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
@@ -25,15 +25,15 @@ use isotherm_core::reading::Reason;
 use isotherm_profile::duration_text;
 use isotherm_profile::{BusId, DeviceId};
 
-/// How often an interface that is missing or down is looked at. The wall's time: it is a real one.
+/// Interval of checks for an interface that is missing or down. It is wall-clock time, because the interface is real.
 const LOOK_AGAIN: Duration = Duration::from_millis(200);
-/// How soon a frame that found the queue full is sent again.
+/// Delay after which a frame is sent again for which the queue was full.
 const SEND_AGAIN: Duration = Duration::from_millis(5);
-/// How often the counts of full queues and lost frames are looked at.
+/// Interval of checks of the counts of full queues and lost frames.
 const MEASURE_EVERY: Duration = Duration::from_secs(1);
-/// Frames that wait for room in the queue: one for each node there can be.
+/// Largest number of frames that wait for the queue: one for each possible node.
 const MOST_UNSENT: usize = 128;
-/// Longer than anything that is waited for.
+/// Longer than any other wait.
 const LONG: Duration = Duration::from_secs(3600);
 
 const DOWN: Fault = Fault::Link(LinkFault::Can(CanFault::Down));
@@ -49,17 +49,17 @@ pub(in crate::gateway) struct CanListener {
     health: Health,
     unsent: VecDeque<Frame>,
     socket: Option<(Arc<Socket>, Option<Inlet>)>,
-    /// The interface carries frames.
+    /// Whether the interface carries frames.
     is_up: bool,
     tap: Tap,
-    /// When the counts of the socket are looked at again.
+    /// Time of the next check of the counts of the socket.
     measure_at: Moment,
     looks: Looks,
 }
 
 impl CanListener {
-    /// The listener of a line and what it shares with it; `None` for a line that is not CAN. Opens the interface, if it
-    /// is there.
+    /// Creates the listener of a line, and the state that it shares with the line. Returns `None` if the line is not
+    /// CAN. Opens the interface, if it exists.
     pub(in crate::gateway) fn of(
         shared: &LineHandle,
         bus: BusId,
@@ -106,7 +106,7 @@ impl CanListener {
             if let (Some((_, kept)), Some(inlet)) = (&mut self.socket, inlet) {
                 kept.get_or_insert(inlet);
             }
-            // A bus that never falls silent must not keep the line from its turn.
+            // A bus that is never silent must not keep the line from its turns.
             tokio::task::coop::consume_budget().await;
         }
     }
@@ -131,9 +131,9 @@ impl CanListener {
         }
     }
 
-    /// Takes all there is and does all that is due; when there is something to do again.
+    /// Handles everything that was received and everything that is due. Returns when the next call is due.
     fn look(&mut self) -> Moment {
-        // A frame that was to be sent may be the first to meet an interface that went down, and nothing is to be heard of it then.
+        // A frame to be sent may be the first to find the interface down. Receiving reports nothing in that case.
         if let Some(fault) = self.can.link.fault().filter(|_| self.is_up) {
             self.lose_interface(fault);
         }
@@ -143,7 +143,7 @@ impl CanListener {
         let clock = &self.shared.clock;
         let gap = self.looks.look(clock.now()).filter(|_| !clock.is_virtual());
         if let Some(since) = gap {
-            // What waits here came while nobody listened: how long ago, nobody knows.
+            // The frames in the socket came while the task did not run. Their age is unknown.
             self.discard();
             self.shared.stood_still(since);
         }
@@ -199,7 +199,7 @@ impl CanListener {
         self.route(frame, now);
     }
 
-    /// Sends what waits, until the queue is full again.
+    /// Sends the waiting frames, until the queue is full again.
     fn send(&mut self) {
         while let (Some(frame), Some((socket, _))) = (self.unsent.front(), &self.socket) {
             match socket.send_now(frame) {
@@ -211,13 +211,13 @@ impl CanListener {
     }
 
     fn queue(&mut self, frame: Frame) {
-        // One that waits already serves for both: SYNC is not caught up with.
+        // One waiting frame is enough: a missed SYNC is not sent later.
         if self.unsent.len() < MOST_UNSENT && !self.unsent.contains(&frame) {
             self.unsent.push_back(frame);
         }
     }
 
-    /// Opens the interface, or finds it up again. Whatever hangs on it begins anew.
+    /// Opens the interface, or detects that it is up again. Resets everything that depends on it.
     fn try_interface(&mut self) {
         let socket = match self.can.link.open() {
             Ok(socket) => socket,
@@ -225,7 +225,7 @@ impl CanListener {
         };
         let is_new = self.socket.as_ref().is_none_or(|(known, _)| !Arc::ptr_eq(known, &socket));
         if is_new {
-            // Where the process has no descriptor left, virtual time does without.
+            // If the process has no file descriptor left, virtual time works without the inlet.
             let inlet = self.shared.clock.inlet(socket.as_ref()).ok();
             self.socket = Some((socket, inlet));
         }
@@ -244,7 +244,7 @@ impl CanListener {
         self.shared.wake_line(self.bus);
     }
 
-    /// A call to the socket failed: the interface is down, or gone.
+    /// Handles a failed call to the socket: the interface is down or was removed.
     fn lose_interface(&mut self, fault: Fault) {
         self.can.link.failed(fault);
         self.is_up = false;
@@ -252,7 +252,7 @@ impl CanListener {
         self.is_without(fault);
     }
 
-    /// There is no interface to listen to: reported once, and its readings say why.
+    /// Handles a missing interface. It is reported once, and is the cause of the bad readings of its devices.
     fn is_without(&mut self, fault: Fault) {
         if self.can.link.socket().is_none() {
             self.socket = None;
@@ -291,7 +291,7 @@ impl CanListener {
         }
     }
 
-    /// A frame of a device came.
+    /// Records that a frame of a device was received.
     fn answers(&self, device: DeviceId) {
         let mut core = self.shared.core();
         let now = self.shared.clock.now();
@@ -300,7 +300,7 @@ impl CanListener {
         contact.answers(device, now, events);
     }
 
-    /// Does what follows from a frame or from time.
+    /// Carries out the reactions to a frame or to the time.
     fn react(&mut self, reactions: Vec<Reaction>) {
         for reaction in reactions {
             match reaction {
@@ -337,7 +337,7 @@ impl CanListener {
                 self.answers(device);
                 self.shared.wake_line(self.bus);
             }
-            // Emergencies are no part of these.
+            // `follow` of the nodes makes a separate reaction of each emergency.
             NodeEvent::Stopped | NodeEvent::Emergency(_) => {}
         }
         if matches!(event, NodeEvent::BootedUp { again: true } | NodeEvent::FellBack | NodeEvent::Stopped) {
@@ -356,8 +356,8 @@ impl CanListener {
         devices.breaks(device, Break::Silence, self.shared.clock.now());
     }
 
-    /// A node came up: it is set up and looked at as at the beginning. What it said before its reset is not believed any
-    /// more, and what stands in its registers is read anew.
+    /// Handles the start of a node: it is set up and checked as at the beginning. After a restart, its earlier readings
+    /// are rejected and its registers are read again.
     fn begins_anew(&mut self, device: DeviceId, was_there: bool) {
         if was_there {
             self.condemn(device, Reason::NotAsExpected);
@@ -382,7 +382,7 @@ impl CanListener {
         }
     }
 
-    /// Puts what a frame brings onto the board. A node that is lost, or is not set as it should be, brings nothing.
+    /// Stores the values of a frame on the board. A node that is lost, or is not set as expected, has no good values.
     fn route(&mut self, frame: &Frame, now: Moment) {
         let mut core = None;
         let mut shown = None;
@@ -400,7 +400,7 @@ impl CanListener {
                 Ok(_) if !core.devices.is_confirmed(route.device) => Err(Reason::NotAsExpected),
                 value => value,
             };
-            // Before it has been looked at, nothing is known of what it says, not even that it is wrong.
+            // Nothing is known of the values of an unchecked device, not even that they are wrong.
             if !core.devices.is_unconfirmed(route.device) {
                 let breaks = core.devices.of(route.device).breaks_without_checks();
                 core.board.store(route.signal, value, now, breaks);

@@ -1,5 +1,5 @@
-//! The devices of a CAN line: nodes are led by the CANopen master, and a device that only sends is missed when it falls
-//! silent.
+//! Devices of a CAN line. The CANopen master controls the nodes. A device without a heartbeat is lost if it sends
+//! nothing for its timeout.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -13,7 +13,7 @@ use isotherm_core::codec::{Address, CanId, CanMatch, Frame};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, CanDevice, DeviceId, Profile, Sync};
 
-/// Emergency codes of one device that are known at a time.
+/// Largest number of emergency codes of one device that are recorded at a time.
 const MOST_CODES: usize = 16;
 
 #[derive(Debug)]
@@ -28,7 +28,8 @@ pub(super) struct Nodes {
     outputs: Vec<Output>,
 }
 
-/// A device without a heartbeat to be missed: nothing has come of it for longer than its oldest value may be old.
+/// Silence of a device without a heartbeat. The device is lost if nothing is received for the largest `max_age` of its
+/// signals.
 #[derive(Debug)]
 struct Silence {
     device: DeviceId,
@@ -38,16 +39,16 @@ struct Silence {
     is_lost: bool,
 }
 
-/// What follows from a frame or from time.
+/// Reaction to a frame or to the time.
 #[derive(Debug)]
 pub(super) enum Reaction {
     Send(Frame),
     Node(DeviceId, NodeEvent),
-    /// A device that only sends has not sent anything for so long, or never.
+    /// A device without a heartbeat has sent nothing for this long. The `bool` is false if it never sent anything.
     Silent(DeviceId, Duration, bool),
-    /// An emergency came that has not been reported yet.
+    /// An emergency was received that has not been reported yet.
     Emergency(DeviceId, Emergency),
-    /// All that were reported are over, after so many messages.
+    /// All reported emergencies are over. They came in this many messages.
     EmergencyOver(DeviceId, u64),
 }
 
@@ -81,18 +82,19 @@ impl Nodes {
         }
     }
 
-    /// The interface is up again: whatever the nodes have been through meanwhile, they are led as at the beginning.
+    /// Restarts the control of the nodes after the interface is up again, because they may have been reset in the
+    /// meantime.
     pub(super) fn begin_anew(&mut self, now: Moment) {
         self.master = Master::new(self.settings.iter().copied(), self.sync, now);
         self.silences.iter_mut().for_each(|silence| silence.heard = now);
     }
 
-    /// The frames that are wanted for that.
+    /// Filters for the frames that this module needs.
     pub(super) fn wanted(&self) -> impl Iterator<Item = CanMatch> {
         self.master.identifiers().chain(self.sdo.iter().copied()).map(CanMatch::exactly)
     }
 
-    /// Whether a frame asks a node of ours by SDO, or is the answer.
+    /// Returns whether a frame is an SDO request to a node of this line, or the answer.
     pub(super) fn is_sdo(&self, id: CanId) -> bool {
         self.sdo.contains(&id)
     }
@@ -101,7 +103,7 @@ impl Nodes {
         self.devices.iter().map(|(device, _)| *device)
     }
 
-    /// Nothing has been heard of it within its patience.
+    /// Returns whether nothing was received from the device within its timeout.
     pub(super) fn is_lost(&self, device: DeviceId) -> bool {
         match self.devices.iter().find(|(id, _)| *id == device) {
             Some((_, Some(node))) if self.master.is_lost(*node) => true,
@@ -109,7 +111,7 @@ impl Nodes {
         }
     }
 
-    /// The node of ours that speaks of itself in a frame: its state, or an emergency.
+    /// Device that reports its own state in a frame: its heartbeat or an emergency.
     pub(super) fn speaker(&self, frame: &Frame) -> Option<DeviceId> {
         let node = [HEARTBEAT, SERVICE].into_iter().find_map(|service| NodeId::sender(frame, service))?;
         self.device(node)
@@ -127,7 +129,7 @@ impl Nodes {
         self.follow()
     }
 
-    /// Lets time pass; these devices have been set up.
+    /// Advances the time. `set_up` contains the devices whose setup has been written.
     pub(super) fn tick(&mut self, set_up: Vec<DeviceId>, now: Moment) -> Vec<Reaction> {
         for device in set_up {
             if let Some((_, Some(node))) = self.devices.iter().find(|(id, _)| *id == device) {
@@ -167,7 +169,7 @@ impl Nodes {
         follows
     }
 
-    /// Each code is reported once, until the node says that it is over.
+    /// Counts an emergency. Each code is reported once, until the node reports that it is over.
     fn complains(&mut self, node: NodeId, device: DeviceId, emergency: Emergency) -> Option<Reaction> {
         let known = self.emergencies.range((node, 0)..=(node, u16::MAX)).count();
         if emergency.is_over() {
@@ -193,7 +195,7 @@ impl Silence {
     }
 }
 
-/// One that is set up or checked first is started after that.
+/// A device with a setup or checks is started after them.
 fn start(can: &CanDevice, is_unchecked: bool) -> Start {
     match can.start {
         false => Start::Never,

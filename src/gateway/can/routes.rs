@@ -1,4 +1,4 @@
-//! Which signals a frame brings.
+//! Routes from frames to signals.
 
 use std::collections::HashMap;
 
@@ -6,7 +6,7 @@ use isotherm_core::codec::{Address, CanId, CanMatch, Field};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{BusId, DeviceId, Profile, Writes};
 
-/// By identifier; those that several identifiers match, in a list.
+/// Routes by identifier. Routes that match several identifiers are in a list.
 #[derive(Debug, Default)]
 pub(super) struct Routes {
     exact: HashMap<CanId, Vec<Route>>,
@@ -18,7 +18,7 @@ pub(super) struct Route {
     pub(super) device: DeviceId,
     pub(super) signal: SignalId,
     pub(super) field: Field,
-    /// The lines that have something to do as soon as it has come.
+    /// Lines to wake as soon as the signal has been received.
     pub(super) wakes: Vec<BusId>,
 }
 
@@ -43,13 +43,13 @@ impl Routes {
         routes
     }
 
-    /// The signals that a frame with this identifier may bring.
+    /// Routes of the signals in a frame with this identifier.
     pub(super) fn of_frame(&self, id: CanId) -> impl Iterator<Item = &Route> {
         let wide = self.wide.iter().filter(move |route| route.field.frames.takes(id));
         self.exact.get(&id).into_iter().flatten().chain(wide)
     }
 
-    /// The frames that are wanted, each once.
+    /// Filters for the frames of all routes, each once.
     pub(super) fn wanted(&self) -> impl Iterator<Item = CanMatch> {
         let exact = self.exact.keys().copied().map(CanMatch::exactly);
         let mut wide: Vec<CanMatch> = self.wide.iter().map(|route| route.field.frames).collect();
@@ -71,7 +71,7 @@ impl Routes {
     }
 }
 
-/// The line that corrects a position; all lines where a probing waits for it.
+/// Lines to wake for a signal: the line that corrects this position, and all lines if a probing cycle needs the signal.
 fn wakes(profile: &Profile, id: SignalId) -> Vec<BusId> {
     let is_corrected = |writes| matches!(writes, Writes::Corrected { position } if position == id);
     let outputs = profile.outputs.iter().filter(|output| is_corrected(output.writes));

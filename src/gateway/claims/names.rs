@@ -91,8 +91,8 @@ fn tcp(address: SocketAddr) -> String {
     if is_this_computer(ip) { format!("tcp this computer:{port}") } else { format!("tcp {ip}:{port}") }
 }
 
-/// Whether the address is one of the usual ones of this computer. Other addresses of the loopback network may be separate
-/// devices of a simulation.
+/// Returns whether the address is one of the usual ones of this computer. Other addresses of the loopback network may
+/// be separate devices of a simulation.
 fn is_this_computer(ip: IpAddr) -> bool {
     match ip {
         IpAddr::V4(ip) if ip.is_loopback() => ip == Ipv4Addr::LOCALHOST || ip == OWN_NAME,
@@ -102,7 +102,8 @@ fn is_this_computer(ip: IpAddr) -> bool {
     }
 }
 
-/// Returns the address from which this computer would connect to another one. Connecting a datagram socket sends nothing.
+/// Returns the address from which this computer would connect to another one. Connecting a datagram socket sends
+/// nothing.
 fn source_address(ip: IpAddr) -> std::io::Result<IpAddr> {
     let any: IpAddr = if ip.is_ipv4() { Ipv4Addr::UNSPECIFIED.into() } else { Ipv6Addr::UNSPECIFIED.into() };
     let socket = UdpSocket::bind((any, 0))?;
@@ -110,7 +111,8 @@ fn source_address(ip: IpAddr) -> std::io::Result<IpAddr> {
     Ok(socket.local_addr()?.ip())
 }
 
-/// Returns the device number of a serial port, which all of its paths share. If there is no such port, returns its path.
+/// Returns the device number of a serial port, which all of its paths share. If there is no such port, returns its
+/// path.
 fn port(path: &str) -> String {
     match std::fs::metadata(path).ok().and_then(|found| device_number(&found)) {
         Some(number) => format!("serial {number:x}"),

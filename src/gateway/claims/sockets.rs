@@ -1,5 +1,5 @@
-//! Abstract sockets by which gateways see each other: `isotherm/1/4711-5f2c01aa/9e3779b9…`. The name contains the process, a
-//! random number, and a short hash of each line. A gateway that shares no hash is not asked.
+//! Abstract sockets by which gateways see each other: `isotherm/1/4711-5f2c01aa/9e3779b9…`. The name contains the
+//! process, a random number, and a short hash of each line. A gateway that shares no hash is not asked.
 
 use std::collections::BTreeSet;
 use std::hash::{BuildHasher, RandomState};
@@ -22,7 +22,7 @@ const MOST_HASHES: usize = 9;
 const HASH: usize = 8;
 /// Flag of a listening socket in the kernel's list.
 const ACCEPTS: u32 = 0x1_0000;
-/// Longest wait for a claim. A gateway sends it from a thread of its own.
+/// Longest wait for a claim. A gateway sends it from a separate thread.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// Largest accepted claim, in bytes.
 const LARGEST: u64 = 16_000_000;
@@ -94,8 +94,8 @@ pub(super) fn others(own: &Claim) -> io::Result<Vec<Other>> {
 }
 
 impl Other {
-    /// Parses a line of the kernel's list: `address: references protocol flags type state inode @name`. Returns `None` for
-    /// other sockets, and for a gateway that shares none of these hashes.
+    /// Parses a line of the kernel's list: `address: references protocol flags type state inode @name`. Returns `None`
+    /// for other sockets, and for a gateway that shares none of these hashes.
     fn listed(line: &str, hashes: &BTreeSet<String>) -> Option<Other> {
         let flags = u32::from_str_radix(line.split(' ').nth(3)?, 16).ok()?;
         let (_, name) = line.split_once(" @")?;

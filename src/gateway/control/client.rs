@@ -1,4 +1,4 @@
-//! The asker's end of the command socket.
+//! Client of the command socket.
 
 use std::io::{BufRead, BufReader, ErrorKind, Lines, Write};
 use std::os::unix::net::UnixStream;
@@ -14,29 +14,29 @@ use crate::observe::asker::PATIENCE;
 use crate::observe::status::{Answer, Command};
 use isotherm_core::compensation::MeasuredReport;
 
-/// How much longer than what he has asked for may be carried out an asker waits: an answer is under way, too.
+/// Additional wait after the deadline of a command: an answer may be on its way.
 const UNDER_WAY: Duration = Duration::from_millis(250);
-/// How often a gateway whose queue of askers is full is asked again.
+/// Interval of attempts to connect to a gateway whose queue of connections is full.
 const ASK_AGAIN: Duration = Duration::from_millis(50);
-/// How long the gateway that runs takes at most until what is under way is over and kept, and the other program begins.
+/// Longest time until the running gateway has saved its state and the other program begins.
 const REPLACED_WITHIN: Duration = Duration::from_secs(120);
 
-/// Why there is no answer to be glad of.
+/// Failure of a request.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Failure {
-    /// Nobody is there to be asked.
+    /// No gateway is running.
     #[error("no gateway of this machine is running here ({0}); start it with `isotherm run`")]
     NoGateway(String),
-    /// Its socket is another user's.
+    /// The socket belongs to another user.
     #[error("{0}")]
     Forbidden(String),
-    /// The gateway says why not.
+    /// The gateway refuses the request, for this reason.
     #[error("{0}")]
     Refused(String),
-    /// The same, because of the profile.
+    /// The gateway refuses the request, because the profile is wrong.
     #[error("{0}")]
     WrongProfile(String),
-    /// It is there, and says nothing.
+    /// A gateway is running, but does not answer.
     #[error("no answer within {} s; not known whether it was done (see `isotherm events` once the gateway goes on)", PATIENCE.as_secs())]
     NoAnswer,
     /// Another program took the place of the gateway and has ended.
@@ -49,14 +49,14 @@ pub enum Failure {
     #[error("the new program took over and has not answered within {} s; see what it says (as a service: journalctl), and stop it if it \
              hangs", .0.as_secs())]
     NewProgramSilent(Duration),
-    /// It has ended meanwhile.
+    /// The gateway has ended before it answered.
     #[error(
         "the gateway has ended before it answered; not known whether it was done (see `isotherm events`)"
     )]
     Ended,
 }
 
-/// Sends a command to the running gateway, for one axis or for all; the answer is a sentence.
+/// Sends a command to the running gateway, for one axis or for all. The answer is a sentence.
 ///
 /// # Errors
 /// No gateway runs there, it refuses, or it does not answer.
@@ -64,7 +64,8 @@ pub fn send(path: &Path, command: Command, axis: Option<&str>) -> Result<Answer,
     Ok(ask(path, &with_axis(command.name(), axis), PATIENCE)?.0)
 }
 
-/// Asks the running gateway to arm, and stays until that is done or refused; `show` gets what it waits for.
+/// Requests the running gateway to arm, and stays connected until it has armed or refused. `show` receives the
+/// conditions for which the request waits.
 ///
 /// # Errors
 /// No gateway runs there, it refuses, or it does not answer any more.
@@ -72,7 +73,7 @@ pub fn arm(path: &Path, axis: Option<&str>, show: impl FnMut(&str)) -> Result<St
     Ok(stay(ask(path, &(with_axis("arm", axis) + " stay"), PATIENCE)?, show)?.0)
 }
 
-/// What it says at last, with the connection.
+/// Waits for the final answer. Returns it with the connection.
 fn stay(
     (mut answer, mut lines): Answered,
     mut show: impl FnMut(&str),
@@ -93,8 +94,9 @@ fn stay(
     }
 }
 
-/// Asks the running gateway to take an axis's Cz a little way to plus, and stays until it is there; `show` gets what happens
-/// until then. The answer says what a gauge must show. When what is behind it is dropped, Cz goes back.
+/// Requests the running gateway to move the Cz of an axis a little in the plus direction, and waits until Cz is there.
+/// `show` receives the progress. The answer says what a gauge must show. When the second value of the result is
+/// dropped, Cz returns.
 ///
 /// # Errors
 /// No gateway runs there, it refuses, or it does not answer any more.
@@ -106,25 +108,27 @@ pub fn sign(
     stay(ask(path, &(with_axis("sign", axis) + " stay"), PATIENCE)?, show)
 }
 
-/// Asks the running gateway to let another program take its place, and waits until that one answers; `show` gets what happens
-/// until then. The other program has `within` for its check, and again for its start. Its state, as JSON.
+/// Requests the running gateway to let another program take its place, and waits until that program answers. `show`
+/// receives the progress. The other program has `within` for its check, and again for its start. Returns its state as
+/// JSON.
 ///
 /// # Errors
 /// No gateway runs there, it refuses, or the other program ends or does not answer.
 pub fn restart(path: &Path, within: Duration, show: impl FnMut(&str)) -> Result<String, Failure> {
     let begun = match begin(path, &format!("restart within={}", within.as_secs_f64())) {
-        // A gateway of an older version knows the bare word only, and has its own time for the check.
+        // A gateway of an older version accepts only the bare word. It has its own time limit for the check.
         Err(Failure::Refused(why)) if why.starts_with(UNKNOWN) => begin(path, "restart")?,
         begun => begun?,
     };
     replaced(path, begun, within, show)
 }
 
-/// Asks the running gateway to take the registers that an output had back to their base, in which a person has seen these Cz, µm. It
-/// does so after it was replaced as by [`restart`]. Its state then, as JSON.
+/// Requests the running gateway to return the former registers of an output to their base. `seen` contains the Cz in
+/// each of them, µm, as the operator has seen it. The gateway does so after it was replaced as by [`restart`]. Returns
+/// its state then, as JSON.
 ///
 /// # Errors
-/// The restart fails, as by [`restart`]. There is no such register, or it cannot be taken back.
+/// The restart fails, as by [`restart`]. There is no such register, or it cannot be returned to its base.
 pub fn release(
     path: &Path,
     (output, seen): (&str, &[f64]),
@@ -137,7 +141,7 @@ pub fn release(
     replaced(path, begun, within, show)
 }
 
-/// Process of a gateway that is asked to make room for another program, and the beginning of its answer.
+/// Process of a gateway that is to be replaced, and the beginning of its answer.
 type Begun = (Option<Process>, Answered);
 
 fn begin(path: &Path, line: &str) -> Result<Begun, Failure> {
@@ -147,7 +151,7 @@ fn begin(path: &Path, line: &str) -> Result<Begun, Failure> {
     Ok((process, answered(stream)?))
 }
 
-/// Waits until the other program answers.
+/// Waits until the other program answers. Returns its state as JSON.
 fn replaced(
     path: &Path,
     (process, asked): Begun,
@@ -157,7 +161,7 @@ fn replaced(
     let (said, lines) = stay(asked, &mut show)?;
     show(&said);
     let until = Passing::default().passed() + REPLACED_WITHIN;
-    // As long as the one that ends is there, the connection is.
+    // The connection exists as long as the program that ends.
     let mut waits = lines.map(|line| line.map_err(silent) == Err(Failure::NoAnswer));
     while waits.next() == Some(true) && Passing::default().passed() < until {}
     let until = Passing::default().passed() + within;
@@ -173,8 +177,8 @@ fn replaced(
     }
 }
 
-/// Tells the running gateway that another program was to take its place, and that the profile is wrong: its own, or only where this
-/// is its profile.
+/// Reports to the running gateway that another program was to take its place, and that the profile is wrong. With a
+/// `profile`, only a gateway of that profile accepts the report.
 ///
 /// # Errors
 /// No gateway runs there, it runs another profile, or it does not answer.
@@ -183,7 +187,7 @@ pub fn restart_is_wrong(path: &Path, profile: Option<&Path>) -> Result<String, F
     Ok(ask(path, &format!("restart wrong{which}"), PATIENCE)?.0.text().to_owned())
 }
 
-/// Sends an axis's measured error; `None` takes back what such errors have taught.
+/// Sends the measured error of an axis. `None` discards what the axis has learned from such errors.
 ///
 /// # Errors
 /// No gateway runs there, it refuses, or it does not answer.
@@ -197,7 +201,7 @@ pub fn send_measured(path: &Path, axis: &str, report: Option<&MeasuredReport>) -
     Ok(ask(path, &line, PATIENCE)?.0)
 }
 
-/// Has a device accepted that a person has looked at.
+/// Accepts a device that the operator has checked.
 ///
 /// # Errors
 /// No gateway runs there, it does not answer, or it refuses.
@@ -205,7 +209,7 @@ pub fn send_confirm(path: &Path, device: &str) -> Result<Answer, Failure> {
     Ok(ask(path, &format!("confirm {device}"), PATIENCE)?.0)
 }
 
-/// The state of the running gateway, as JSON.
+/// State of the running gateway, as JSON.
 ///
 /// # Errors
 /// No gateway runs there, or it does not answer.
@@ -213,25 +217,25 @@ pub fn status(path: &Path) -> Result<String, Failure> {
     Ok(ask(path, STATUS, PATIENCE)?.0.text().to_owned())
 }
 
-/// What the first line of the answer says, and the lines behind it.
+/// First line of an answer, and the lines after it.
 type Answered = (Answer, Lines<BufReader<UnixStream>>);
 
 fn with_axis(command: &str, axis: Option<&str>) -> String {
     axis.map_or_else(|| command.to_owned(), |axis| format!("{command} axis={axis}"))
 }
 
-/// Whether somebody is at a command socket.
+/// Presence of a gateway at a command socket.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Presence {
-    /// A gateway, which can be asked.
+    /// A gateway accepts connections.
     Answers,
-    /// This user may not ask.
+    /// This user may not connect.
     Forbidden,
-    /// Nobody.
+    /// No gateway accepts connections.
     Nobody,
 }
 
-/// Whether somebody is there to be asked.
+/// Checks whether a gateway accepts connections at a command socket.
 pub fn presence(path: &Path) -> Presence {
     match connect(path, Duration::ZERO) {
         Err(Failure::NoGateway(_)) => Presence::Nobody,
@@ -240,8 +244,8 @@ pub fn presence(path: &Path) -> Presence {
     }
 }
 
-/// A queue that is full keeps whoever connects waiting: he asks again until `until` has passed since the computer was
-/// started.
+/// Connects to a command socket. While its queue is full, tries again until `until` has passed since the start of the
+/// computer.
 fn connect(path: &Path, until: Duration) -> Result<UnixStream, Failure> {
     let no_gateway = |error: std::io::Error| {
         if error.kind() == ErrorKind::PermissionDenied {
@@ -273,17 +277,17 @@ fn connect(path: &Path, until: Duration) -> Result<UnixStream, Failure> {
     }
 }
 
-/// Sends a line: what the first line of the answer says, and the lines behind it.
+/// Sends a line. Returns the first line of the answer, and the lines after it.
 fn ask(path: &Path, line: &str, patience: Duration) -> Result<Answered, Failure> {
     answered(tell(path, line, patience)?)
 }
 
-/// Sends a line; each line of the answer has this time to come.
+/// Sends a line. Each line of the answer may take `patience`.
 fn tell(path: &Path, line: &str, patience: Duration) -> Result<UnixStream, Failure> {
     let until = Passing::default().passed() + PATIENCE;
     let has_deadline = line != STATUS && !line.starts_with("trace");
     let deadline = if has_deadline { format!(" until={}", until.as_secs_f64()) } else { String::new() };
-    // In one piece: half a line is no command.
+    // One write: half a line is not a command.
     let whole = format!("{line}{deadline}\n");
     loop {
         let mut stream = connect(path, until)?;
@@ -292,7 +296,7 @@ fn tell(path: &Path, line: &str, patience: Duration) -> Result<UnixStream, Failu
             .and_then(|()| stream.write_all(whole.as_bytes()));
         match sent {
             Ok(()) => return Ok(stream),
-            // The gateway closed it before the line came, in favour of other connections.
+            // The gateway closed the connection before the line came, in favour of other connections.
             Err(error) if error.kind() == ErrorKind::BrokenPipe && Passing::default().passed() < until => {}
             Err(_) => return Err(Failure::Ended),
         }
@@ -322,8 +326,8 @@ fn understand(line: &str) -> Result<Answer, Failure> {
     }
 }
 
-/// Listens to a device of the running gateway for this long; each line is shown as it comes, while `show` says so. The
-/// answer is a sentence about all of them.
+/// Traces a device of the running gateway for this long. `show` receives each line as it comes, and returns whether to
+/// continue. The answer is a sentence about all lines.
 ///
 /// # Errors
 /// No gateway runs there, it refuses, or it does not answer any more.

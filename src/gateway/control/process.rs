@@ -1,4 +1,4 @@
-//! The process at the other end of the command socket.
+//! Process at the other end of the command socket.
 
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;

@@ -1,13 +1,14 @@
-//! `restart`: another program takes the place of the gateway that runs.
+//! `restart`: another program takes the place of the running gateway.
 //!
-//! `restart` → `waits …` while that program checks the profile, with `still` once a second, for 60 s at most or, with `restart
-//! within=10`, for so many; then `ok …`, and the connection stays
-//! open until this program is gone; or `wrong …` where the profile is, or `error …`. `restart wrong` only notes that whoever wanted
-//! it has found the profile wrong; `restart wrong PATH` does where that is the profile of this gateway, for one in which no name
-//! can be read.
+//! `restart` → `waits …` while that program checks the profile, with `still` once a second. The check may take 60 s, or
+//! with `restart within=10` this many seconds. The answer is then `ok …`, and the connection stays open until this
+//! program has ended. If the profile is wrong, the answer is `wrong …`, else `error …`.
 //!
-//! `release cnc_z seen=20.0`, or `release cnc_z seen=20.0,4.5 within=10`, is the same, and the registers that the output had are taken
-//! back to their base after it, if so many µm of ours are in them.
+//! `restart wrong` only records that the requester has found the profile wrong. `restart wrong PATH` does so if PATH is
+//! the profile of this gateway. It is for a profile in which no name can be read.
+//!
+//! `release cnc_z seen=20.0`, or `release cnc_z seen=20.0,4.5 within=10`, does the same. After it, the former registers
+//! of the output are returned to their base, if the gateway shares in them are these values in µm.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -23,33 +24,33 @@ use crate::observe::status::{Answer, Wish};
 
 const RESTART: &str = "restart";
 const RELEASE: &str = "release ";
-/// Beginning of the word that says what the person has seen.
+/// Beginning of the word with the values that the operator has seen.
 const SEEN: &str = " seen=";
-/// Beginning of the word that says how long the check may take.
+/// Beginning of the word with the longest time for the check.
 const WITHIN: &str = " within=";
-/// No check takes longer, whatever a client says.
+/// Longest time for a check, whatever a client requests.
 const LONGEST_CHECK: Duration = Duration::from_secs(600);
-/// How much longer than the check itself its end may take: the disk must take one small file.
+/// Additional time for the end of a check: the disk must store one small file.
 const CHECK_ENDS_WITHIN: Duration = Duration::from_secs(3);
 
-/// Whoever wants it has found the profile wrong, or has not looked.
+/// Request to replace the program, or the report that its profile is wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Request<'a> {
     Restart {
         within: Duration,
     },
-    /// The former registers of this output are taken back to their base after the restart. `seen`: numbers with commas between them.
+    /// Return the former registers of this output to their base after the restart. `seen`: numbers separated by commas.
     Release {
         output: &'a str,
         seen: &'a str,
         within: Duration,
     },
-    /// The profile may be named by its path.
+    /// Record that the profile is wrong. The path may name the profile.
     Wrong(Option<&'a Path>),
 }
 
 impl<'a> Request<'a> {
-    /// `None` where the line is another command.
+    /// Parses a request. Returns `None` if the line is another command.
     pub(super) fn parse(line: &'a str) -> Option<Request<'a>> {
         let line = line.rsplit_once(" until=").map_or(line, |(line, _)| line);
         if let Some(more) = line.strip_prefix(RELEASE) {
@@ -80,7 +81,7 @@ impl<'a> Request<'a> {
     }
 }
 
-/// Time for a check, of this many seconds.
+/// Parses the time for a check, in seconds.
 fn span(seconds: &str) -> Option<Duration> {
     let span = Duration::try_from_secs_f64(seconds.parse().ok()?).ok()?;
     Some(span.min(LONGEST_CHECK))
@@ -92,7 +93,7 @@ pub(super) async fn serve(
     (who, connection): (String, &Arc<Connection>),
     writer: &mut OwnedWriteHalf,
 ) -> std::io::Result<()> {
-    // Until when he waits is known when the check is over.
+    // The deadline of the client begins when the check is over.
     let asker = || {
         let until = Passing::default().passed() + PATIENCE;
         Asker::new(Way::Socket, who.clone()).until(until).at(connection)
@@ -120,7 +121,7 @@ pub(super) async fn serve(
     say(writer, "waits the program that is to take over checks the profile\n").await?;
     let (answer, mut checked) = tokio::sync::oneshot::channel();
     let checking = successor.clone();
-    // A thread of its own: nothing waits for it when this program ends.
+    // The check has its own thread, because the end of this program must not wait for it.
     let check = move || drop(answer.send(checking.check(within)));
     std::thread::Builder::new().name("check".to_owned()).spawn(check)?;
     let until = Passing::default().passed() + within + CHECK_ENDS_WITHIN;
@@ -148,12 +149,12 @@ pub(super) async fn serve(
             match successor.take_over(&asker(), checked) {
                 Ok(said) => {
                     say(writer, &said_in_a_line("ok", &said)).await?;
-                    // Its end tells that this program is gone.
+                    // The end of the connection shows the client that this program has ended.
                     return std::future::pending().await;
                 }
                 Err(why) => {
                     if let Some((output, _)) = &released {
-                        // A later start would move a register that nobody expects to move any more.
+                        // Otherwise, a later start would move a register unexpectedly.
                         drop(desk.source.release(output, Wish::Stay, &asker()));
                     }
                     return say(writer, &said_in_a_line("error", &why)).await;

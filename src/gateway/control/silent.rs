@@ -1,5 +1,5 @@
-//! Connections that have not sent a line yet. When every place is taken, the one that has been silent longest loses its own, so
-//! that no number of silent connections keeps a command waiting.
+//! Connections that have not sent a line yet. If the limit of connections is reached, the one that has been silent
+//! longest is closed. Therefore no number of silent connections keeps a command waiting.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,13 +10,14 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use crate::clock::Passing;
 
-/// Time for each place that a new connection may stay silent. A client sends its line as soon as it is connected, and connects again
-/// if it has lost its place before. The more silent connections are closed in a second, the shorter a command waits behind them.
+/// Time that a connection may stay silent, per possible connection. A client sends its line as soon as it is connected.
+/// It connects again if its connection was closed before that. The more silent connections are closed per second, the
+/// shorter a command waits.
 const GRACE_OF_A_PLACE: Duration = Duration::from_micros(250);
-/// Time for a closed connection to return its place.
+/// Time in which a closed connection returns its permit.
 const RETURNED: Duration = Duration::from_millis(10);
 
-/// The silent connections, the oldest first.
+/// Silent connections, the oldest first.
 #[derive(Clone)]
 pub(super) struct Silent {
     entries: Arc<Mutex<VecDeque<Entry>>>,
@@ -29,17 +30,17 @@ struct Entry {
     close: oneshot::Sender<()>,
 }
 
-/// Completes when the connection has lost its place. Dropped when its line has come.
+/// Completes when the connection must be closed. The owner drops it when a line was received.
 pub(super) type Closed = oneshot::Receiver<()>;
 
 impl Silent {
-    /// For this number of places.
+    /// Creates the list for this number of possible connections.
     pub(super) fn of(places: usize) -> Silent {
         let grace = GRACE_OF_A_PLACE.saturating_mul(u32::try_from(places).unwrap_or(u32::MAX));
         Silent { entries: Arc::default(), grace, clock: Passing::default() }
     }
 
-    /// Notes a new connection, which is silent until the returned receiver is dropped.
+    /// Records a new connection, which is silent until the returned receiver is dropped.
     pub(super) fn enter(&self) -> Closed {
         let (close, closed) = oneshot::channel();
         let since = self.clock.passed();
@@ -47,8 +48,8 @@ impl Silent {
         closed
     }
 
-    /// Returns a place; closes the oldest silent connection if no place is free. Waits while no connection is silent. `None` if the
-    /// semaphore is closed, which does not happen while connections are served.
+    /// Returns a permit. If none is free, closes the oldest silent connection. Waits while no connection is silent.
+    /// Returns `None` if the semaphore is closed, which does not happen while connections are served.
     pub(super) async fn place(&self, places: &Arc<Semaphore>) -> Option<OwnedSemaphorePermit> {
         loop {
             if let Ok(place) = places.clone().try_acquire_owned() {
@@ -61,7 +62,7 @@ impl Silent {
         }
     }
 
-    /// Closes the oldest one that may be closed. Returns how long to wait for a place before the next attempt.
+    /// Closes the oldest connection that may be closed. Returns how long to wait for a permit before the next attempt.
     fn close_oldest(&self) -> Duration {
         let now = self.clock.passed();
         self.with(|entries| {
@@ -77,7 +78,7 @@ impl Silent {
         })
     }
 
-    /// Removes connections whose line has come, then calls `act`.
+    /// Removes connections that have sent their line, then calls `act`.
     fn with<T>(&self, act: impl FnOnce(&mut VecDeque<Entry>) -> T) -> T {
         let mut entries = self.entries.lock().unwrap_or_else(PoisonError::into_inner);
         entries.retain(|entry| !entry.close.is_closed());

@@ -1,23 +1,23 @@
-//! Where command sockets are, and which of them are listened on, whoever runs the gateway there: the kernel tells everybody.
+//! Paths of command sockets, and which of them accept connections. The list of the kernel shows this to every user.
 
 use std::path::{Path, PathBuf};
 
-/// What the kernel writes at a socket that accepts connections.
+/// Flag of a socket that accepts connections, in the list of the kernel.
 const ACCEPTS: u32 = 0x1_0000;
 
-/// The socket of a machine.
+/// Path of the command socket of a machine.
 pub fn path(directory: &Path, machine: &str) -> PathBuf {
     directory.join(format!("{machine}.sock"))
 }
 
-/// The command sockets of gateways of this machine.
+/// Paths of the command sockets on which gateways of this machine accept connections.
 pub fn listening(machine: &str) -> Vec<PathBuf> {
     let list = std::fs::read_to_string("/proc/net/unix").unwrap_or_default();
     found(&list, machine)
 }
 
-/// The paths of the sockets that listen and are named as this machine's, in the kernel's list: `address: references protocol
-/// flags type state inode path`.
+/// Paths of the accepting sockets in the list of the kernel whose name is that of this machine. A line of the list is
+/// `address: references protocol flags type state inode path`.
 fn found(list: &str, machine: &str) -> Vec<PathBuf> {
     let name = path(Path::new(""), machine);
     let socket = |line: &str| {

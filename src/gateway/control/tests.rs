@@ -76,7 +76,7 @@ fn wire_log() -> WireLog {
     WireLog::new(&loaded.unwrap_or_else(|errors| panic!("{errors}")).profile)
 }
 
-/// Runs something that blocks beside the served socket.
+/// Runs a blocking function while the socket is served. Returns its result and the received commands.
 async fn beside<T: Send + 'static>(
     path: &Path,
     act: impl FnOnce() -> T + Send + 'static,
@@ -163,7 +163,7 @@ async fn a_word_it_does_not_know_is_refused_and_one_that_never_ends_is_cut() {
     assert!(commands.is_empty());
 }
 
-/// 32 places; a client that waits to arm keeps its own.
+/// The limit is 32 connections. A client that waits to arm keeps its connection.
 #[tokio::test]
 async fn a_command_takes_the_place_of_the_connection_that_has_been_silent_longest() {
     let directory = tempfile::tempdir().unwrap();
@@ -191,7 +191,7 @@ async fn a_command_takes_the_place_of_the_connection_that_has_been_silent_longes
     assert_eq!(closed, 500, "the oldest are closed");
 }
 
-/// A gateway of an older version knows `restart` without a time: an upgrade still asks it.
+/// A gateway of an older version accepts `restart` without a time only. An upgrade must still be possible.
 #[test]
 fn a_gateway_that_knows_the_bare_restart_only_is_asked_by_that() {
     let directory = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Users of this computer: who is at the other end of the socket, and whose a socket is.
+//! Users of this computer: the user of a connection, and the owner of a socket.
 
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
@@ -11,7 +11,7 @@ use super::sockets::listening;
 const USERS: &str = "/etc/passwd";
 const GROUPS: &str = "/etc/group";
 
-/// The name of a user, and his number.
+/// Name and uid of the user at the other end of the connection.
 pub(super) fn name(stream: &UnixStream) -> String {
     let Ok(peer) = stream.peer_cred() else { return "somebody".to_owned() };
     let uid = peer.uid();
@@ -21,7 +21,8 @@ pub(super) fn name(stream: &UnixStream) -> String {
     }
 }
 
-/// Why this user may not ask there: whose the socket or the directory is, as far as he may see, and who may.
+/// Explains why this user may not connect. The text names the owner and the group of the socket or its directory, as
+/// far as they are visible.
 pub fn forbidden(path: &Path) -> String {
     let seen = path.ancestors().find_map(|place| std::fs::metadata(place).ok());
     let who = seen.map_or_else(String::new, |seen| {
@@ -38,13 +39,13 @@ pub fn forbidden(path: &Path) -> String {
     }
 }
 
-/// What a user or a group of this number is called.
+/// Name of the user or group with this number.
 fn named(list: &str, number: u32) -> Option<String> {
     let list = regular::read_text(Path::new(list)).ok()?;
     found(&list, number).map(|name| one_line(name).into_owned())
 }
 
-/// The user or group of this number, in the lines `name:x:1000:…`.
+/// User or group with this number, in the lines `name:x:1000:…`.
 fn found(list: &str, number: u32) -> Option<&str> {
     list.lines().find_map(|line| {
         let mut fields = line.split(':');

@@ -1,4 +1,4 @@
-//! What goes over a Modbus line for a set: its registers, and the requests that carry them, as few as there can be.
+//! Registers of a set on a Modbus line, and the fewest requests that carry them.
 
 use std::collections::BTreeMap;
 
@@ -12,10 +12,10 @@ use isotherm_core::output::OwnWords;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{DeviceId, Output, OutputSet, Profile, Stretch};
 
-/// What registers hold, by their offsets.
+/// Register values by offset.
 pub(super) type Cells = BTreeMap<u16, u16>;
 
-/// Every register of the set for these values, one for each member.
+/// Values of all registers of the set. `values` contains one value for each member.
 fn cells(profile: &Profile, set: &OutputSet, values: &[Encoded], own: OwnWords) -> Cells {
     let mut cells = Cells::new();
     if set.zeros {
@@ -45,12 +45,12 @@ fn register(at: Option<&Address>) -> Option<Register> {
     at.and_then(Address::register)
 }
 
-/// The requests that write or read the set, in their order.
+/// Requests that write or read the set, in their order.
 pub(super) fn stretches(profile: &Profile, set: &OutputSet) -> Vec<Stretch> {
     set.stretches(set.members(profile), profile.device(set.device).longest_request())
 }
 
-/// The registers of one member among what was read.
+/// Registers of one member, from the registers that were read.
 fn held(output: &Output, cells: &Cells) -> Encoded {
     let count = output.encoding.data_type.registers();
     let first = output.address.register();
@@ -59,7 +59,7 @@ fn held(output: &Output, cells: &Cells) -> Encoded {
     })
 }
 
-/// The registers of one stretch.
+/// Registers of one stretch.
 fn registers(cells: &Cells, stretch: &Stretch) -> Vec<u16> {
     let registers = (0..stretch.count).map(|place| stretch.from.saturating_add(place));
     registers.map(|register| cells.get(&register).copied().unwrap_or_default()).collect()
@@ -112,8 +112,9 @@ pub(super) async fn write_own(
     write(turn, set.device, &stretches, &cells, Leave::Whenever).await
 }
 
-/// Writes these cells, those of one stretch in one request. The first leaves as `leave` says; what belongs to it follows,
-/// however late. What failed, and what that says of all of them: after the first, some have arrived.
+/// Writes these cells, with one request for each stretch. The first request is sent as `leave` allows. The others
+/// belong to it and are sent at any time. An error contains the outcome for all cells: after the first request, some
+/// have arrived.
 pub(super) async fn write(
     turn: &mut LineTurn<'_>,
     device: DeviceId,

@@ -13,7 +13,7 @@ use isotherm_profile::{OutputId, Writes};
 pub(super) struct OutputDemand {
     /// Cz, or the effect of the slope at the reach of the axis.
     pub(super) cz: Micron,
-    /// Target of it.
+    /// Target of `cz`.
     pub(super) target: Micron,
     /// When the axis decided.
     pub(super) decided: Moment,
@@ -22,7 +22,7 @@ pub(super) struct OutputDemand {
     pub(super) decision: Decision,
     /// The position to be corrected, if it is usable.
     pub(super) position: Option<f64>,
-    /// When a change must have left at the latest: its readings are too old after that.
+    /// Latest moment at which a change may be sent. After it, the readings of the change are too old.
     pub(super) not_after: Moment,
     /// Condition of the interlock.
     pub(super) interlock: Condition,
@@ -39,7 +39,7 @@ pub(super) enum Decision {
     Off,
     /// Nothing: the axis has yet to resume from the register value.
     Outdated,
-    /// This is to be written.
+    /// The value must be written, in this mode.
     Current(Mode),
 }
 
@@ -52,7 +52,7 @@ impl OutputDemand {
         let position = output.writes.position();
         let is_outdated = match output.writes {
             Writes::Slope => arming.take_over_slope.is_some(),
-            // A constant.
+            // The reference position is a constant.
             Writes::Reference => false,
             _ => arming.take_over.is_some(),
         };
@@ -67,7 +67,7 @@ impl OutputDemand {
                 Some(_) if is_outdated => Decision::Outdated,
                 // A constant is written whatever the axis does.
                 Some(_) if output.writes == Writes::Reference => Decision::Current(Mode::Finish),
-                // It goes back to what it held before the settings of a sensor were changed.
+                // The axis returns to the value that it held before the settings of a sensor were changed.
                 Some(AxisState::Holding(_)) if arming.return_to.is_some() => Decision::Current(Mode::Finish),
                 Some(AxisState::Holding(_)) => Decision::Current(Mode::Hold),
                 Some(state) if state.is_following() => Decision::Current(Mode::Follow),

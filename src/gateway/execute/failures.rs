@@ -5,16 +5,16 @@ use isotherm_core::explained::Cause;
 use isotherm_core::output::{Fact, Input};
 use isotherm_profile::counted;
 
-/// This many writes in a row that a device did not answer are reported, if it answers reads.
+/// Consecutive unanswered writes after which they are reported, if the device answers reads.
 const DEAF: u64 = 3;
-/// Requests that fail in a row for another reason before that is reported.
+/// Consecutive failures for another reason before that reason is reported.
 const CHANGED_AFTER: u32 = 20;
 
 /// Kind of request that a device was sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Access {
     Read,
-    /// Read of the register in which the control says what it applies.
+    /// Read of the register in which the control reports the applied value.
     ReadApplied,
     Write,
 }
@@ -30,9 +30,9 @@ enum Alarm {
 /// Failures of the requests of one register.
 #[derive(Debug, Default)]
 pub(super) struct Failures {
-    /// The kind of request that failed and was reported, until one succeeds.
+    /// Kind of the failed request that was reported, until a request of that kind succeeds.
     reported: Option<Access>,
-    /// Cause that was reported, and how long another one lasts.
+    /// Reported cause, with the count of failures for another cause.
     cause: Option<Cause<Fault>>,
     /// Writes that failed since the last one that was answered.
     failed_writes: u64,
@@ -49,7 +49,8 @@ enum LastRead {
 }
 
 impl Failures {
-    /// Takes note of a failed request. Returns what is to be reported. A device that is lost is reported elsewhere.
+    /// Records a failed request. Returns the text of a report, if one is necessary. A lost device is reported
+    /// elsewhere.
     pub(super) fn fails(
         &mut self,
         fault: Fault,
@@ -57,7 +58,7 @@ impl Failures {
         in_words: impl FnOnce() -> String,
     ) -> Option<String> {
         self.failed_writes += u64::from(access == Access::Write);
-        // A device that answers reads is not lost, and its writes are reported nowhere else.
+        // A device that answers reads is not lost, so nothing else reports its unanswered writes.
         let is_deaf = access == Access::Write && self.failed_writes >= DEAF;
         let is_deaf = is_deaf && self.last_read == LastRead::Answered;
         let is_reported = !fault.spoils_connection() || is_deaf;
@@ -74,7 +75,7 @@ impl Failures {
         })
     }
 
-    /// Takes note that an alarm of the output was reported.
+    /// Records that an alarm of the output was reported.
     pub(super) fn raise(&mut self) {
         self.alarm = Alarm::Raised;
     }
@@ -84,12 +85,12 @@ impl Failures {
         std::mem::take(&mut self.alarm) == Alarm::Raised
     }
 
-    /// Takes note of whether the device answers other requests. If it does, only the output can report that it does not answer writes.
+    /// Records whether the device answers other requests. If it does, only the output can report unanswered writes.
     pub(super) fn device_answers(&mut self, answers: bool) {
         self.last_read = if answers { LastRead::Answered } else { LastRead::NotAnswered };
     }
 
-    /// Takes note of the result of an exchange.
+    /// Records the result of an exchange.
     pub(super) fn result(&mut self, input: Input) {
         match input {
             Input::Fact(Fact::Done { .. }) => {

@@ -1,6 +1,7 @@
-//! What goes to an OPC UA server for a set: its nodes, written by one call and read back together.
+//! Nodes of a set on an OPC UA server. They are written by one request and read back together.
 //!
-//! A server may carry out a call in any order, and by half. So what stands there is believed only when it was read back.
+//! A server may write the nodes of a request in any order, and only some of them. The values are therefore verified
+//! only when they were read back.
 
 use super::LineTurn;
 use super::together::Found;
@@ -28,7 +29,7 @@ pub(super) async fn read(turn: &mut LineTurn<'_>, set: &OutputSet) -> Result<Fou
     Ok(Found { values, sequence: None, heartbeat, asked: answered.asked })
 }
 
-/// Writes all of them.
+/// Writes every node of the set.
 pub(super) async fn write(
     turn: &mut LineTurn<'_>,
     set: &OutputSet,
@@ -69,7 +70,7 @@ pub(super) async fn write_own(
     sent.map(|_| ()).map_err(|fault| (fault, fault.outcome()))
 }
 
-/// The lowest 16 bits of a whole number.
+/// Lowest 16 bits of an integer.
 fn low(found: Encoded) -> u16 {
     found.registers().last().copied().unwrap_or_default()
 }

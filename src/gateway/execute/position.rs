@@ -1,4 +1,4 @@
-//! Corrected positions: D' = D + Cz, as soon as D has been read. [`PositionController`] decides.
+//! Corrected positions: D' = D + Cz, written as soon as D has been read. [`PositionController`] decides.
 
 use std::fmt::Display;
 
@@ -35,12 +35,12 @@ pub(in crate::gateway) struct Position {
     controller: PositionController,
     failures: Failures,
     is_saturated: bool,
-    /// How its control reads what is written.
+    /// Interpretation of the written registers by the control.
     control: Option<ControlView>,
 }
 
 impl Position {
-    /// Corrected position. It continues from the Cz that was written last, in this run or in the one before.
+    /// Creates a corrected position. It resumes from the Cz that was written last, in this run or in the previous one.
     pub(in crate::gateway) fn new(shared: &LineHandle, id: OutputId, position: SignalId) -> Position {
         let profile = &shared.profile;
         Position {
@@ -68,7 +68,7 @@ impl Position {
         };
         let OutputDemand { cz, target, decided: at, interlock, position, .. } = demand;
         let is_driven = demand.decision != Decision::Off && !shared.dry_run;
-        // If the operator arms, the gateway does not write the display before the first arming.
+        // With manual arming, the gateway does not write the display before the first arming.
         let is_ours = !shared.dry_run && (shared.profile.arm == Arm::Auto || shared.core().was_armed);
         let asked = PositionDemand {
             read_at,
@@ -120,7 +120,7 @@ impl Position {
         let shared = turn.shared;
         let factor = cz_factor(&shared.profile, output);
         let target = self.encode(shared, output, position + cz.get() * factor / 1000.0);
-        // A Cz beyond a limit that is smaller than in the last run is walked back in steps.
+        // If the limit is smaller than in the previous run, a Cz beyond it returns in steps.
         let written = shared.core().outputs[self.id.0].cz.unwrap_or_default();
         if let Some(control) = &self.control
             && let Err(why) = control.admit(target.registers(), cz, position, written)
@@ -192,7 +192,8 @@ impl Position {
         encoded
     }
 
-    /// Another value was read back than was written: reported once, and tried again with the next position.
+    /// Handles a value read back that differs from the written one. It is reported once, and the next position is
+    /// written normally.
     fn is_not_shown(
         &mut self,
         shared: &LineHandle,
@@ -210,7 +211,7 @@ impl Position {
         self.is_unverified(shared, &"something else is read back than was written");
     }
 
-    /// A device that is lost is reported elsewhere; one that refuses is not.
+    /// Handles a failed write. A lost device is reported elsewhere; a device that refuses is reported here.
     fn fail(&mut self, shared: &LineHandle, output: &Output, fault: Fault) {
         if fault.has_lapsed() {
             return;
@@ -235,12 +236,13 @@ impl Position {
         state.doubt();
     }
 
-    /// Writes dashes to a display whose position is not corrected. Returns `None` if the write failed; the next turn tries again.
+    /// Writes dashes to a display whose position is not corrected. Returns `None` if the write failed; the next turn
+    /// tries again.
     async fn show_dashes(&self, turn: &mut LineTurn<'_>, output: &Output) -> Option<PositionResult> {
         let stale = output.display.stale.as_ref()?;
         let text = (stale.register..).zip(stale.words.iter().copied());
         let beside = output.display.beside.iter().map(|beside| (beside.register, beside.word(Shown::Fault)));
-        // What fails is reported where every request fails.
+        // Failed requests are reported with the health of the device.
         send(turn, output, beside.collect(), Leave::Whenever).await.ok()?;
         send(turn, output, text.collect(), Leave::Whenever).await.ok()?;
         Some(PositionResult::Written)
@@ -272,7 +274,7 @@ impl PositionWrite {
     }
 }
 
-/// Writes the value, with the registers of a display that belong beside it. What is read back, where it is.
+/// Writes the value, together with further registers of a display. Returns the value read back, if `verify` reads.
 async fn write(
     turn: &mut LineTurn<'_>,
     output: &Output,
@@ -311,7 +313,7 @@ fn shown(shared: &LineHandle, output: &Output) -> Shown {
     }
 }
 
-/// Writes registers, those side by side in one request.
+/// Writes registers. Adjacent registers share a request.
 async fn send(
     turn: &mut LineTurn<'_>,
     output: &Output,

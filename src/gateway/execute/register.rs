@@ -1,5 +1,5 @@
-//! Register of one output: its encoding, its failures, and its promises on disk. Single registers and the members of a set are the
-//! same here.
+//! Register of one output: its encoding, its failures, and its promises on disk. Single registers and members of a set
+//! use the same code.
 
 use std::time::Duration;
 
@@ -26,23 +26,24 @@ use isotherm_core::output::{
 use isotherm_core::quantity::{Counts, Moment};
 use isotherm_profile::{Output, OutputId, Share, Writes};
 
-/// Register of one output. It executes what the controller of the output asks for, and reports the events of the controller.
+/// Register of one output. It executes the actions of the output's controller, and reports its events.
 #[derive(Debug)]
 pub(super) struct Register {
     pub(super) id: OutputId,
     pub(super) units: Units,
     pub(super) settings: Settings,
     failures: Failures,
-    /// Failures of the register in which the control says what it applies.
+    /// Failures of the register in which the control reports the applied value.
     failures_applied: Failures,
-    /// Values that may still appear in the register, as they were given to the disk.
+    /// Values that may still appear in the register, as last given to the disk.
     on_disk: Option<Copies>,
-    /// Version of the ledger that is being put on disk, and since when.
+    /// Version of the ledger that is being saved, and the time since when.
     keeping: Option<(u64, Moment)>,
 }
 
 impl Register {
-    /// Register of an output, and the controller of the output at a start. The set of an output is refreshed as a whole: `is_in_a_set`.
+    /// Creates the register of an output, and its controller at a start. A set refreshes its outputs as a whole:
+    /// `is_in_a_set`.
     pub(super) fn new(
         shared: &LineHandle,
         id: OutputId,
@@ -55,7 +56,7 @@ impl Register {
         let settings = if is_in_a_set { Settings { refresh: None, ..settings } } else { settings };
         let before = shared.core().registers[id.0];
         let controller = match before {
-            // The task before this one ended in the middle of something.
+            // The previous task ended in the middle of an exchange.
             Some(mut controller) => {
                 controller.interrupted(&settings, now);
                 controller
@@ -80,7 +81,7 @@ impl Register {
         let decision = decision.map(|mode| {
             let (offset, target) =
                 match (output.writes, shared.profile.axis(output.axis).settings.intercept_slope) {
-                    // A reference position is no correction, and goes to its value at once.
+                    // A reference position is no correction, and is written without steps.
                     (Writes::Reference, Some(line)) => (self.units.counts(line.reference.get()), None),
                     (Writes::Reference, None) => (self.units.offset(demand.cz), None),
                     _ => (self.units.offset(demand.cz), Some(self.units.offset(demand.target))),
@@ -96,7 +97,7 @@ impl Register {
         }
     }
 
-    /// Reports the events of the controller. Returns why the axis is to resume from the register value, if it is.
+    /// Reports the events of the controller. Returns the cause if the axis must resume from the register value.
     pub(super) fn report_events(
         &mut self,
         shared: &LineHandle,
@@ -141,8 +142,8 @@ impl Register {
         resumes
     }
 
-    /// The registers that hold this value. `None` if the control would read something else, or more than the limit: its
-    /// axis is off then, until a person arms it.
+    /// Registers that hold this value. Returns `None` if the control would read another value, or one beyond the limit.
+    /// The axis is then off until an operator arms it.
     pub(super) fn admitted(
         &self,
         shared: &LineHandle,
@@ -154,12 +155,13 @@ impl Register {
         encoded.map_err(|why| report::not_sent(shared, self.id, why)).ok()
     }
 
-    /// Takes note of the result of an exchange.
+    /// Records the result of an exchange.
     pub(super) fn note(&mut self, input: Input) {
         self.failures.result(input);
     }
 
-    /// A request of the register failed. A write that failed while the axis is off only went along with others.
+    /// Handles a failed request of the register. A write that failed while the axis is off was only sent along with
+    /// others, and is ignored.
     pub(super) fn fail(
         &mut self,
         shared: &LineHandle,
@@ -189,7 +191,7 @@ impl Register {
         ));
     }
 
-    /// Takes note of a write that failed.
+    /// Handles a failed write. A write that lapsed before it was sent is no failure.
     pub(super) fn write_failed(
         &mut self,
         shared: &LineHandle,
@@ -201,7 +203,7 @@ impl Register {
         }
     }
 
-    /// Asks the control what it applies, if that is due.
+    /// Reads the value that the control applies, if that is due.
     pub(super) async fn read_applied(
         &mut self,
         turn: &mut LineTurn<'_>,
@@ -225,7 +227,7 @@ impl Register {
         })
     }
 
-    /// Shows the register to the axes and to people, and lets the axis resume from its value.
+    /// Publishes the state of the register to axes and page, and lets the axis resume from the register value.
     pub(super) fn publish(
         &mut self,
         shared: &LineHandle,
@@ -240,7 +242,7 @@ impl Register {
         let open = is_open.then_some(copies);
         let is_known = state.shown(&self.settings).verified.is_some();
         if is_known && std::mem::replace(&mut self.on_disk, open) != open {
-            // In time for the next start, however this run ends. No line waits for it.
+            // The next start needs this, however this run ends. No line waits for it.
             let _ = shared.ledger.keep(output, state.kept(), false);
         }
         let mut core = shared.core();
@@ -248,7 +250,7 @@ impl Register {
         report::note_place((self, controller), output, &mut core);
         if core.outputs[self.id.0].standing == Standing::Verified && core.arming[output.axis.0].armed {
             let failures = std::mem::take(&mut core.outputs[self.id.0].failures);
-            // Both are to end.
+            // Both calls are necessary: each ends an alarm.
             if self.failures.end() | self.failures_applied.end() {
                 core.events.push(Event::Verified { output: output.name.clone(), failures });
             }
@@ -262,7 +264,8 @@ impl Register {
         shared.wake_others(shared.profile.device(output.device).bus);
     }
 
-    /// Has what is known put on disk. `None` if the disk has not answered: the next turn asks it again.
+    /// Saves the state of the output in the ledger. Returns `None` if the disk has not answered: the next turn asks
+    /// again.
     pub(super) async fn keep(
         &mut self,
         turn: &mut LineTurn<'_>,
@@ -277,7 +280,7 @@ impl Register {
         let (version, since) = match self.keeping {
             Some(keeping) => keeping,
             None => {
-                // What is only noted is on disk before the next promise is.
+                // An entry that no write waits for is on disk no later than the next entry that a write waits for.
                 let must_keep = controller.must_keep(&self.settings);
                 match shared.ledger.keep(output, controller.state().kept(), must_keep) {
                     Keeping::Version(version) => (version, now),
@@ -310,7 +313,7 @@ impl Register {
     }
 }
 
-/// Result of a write that was not answered as done.
+/// Result of a write that was not confirmed.
 pub(super) fn not_done((fault, outcome): (Fault, Outcome)) -> WriteResult {
     match (fault, outcome) {
         (Fault::Caller(CallerFault::TooLate), Outcome::NotDone) => WriteResult::TooLate,
@@ -325,7 +328,7 @@ pub(super) fn not_done((fault, outcome): (Fault, Outcome)) -> WriteResult {
 fn settings(shared: &LineHandle, output: &Output, units: &Units) -> Settings {
     let profile = &shared.profile;
     let device = profile.device(output.device);
-    // A constant may arrive whenever it likes.
+    // A constant may arrive at any time.
     let is_constant = output.writes == Writes::Reference;
     let late = if is_constant { Duration::ZERO } else { profile.bus(device.bus).late };
     let can_be_read = device.functions.reads_at(&output.reads_at());

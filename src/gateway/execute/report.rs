@@ -1,4 +1,4 @@
-//! What people, the axes and the page learn of an output's register.
+//! Reports about the register of an output, for the log, the axes and the page.
 
 use super::demand::OutputDemand;
 use super::register::Register;
@@ -13,7 +13,7 @@ use isotherm_core::output::{self, Account, Controller, OutputHealth, State};
 use isotherm_core::quantity::{Counts, Micron};
 use isotherm_profile::{Output, OutputId};
 
-/// What the step has found out, for people; `None` where they hear of it otherwise.
+/// Converts an event of a controller to an event of the journal. Returns `None` if it is reported elsewhere.
 pub(super) fn event(
     (register, controller): (&Register, &Controller),
     output: &Output,
@@ -58,7 +58,8 @@ pub(super) fn event(
             let share = share_in_text(register, share);
             Event::LedgerOpened { output, base: in_text(base), share }
         }
-        // A request that failed, a disk that failed, and a question to the operator are reported elsewhere. The rest is counted.
+        // A failed request, a failed disk, and a question to the operator are reported elsewhere. The other events are
+        // counted.
         output::Event::WriteRefused { .. }
         | output::Event::DiskDoesNotKeep
         | output::Event::Doubted { .. }
@@ -73,7 +74,7 @@ pub(super) fn event(
     })
 }
 
-/// Why the axis is off where somebody else wrote this.
+/// Cause and hint for an axis that is off because another client wrote this value.
 pub(super) fn why_foreign(
     register: &Register,
     output: &Output,
@@ -99,7 +100,7 @@ pub(super) fn why_foreign(
     }
 }
 
-/// Switches the axis of this output off, because what was to be sent must not be.
+/// Disarms the axis of this output, because the value to be sent is not admissible.
 pub(super) fn not_sent(shared: &LineHandle, id: OutputId, why: Inadmissible) {
     let output = shared.profile.output(id);
     let axis = &shared.profile.axis(output.axis).settings.name;
@@ -114,7 +115,7 @@ pub(super) fn not_sent(shared: &LineHandle, id: OutputId, why: Inadmissible) {
     shared.core().disarm(output.axis, why);
 }
 
-/// Reports that the control does not apply the register value in its time.
+/// Reports that the control does not apply the register value within its time.
 pub(super) fn not_applied(
     (register, controller): (&Register, &Controller),
     shared: &LineHandle,
@@ -174,12 +175,12 @@ pub(super) fn note_place((register, controller): (&Register, &Controller), outpu
     }
 }
 
-/// Something was sent that nobody answered, and that may still arrive.
+/// Returns whether a write was sent that was not answered and may still arrive.
 pub(super) fn has_unanswered(state: &State) -> bool {
     state.copies().under_way().any(|sent| sent.answered.is_none())
 }
 
-/// Shows a register to the axes and the page. Returns the Cz that it holds, once that is known.
+/// Publishes the state of a register to axes and page. Returns the Cz in the register, if it is known.
 pub(super) fn show(
     (register, controller): (&Register, &Controller),
     demand: &OutputDemand,

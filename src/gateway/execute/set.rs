@@ -32,11 +32,11 @@ pub(in crate::gateway) struct Set {
     controller: SetController,
     /// Values of the last read, as the registers hold them.
     found: Vec<Encoded>,
-    /// Why each axis is to resume from the register value, if it is.
+    /// For each member: the cause if its axis must resume from the register value.
     resumes: Vec<Option<Cause>>,
-    /// Cause of the last failure of the handshake, in words.
+    /// Cause of the last failure of the handshake, as text.
     cause: String,
-    /// When it is to be called again, if nothing else happens.
+    /// Time of the next turn, if nothing else happens.
     pub(in crate::gateway) due: Moment,
 }
 
@@ -44,7 +44,7 @@ impl Set {
     pub(in crate::gateway) fn new(shared: &LineHandle, id: SetId, now: Moment) -> Set {
         let set = shared.profile.set(id);
         let core = shared.core();
-        // The task before this one ended in the middle of an exchange.
+        // The previous task may have ended in the middle of an exchange.
         let was_up = set.outputs.iter().any(|id| core.outputs[id.0].handshake.strobe_up);
         let is_second = set.outputs.iter().any(|id| core.registers[id.0].is_some());
         drop(core);
@@ -59,7 +59,7 @@ impl Set {
         Set { id, registers, settings, controller, found, resumes, cause, due: now }
     }
 
-    /// When the acknowledge is to be read again.
+    /// Time of the next read of the acknowledge.
     pub(in crate::gateway) fn asks(&self) -> Option<Moment> {
         self.controller.strobe().asks()
     }
@@ -69,7 +69,7 @@ impl Set {
         self.controller.is_late()
     }
 
-    /// Executes what the controller asks for. Never waits for the control.
+    /// Executes the actions of the controller. Never waits for the control.
     pub(in crate::gateway) async fn turn(&mut self, turn: &mut LineTurn<'_>) {
         let shared = turn.shared;
         let (demands, demand) = self.demand(shared, turn.now);
@@ -140,7 +140,8 @@ impl Set {
         self.step(shared, input, now)
     }
 
-    /// Gives the controller an input, and reports its events. The new state outlives this task. The log gets input and action.
+    /// Gives the controller an input, and reports its events. The new state outlives this task. The log gets input and
+    /// action.
     fn step(&mut self, shared: &LineHandle, input: &SetInput, now: Moment) -> SetAction {
         let is_logged = shared.core().storage.outputs.is_kept();
         let before = is_logged.then(|| self.controller.clone());
@@ -179,7 +180,7 @@ impl Set {
         shared.report(&Event::Handshake { set: set.label(), fault, register, cause: self.cause.clone() });
     }
 
-    /// Shows the handshake to people.
+    /// Publishes the status of the handshake.
     fn publish(&self, shared: &LineHandle, core: &mut Core) {
         let strobe = self.controller.strobe();
         let status = HandshakeStatus {
@@ -258,7 +259,7 @@ impl Set {
         self.result(turn, &SetInput::Sent { result, left })
     }
 
-    /// The registers for these values. `None` if the control would take one for another value.
+    /// Registers for these values. Returns `None` if the control would read another value in one of them.
     fn encoded(&self, shared: &LineHandle, values: &[SetValue]) -> Option<Vec<Encoded>> {
         let each = self.registers.iter().zip(self.controller.members()).zip(values).zip(&self.found);
         each.map(|(((register, controller), value), found)| match value {
@@ -280,7 +281,7 @@ impl Set {
         self.result(turn, &SetInput::Sent { result, left })
     }
 
-    /// A heartbeat and a control word are counted for people, too.
+    /// Counts a write of heartbeat and control word for the log.
     fn words_sent(&self, shared: &LineHandle, sent: Result<(), (Fault, Outcome)>, now: Moment) {
         if self.settings.words == SetWords::None {
             return;
@@ -316,7 +317,7 @@ impl Set {
             Err(fault) if fault.outcome() == Outcome::NotDone => StrobeResult::NotDone,
             Err(_) => StrobeResult::Unknown,
         };
-        // A strobe that is dropped after a failure leaves the cause of that.
+        // Dropping the strobe after a failure must not replace the cause of that failure.
         if let Err(fault) = written {
             self.cause = fault.to_string();
         }
@@ -340,7 +341,7 @@ fn settings(profile: &Profile, set: &OutputSet, registers: &[Register]) -> SetSe
     }
 }
 
-/// How the control of a set takes it.
+/// Way in which the control takes a set.
 fn taken_by(profile: &Profile, set: &OutputSet) -> Taking {
     let is_in_one = set.sequence.is_none() || cells::stretches(profile, set).len() == 1;
     match () {

@@ -17,7 +17,7 @@ use isotherm_profile::OutputId;
 pub(in crate::gateway) struct Single {
     register: Register,
     controller: Controller,
-    /// When it is to be called again, if nothing else happens.
+    /// Time of the next turn, if nothing else happens.
     pub(in crate::gateway) due: Moment,
 }
 
@@ -27,12 +27,12 @@ impl Single {
         Single { register, controller, due: now }
     }
 
-    /// Returns whether its turn came too late for the last decision.
+    /// Returns whether the turn of the output came too late for the last decision.
     pub(in crate::gateway) fn is_late(&self) -> bool {
         self.controller.follow() == Follow::Late
     }
 
-    /// Executes what the controller asks for.
+    /// Executes the actions of the controller.
     pub(in crate::gateway) async fn turn(&mut self, turn: &mut LineTurn<'_>) {
         let (shared, now) = (turn.shared, turn.now);
         let demand = OutputDemand::of(shared, &shared.core(), self.register.id, now);
@@ -73,8 +73,8 @@ impl Single {
         self.step(shared, input, now);
     }
 
-    /// Gives the controller an input, and reports its events. The new state outlives this task. The log gets input and action.
-    /// Returns why the axis is to resume from the register value, if it is.
+    /// Gives the controller an input, and reports its events. The new state outlives this task. The log gets input and
+    /// action. Returns the cause if the axis must resume from the register value.
     fn step(&mut self, shared: &LineHandle, input: Input, now: Moment) -> Option<Cause> {
         let (id, before) = (self.register.id, self.controller);
         let action = self.controller.step(&self.register.settings, input, now);

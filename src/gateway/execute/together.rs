@@ -1,4 +1,4 @@
-//! All of a set on its way to the device and back: in registers, or in nodes.
+//! Requests for all values of a set, which are in registers or in nodes.
 
 use super::LineTurn;
 use super::{cells, nodes};
@@ -9,18 +9,18 @@ use isotherm_core::output::OwnWords;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::OutputSet;
 
-/// What stands there.
+/// Values of a set, as they were read.
 #[derive(Clone, Debug)]
 pub(super) struct Found {
-    /// One for each member.
+    /// Value of each member.
     pub(super) values: Vec<Encoded>,
     pub(super) sequence: Option<u16>,
     pub(super) heartbeat: Option<u16>,
-    /// When the first question for it left.
+    /// Time at which the first request was sent.
     pub(super) asked: Moment,
 }
 
-/// Reads all of it.
+/// Reads all values of the set.
 pub(super) async fn read(turn: &mut LineTurn<'_>, set: &OutputSet) -> Result<Found, Fault> {
     match set.is_in_nodes(&turn.shared.profile) {
         true => nodes::read(turn, set).await,
@@ -28,7 +28,7 @@ pub(super) async fn read(turn: &mut LineTurn<'_>, set: &OutputSet) -> Result<Fou
     }
 }
 
-/// Writes all of it. What failed, and what that says of all of it.
+/// Writes all values of the set. An error contains the outcome for all of them.
 pub(super) async fn write(
     turn: &mut LineTurn<'_>,
     set: &OutputSet,

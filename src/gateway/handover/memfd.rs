@@ -1,15 +1,19 @@
-//! The way of a handover from one program to the next in the same process: a sealed memfd as standard input, and its digest in
-//! the state directory.
+//! Transport of a handover from one program to the next in the same process. It uses a sealed memfd as standard input,
+//! and its digest in the state directory.
 //!
 //! ```text
-//! sources of the checked profile, the document (JSON), its length (8 bytes)    for a program that takes its profile from a handover
-//! the document                                                                for a program of an older version
+//! sources of the checked profile, document (JSON), its length (8 bytes)    program that takes its profile from it
+//! document                                                                 program of an older version
 //! ```
 //!
-//! The process that starts the program chooses its standard input. So the program accepts a memfd only if nothing can change it (all
-//! seals, this user), if this very process wrote it (process id, start time, boot), and if the state directory holds the digest of its
-//! document, which names the digest of the sources. The program removes the digest before it arms anything, so that no handover is
-//! used twice.
+//! The process that starts the program chooses its standard input. The program therefore accepts a memfd only if all of
+//! this is true:
+//!
+//! - Nothing can change it (all seals, this user).
+//! - This process has written it (process id, start time, boot).
+//! - The state directory contains the digest of its document, which contains the digest of the sources.
+//!
+//! The program removes the digest before it arms anything, so that no handover is used twice.
 
 use std::fs::File;
 use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
@@ -30,19 +34,19 @@ use isotherm_profile::{SOURCES_MARK, sha256, sha256_of};
 mod tests;
 
 const NAME: &str = "isotherm-handover";
-/// A document has at most this many bytes.
+/// Largest document, in bytes.
 const LARGEST: u64 = 16 * 1024 * 1024;
-/// Bytes of the length of a document.
+/// Size of the length of a document, in bytes.
 const TRAILER: u64 = 8;
 
-/// A process, with whatever program runs in it: all of this stays when one program replaces another.
+/// Identity of a process. All of it stays the same when one program replaces another.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Process {
     id: u32,
     /// Clock ticks from the start of the computer to the start of the process.
     started: u64,
-    /// The kernel's name of this run of the computer.
+    /// Boot id of the kernel.
     boot: String,
 }
 
@@ -52,7 +56,7 @@ struct Process {
 struct Document<H> {
     process: Process,
     handover: H,
-    /// Not there for a program of an older version.
+    /// `None` for a program of an older version.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     sources: Option<SourcesSeal>,
 }
@@ -64,7 +68,7 @@ impl Process {
             std::fs::read_to_string(path).map_err(about)
         };
         let stat = read("/proc/self/stat")?;
-        // The second field, the name, is in brackets and may hold any character. The start time is the 22nd.
+        // The second field, the name, is in parentheses and may contain any character. The start time is field 22.
         let started =
             stat.rsplit(')').next().and_then(|fields| fields.split_whitespace().nth(19)?.parse().ok());
         let started = started.ok_or_else(|| io::Error::other("/proc/self/stat shows no start time"))?;
@@ -73,12 +77,13 @@ impl Process {
     }
 }
 
-/// Path of the digest of a machine's handover.
+/// Path of the digest of the handover of a machine.
 pub fn digest_path(directory: &Path, machine: &str) -> PathBuf {
     directory.join(format!("{machine}.handover"))
 }
 
-/// Memory in which a handover will be sealed. The sources of the profile are in it already: they may have many megabytes.
+/// Memory in which a handover will be sealed. It contains the sources of the profile already, because they may have
+/// many megabytes.
 #[derive(Debug)]
 pub struct Prepared {
     memory: File,
@@ -86,10 +91,10 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    /// Prepares a handover, with a profile for a program that takes one.
+    /// Prepares a handover, with a profile if the program takes one.
     ///
     /// # Errors
-    /// A sentence: the system makes no memfd.
+    /// The system cannot create a memfd. The error is a sentence.
     pub fn with(profile: Option<&KeptProfile>) -> io::Result<Prepared> {
         let prepare = || {
             let memory = memory::create(NAME)?;
@@ -99,13 +104,13 @@ impl Prepared {
         prepare().map_err(no_memory)
     }
 
-    /// Whether a profile is in it.
+    /// Returns whether the memory contains a profile.
     pub fn has_profile(&self) -> bool {
         self.sources.is_some()
     }
 }
 
-/// Error of a system that makes no memfd.
+/// Error of a system that cannot create a memfd.
 fn no_memory(error: io::Error) -> io::Error {
     let error = without_numbers(&error.to_string());
     io::Error::other(format!(
@@ -114,11 +119,11 @@ fn no_memory(error: io::Error) -> io::Error {
 }
 
 impl Handover {
-    /// Writes this into prepared memory, which is sealed then, and the digest to `path`. Nothing waits for the disk: the digest need
-    /// not outlive the process.
+    /// Writes the handover to prepared memory, seals it, and writes the digest to `path`. Nothing waits for the disk,
+    /// because the digest need not outlive the process.
     ///
     /// # Errors
-    /// A sentence: the system does not seal it, or the digest cannot be written.
+    /// The system cannot seal the memory, or the digest cannot be written. The error is a sentence.
     pub fn seal(&self, prepared: Prepared, path: &Path) -> io::Result<File> {
         let Prepared { mut memory, sources } = prepared;
         let has_sources = sources.is_some();
@@ -143,29 +148,30 @@ impl Handover {
         Ok(memory)
     }
 
-    /// Whether this process can hand over to another program now.
+    /// Checks that this process can hand over to another program now.
     ///
     /// # Errors
-    /// Those of [`Handover::seal`]; or the disk does not take the digest.
+    /// Those of [`Handover::seal`], or the disk does not store the digest.
     pub(in crate::gateway) fn rehearse(path: &Path) -> io::Result<()> {
-        // Under another name: a handover may be under way.
+        // Another name is used, because a handover may be under way.
         let path = path.with_added_extension("rehearsal");
         let sealed = Handover::default().seal(Prepared::with(None)?, &path);
-        // Beforehand there is time to find a disk that hangs.
+        // A disk that hangs must be detected before the handover.
         let kept = sealed.and_then(|_| Files.replace(&path, b""));
         Files.forget(&path);
         kept
     }
 }
 
-/// Standard input of this program, if it is a handover: not yet compared with the digest in the state directory.
+/// Standard input of this program, if it is a handover. It has not been compared with the digest in the state directory
+/// yet.
 #[derive(Debug)]
 pub struct Arrival {
     /// `None` after an ordinary start.
     found: Option<Result<Found, String>>,
 }
 
-/// A handover that this very process has made.
+/// Handover that this process has made.
 #[derive(Debug)]
 struct Found {
     /// SHA-256 of the document.
@@ -175,8 +181,8 @@ struct Found {
 }
 
 impl Arrival {
-    /// Takes what the program before this one in the same process has handed over. Standard input is empty afterwards if it was a
-    /// handover.
+    /// Takes the handover of the previous program in the same process. If standard input was a handover, it is empty
+    /// afterwards.
     pub fn take() -> Arrival {
         if !memory::is_stream(0, NAME) {
             return Arrival { found: None };
@@ -190,21 +196,22 @@ impl Arrival {
         Arrival { found: Some(found) }
     }
 
-    /// The profile that was checked. The digest of the handover lies at `digest` of the machine that it describes.
+    /// Checked profile. The digest of the handover is at the [path](digest_path) of the machine that the profile
+    /// describes.
     pub fn profile(&self) -> Option<&KeptProfile> {
         self.found.as_ref()?.as_ref().ok()?.profile.as_ref()
     }
 
-    /// Whether the digest of the handover lies there. It stays there.
+    /// Returns whether the file at `path` is the digest of the handover. The file is not removed.
     pub fn is_announced(&self, path: &Path) -> bool {
         let digest = Files.read(path).unwrap_or_default();
         matches!(&self.found, Some(Ok(found)) if found.digest.as_bytes() == digest)
     }
 
-    /// Accepts the handover, whose digest is removed. `None` after an ordinary start.
+    /// Accepts the handover, and removes its digest. Returns `None` after an ordinary start.
     ///
     /// # Errors
-    /// A clause: there is no handover although one was announced, or it is not accepted.
+    /// A handover was announced but is missing, or it is not accepted. The error is a clause.
     pub fn accept(self, path: &Path) -> Result<Option<Handover>, String> {
         let digest = take_digest(path);
         let Some(found) = self.found else {
@@ -253,7 +260,7 @@ fn refused(why: &str) -> String {
     format!("the handover is not accepted: {why}")
 }
 
-/// Document in a memfd of this size, and its place.
+/// Document in a memfd of this size, and its offset.
 fn document(memory: &File, size: u64) -> Result<(Vec<u8>, u64), String> {
     let read = |place: u64, length: u64| {
         let mut bytes = vec![0; usize::try_from(length).unwrap_or_default()];
@@ -275,7 +282,7 @@ fn document(memory: &File, size: u64) -> Result<(Vec<u8>, u64), String> {
     Ok((read(place, length)?, place))
 }
 
-/// Reads the digest and removes it; `None` if there is none.
+/// Reads the digest and removes it. Returns `None` if there is none.
 fn take_digest(path: &Path) -> Result<Option<String>, String> {
     let about =
         |what: &str, error: &io::Error| format!("{} cannot be {what}: {}", path.display(), system(error));

@@ -1,5 +1,5 @@
-//! Memory of the kernel (memfd) that carries something from one program to the next in the same process, or from a child to its parent.
-//! Once it is sealed, nothing changes it.
+//! Memory of the kernel (memfd) that passes data from one program to the next in the same process, or from a child to
+//! its parent. Nothing can change it after it was sealed.
 
 use std::fs::{File, Permissions};
 use std::io;
@@ -10,15 +10,15 @@ use std::path::Path;
 use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, fcntl_get_seals, memfd_create};
 use rustix::io::Errno;
 
-/// Only the owner opens it, and nobody for writing.
+/// Mode of a memfd: only the owner may open it, and only for reading.
 pub(super) const MODE: u32 = 0o400;
 
-/// Makes an empty memfd of this name. It is a file of this process alone: a program that replaces this one, or a child, has it only
-/// where it is given as one of the standard streams.
+/// Creates an empty memfd with this name. It belongs to this process alone: a program that replaces this one, or a
+/// child, gets it only as one of its standard streams.
 pub(super) fn create(name: &str) -> io::Result<File> {
     let flags = MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING;
     let memory = match memfd_create(name, flags | MemfdFlags::NOEXEC_SEAL) {
-        // Linux before 6.3 does not know the last flag.
+        // Linux before 6.3 does not accept the last flag.
         Err(Errno::INVAL) => memfd_create(name, flags)?,
         made => made?,
     };
@@ -27,7 +27,7 @@ pub(super) fn create(name: &str) -> io::Result<File> {
     Ok(file)
 }
 
-/// Seals a memfd, if it is not sealed yet: neither its content nor its size changes any more.
+/// Seals a memfd, if it is not sealed yet: neither its content nor its size can change after that.
 pub(super) fn seal(memory: &File) -> io::Result<()> {
     if is_sealed(memory) { Ok(()) } else { Ok(fcntl_add_seals(memory, seals())?) }
 }
@@ -40,16 +40,16 @@ pub(super) fn seals() -> SealFlags {
     SealFlags::SEAL | SealFlags::SHRINK | SealFlags::GROW | SealFlags::WRITE
 }
 
-/// Whether a standard stream of this process (0 or 1) is a memfd of this name.
+/// Returns whether a standard stream of this process (0 or 1) is a memfd of this name.
 pub(super) fn is_stream(stream: u32, name: &str) -> bool {
     let link = std::fs::read_link(format!("/proc/self/fd/{stream}"));
     link.is_ok_and(|link| link == Path::new(&format!("/memfd:{name} (deleted)")))
 }
 
-/// Size of a memfd that only this user has made and that nobody can change.
+/// Size of a memfd that this user has made and that cannot be changed.
 ///
 /// # Errors
-/// What keeps it from being accepted.
+/// The reason why the memfd is not accepted.
 pub(super) fn size_of_sealed(memory: &File) -> Result<u64, &'static str> {
     let Ok(found) = memory.metadata() else { return Err("it cannot be examined") };
     match () {

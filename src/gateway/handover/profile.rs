@@ -1,8 +1,9 @@
-//! The profile of a handover: its [sources](Sources), as the check of the new program has read them, in sealed memory.
+//! Profile of a handover: its [sources](Sources), as the check of the new program has read them, in sealed memory.
 //!
-//! The gateway gives the check an empty memfd as standard output. A program that can take its profile from a handover writes the
-//! sources there, and gets the same bytes back when it takes over. The gateway does not interpret them, so they may be in a form that
-//! only the new program knows. A program of an older version writes nothing, and reads its profile from disk when it takes over.
+//! The gateway gives the check an empty memfd as standard output. A program that can take its profile from a handover
+//! writes the sources there. It gets the same bytes when it takes over. The gateway does not interpret them, so they
+//! may have a form that only the new program knows. A program of an older version writes nothing, and reads its profile
+//! from disk when it takes over.
 
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
@@ -19,7 +20,7 @@ use isotherm_profile::{SOURCES_MARK, Sources, sha256_of};
 const ANSWER: &str = "isotherm-checked";
 /// Name of the memfd that keeps the sources of the profile that runs.
 const OWN: &str = "isotherm-profile";
-/// The sources of one profile have at most this many bytes together.
+/// Largest size of the sources of one profile, in bytes.
 pub(super) const LARGEST: u64 = 256 * 1024 * 1024;
 
 /// Length and SHA-256 of sources.
@@ -37,19 +38,19 @@ pub struct KeptProfile {
     pub(super) seal: SourcesSeal,
 }
 
-/// Empty memory for the sources of the profile that this program runs. `None` if the system makes none: then there is no
-/// `restart --keep`.
+/// Creates empty memory for the sources of the profile that this program runs. Returns `None` if the system cannot
+/// create it. `restart --keep` is not possible then.
 pub fn memory_for_profile() -> Option<File> {
     memory::create(OWN).ok()
 }
 
-/// The file to which this program writes the sources that it has checked, if the program that runs the check takes them.
+/// File for the sources that this program has checked. `None` if the program that runs the check does not accept them.
 pub fn answer_of_check() -> Option<File> {
     if !memory::is_stream(1, ANSWER) {
         return None;
     }
     let file = File::from(std::io::stdout().as_fd().try_clone_to_owned().ok()?);
-    // A script around this program may have printed something.
+    // A script that wraps this program may have printed something.
     file.set_len(0).ok()?;
     Some(file)
 }
@@ -58,7 +59,7 @@ impl KeptProfile {
     /// Seals the memory in which sources were kept.
     ///
     /// # Errors
-    /// The system does not seal it.
+    /// The system cannot seal it.
     pub fn seal(memory: File) -> io::Result<KeptProfile> {
         memory::seal(&memory)?;
         let length = memory.metadata()?.size();
@@ -67,18 +68,18 @@ impl KeptProfile {
         Ok(KeptProfile { memory: Arc::new(memory), seal })
     }
 
-    /// Memory that a check is given as standard output.
+    /// Creates the memory that a check is given as standard output.
     ///
     /// # Errors
-    /// The system makes none.
+    /// The system cannot create it.
     pub(in crate::gateway) fn offer() -> io::Result<File> {
         memory::create(ANSWER)
     }
 
-    /// Sources that a check has written. `None` if it has written none, because its program is of an older version.
+    /// Sources that a check has written. `None` if it has written none, because its program has an older version.
     ///
     /// # Errors
-    /// A clause: they are too large, or the system does not seal them.
+    /// The sources are too large, or the system cannot seal them. The error is a clause.
     pub(in crate::gateway) fn answered(memory: File) -> Result<Option<KeptProfile>, String> {
         let length = memory.metadata().map_err(|error| error.to_string())?.size();
         if length > LARGEST {
@@ -95,7 +96,7 @@ impl KeptProfile {
         KeptProfile::seal(memory).map(Some).map_err(|error| error.to_string())
     }
 
-    /// The first bytes of a handover that was accepted, in memory of their own.
+    /// Copies the first bytes of an accepted handover, the sources, to separate memory.
     pub(super) fn of_handover(handover: &File, seal: SourcesSeal) -> io::Result<KeptProfile> {
         let own = memory::create(OWN)?;
         copy(handover, &seal, &own)?;
@@ -103,10 +104,10 @@ impl KeptProfile {
         Ok(KeptProfile { memory: Arc::new(own), seal })
     }
 
-    /// Sources to load the profile from.
+    /// Sources from which the profile is loaded.
     ///
     /// # Errors
-    /// They are in the form of another version.
+    /// The sources have the form of another version.
     pub fn sources(&self) -> io::Result<Sources> {
         Sources::open(self.memory.try_clone()?, self.seal.length)
     }

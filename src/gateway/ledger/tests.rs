@@ -27,14 +27,14 @@ fn found(directory: &Path, profile: &Profile) -> (Entries, Option<String>) {
     (super::found(profile, before, trouble.is_none(), |_| false), trouble)
 }
 
-/// Puts entries on disk, with the number.
+/// Saves entries, with the number.
 fn save(directory: &Path, profile: &Profile, entries: &Entries) {
     let mut file = open(directory, profile).file;
     entries.iter().for_each(|(name, entry)| file.set_output(name, entry));
     file.save().and_then(|()| file.save_number()).unwrap();
 }
 
-/// Something is known of every output.
+/// Complete entries of all outputs.
 fn entries(profile: &Profile) -> Entries {
     let mut promises = Slots::default();
     assert!(promises.push(Promise { value: Counts(152), at: Moment::from_nanos(1), is_under_way: true }));

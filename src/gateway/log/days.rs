@@ -1,4 +1,4 @@
-//! What lies in a state directory of the logs of decisions, and what stands in their columns, for whoever copies them.
+//! Logs of decisions in a state directory, and the content of their columns, for programs that copy them.
 
 use std::path::{Path, PathBuf};
 
@@ -6,7 +6,8 @@ use super::outputs::ENDING;
 use super::{CLOCK, DECIDED, MEMORY, PERMIT, STOOD_IN, ZERO};
 use crate::gateway::storage::keeping::logs;
 
-/// The days of which there are logs of this machine, oldest first, with those of the day in the order in which they were begun.
+/// Days for which there are logs of this machine, oldest first. The logs of a day are in the order in which they were
+/// begun.
 pub fn days(directory: &Path, machine: &str) -> Vec<(String, Vec<PathBuf>)> {
     let mut days: Vec<(String, Vec<PathBuf>)> = Vec::new();
     let mut logs = logs(directory, machine);
@@ -22,12 +23,13 @@ pub fn days(directory: &Path, machine: &str) -> Vec<(String, Vec<PathBuf>)> {
     days
 }
 
-/// `NAME-2026-01-31.2.csv` is the second of its day.
+/// Number of a log within its day: `NAME-2026-01-31.2.csv` is the second one.
 fn number(name: &str) -> u32 {
     name.trim_end_matches(".csv").rsplit_once('.').and_then(|(_, number)| number.parse().ok()).unwrap_or(1)
 }
 
-/// The column holds words, in a log with these columns; all others hold numbers. A signal may be called like a column of an axis.
+/// Returns whether the column contains text, in a log with these columns. All others contain numbers. A signal may have
+/// the same name as a column of an axis.
 pub fn is_text(column: &str, columns: &[&str]) -> bool {
     let [_, _, model, state, acted] = DECIDED;
     let is_of_an_axis = |word: &str| {
@@ -38,7 +40,7 @@ pub fn is_text(column: &str, columns: &[&str]) -> bool {
         || [PERMIT, model, state, acted, STOOD_IN].into_iter().any(is_of_an_axis)
 }
 
-/// The column is of use to a replay alone.
+/// Returns whether only a replay needs the column.
 pub fn is_for_replay(column: &str) -> bool {
     column == MEMORY
 }

@@ -1,46 +1,49 @@
-//! The log of the outputs: CSV, one row for each input of a controller, from which [`OutputReplay`] gives the same actions again.
+//! Log of the outputs: CSV, one row for each input of a controller. [`OutputReplay`] computes the same actions from it.
 //!
 //! ```text
 //! time, output, fact, value, moment, action, action_value, action_until, detail
 //! ```
 //!
 //! - `time`: when the controller took the input; RFC 3339 in UTC with every nanosecond, like every moment here.
-//! - `output`: its name in the profile.
-//! - `fact`: the input ([`Input`]), with `value` and `moment` as far as it has them. Values are counts of the
-//!   register. A moment that is empty never comes.
-//! - `action`: what was to be done next ([`Action`]): nothing, until `action_until`; read; keep; write `action_value`,
-//!   whose first byte may leave until `action_until`; repeat, the same of what stands there already.
+//! - `output`: name of the output in the profile.
+//! - `fact`: the input ([`Input`]), with `value` and `moment` if it has them. Values are counts of the register. An
+//!   empty moment never comes.
+//! - `action`: the next action ([`Action`]): nothing, until `action_until`; read; keep; write `action_value`; or
+//!   repeat, which writes the present register value again. The first byte of a write may be sent until `action_until`.
 //!
 //! | fact | value | moment |
 //! |---|---|---|
-//! | `demand`; `detail` (JSON) has who armed the axis, the interlock if it is not met, the decision (target, when, what the axis does), restarts and pauses | the offset, if there is a decision | a change may be sent until then |
+//! | `demand`; `detail` (JSON) contains who armed the axis, the interlock if it is not met, the decision (target, time, mode), restarts and pauses | the offset, if there is a decision | a change may be sent until then |
 //! | `look`, `goes-along`, `no-answer`, `refused`, `not-sent`, `kept`, `not-kept`, `restarted`, `interlocked`, `released`, `armed-by-person`, `armed-by-policy`, `off`, `paused`, `lapsed` | | |
-//! | `on-disk`, `turn-ends`; `too-late`, `unreachable`, `rejected`, `backs-off`: why a write was not sent; `set-taken`, `set-open`, `set-failed`: what the control made of the set | | |
-//! | `decided`; in `detail` the target of the offset (JSON), if it is known | the offset | a change may be sent until then |
-//! | `read` | the register value | when that was asked |
-//! | `done`, `unknown` | | when the write had left |
-//! | `went-along`, `went-along-unknown` | what went along | when it had left |
-//! | `applied` | what the control applies, in thousandths of a count; empty if it is no number | when that was asked |
-//! | `applied-no-answer` | | when that was asked |
+//! | `on-disk`, `turn-ends`; `too-late`, `unreachable`, `rejected`, `backs-off`: why a write was not sent; `set-taken`, `set-open`, `set-failed`: whether the control took the set | | |
+//! | `decided`; `detail` (JSON) contains the target of the offset, if it is known | the offset | a change may be sent until then |
+//! | `read` | the register value | time of the request |
+//! | `done`, `unknown` | | when the write was sent |
+//! | `went-along`, `went-along-unknown` | the value that was sent along | when it was sent |
+//! | `applied` | the value that the control applies, in thousandths of a count; empty if it is no number | time of the request |
+//! | `applied-no-answer` | | time of the request |
 //!
-//! `begin` is no input: from here on the controller continues from `detail`, its settings and its state (JSON). It is the first
-//! row of each output in a file and in a run, and the first after rows that a disk did not take: so each file is replayed
-//! by itself. An input that changed nothing and asked for nothing is left out.
+//! `begin` is no input: the controller resumes from the settings and the state in `detail` (JSON). It is the first row
+//! of each output in a file and in a run. It is also the first row after rows that a disk did not store. Therefore each
+//! file can be replayed by itself. An input that changed nothing and caused no action is left out.
 //!
-//! Outputs that land together have rows under the name of their set: `set-begin`, with settings and state of the set in `detail`, and
-//! `set`, with the input of its controller ([`SetInput`](isotherm_core::output::SetInput)) and the action in `detail` (JSON). `action` has the name of the
-//! action: nothing, keep, read, write, write-own, acknowledge, raise, drop.
+//! Outputs of a set have rows under the name of their set. `set-begin` has settings and state of the set in `detail`.
+//! `set` has the input of its controller ([`SetInput`](isotherm_core::output::SetInput)) and the action in `detail`
+//! (JSON). `action` is the name of the action: nothing, keep, read, write, write-own, acknowledge, raise, drop.
 //!
-//! A corrected position has the rows `position-begin` and `position`, with demand, action and result of a turn in `detail`. The Cz inside and
-//! the decision to write are replayed; the position itself is not in the log. The heartbeat in a register of its own has the rows
-//! `heartbeat-begin` and `heartbeat`. A turn that only repeats the one before, with a newer position or the next count, has no row: `value`
-//! of the next row has their number, after a minute at the latest.
+//! A corrected position has the rows `position-begin` and `position`, with demand, action and result of a turn in
+//! `detail`. The Cz in it and the decision to write are replayed; the position itself is not in the log. A heartbeat in
+//! a separate register has the rows `heartbeat-begin` and `heartbeat`. A turn has no row if it only repeats the
+//! previous one, with a newer position or the next count. `value` of the next row contains the number of such turns,
+//! after one minute at the latest.
 //!
-//! Positions, heartbeats and control words are written again and again, whatever the last result was. They also have the rows
-//! `fault` (in `detail`, once until a write is answered), and `writes` and `failures` (how many since `moment`, a minute or
-//! more). A file that begins because the computer's clock was set says in its first row, `clock`, from when to when. Rows of earlier
-//! versions: `cz`, of a corrected position, in `value` a changed Cz, µm; and `sealed`, of no output, with the numbers of
-//! state and ledger. A replay passes over them.
+//! Positions, heartbeats and control words are written repeatedly, whatever the last result was. They also have the
+//! rows `fault` (the fault in `detail`, once until a write is answered), `writes` and `failures`. The last two have a
+//! number in `value`, counted since `moment`, over one minute or more. If a file begins because the computer's clock
+//! was set, its first row is `clock`, with the old and the new time.
+//!
+//! Earlier versions wrote two more rows. `cz`, of a corrected position, has a changed Cz in `value`, µm. `sealed`, of
+//! no output, has the numbers of state and ledger. A replay ignores them.
 
 use serde::{Deserialize, Serialize};
 
@@ -64,9 +67,9 @@ pub use reader::{Entry, OutputLogReader, OutputRow};
 pub use recorder::OutputRecorder;
 pub use replay::{OutputReplay, Replayed};
 
-/// The first line of such a log, with its line break.
+/// First line of the log, with its line break.
 pub const HEADER: &str = "time,output,fact,value,moment,action,action_value,action_until,detail\n";
-/// What the name of such a log ends with.
+/// Ending of the file name of the log.
 pub const ENDING: &str = ".outputs.csv";
 
 const BEGIN: &str = "begin";
@@ -74,22 +77,22 @@ const FAULT: &str = "fault";
 const WRITES: &str = "writes";
 const FAILURES: &str = "failures";
 const CLOCK: &str = "clock";
-/// Cz of a position, and numbers of state and ledger, in a log of an earlier version.
+/// Rows in a log of an earlier version: Cz of a position, and numbers of state and ledger.
 const EARLIER: [&str; 2] = ["cz", "sealed"];
 
-/// From what an output goes on.
+/// State from which an output resumes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Beginning {
-    /// What it is.
+    /// Settings of the output.
     pub settings: Settings,
     /// State of its register.
     pub state: State,
-    /// What its controller knows beside that.
+    /// Further state of its controller.
     #[serde(default)]
     pub policy: Policy,
 }
 
-/// Detail of a row: what its input has beside a value and a moment.
+/// Detail of a row: the parts of its input other than value and moment.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 enum Detail {
@@ -111,7 +114,7 @@ struct Towards {
 struct DemandDetail {
     #[serde(skip_serializing_if = "Option::is_none")]
     armed: Option<Who>,
-    /// `None` if it is met.
+    /// `None` if the condition is met.
     #[serde(skip_serializing_if = "Option::is_none")]
     interlock: Option<Condition>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -134,7 +137,7 @@ fn is_zero(count: &u64) -> bool {
 }
 
 impl Detail {
-    /// Detail of an input, with its moments as the file has them.
+    /// Detail of an input, with its moments as stamps of the file.
     fn of(input: Input, shift: Shift) -> Option<Detail> {
         match input {
             Input::Fact(Fact::Decided { target, .. }) => {
@@ -157,7 +160,7 @@ impl Detail {
 }
 
 impl DemandDetail {
-    /// The demand of a row. `None` if a decision lacks its offset.
+    /// Demand of a row. `None` if a decision lacks its offset.
     fn demand(self, offset: Option<Counts>, not_after: Moment) -> Option<Demand> {
         let DemandDetail { armed, interlock, target, at, mode, restarts, pauses } = self;
         let decision = match at {
@@ -170,10 +173,10 @@ impl DemandDetail {
     }
 }
 
-/// How a fact or an action stands in a row: its name, its value and its moment, which may never come.
+/// Cells of an input or an action: name, value and moment. [`Moment::END`] is an empty cell.
 type Cells = (&'static str, Option<Counts>, Moment);
 
-/// Inputs that are no more than their name.
+/// Inputs without value and moment.
 const PLAIN: [(&str, Input); 24] = [
     ("look", Input::Fact(Fact::Look)),
     ("goes-along", Input::Fact(Fact::GoesAlong)),
@@ -224,10 +227,10 @@ fn cells_of_input(input: Input) -> Cells {
     }
 }
 
-/// The input of this name. `None` if there is none, or if it lacks its value.
+/// Input of this name. `None` if the name is unknown, or if the value is missing.
 fn input(name: &str, value: Option<Counts>, moment: Moment) -> Option<Input> {
     Some(match name {
-        // Its detail follows.
+        // The caller adds the detail.
         "demand" => Input::Demand(DemandDetail::default().demand(value, moment)?),
         "decided" => Input::Fact(Fact::Decided { offset: value?, target: None, not_after: moment }),
         "went-along" => Input::Fact(Fact::WentAlong { value: value?, left: moment, is_done: true }),
@@ -262,7 +265,7 @@ fn action(name: &str, value: Option<Counts>, moment: Moment) -> Option<Action> {
     })
 }
 
-/// An action as a message says it: `write 120 until 2026-01-31T12:00:00Z`.
+/// Action as text of a message: `write 120 until 2026-01-31T12:00:00Z`.
 fn message(action: Action) -> String {
     let (name, value, moment) = cells_of_action(action);
     let value = value.map_or(String::new(), |value| format!(" {value}"));

@@ -160,7 +160,7 @@ fn a_recorded_row_reads_as_what_was_recorded() {
     let mut log = Recorder::header(&profile).into_bytes();
     log.extend_from_slice(recorder.row(&snapshot, &controls, compensation.decisions()));
     let log = String::from_utf8(log).unwrap();
-    // Of a dry run each row says so.
+    // Each row of a dry run is marked.
     let mut dry = recorder.clone().of_dry_run(true);
     assert!(Recorder::dry_header(&profile).ends_with(",machine_zero,machine_clock,machine_dry_run\n"));
     assert!(dry.row(&snapshot, &controls, compensation.decisions()).ends_with(b",,,1\n"));

@@ -8,7 +8,7 @@ use isotherm_core::compensation::{Compensation, Control, Permit, Snapshot};
 use isotherm_core::quantity::Micron;
 use isotherm_core::reading::Reading;
 
-/// Both terms of axis z's first model follow their temperature by half an hour.
+/// Profile in which both terms of the first model of axis z lag behind their temperature by half an hour.
 fn lagging() -> Profile {
     let mut profile = sample::profile();
     profile.machine.on = None;
@@ -24,18 +24,18 @@ fn gateway(profile: &Profile, remembered: Remembered) -> Compensation {
     Compensation::new(profile.machine.clone(), axes, remembered)
 }
 
-/// No sign and no value is known, and the signals have the places of this profile.
+/// Rest of a state without signs and values. The signals have the places of this profile.
 fn rest(profile: &Profile) -> Rest {
     Rest { signs: BTreeMap::new(), places: Arc::new(Places::of(profile)), values: BTreeMap::new() }
 }
 
-/// As it is found again at the next start.
+/// State as the next start finds it.
 fn saved(memory: Memory) -> Value {
     let text = serde_json::to_string(&memory.saved().unwrap()).unwrap();
     serde_json::from_str(&text).unwrap()
 }
 
-/// Steps every 10 s from one moment to another; the values of axis z's Cz. Temperatures are straight lines.
+/// Steps every 10 s in this range of seconds. Returns the values of Cz of axis z. The temperatures change linearly.
 fn run(
     compensation: &mut Compensation,
     seconds: std::ops::Range<u64>,

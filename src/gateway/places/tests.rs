@@ -12,7 +12,7 @@ fn grinder() -> Profile {
     isotherm_profile::parse(Path::new("grinder.toml"), text, &[], &[]).unwrap().profile
 }
 
-/// Places after a start with the second profile, when the first one had left so much in each output.
+/// Places after a start with the second profile, if the first one had left this Cz in each output.
 fn started(before: &Profile, after: &Profile, held_um: Option<f64>) -> Moves {
     let places = Places::of(before);
     let left = places.outputs.iter().map(|(name, place)| {
@@ -138,7 +138,8 @@ fn a_node_that_is_named_by_its_uri_instead_of_its_index_is_the_same_place() {
     }
 }
 
-/// A node that was added may be meant as the server has its namespaces now. If they have changed places, nobody can tell.
+/// A node that was added may mean the present namespaces of the server. If they have changed places, its meaning is
+/// unclear.
 #[test]
 fn an_index_under_which_a_node_was_added_is_unclear_where_its_namespace_has_moved() {
     let address = "opc.tcp://127.0.0.1:4840";
@@ -178,8 +179,8 @@ fn what_is_left_in_a_position_counts_by_the_diameter_and_only_in_the_same_regist
     assert_eq!(before(now.clone()).left_in_position(&now, "b", 8.0), None);
 }
 
-/// A start compares these texts with those of the last run. Another word for the same place would switch every axis of every
-/// machine off at the next update of the program. Who changes one must read the former text as the same place.
+/// A start compares these texts with those of the last run. With another text for the same place, the next update of
+/// the program would switch off every axis of every machine. A change must accept the former text as the same place.
 #[test]
 fn the_texts_of_places_on_disk_are_what_earlier_versions_have_written() {
     let register = |text: &str| Address::Modbus(text.parse().unwrap());
@@ -242,7 +243,7 @@ fn the_texts_of_places_on_disk_are_what_earlier_versions_have_written() {
     assert_eq!(owners, r#"["whole","ledger"]"#);
 }
 
-/// The grinder, and the same with its offset in another register.
+/// The grinder, the grinder with its offset in another register, and the index of that output.
 fn elsewhere() -> (Profile, Profile, usize) {
     let before = grinder();
     let mut after = before.clone();
@@ -272,7 +273,7 @@ fn a_former_place_has_the_bounds_that_the_state_has_and_none_in_a_document_witho
     assert_eq!(kinds(&events), ["output-moved", "register-left"]);
     let text = events[1].entry(isotherm_core::quantity::Moment::default()).text;
     assert!(text.contains(&format!("isotherm release grinder.toml {name}")), "{text}");
-    // Over a further start the bounds are those of the place, not those of the profile.
+    // After a further start, the bounds are those of the former place, not those of the profile.
     let again = found.clone().after(&after, &left(&found), false);
     assert_eq!(again.former[0].bounds, found.former[0].bounds);
 
@@ -295,7 +296,7 @@ fn what_the_ledger_has_of_a_former_place_is_kept_until_nothing_is_left_there() {
     let mut places = started_places(&before, &after);
     places.keep(&entries);
     assert_eq!(places.kept, std::slice::from_ref(&entry));
-    // The ledger has another register under its name by now.
+    // The ledger contains another register under this name by now.
     let other = Entry::new(of_output(&after, &after.outputs[place]), kept);
     let entries: Entries = [(output.name.clone(), other.clone())].into();
     places.keep(&entries);

@@ -1,4 +1,4 @@
-//! Counters that copy their count into their registers only on a command.
+//! Counters that copy their count to their registers only on command.
 
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::Fault;
@@ -9,9 +9,9 @@ use isotherm_core::codec::Table;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Capture, DeviceId};
 
-/// The commands of one device, each once, and when the last one left, or why it failed.
+/// Commands of one device, each once, with the time at which it was last sent, or the reason why that failed.
 ///
-/// They are part of reading, so they are sent in a dry run and before anything is armed, too.
+/// They are part of reading. Therefore they are also sent in a dry run, and before anything is armed.
 #[derive(Debug)]
 pub(super) struct Captures(Vec<(Capture, Option<Result<Moment, Fault>>)>);
 
@@ -30,7 +30,7 @@ impl Captures {
         self.0.is_empty()
     }
 
-    /// Sends them.
+    /// Sends all commands.
     pub(super) async fn send(&mut self, line: &mut DeviceLine, shared: &LineHandle, device: DeviceId) {
         for (capture, sent) in &mut self.0 {
             let (at, value) = (capture.address.offset, [capture.value]);
@@ -42,8 +42,8 @@ impl Captures {
         }
     }
 
-    /// When what is read now was captured, where it was; or why there is nothing new to read: what was captured another
-    /// time is no reading of now.
+    /// Time at which the value was captured that is read now. `None` if it needs no command. An error means that there
+    /// is no new value: a value captured at another time is not a present reading.
     pub(super) fn captured(&self, capture: Option<Capture>) -> Result<Option<Moment>, Fault> {
         self.0.iter().find(|(own, _)| Some(*own) == capture).and_then(|(_, sent)| *sent).transpose()
     }

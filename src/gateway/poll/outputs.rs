@@ -1,4 +1,4 @@
-//! The outputs of one line, and when each wants to be looked at.
+//! Outputs of one line, and the times at which they are due.
 
 use std::time::Duration;
 
@@ -7,17 +7,17 @@ use crate::gateway::line_handle::LineHandle;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, DeviceId, OutputId, SetId};
 
-/// An output whose device rests must not make the line spin.
+/// Shortest time between two turns: an output whose device backs off must not keep the line busy.
 const SOON: Duration = Duration::from_millis(100);
 
-/// One output, or a set of them.
+/// Task of one output, or of a set of outputs.
 pub(super) struct Job {
-    /// When it is looked at; of one that waits for its turn, since when.
+    /// Time of the next turn. If the output waits for its turn, the time since which it waits.
     pub(super) due: Moment,
-    /// Since when it waits, where its turn came too late for what was decided: with the next decision it goes first.
+    /// Time since which it waits, if its turn came too late for the decision. With the next decision it has priority.
     waits_since: Option<Moment>,
     work: Work,
-    /// The device whose position it corrects: it goes before everything that can wait.
+    /// Device whose position it corrects. Such an output has priority over everything that can wait.
     pub(super) corrects: Option<DeviceId>,
 }
 
@@ -51,12 +51,12 @@ pub(super) fn jobs(shared: &LineHandle, bus: BusId, start: Moment) -> Vec<Job> {
 }
 
 impl Job {
-    /// There may be something to do for it.
+    /// Makes the output due, because it may have something to do.
     pub(super) fn wake(&mut self, now: Moment) {
         self.due = self.due.min(self.waits_since.unwrap_or(now));
     }
 
-    /// Does what there is to do: at most one verified write.
+    /// Executes the turn: at most one verified write.
     pub(super) async fn turn(&mut self, turn: &mut LineTurn<'_>) {
         let (wants, asks, is_late) = match &mut self.work {
             Work::Single(single) => {

@@ -1,4 +1,4 @@
-//! The heartbeat in a register or node of its own.
+//! Heartbeat in a separate register or node.
 
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::Fault;
@@ -16,23 +16,23 @@ use isotherm_core::output::HeartbeatController;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, Heartbeat, Profile};
 
-/// Beats in a row that fail for another reason before that is reported.
+/// Consecutive failures for another reason before that reason is reported.
 const CHANGED_AFTER: u32 = 20;
-/// So many beats in a row that nobody has answered are reported, where the device answers all else.
+/// Consecutive unanswered beats after which they are reported, if the device answers everything else.
 const DEAF: u32 = 3;
 
 pub(super) struct Pulse {
     heartbeat: Heartbeat,
     pub(super) due: Moment,
     controller: HeartbeatController,
-    /// Beats in a row that were not written.
+    /// Consecutive beats that were not written.
     missed: u32,
-    /// What has been reported of that, and its end has not.
+    /// Reported fault. `None` if none was reported, or if its end was.
     reported: Option<Cause<Fault>>,
 }
 
 impl Pulse {
-    /// That of a line, if it has one.
+    /// Heartbeat of a line, if it has one.
     pub(super) fn of(profile: &Profile, bus: BusId, start: Moment) -> Option<Pulse> {
         let heartbeat = profile.heartbeat.as_ref();
         let heartbeat = heartbeat.filter(|heartbeat| profile.device(heartbeat.device).bus == bus)?.clone();
@@ -59,7 +59,7 @@ impl Pulse {
         let functions = shared.profile.device(*device).functions;
         let count = self.heartbeat.data_type().encode(u64::from(count));
         let request = Request::write(address, count.registers(), functions);
-        // The next beat is the repetition, and none is made up for.
+        // The next beat replaces a failed one. No beat is sent later.
         let sent = line.request(*device, request, Leave::By(self.due)).await.err();
         self.report(shared, sent);
         let log = &mut shared.core().storage.outputs;
@@ -69,8 +69,8 @@ impl Pulse {
         }
     }
 
-    /// A failure is counted where every request is, and a device that is lost is reported there. One that refuses, or is deaf
-    /// to this alone, is reported here.
+    /// Reports a beat that the device refuses, or alone does not answer. Every failure is counted for the device, and a
+    /// lost device is reported there.
     fn report(&mut self, shared: &LineHandle, sent: Option<Fault>) {
         let Some(fault) = sent.filter(|fault| !fault.has_lapsed()) else {
             if sent.is_none() {

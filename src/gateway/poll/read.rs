@@ -1,4 +1,4 @@
-//! The reads of one device, one request at a time.
+//! Reads of one device, one request at a time.
 
 use std::time::Duration;
 
@@ -12,34 +12,34 @@ use isotherm_core::reading::Reason;
 use isotherm_profile::plan::ReadRequest;
 use isotherm_profile::{BusId, Device, DeviceId, Profile};
 
-/// So often a round asks once more what was not answered, where that says nothing yet of the device.
+/// Largest number of repeated requests in a round. A single lost answer does not show that the device is lost.
 const REPEATS: u32 = 3;
 
-/// One device's reads.
+/// Reads of one device.
 pub(super) struct Poll {
     pub(super) device: DeviceId,
     every: Duration,
-    /// When its next round begins.
+    /// Time at which its next round begins.
     next: Moment,
-    /// The round that is under way: when it was due, and the request that comes next.
+    /// Round under way: the time at which it was due, and the index of its next request.
     under_way: Option<(Moment, usize)>,
-    /// When that request, which was not answered, is asked once more; how often one was in this round.
+    /// Time at which that request is repeated, if it was not answered; and the number of repetitions in this round.
     again: Option<Moment>,
     repeats: u32,
-    /// A position that is corrected is among them.
+    /// A position of the device is corrected.
     pub(super) reads_position: bool,
-    /// It was read to its end, or could not be.
+    /// A round was completed, successfully or not.
     pub(super) has_been_read: bool,
     /// An answer was discarded because the device had not passed its checks.
     is_discarded: bool,
-    /// When its last round began, and how old that may become.
+    /// Start of the last round, and the shortest `max_age` of its readings.
     read_at: Moment,
     max_age: Duration,
     captures: Captures,
     requests: Vec<ReadRequest>,
 }
 
-/// The reads of a line. Those of positions that are corrected come last, so that nothing stands between the two.
+/// Reads of a line. Those of corrected positions come last, so that the correction follows directly.
 pub(super) fn polls(profile: &Profile, bus: BusId, corrected: &[DeviceId], start: Moment) -> Vec<Poll> {
     let poll = |(id, device): (DeviceId, &Device)| Poll {
         device: id,
@@ -67,12 +67,13 @@ impl Poll {
         self.requests.len()
     }
 
-    /// When what was not answered is asked again, or the round that is under way was due; else when the next one is.
+    /// Time at which an unanswered request is repeated, or at which the round under way was due. Otherwise the time of
+    /// the next round.
     pub(super) fn due(&self) -> Moment {
         self.again.or(self.under_way.map(|(due, _)| due)).unwrap_or(self.next)
     }
 
-    /// It was due by then and has not been read since.
+    /// Returns whether the device was due at `by` and has not been read since.
     pub(super) fn is_outstanding(&self, by: Moment) -> bool {
         let has_been_read = self.has_been_read && self.under_way.is_none() && self.read_at >= by;
         self.due() <= by && !has_been_read
@@ -82,12 +83,12 @@ impl Poll {
         self.under_way.is_some()
     }
 
-    /// Its readings have lived half of the time for which they may be used.
+    /// Returns whether the readings have reached half of their `max_age`.
     pub(super) fn grows_stale(&self, now: Moment) -> bool {
         now.since(self.read_at) >= self.max_age / 2
     }
 
-    /// What it asks next, where that is due by then and no command goes before it.
+    /// Next request, if it is due at `by`, is no repetition, and no capture command precedes it.
     pub(super) fn asks_next(&self, by: Moment) -> Option<(DeviceId, Request<'static>)> {
         let place = self.under_way.map_or(0, |(_, place)| place);
         let is_plain = self.again.is_none() && (place > 0 || self.captures.is_empty());
@@ -95,7 +96,7 @@ impl Poll {
         Some((self.device, Request::in_registers(&request.asks)?))
     }
 
-    /// It is read at once, from its first request on.
+    /// Makes the device due at once, from its first request on.
     pub(super) fn begin_anew(&mut self, now: Moment) {
         (self.next, self.under_way, self.again) = (now, None, None);
     }
@@ -108,8 +109,8 @@ impl Poll {
         }
     }
 
-    /// One request, and what it brings. The commands that must come before go with the first. Whether it was the last of
-    /// its round.
+    /// Executes one request and stores the values of its answer. Capture commands precede the first request. Returns
+    /// whether it was the last request of its round.
     pub(super) async fn read(
         &mut self,
         line: &mut DeviceLine,
@@ -142,7 +143,7 @@ impl Poll {
         let mut core = shared.core();
         let is_confirmed = core.devices.is_confirmed(self.device);
         if answer.is_ok() && core.devices.is_unconfirmed(self.device) {
-            // Before the checks, nothing is known of the reading, not even that it is wrong.
+            // Before the checks, nothing is known about the reading, not even that it is wrong.
             self.is_discarded = true;
             self.has_been_read |= is_last;
             return is_last;

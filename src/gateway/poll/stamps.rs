@@ -1,9 +1,9 @@
-//! How old a reading is that a server has stamped with the time of its source.
+//! Age of a reading with a source timestamp of a server.
 //!
-//! That time is compared with the server's own, which comes in the same answer: it does not matter how far either is from
-//! this computer's. A stamp makes a reading older, never younger than the question. So one that is an hour behind makes it
-//! an hour old, whether the value or the clock is; one that is ahead says that a clock is wrong, and then nobody knows how
-//! old the value is.
+//! The timestamp is compared with the server's own time in the same answer. Therefore the difference between either
+//! clock and the clock of this computer does not matter. A timestamp makes a reading older, never younger than its
+//! request. If it is one hour behind, the reading is one hour old, whether the value or the source clock is late. If it
+//! is ahead, a clock is wrong, and the age of the value is unknown.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
 use isotherm_profile::{Device, SourceTime};
 
-/// What the time stamps of a device say.
+/// Meaning of the timestamps of a device.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SourceStamps(Option<SourceTime>);
 
@@ -21,7 +21,7 @@ impl SourceStamps {
         SourceStamps(device.source_time)
     }
 
-    /// How long before the answer it was taken, by its stamp; `None` where that is not looked at.
+    /// Time between the sample and the answer, by its timestamp. `None` if the timestamp is not used.
     pub(super) fn age(self, stamped: Stamped) -> Option<Duration> {
         match (self.0, stamped) {
             (Some(SourceTime::Sampled), Stamped::Ago(age)) => Some(age),
@@ -29,7 +29,7 @@ impl SourceStamps {
         }
     }
 
-    /// The value with the moment at which it was taken, of a question that left then.
+    /// Returns the value and the time of its sample. `asked`: time of the request.
     pub(super) fn believed(
         self,
         stamped: Stamped,

@@ -1,5 +1,5 @@
-//! What a lossy RTU line leaves of the polls, and that it brings nothing wrong: a whole gateway, or a line, on a port whose
-//! other end answers by script, in paused time.
+//! Polls on a lossy RTU line: how many remain, and that no value is wrong. A whole gateway, or a line, runs on a port
+//! whose other end answers by script, in paused time.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -22,7 +22,7 @@ use crate::gateway::{Gateway, Options};
 use isotherm_core::codec::{Register, Table, checksum};
 use isotherm_profile::{BusId, DeviceId, Parity, Serial};
 
-/// How long the devices take to answer.
+/// Time that the devices need for an answer.
 const TAKES: Duration = Duration::from_millis(20);
 
 #[allow(clippy::disallowed_types, reason = "the paused clock of the test itself")]
@@ -30,25 +30,25 @@ mod tokio_time {
     pub(super) type Instant = tokio::time::Instant;
 }
 
-/// What becomes of the answers.
+/// Fate of the answers.
 #[derive(Clone, Copy, Debug)]
 enum Script {
-    /// So many of a thousand are lost, come later than their timeout, are garbled.
+    /// This many of a thousand answers are lost, come later than their timeout, or are garbled.
     Chance { lost: u32, late: u32, garbled: u32 },
-    /// Three in a row are lost.
+    /// Three answers in a row are lost.
     Three { after: u64 },
 }
 
-/// What becomes of one.
+/// Fate of one answer.
 enum Fate {
     Good,
     Lost,
-    /// So much later than others.
+    /// The answer comes later than others by this time.
     Late(Duration),
     Garbled,
 }
 
-/// The line's other end: units that answer one question after another, or do not.
+/// Other end of the line: units that answer one request after another, or do not answer.
 struct Device {
     script: Script,
     timeout: Duration,
@@ -89,7 +89,7 @@ impl Device {
         }
     }
 
-    /// What stands in a register: in even ones its number and unit, in odd ones the time.
+    /// Register value: in even registers their number and unit, in odd ones the time.
     fn word(&self, unit: u8, register: u16) -> u16 {
         if register.is_multiple_of(2) { even(unit, register) } else { stamp(self.begun.elapsed()) }
     }
@@ -129,7 +129,7 @@ fn even(unit: u8, register: u16) -> u16 {
     u16::from(unit) << 8 | register
 }
 
-/// Hundredths of a second, as long as a register has room.
+/// Hundredths of a second, modulo the range of a register.
 fn stamp(since: Duration) -> u16 {
     u16::try_from(since.as_millis() / 10 % 0x1_0000).unwrap()
 }
@@ -161,8 +161,8 @@ fn profile(units: usize, every: Duration, timeout: Duration) -> isotherm_profile
     loaded.unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 
-/// What is left of the polls, the longest that a reading was not good, how old one became, and how often a device was
-/// reported as lost.
+/// Result of a run: the share of the polls that remain, and the longest time in which a reading was not good. Also the
+/// age of the oldest reading in s, and the number of reported losses.
 struct Left {
     share: f64,
     bad: Duration,
@@ -174,7 +174,7 @@ fn paused() -> tokio::runtime::Runtime {
     tokio::runtime::Builder::new_current_thread().enable_all().start_paused(true).build().unwrap()
 }
 
-/// A clock that goes by the runtime's.
+/// Clock that follows the clock of the runtime.
 fn clock() -> (tokio_time::Instant, Clock) {
     let begun = tokio_time::Instant::now();
     (begun, Clock::wall_by(Passing::by(move || begun.elapsed()), TimeOfDay::default()))
@@ -222,8 +222,8 @@ fn left_of(units: usize, every: u64, timeout: u64, script: Script, span: Duratio
 const HOUR: Duration = Duration::from_secs(3600);
 const FIVE_PERCENT: Script = Script::Chance { lost: 50, late: 0, garbled: 0 };
 
-/// Before a prompt unit was asked again at once, the shares were 0.49, 0.66, 0.60, 0.78, 0.77, 0.91, 0.90; readings were
-/// not good for 1.3 s to 9 s, and 4 units at 200 ms were reported as lost 85 times.
+/// If a prompt unit is not asked again at once, the shares are 0.49, 0.66, 0.60, 0.78, 0.77, 0.91, 0.90. Readings are
+/// then not good for 1.3 s to 9 s, and 4 units at 200 ms are reported as lost 85 times.
 #[test]
 fn where_five_percent_of_the_answers_are_lost_four_polls_of_five_remain_and_no_reading_goes_stale() {
     let lines = [
@@ -246,7 +246,7 @@ fn where_five_percent_of_the_answers_are_lost_four_polls_of_five_remain_and_no_r
     }
 }
 
-/// Once they kept the axis for six seconds.
+/// In an earlier version, such a loss froze the axis for six seconds.
 #[test]
 fn three_lost_answers_in_a_row_cost_no_more_than_a_second_or_two_and_nothing_goes_stale() {
     for after in [20, 500] {
@@ -258,7 +258,8 @@ fn three_lost_answers_in_a_row_cost_no_more_than_a_second_or_two_and_nothing_goe
     assert!(prompt.oldest < 4.0, "{}", prompt.oldest);
 }
 
-/// Ten thousand questions to three units, each asked again as a poll does; good ones, and wrong ones.
+/// Sends ten thousand requests to three units, and repeats each as a poll does. Returns the number of good answers, and
+/// the wrong values.
 fn ten_thousand(script: Script, seed: u64) -> (u32, Vec<String>) {
     let timeout = Duration::from_millis(300);
     paused().block_on(async {
@@ -282,7 +283,7 @@ fn ten_thousand(script: Script, seed: u64) -> (u32, Vec<String>) {
                         let asked = answered.asked.since(start);
                         good += 1;
                         for (register, word) in (offset..).zip(words) {
-                            // No older than it says.
+                            // The value must not be older than its answer claims.
                             let age = stamp(begun.elapsed()).wrapping_sub(word);
                             let said = (begun.elapsed() - asked).as_millis() / 10 + 1;
                             let is_right = if register.is_multiple_of(2) {

@@ -10,7 +10,7 @@ const RESULT: SignalId = SignalId(0);
 const TRIGGER: SignalId = SignalId(1);
 const STANDS: Option<Micron> = Some(Micron::ZERO);
 
-/// A result, then its trigger, as they are read one after the other; what was heard.
+/// Bench that reads a result and then its trigger, and returns the detected results.
 struct Bench {
     profile: Profile,
     board: Board,
@@ -43,7 +43,7 @@ impl Bench {
         Some(heard.map(|measured| measured.error.get()))
     }
 
-    /// Both in one request.
+    /// Reads result and trigger in one request.
     fn both(&mut self, result: f64, trigger: f64) -> Option<Result<f64, Missed>> {
         self.after(1).read(RESULT, Ok(result)).read(TRIGGER, Ok(trigger)).look()
     }

@@ -16,7 +16,7 @@ fn cnc(profile: &Profile) -> &Output {
     profile.outputs.iter().find(|output| output.name == "cnc_z").unwrap()
 }
 
-/// Place that the output of a profile had, with 20 µm of ours in it.
+/// Former place of the output of a profile, with a gateway share of 20 µm in it.
 fn former(profile: &Profile) -> Former {
     let output = cnc(profile);
     Former {
@@ -35,7 +35,7 @@ fn release(profile: &Profile) -> Release {
     Release { output, place, bounds, from_um: 20.0, operator: None, held_um: 20.0, stage: Stage::Asked, by }
 }
 
-/// The bench with another register for its output.
+/// Bench profile with another register for its output.
 fn moved() -> Profile {
     profile(&BENCH.replace("holding:104", "holding:106"))
 }
@@ -57,7 +57,7 @@ fn a_profile_gets_an_axis_and_an_output_at_the_former_place_with_the_former_boun
     assert_eq!(output.when.as_ref().map(|when| &when.text), was.when.as_ref().map(|when| &when.text));
     assert_eq!((output.refresh, output.share, output.verify), (None, Share::Whole, Verify::ReadBack));
     assert!((returning[0].grain_um - 0.0501).abs() < 1e-9, "half a count of 0.1 µm");
-    // All that the profile has stays where it is.
+    // Everything else in the profile is unchanged.
     assert_eq!(extended.axes[..before.axes.len()], before.axes);
     assert_eq!(extended.outputs[..before.outputs.len()], before.outputs);
     assert_eq!((&extended.devices, &extended.buses), (&before.devices, &before.buses));
@@ -115,7 +115,7 @@ fn a_shared_register_is_moved_only_if_the_operators_part_is_the_saved_one() {
     let cz = Micron::new(20.0).unwrap();
     let admit = |shares| releases.admit(one.output, cz, shares);
     assert_eq!(admit(Some((30.0, 20.0))), Ok(()));
-    // Ours were taken out by hand: the register holds 30.
+    // The gateway share was removed by hand: the register holds 30.
     let why = admit(Some((10.0, 20.0))).unwrap_err();
     assert!(why.to_string().contains("the operator's part was 30.0"), "{why}");
     assert!(admit(None).is_err());
@@ -182,7 +182,7 @@ fn each_type_and_order_is_found_again_by_its_words() {
     }
 }
 
-/// Why this former place cannot be released in a profile; empty if it can.
+/// Reason why this former place cannot be released in a profile. Empty if it can.
 fn why(profile: &Profile, former: &Former, kept: &[Entry]) -> String {
     why_not(profile, former, kept).err().map_or(String::new(), |why| why.to_string())
 }

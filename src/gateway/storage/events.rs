@@ -1,4 +1,4 @@
-//! Events on their way to disk: they wait in the journal until their line is written.
+//! Events on their way to disk. They wait in the journal until their line is written.
 
 use std::fs::File;
 use std::io::Write;
@@ -13,22 +13,22 @@ use crate::observe::events::file::{self, End, LARGEST};
 use crate::observe::events::{Entry, Event, Journal};
 use isotherm_core::quantity::Moment;
 
-/// So many are taken out of the journal at once.
+/// Number of events that are taken from the journal at once.
 const BATCH: usize = 64;
 
-/// Events wake the thread while this lives.
+/// Lets events wake the thread, until it is dropped.
 #[derive(Debug)]
 pub(super) struct EventsWake(Arc<Journal>);
 
 impl EventsWake {
-    /// `is_woken`: it has been, and has not looked since.
+    /// Starts the wakeups. `is_woken`: the thread was woken and has not checked for events since.
     pub(super) fn begin(
         journal: Arc<Journal>,
         queue: SyncSender<Job>,
         is_woken: Arc<AtomicBool>,
     ) -> EventsWake {
         journal.keep(move || {
-            // Where there is no room, the thread has jobs enough, and looks after each.
+            // If the queue is full, the thread has other jobs, and checks for events after each.
             if !is_woken.swap(true, Ordering::Relaxed) && queue.try_send(Job::Events).is_err() {
                 is_woken.store(false, Ordering::Relaxed);
             }
@@ -43,13 +43,13 @@ impl Drop for EventsWake {
     }
 }
 
-/// The disk's end: a file a day.
+/// Files of events, one for each day.
 pub(super) struct EventsFile {
     directory: PathBuf,
     machine: String,
     journal: Arc<Journal>,
     open: Option<(String, File, End)>,
-    /// Those that found the file of their day full.
+    /// Events that were left out because the file of their day was full.
     skipped: u64,
 }
 
@@ -59,7 +59,7 @@ impl EventsFile {
         EventsFile { directory, machine, journal, open: None, skipped: 0 }
     }
 
-    /// Puts on disk what waits. What cannot be written goes on waiting.
+    /// Writes the waiting events. Those that cannot be written keep waiting.
     pub(super) fn write_all(&mut self) -> std::io::Result<()> {
         loop {
             let entries = self.journal.unkept(BATCH);
@@ -111,12 +111,12 @@ impl EventsFile {
     }
 }
 
-/// An event at the moment of another one.
+/// Entry of an event with the time of another entry.
 fn beside(entry: &Entry, event: &Event) -> Entry {
     Entry { at: entry.at.clone(), ..event.entry(Moment::default()) }
 }
 
-/// Whatever is written of it, the next one reads the file's end anew after a failure.
+/// Appends an entry. After a failure, the next write reads the end of the file again, whatever was written.
 fn append(file: &mut File, end: End, entry: &Entry) -> std::io::Result<End> {
     let (line, end) = end.line(entry);
     file.write_all(line.as_bytes())?;
@@ -146,7 +146,7 @@ mod tests {
         assert!(!report(1) && !report(2));
         std::fs::remove_file(&directory).unwrap();
         assert!(report(3) && report(4));
-        // The directory is taken away, and made again: what is in an open file goes with it.
+        // The directory is moved away and created again. The events of an open file move with it.
         std::fs::rename(&directory, home.path().join("aside")).unwrap();
         assert!((5..8).all(&mut report));
 

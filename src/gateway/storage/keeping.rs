@@ -1,8 +1,8 @@
-//! Which logs of a machine are kept: for how long, and how much of them.
+//! Retention of the logs of a machine: for how long they are kept, and how much of them.
 //!
-//! A clock that is wrong deletes nothing. How old a log is says the day in its name beside that of the newest log, as
-//! long as the computer's day is that one or the next. Logs from before the clock was set by more than it could have
-//! gone on by itself are not counted by days at all: they go only where all of them need too much room, the oldest first.
+//! A wrong clock deletes nothing. The age of a log is the difference between its day and the day of the newest log. It
+//! counts only if the computer's day is the day of the newest log, or the next one. Logs from before a large correction
+//! of the clock have no age. They are deleted only if all logs together need too much space, the oldest first.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -17,13 +17,13 @@ use isotherm_core::compensation::Stop;
 use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::regular;
 
-/// A clock that goes back by less belongs to the same days.
+/// Largest step of the clock into the past after which the days still count.
 const A_DAY: Duration = Duration::from_hours(24);
 
-/// The longest header and first row that are looked at: what is remembered of a machine stands there.
+/// Largest header and first row that are read, in bytes. The first row contains the saved state of a machine.
 const FIRST_ROW: u64 = 4 * 1024 * 1024;
 
-/// How long, and how much.
+/// Limits of the retention.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Keep {
     pub(super) span: Duration,
@@ -39,25 +39,25 @@ pub(in crate::gateway) struct DayLog {
     pub(super) size: u64,
 }
 
-/// Logs that go, and why.
+/// Logs to delete, by reason.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Superfluous {
     pub(super) too_old: Vec<String>,
     pub(super) too_large: Vec<String>,
 }
 
-/// The day of a moment, as a stamp has it.
+/// Day of a stamp.
 pub(super) fn day(stamp: Moment) -> Date {
     let stamp = jiff::Timestamp::from_nanosecond(i128::from(stamp.as_nanos())).unwrap_or_default();
     stamp.to_zoned(jiff::tz::TimeZone::UTC).date()
 }
 
-/// The clock was set so far that days before and after are not days of one row.
+/// Returns whether the clock was set so far that the days before and after it are not days of one sequence.
 fn breaks_the_days(correction: &Correction) -> bool {
     correction.from.since(correction.to) > A_DAY || correction.to.since(correction.from) > Stop::LONGEST
 }
 
-/// The logs of this machine, of whatever kind, the oldest first.
+/// Logs of this machine of every kind, the oldest first.
 pub(in crate::gateway) fn logs(directory: &Path, machine: &str) -> Vec<DayLog> {
     let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
     let mut logs: Vec<DayLog> = entries
@@ -75,7 +75,7 @@ pub(in crate::gateway) fn logs(directory: &Path, machine: &str) -> Vec<DayLog> {
     logs
 }
 
-/// The logs of decisions of the days of this span, by the stamps in them.
+/// Logs of decisions whose days are in this span.
 pub(in crate::gateway) fn of_decisions(
     directory: &Path,
     machine: &str,
@@ -89,7 +89,7 @@ pub(in crate::gateway) fn of_decisions(
         .collect()
 }
 
-/// When the clock was set so far, as the first rows of the logs have it.
+/// Large corrections of the clock, from the first rows of the logs.
 pub(super) fn breaks(directory: &Path, logs: &[DayLog]) -> Vec<Correction> {
     let of_decisions = logs.iter().filter(|log| log.name.ends_with(".csv") && !log.name.ends_with(ENDING));
     let found = of_decisions.filter_map(|log| {
@@ -103,7 +103,7 @@ pub(super) fn breaks(directory: &Path, logs: &[DayLog]) -> Vec<Correction> {
     found.filter(breaks_the_days).collect()
 }
 
-/// Those of the days that the computer's clock is in: all of them where it was never set far.
+/// Logs of the days of the present clock. If it was never set far, these are all logs.
 pub(super) fn of_these_days<'a>(
     logs: &'a [DayLog],
     today: Date,
@@ -111,7 +111,7 @@ pub(super) fn of_these_days<'a>(
 ) -> impl Iterator<Item = &'a DayLog> + Clone + use<'a> {
     let set: Vec<(Date, Date)> = set.iter().map(|set| (day(set.from), day(set.to))).collect();
     logs.iter().filter(move |log| {
-        // One that led to a day that has not come is over.
+        // A correction to a day in the future was taken back.
         set.iter().filter(|(_, to)| *to <= today).all(|(from, to)| {
             let is_from_before = from > to && log.day > today && log.day <= *from;
             log.day >= *to && !is_from_before
@@ -119,7 +119,7 @@ pub(super) fn of_these_days<'a>(
     })
 }
 
-/// What need not be kept any longer, where it is `today` by the computer's clock. `set`: it was set then.
+/// Logs that need not be kept. `today`: day of the computer's clock. `set`: its large corrections.
 pub(super) fn superfluous(logs: &[DayLog], keep: Keep, today: Date, set: &[Correction]) -> Superfluous {
     let mut found = Superfluous::default();
     let of_these_days = of_these_days(logs, today, set);
@@ -177,7 +177,7 @@ mod tests {
             ("2026-03-14", "1970-01-01", false),
             ("2026-03-11", "2026-03-11", false),
         ] {
-            // On the newest log's own day it is the one before it that says so.
+            // On the day of the newest log, the log before it decides.
             let days = [OLD, "2026-03-13", newest, today];
             let days: Vec<&str> =
                 if newest == "2026-03-11" { vec![OLD, "2026-03-10", newest] } else { days.to_vec() };

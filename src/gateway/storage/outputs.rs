@@ -1,4 +1,4 @@
-//! The log of the outputs, as it is filled: what each output took and asked for, and what is only counted.
+//! Producer of the log of the outputs. It records the inputs and actions of each output, and counts what repeats.
 
 use std::fmt::{Display, Write};
 use std::sync::Arc;
@@ -15,16 +15,16 @@ use isotherm_core::output::{Action, Controller, Input, Settings};
 use isotherm_core::quantity::{Moment, Shifted};
 use isotherm_profile::{OutputId, Profile, SetId};
 
-/// What is written again and again is counted for so long.
+/// Time for which repeated writes are counted before they are recorded.
 const COUNTED_FOR: Duration = Duration::from_secs(60);
 
-/// The controller of an output has taken an input.
+/// Input that the controller of an output has taken.
 #[derive(Debug)]
 pub(in crate::gateway) struct Stepped<'a> {
     pub(in crate::gateway) id: OutputId,
     pub(in crate::gateway) settings: &'a Settings,
     pub(in crate::gateway) before: &'a Controller,
-    /// That is what was known after the last input that was recorded.
+    /// Whether `before` is the state after the last recorded input.
     pub(in crate::gateway) goes_on: bool,
     pub(in crate::gateway) input: Input,
     pub(in crate::gateway) action: Action,
@@ -39,18 +39,18 @@ pub(in crate::gateway) struct TurnRecord {
     pub(in crate::gateway) after: ControllerState,
 }
 
-/// What is written again and again, whatever came of the last time.
+/// Output that is written repeatedly, whatever the last result was.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::gateway) enum Steady {
     /// A corrected position, or a display.
     Position(OutputId),
     /// A set, with its heartbeat and control word.
     Set(SetId),
-    /// The heartbeat in a register of its own.
+    /// Heartbeat in a separate register.
     Heartbeat,
 }
 
-/// What both ends of the queue know of the rows of outputs.
+/// Losses of rows of outputs, shared by both ends of the queue.
 #[derive(Debug, Default)]
 pub(super) struct Tears {
     waiting: AtomicUsize,
@@ -58,7 +58,7 @@ pub(super) struct Tears {
 }
 
 impl Tears {
-    /// Rows are lost; how often that has happened.
+    /// Records that rows are lost. Returns the number of losses so far.
     pub(super) fn tear(&self) -> u64 {
         self.count.fetch_add(1, Ordering::Relaxed) + 1
     }
@@ -68,7 +68,7 @@ impl Tears {
     }
 }
 
-/// Rows that belong together: those of one file, without any missing between them.
+/// Rows that belong together: rows of one file, with none missing between them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Stretch {
     day: Date,
@@ -76,7 +76,7 @@ struct Stretch {
     tear: u64,
 }
 
-/// The loop's side of the log of the outputs. Without a queue it keeps nothing.
+/// Producer side of the log of the outputs. Without a queue it saves nothing.
 #[derive(Debug, Default)]
 pub(in crate::gateway) struct OutputsLog {
     queue: Option<SyncSender<Job>>,
@@ -84,15 +84,15 @@ pub(in crate::gateway) struct OutputsLog {
     stamps: Stamps,
     tears: Arc<Tears>,
     counts: (usize, usize),
-    /// Latest moment of a row. A turn that began before midnight and ended after it does not go back to the file of the day before.
+    /// Latest moment of a row. A turn that began before midnight and ended after it stays in the file of the new day.
     latest: Moment,
     /// Stretch of the last row.
     stretch: Option<Stretch>,
-    /// Lines of the outputs, then of the sets, then of the heartbeat.
+    /// Rows of the outputs, then of the sets, then of the heartbeat.
     lines: Vec<Line>,
-    /// What failed, while it is compared with what failed before.
+    /// Buffer for the message of a failure, while it is compared with the previous one.
     message: String,
-    /// Rows that found the queue full.
+    /// Rows that were dropped because the queue was full.
     pub(super) dropped: u64,
 }
 
@@ -104,11 +104,11 @@ struct Line {
     last: Option<LastTurn>,
     /// Turns since the last row that repeat it.
     repetitions: u64,
-    /// What is only counted, since when.
+    /// Start of the present counts of writes and failures.
     since: Option<Moment>,
     writes: u64,
     failures: u64,
-    /// What failed last and was recorded.
+    /// Last failure that was recorded.
     fault: String,
 }
 
@@ -119,7 +119,7 @@ struct LastTurn {
     /// State after it.
     state: ControllerState,
     at: Moment,
-    /// When a turn was last recorded, not counted.
+    /// Time at which a turn was last recorded, not counted.
     recorded: Moment,
 }
 
@@ -141,7 +141,7 @@ impl OutputsLog {
         OutputsLog { queue: Some(queue), counts, lines, ..OutputsLog::default() }
     }
 
-    /// What the other end of the queue has to know.
+    /// Losses of rows, for the other end of the queue.
     pub(super) fn tears(&self) -> Arc<Tears> {
         Arc::clone(&self.tears)
     }
@@ -150,8 +150,8 @@ impl OutputsLog {
         self.queue.is_some()
     }
 
-    /// Queues what an output took and asked for; where rows before it are in another file or lost, after what it goes on
-    /// from.
+    /// Queues an input and an action of an output. If rows before it are in another file or lost, the state comes
+    /// first.
     pub(in crate::gateway) fn stepped(&mut self, stepped: &Stepped<'_>, now: Moment) {
         let stretch = self.stretch(now);
         let Some(line) = self.lines.get_mut(stepped.id.0) else { return };
@@ -172,7 +172,8 @@ impl OutputsLog {
         self.hand_over(row, stretch);
     }
 
-    /// Queues a turn of a controller, or counts it if it repeats the last one. If the file lacks the rows before it, the state comes first.
+    /// Queues a turn of a controller, or counts it if it repeats the last one. If the file lacks the rows before it,
+    /// the state comes first.
     pub(in crate::gateway) fn turned(
         &mut self,
         steady: Steady,
@@ -223,7 +224,7 @@ impl OutputsLog {
         self.hand_over(row, stretch);
     }
 
-    /// Counts a write that was answered as done.
+    /// Counts a write that was confirmed.
     pub(in crate::gateway) fn wrote(&mut self, steady: Steady, now: Moment) {
         if let Some(line) = self.counted(steady, now) {
             line.writes += 1;
@@ -249,7 +250,7 @@ impl OutputsLog {
         self.message = message;
     }
 
-    /// The end of a run: what was counted until then.
+    /// Queues all counts at the end of a run.
     pub(in crate::gateway) fn count_for_the_last_time(&mut self, now: Moment) {
         let stretch = self.stretch(now);
         for place in 0..self.lines.len() {
@@ -258,8 +259,8 @@ impl OutputsLog {
         }
     }
 
-    /// Returns the stretch of a row of now. If it is another one, counted turns of the one before are queued first. If the clock was set, the
-    /// first row of the file says so.
+    /// Returns the stretch of a row that is written now. If it is another one, counted turns of the previous stretch
+    /// are queued first. If the clock was set, the first row of the file contains the correction.
     fn stretch(&mut self, now: Moment) -> Stretch {
         let (stamped, latest) = (self.stamps.look(now), self.latest.max(now));
         let day = keeping::day(latest.shifted(stamped.shift));
@@ -286,7 +287,7 @@ impl OutputsLog {
         }
     }
 
-    /// Something that is counted happens.
+    /// Line in which a write is counted now. Older counts are recorded first.
     fn counted(&mut self, steady: Steady, now: Moment) -> Option<&mut Line> {
         let place = self.place(steady);
         let since = *self.lines.get_mut(place)?.since.get_or_insert(now);
@@ -309,7 +310,7 @@ impl OutputsLog {
         }
     }
 
-    /// Whether there was room for it.
+    /// Queues a row. Returns whether there was space.
     fn hand_over(&mut self, row: Vec<u8>, Stretch { stamped, tear, .. }: Stretch) -> bool {
         let at = self.latest;
         let Some(queue) = &self.queue else { return false };

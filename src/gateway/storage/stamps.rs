@@ -1,21 +1,22 @@
-//! Which file a row belongs to, and how its moments are stamped.
+//! File of a row, and the stamps of its moments.
 //!
-//! All rows of a file are stamped alike, so that the spans in it are the counted ones and it can be replayed bit for bit.
-//! Where the computer's clock was set, a new file begins whose first row says from when to when.
+//! All rows of a file are stamped with one shift. Therefore the spans in it are the counted ones, and it can be
+//! replayed bit for bit. If the computer's clock was set, a new file begins, whose first row contains the old and the
+//! new time.
 
 use crate::clock::{Clock, Correction, SMALLEST_CORRECTION};
 use isotherm_core::quantity::{Moment, Shift, Shifted};
 
-/// How the rows of one log are stamped.
+/// Stamps of the rows of one log.
 #[derive(Debug, Default)]
 pub(super) struct Stamps {
     clock: Option<Clock>,
     of: Stamped,
-    /// To be said at the first row of the file.
+    /// Correction for the first row of the file.
     correction: Option<Correction>,
 }
 
-/// A file's number in this run, and what brings counted moments to those in it.
+/// Number of a file in this run, and the shift from counted moments to its stamps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(in crate::gateway) struct Stamped {
     pub(super) file: u64,
@@ -23,19 +24,19 @@ pub(in crate::gateway) struct Stamped {
 }
 
 impl Stamps {
-    /// As this clock has it; `correction`: it does not go on where the last run ended.
+    /// Creates the stamps of a clock. `correction`: its time does not continue from the end of the last run.
     pub(super) fn by(clock: &Clock, correction: Option<Correction>) -> Stamps {
-        // Then the first file of the run is one of its own, whose first row says so.
+        // The first file of the run is then a new one, whose first row contains the correction.
         let of = Stamped { file: u64::from(correction.is_some()), shift: clock.shift() };
         Stamps { clock: Some(clock.clone()), of, correction }
     }
 
-    /// Those of a row that is written now.
+    /// File and shift of a row that is written now.
     pub(super) fn look(&mut self, now: Moment) -> Stamped {
         let shift = self.of_the_clock();
         if shift != self.of.shift {
             let (from, to) = (now.shifted(self.of.shift), now.shifted(shift));
-            // A clock that is only held to its rate goes on in the same file, until that has come to something.
+            // A clock that is only slewed continues in the same file, until the difference is large enough.
             if from.since(to).max(to.since(from)) > SMALLEST_CORRECTION {
                 self.of = Stamped { file: self.of.file + 1, shift };
                 self.correction = Some(Correction { from, to });
@@ -44,12 +45,12 @@ impl Stamps {
         self.of
     }
 
-    /// What brings counted moments to the time of day, whatever file is being written.
+    /// Shift from counted moments to the time of day, whatever file is being written.
     pub(super) fn of_the_clock(&self) -> Shift {
         self.clock.as_ref().map_or(self.of.shift, Clock::shift)
     }
 
-    /// What the first row of a file says of the clock, until that is queued.
+    /// Correction for the first row of a file, until that row is queued.
     pub(super) fn correction(&self) -> Option<Correction> {
         self.correction
     }

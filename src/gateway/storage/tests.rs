@@ -97,11 +97,11 @@ mod outputs {
     use isotherm_core::output::{Action, Controller, Fact, Input, Rules, Settings, State, Verify, Who};
     use isotherm_profile::OutputId;
 
-    /// The day of noon.
+    /// Day of noon in the tests.
     const DAY_ZERO: &str = "2024-10-04";
     const SECOND: Duration = Duration::from_secs(1);
 
-    /// A gateway with one output, whose disk works on command.
+    /// Gateway with one output, whose disk works on command.
     struct Bench {
         storage: Storage,
         jobs: Receiver<Job>,
@@ -170,7 +170,7 @@ mod outputs {
             self.storage.outputs.stepped(&stepped, self.now);
         }
 
-        /// Seconds in which the register is armed, and goes to and fro.
+        /// Runs this many seconds, in which the register is armed and moves to and fro.
         fn seconds(&mut self, count: u32) {
             for _ in 0..count {
                 self.now = self.now.after(SECOND);
@@ -203,7 +203,7 @@ mod outputs {
             }
         }
 
-        /// The disk takes what waits for it.
+        /// Lets the disk store everything that waits.
         fn keep(&mut self) {
             while let Ok(job) = self.jobs.try_recv() {
                 self.thread.take(job);
@@ -211,7 +211,8 @@ mod outputs {
         }
     }
 
-    /// Every file by its name: how many rows begin, and how many actions came out again. Each is replayed by itself.
+    /// Every file by name, with the number of its beginnings and of its confirmed actions. Each file is replayed by
+    /// itself.
     fn files(directory: &Path) -> Vec<(String, usize, usize)> {
         let of = |name: String| {
             let file = std::fs::File::open(directory.join(&name)).unwrap();
@@ -288,7 +289,7 @@ mod outputs {
         bench.keep();
         bench.now = bench.now.after(DAY);
         let day: String = bench.now.to_string().chars().take(10).collect();
-        // Nobody can write to a directory.
+        // A directory at this path cannot be written.
         let blocked = directory.path().join(names(directory.path()).remove(0).replace(DAY_ZERO, &day));
         std::fs::create_dir(&blocked).unwrap();
         bench.seconds(10);

@@ -1,4 +1,4 @@
-//! The disk's end of the queue: files of days, and what becomes of a disk that does not keep them.
+//! Consumer side of the queue: it writes the files of days, and reports a disk that does not store them.
 
 use std::collections::BTreeMap;
 use std::fs::{File, Metadata};
@@ -26,11 +26,11 @@ use isotherm_core::quantity::{Moment, Shifted, time};
 use isotherm_profile::duration_text;
 use isotherm_profile::{Profile, regular};
 
-/// How often it is looked for logs that need not be kept.
+/// Interval of the checks for logs that need not be kept.
 const TIDY_EVERY: Duration = Duration::from_hours(1);
 
-/// Whether a log has this header and ends with a whole row: one that a power cut left half-written would swallow the
-/// next.
+/// Returns whether a log has this header and ends with a whole row. A row that a power cut has cut off would corrupt
+/// the next one.
 fn continues(path: &Path, header: &[u8]) -> std::io::Result<bool> {
     let mut file = File::open(path)?;
     let mut begins = vec![0; header.len()];
@@ -44,7 +44,7 @@ fn continues(path: &Path, header: &[u8]) -> std::io::Result<bool> {
     Ok(begins == header && last == *b"\n")
 }
 
-/// A file of whole rows.
+/// File of whole rows.
 struct WholeRows {
     path: PathBuf,
     file: File,
@@ -52,14 +52,14 @@ struct WholeRows {
 }
 
 impl WholeRows {
-    /// All of it or nothing: half a row of a disk that is full now would swallow the next.
+    /// Appends a whole row or nothing: half a row on a full disk would corrupt the next one.
     fn append(&mut self, row: &[u8]) -> std::io::Result<()> {
         self.file.write_all(row).inspect_err(|_| drop(self.file.set_len(self.length)))?;
         self.length += row.len() as u64;
         Ok(())
     }
 
-    /// It is still what lies at its path.
+    /// Returns whether the file at the path is still this one.
     fn is_there(&self) -> bool {
         let place = |found: Metadata| (found.dev(), found.ino());
         let there = std::fs::metadata(&self.path).map(place).ok();
@@ -67,10 +67,10 @@ impl WholeRows {
     }
 }
 
-/// The longest last row that is looked at.
+/// Longest last row that is read, in bytes.
 const LAST_ROW: u64 = 65_536;
 
-/// The time of a log's last row; `None` where that cannot be read.
+/// Time of the last row of a log. `None` if it cannot be read.
 pub(super) fn last_stamp(path: &Path) -> Option<Moment> {
     let mut file = regular::open(path).ok()?;
     let length = file.metadata().ok()?.len();
@@ -89,12 +89,13 @@ pub(super) struct StorageThread {
     log: DayFile,
     outputs: DayFile,
     keep: Keep,
-    /// When it was last looked for logs that need not be kept.
+    /// Time of the last check for logs that need not be kept.
     tidied: Option<Moment>,
     events: EventsFile,
-    /// Somebody has said that there are events.
+    /// Whether the journal has reported new events.
     is_woken: Arc<AtomicBool>,
-    /// Rows of outputs that were made before so many were lost stand behind missing ones.
+    /// Smallest number of losses that a valid row contains. A row with fewer was made before the last loss, and follows
+    /// missing rows.
     whole_since: u64,
     failing: BTreeMap<&'static str, DiskCause>,
     torn: Arc<AtomicBool>,
@@ -159,7 +160,7 @@ impl StorageThread {
             }
             Job::Sync { at } => {
                 self.look_for_logs(at);
-                // That one was put on the disk says nothing where rows are not taken.
+                // A successful sync shows nothing if rows are not written.
                 for (what, done) in
                     [("the log", self.log.sync()), ("the log of the outputs", self.outputs.sync())]
                 {
@@ -171,14 +172,14 @@ impl StorageThread {
             }
             Job::Events => None,
         };
-        // They go on waiting where the disk does not take them; the next job tries again.
+        // Events that the disk does not store keep waiting. The next job tries again.
         let done = self.events.write_all();
         if let Some(at) = at {
             self.report(at, "the events", done);
         }
     }
 
-    /// Where one was removed, what comes next stands in a new one, and says from where it goes on.
+    /// Checks whether a log was removed. The next row then begins a new one, with the state from which it resumes.
     fn look_for_logs(&mut self, at: Moment) {
         if let Err(gone) = self.log.look() {
             self.torn.store(true, Ordering::Relaxed);
@@ -190,7 +191,8 @@ impl StorageThread {
         }
     }
 
-    /// What stands behind missing rows can be replayed only from where its output begins anew: until then it is left out.
+    /// Writes a row of an output. Rows after missing ones can be replayed only from the next beginning of their output.
+    /// Until then they are left out.
     fn write_output(&mut self, (at, stamped): (Moment, Stamped), row: &[u8], tear: u64) {
         if tear < self.whole_since {
             return;
@@ -202,7 +204,7 @@ impl StorageThread {
         self.report(at, "the log of the outputs", done);
     }
 
-    /// Deletes what need not be kept, once an hour, and says so.
+    /// Deletes logs that need not be kept, once an hour, and reports it.
     fn tidy(&mut self, at: Moment, stamped: Stamped) {
         if self.tidied.is_some_and(|last| at.since(last) < TIDY_EVERY) {
             return;
@@ -243,11 +245,11 @@ impl StorageThread {
     }
 }
 
-/// A log of which there is a file a day.
+/// Log with one file for each day.
 pub(super) struct DayFile {
     directory: PathBuf,
     machine: String,
-    /// What stands behind the day in its name.
+    /// Part of the name after the day.
     ending: &'static str,
     header: String,
     of: Option<(Date, Stamped)>,
@@ -260,7 +262,7 @@ impl DayFile {
         DayFile { directory, machine, ending, header, of: None, file: None }
     }
 
-    /// Writes a row into the file of its day. After a failure a file is looked for anew.
+    /// Writes a row to the file of its day. After a failure the file is opened again.
     pub(super) fn write(&mut self, stamp: Moment, stamped: Stamped, row: &[u8]) -> std::io::Result<()> {
         let written = self.file_of(stamp, stamped).and_then(|file| file.append(row));
         if written.is_err() {
@@ -269,14 +271,14 @@ impl DayFile {
         written
     }
 
-    /// Looks whether somebody has removed the file, or its directory: then the next row begins another.
+    /// Checks whether the file, or its directory, was removed. The next row then begins another file.
     fn look(&mut self) -> std::io::Result<()> {
         let Some(file) = self.file.take_if(|file| !file.is_there()) else { return Ok(()) };
         let text = format!("{} was removed", file.path.display());
         Err(std::io::Error::new(ErrorKind::NotFound, text))
     }
 
-    /// What a power cut would take lies on the disk then.
+    /// Syncs the written rows, so that a power cut does not lose them.
     fn sync(&self) -> std::io::Result<()> {
         self.file.as_ref().map_or(Ok(()), |rows| rows.file.sync_data())
     }
@@ -295,8 +297,8 @@ impl DayFile {
         Ok(self.file.insert(file))
     }
 
-    /// The day's file. One that was begun with other columns, or whose last row is later, is left as it is and a new one is
-    /// begun beside it; so is one from before the clock was set.
+    /// Opens the file of the day. A file with other columns, with a later last row, or from before the clock was set is
+    /// left as it is. A new file is then begun next to it.
     fn open(&self, stamp: Moment, is_set: bool) -> std::io::Result<WholeRows> {
         let day = day(stamp);
         make_directory(&self.directory)?;

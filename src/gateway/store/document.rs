@@ -1,4 +1,4 @@
-//! Bytes of the document: version, seal, state and outputs, each output on a line of its own.
+//! Bytes of the document: version, seal, state and outputs, with each output on a separate line.
 
 use std::fmt;
 use std::io::{ErrorKind, Write};
@@ -19,7 +19,7 @@ const WITHOUT_PLACES: u32 = 5;
 const CHECKSUM: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISO_HDLC);
 /// Digits of the checksum while it is computed.
 const UNSEALED: &str = "00000000";
-/// Key of the checksum. No name in a document can hold this: a quotation mark in one is escaped.
+/// Key of the checksum. No name in a document can contain it, because a quotation mark in a name is escaped.
 const KEY: &[u8] = b"\"checksum\":";
 
 #[derive(Deserialize)]
@@ -31,7 +31,7 @@ struct Document {
     outputs: Entries,
 }
 
-/// Document of any layout.
+/// Version field of a document of any layout.
 #[derive(Deserialize)]
 struct Versioned {
     version: u32,
@@ -50,14 +50,14 @@ pub(in crate::gateway) struct Seal {
     pub(in crate::gateway) in_question: bool,
 }
 
-/// Why a document is not accepted.
+/// Reason why a document is not accepted.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(in crate::gateway) enum Unfit {
     /// A later version of the program has written it.
     Later(u32),
     /// An earlier version of the program has written it.
     Earlier(u32),
-    /// A clause.
+    /// Another reason, as a clause.
     Because(String),
 }
 
@@ -75,7 +75,7 @@ impl fmt::Display for Unfit {
     }
 }
 
-/// Renders a document. `state` and each output are JSON already.
+/// Renders a document. `state` and the outputs are already JSON.
 pub(in crate::gateway) fn render<'a>(
     seal: &Seal,
     state: &[u8],
@@ -100,7 +100,7 @@ pub(in crate::gateway) fn render<'a>(
     Ok(text)
 }
 
-/// Reads a document of this version.
+/// Reads a document of this layout, or of the layout without places.
 pub(in crate::gateway) fn read(bytes: &[u8], machine: &str) -> Result<(Seal, Content), Unfit> {
     let Document { version, seal, state, outputs } = parse(bytes, VERSION)?;
     check(bytes, &seal.checksum, (&seal.machine, machine))?;
@@ -115,7 +115,7 @@ pub(in crate::gateway) fn read(bytes: &[u8], machine: &str) -> Result<(Seal, Con
     }
 }
 
-/// Parses a document of this form. One of another form may have another version.
+/// Parses a document of this form. A document of another form may have another version.
 pub(super) fn parse<'a, T: Deserialize<'a>>(bytes: &'a [u8], version: u32) -> Result<T, Unfit> {
     if bytes.is_empty() {
         return Err(Unfit::Because("it is empty".to_owned()));
@@ -141,12 +141,12 @@ pub(super) fn check(bytes: &[u8], found: &str, (of, machine): (&str, &str)) -> R
     }
 }
 
-/// CRC-32 in eight hexadecimal digits.
+/// CRC-32 as eight hexadecimal digits.
 pub(super) fn checksum(bytes: &[u8]) -> String {
     format!("{:08x}", CHECKSUM.checksum(bytes))
 }
 
-/// Place of the first digit of the checksum.
+/// Offset of the first digit of the checksum.
 fn digits(text: &[u8]) -> Option<usize> {
     let after = text.windows(KEY.len()).position(|window| window == KEY)? + KEY.len();
     let quote = text[after..].iter().position(|byte| *byte == b'"')?;

@@ -1,5 +1,6 @@
-//! Documents of the version before this one, which kept state and ledger apart: `NAME.state.json` of layout 4 beside
-//! `NAME.ledger.json` of layout 3. Each has the number of the other that it last saw, and does not fit if it is older.
+//! Documents of the previous version of the program, which saved state and ledger separately: `NAME.state.json` of
+//! layout 4, and `NAME.ledger.json` of layout 3. Each contains the last known number of the other one. A document that
+//! is older than this number is not accepted.
 
 use std::path::{Path, PathBuf};
 
@@ -37,12 +38,12 @@ struct FormerSeal {
     in_question: bool,
 }
 
-/// Paths of the ledger: its own, and the one after a run began that could write nothing.
+/// Paths of the ledger: the usual one, and the one after the start of a run that could write nothing.
 pub(super) fn ledgers(directory: &Path, machine: &str) -> [PathBuf; 2] {
     ["ledger.json", "ledger.begun.json"].map(|ending| directory.join(format!("{machine}.{ending}")))
 }
 
-/// Looks for the two documents.
+/// Reads the two documents.
 pub(super) fn look(disk: &dyn Disk, directory: &Path, machine: &str) -> Found {
     let [ledger, begun] = ledgers(directory, machine);
     let is_begun = !disk.has(&ledger) && disk.has(&begun);
@@ -74,7 +75,7 @@ fn document(bytes: &[u8], place: usize, machine: &str) -> Result<Document, Unfit
     }
 }
 
-/// A clause if one of them is missing, older than the other says, or from elsewhere.
+/// Returns a clause if a document is missing, is older than the other one says, or comes from elsewhere.
 fn judge(both: &[Option<Document>; 2]) -> Option<&'static str> {
     let seal = |place: usize| both[place].as_ref().map(|document| &document.seal);
     let number = |place: usize| seal(place).map_or(0, |seal| seal.number);

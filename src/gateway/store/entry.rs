@@ -1,4 +1,4 @@
-//! What the document says of one output.
+//! Entry of one output in the document.
 
 use std::collections::BTreeMap;
 
@@ -8,37 +8,37 @@ use isotherm_core::output;
 use isotherm_core::place::OutputPlace;
 use isotherm_core::quantity::Counts;
 
-/// More counts than any register holds. An entry with more is not one of ours.
+/// Largest count of an entry. No register can hold more, so an entry with more is invalid.
 const MOST: u64 = 1 << 40;
 
-/// What is kept, by output.
+/// Entries by the names of the outputs.
 pub(in crate::gateway) type Entries = BTreeMap<String, Entry>;
 
-/// What is kept of one output.
+/// Saved data of one output.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(in crate::gateway) struct Entry {
     /// Place of the output. `None` in a document of layout 5 or earlier.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(in crate::gateway) place: Option<OutputPlace>,
-    /// Register in words, as layout 5 has it in the place of the place.
+    /// Register as text, by which layout 5 identifies it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(in crate::gateway) register: Option<String>,
     pub(in crate::gateway) kept: output::Kept,
 }
 
 impl Entry {
-    /// Entry of an output that lies here.
+    /// Creates the entry of an output at this place.
     pub(in crate::gateway) fn new(place: OutputPlace, kept: output::Kept) -> Entry {
         Entry { place: Some(place), register: None, kept }
     }
 
-    /// Returns whether its counts are of the register of this place, and a register of ours can hold them.
+    /// Returns whether the counts belong to the register of this place, and a register can hold them.
     pub(in crate::gateway) fn lies_at(&self, place: &OutputPlace) -> bool {
         self.place.as_ref().is_some_and(|known| known.is_same_register(place)) && all_fit(&self.kept)
     }
 
-    /// Returns whether its counts are of this register. `in_words`: the register as layout 5 has it.
+    /// Returns whether the counts belong to this register. `in_words`: the register as text, as in layout 5.
     pub(in crate::gateway) fn is_of(&self, place: &OutputPlace, in_words: &str) -> bool {
         match (&self.place, &self.register) {
             (Some(known), _) => known.is_same_register(place),
@@ -47,13 +47,13 @@ impl Entry {
     }
 }
 
-/// A clause about an entry that no register of ours can have.
+/// Returns a clause about an entry that no register can have.
 pub(super) fn misfit(entries: &Entries) -> Option<String> {
     let (name, _) = entries.iter().find(|(_, entry)| !all_fit(&entry.kept))?;
     Some(format!("no register holds as many counts as it says of {name}"))
 }
 
-/// A register of ours can hold so many counts.
+/// Returns whether a register can hold this number of counts.
 pub(in crate::gateway) fn fits(counts: Counts) -> bool {
     counts.unsigned_abs() <= MOST
 }

@@ -1,4 +1,4 @@
-//! The document on disk: rendered in parts, of which a writing renders only what has changed.
+//! Document on disk. It is rendered in parts, and a save renders only the parts that have changed.
 
 use std::collections::BTreeMap;
 use std::io::{Error, ErrorKind, Result};
@@ -21,21 +21,21 @@ pub(in crate::gateway) struct StoreFile {
     /// Seal of the document on disk.
     pub(super) seal: Seal,
     pub(super) question: Question,
-    /// Parts as JSON; no state before the first.
+    /// Parts as JSON. The state is empty before the first one.
     pub(super) state: Vec<u8>,
     pub(super) outputs: BTreeMap<String, Vec<u8>>,
     /// Files that get a second name before the document is replaced.
     pub(super) aside: Vec<(PathBuf, PathBuf)>,
-    /// Files of an earlier version that the document takes the place of.
+    /// Files of an earlier version that the document replaces.
     pub(super) former: Vec<PathBuf>,
-    /// The number is written with the next document.
+    /// The number is saved with the next document.
     pub(super) is_number_due: bool,
-    /// It is never replaced.
+    /// The document on disk is of a later version, and is never replaced.
     pub(super) is_of_a_later_version: bool,
 }
 
 impl StoreFile {
-    /// Renders the state for the next writing; its number follows it.
+    /// Renders the state for the next save, which includes the number.
     pub(in crate::gateway) fn set_state(&mut self, state: &impl Serialize) {
         // Numbers and texts always have a JSON form.
         if let Ok(state) = serde_json::to_vec(state) {
@@ -43,14 +43,14 @@ impl StoreFile {
         }
     }
 
-    /// Renders what is known of an output for the next writing.
+    /// Renders the entry of an output for the next save.
     pub(in crate::gateway) fn set_output(&mut self, name: &str, entry: &Entry) {
         if let Ok(entry) = serde_json::to_vec(entry) {
             self.outputs.insert(name.to_owned(), entry);
         }
     }
 
-    /// Puts the document on disk: it is there when this returns.
+    /// Saves the document. It is on disk when this returns.
     pub(in crate::gateway) fn save(&mut self) -> Result<()> {
         if self.is_of_a_later_version {
             let text = format!("{} is of a later version of the program", self.document.display());
@@ -70,7 +70,7 @@ impl StoreFile {
         Ok(())
     }
 
-    /// Puts the number of the document on disk, if it is due or somebody has removed it.
+    /// Saves the number of the document, if it is due or its file was removed.
     pub(in crate::gateway) fn save_number(&mut self) -> Result<()> {
         if self.is_number_due || !self.disk.has(&self.number) {
             self.is_number_due = true;
@@ -82,8 +82,8 @@ impl StoreFile {
         Ok(())
     }
 
-    /// Marks that a run has begun, although nothing can be written. Returns whether nothing on disk says any more that the run
-    /// before ended in order.
+    /// Marks that a run has begun, although nothing can be written. Returns whether nothing on disk says any more that
+    /// the previous run ended in order.
     pub(in crate::gateway) fn mark_begun(&self) -> bool {
         let begun = number::begun(&self.number);
         self.disk.rename(&self.number, &begun).is_ok()

@@ -1,12 +1,12 @@
-//! Names instead of places. The compensation knows a signal by its place in the profile and lists its axes; the document has the
-//! names of both, so that a profile may change between two runs.
+//! Names instead of indices. The compensation identifies a signal by its index in the profile, and lists its axes. The
+//! document contains the names of both, so that a profile may change between two runs.
 
 use serde_json::{Map, Value};
 
 /// Lists with one item for each signal.
 const BY_SIGNAL: [&str; 2] = ["start", "zero"];
 
-/// Replaces places by the names of the signals, and the list of axes by their names.
+/// Replaces indices by the names of the signals, and the list of axes by a map with their names.
 pub(in crate::gateway) fn by_name(machine: &mut Value, signals: &[String]) {
     for key in BY_SIGNAL {
         let values = machine[key].as_array_mut().map(std::mem::take).unwrap_or_default();
@@ -23,9 +23,9 @@ pub(in crate::gateway) fn by_name(machine: &mut Value, signals: &[String]) {
     machine["axes"] = named.collect::<Map<_, _>>().into();
 }
 
-/// Replaces the names by the places that the signals have now. What depends on a signal that is gone is dropped.
+/// Replaces names by the present indices of the signals. Data that depends on a removed signal is dropped.
 pub(in crate::gateway) fn by_place(machine: &mut Value, signals: &[&str]) {
-    // A signal that is new has captured nothing.
+    // A new signal has captured nothing.
     let nothing = serde_json::json!({ "value": null, "gathering": null });
     for key in BY_SIGNAL {
         let values = machine[key].take();

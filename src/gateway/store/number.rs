@@ -1,7 +1,7 @@
-//! File of the number: one line with the number of the document, when the first one was made, and a checksum.
+//! File of the number: one line with the number of the document, the time of the first document, and a checksum.
 //!
-//! If a run can write nothing when it begins, it gives this file another name. The document still says then that the run before
-//! ended in order, and the name says that this no longer holds.
+//! If a run can write nothing at its start, it renames this file. The document then still says that the previous run
+//! ended in order, and the new name says that this is no longer true.
 
 use std::path::{Path, PathBuf};
 
@@ -10,11 +10,11 @@ use super::read;
 use crate::gateway::disk::Disk;
 use isotherm_core::quantity::Moment;
 
-/// Number of a document, as its own file has it.
+/// Number of a document, as in its own file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::gateway) struct Number {
     pub(in crate::gateway) number: u64,
-    /// When the first document was made.
+    /// Time at which the first document was made.
     pub(in crate::gateway) since: Moment,
 }
 
@@ -37,12 +37,13 @@ pub(in crate::gateway) fn path(directory: &Path, machine: &str) -> PathBuf {
     directory.join(format!("{machine}.number"))
 }
 
-/// Path of the number after a run began that could write nothing.
+/// Path of the number after the start of a run that could write nothing.
 pub(super) fn begun(path: &Path) -> PathBuf {
     path.with_added_extension("begun")
 }
 
-/// Reads the number; `None` if there is none, a clause if it is not accepted. With the path that it has.
+/// Reads the number. Returns the path of its file, and `None` if there is no file. The error is a clause: the number is
+/// not accepted.
 pub(in crate::gateway) fn look(
     disk: &dyn Disk,
     directory: &Path,
@@ -60,7 +61,7 @@ pub(in crate::gateway) fn look(
     (path, found)
 }
 
-/// Compares a document with the number; a clause if they do not fit. `has_logs`: a run has left its logs here.
+/// Compares a document with the number. Returns a clause if they do not fit. `has_logs`: a run has left its logs here.
 pub(super) fn judge(document: Option<&Seal>, number: Option<Number>, has_logs: bool) -> Option<String> {
     match (document, number) {
         (None, None) => has_logs.then(|| "it is missing, and a run has left its logs here".to_owned()),

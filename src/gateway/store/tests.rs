@@ -4,11 +4,11 @@ use crate::gateway::disk::Files;
 
 const MACHINE: &str = "grinder-1";
 
-/// A directory with a document in it.
+/// Directory with a document in it.
 struct Bench(tempfile::TempDir);
 
 impl Bench {
-    /// After so many writings, each with its number.
+    /// Directory after this many saves, each with its number.
     fn new(writings: u64) -> Bench {
         let bench = Bench(tempfile::tempdir().unwrap());
         (0..writings).for_each(|_| bench.write());
@@ -24,7 +24,7 @@ impl Bench {
         open(&disk, (self.0.path(), MACHINE), has_logs, Moment::from_nanos(7))
     }
 
-    /// A writing of a run of its own.
+    /// Saves the document in a separate run.
     fn write(&self) {
         let mut file = self.open().file;
         let number = file.seal.number;
@@ -44,7 +44,7 @@ impl Bench {
         std::fs::write(self.path(ending), bytes).unwrap();
     }
 
-    /// Why the document is not accepted; then every axis waits for a person.
+    /// Reason why the document is not accepted. If there is one, every axis must wait for an operator.
     #[track_caller]
     fn unfit(&self) -> Option<String> {
         let opened = self.open();
@@ -128,7 +128,7 @@ fn an_older_document_and_an_older_number_do_not_fit() {
         (0..3).for_each(|_| bench.write());
         bench.put(ending, older);
         bench.is_unfit(words);
-        // The next writing has a number that neither of them had.
+        // The next save has a number that neither of them had.
         let next = bench.open().file.seal.number + 1;
         assert_eq!(next, 6, "{ending}");
     }
@@ -274,7 +274,7 @@ fn a_number_is_read_only_as_it_was_written() {
     }
 }
 
-/// What version f2a36f8a wrote for a machine named `mixed`.
+/// Files that version f2a36f8a has written for a machine named `mixed`.
 fn of_an_earlier_version(ledger: &str) -> tempfile::TempDir {
     let directory = tempfile::tempdir().unwrap();
     let put = |name: &str, bytes: &[u8]| std::fs::write(directory.path().join(name), bytes).unwrap();

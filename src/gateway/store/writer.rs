@@ -1,8 +1,8 @@
-//! Writer of the document, on a thread of its own: a slow disk never delays a line.
+//! Writer of the document, on a separate thread: a slow disk never delays a line.
 //!
-//! It always writes what is newest, and reports which version of it is on disk. A write to a register that depends on a version
-//! waits for it, for a short while, and checks again in its next turn. In a simulation nothing may happen by itself: there the
-//! caller writes the document at once.
+//! It always saves the newest version, and reports which version is on disk. A write to a register that depends on a
+//! version waits for it, for a short time, and checks again in its next turn. A simulation allows no thread of its own:
+//! there the caller saves the document at once.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -21,14 +21,14 @@ use crate::observe::events::{Event, Journal};
 const OTHERWISE: &str = "a register that is shared or cannot be read is not written; after the next start the gateway \
                          writes no register until no earlier write can still arrive";
 
-/// Result of putting a version on disk.
+/// Result of saving a version.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::gateway) enum Kept {
-    /// It is there, or a newer one.
+    /// This version, or a newer one, is on disk.
     Yes,
     /// The disk has not answered.
     NotYet,
-    /// It cannot be put there.
+    /// The version cannot be saved.
     No,
 }
 
@@ -39,11 +39,11 @@ pub(in crate::gateway) struct Writer {
     here: Option<Mutex<Saving>>,
     done: watch::Receiver<Done>,
     question: Question,
-    /// The disk did not answer in time when somebody last waited for it: nobody waits again before it has.
+    /// The disk did not answer in time at the last wait. Nothing waits again before it has answered.
     is_slow: AtomicBool,
 }
 
-/// The newest version that is on disk, the newest that could not be put there, and the newest with which the number is done, too.
+/// Newest version on disk, newest version that could not be saved, and newest version whose number is done as well.
 #[derive(Clone, Copy, Debug, Default)]
 struct Done {
     kept: u64,
@@ -51,14 +51,14 @@ struct Done {
     settled: u64,
 }
 
-/// What the thread and its owner share.
+/// State that the thread and its owner share.
 #[derive(Default)]
 struct Shared {
     newest: Mutex<Newest>,
     changed: Condvar,
 }
 
-/// What is newer than the document.
+/// Changes since the last save.
 #[derive(Default)]
 struct Newest {
     outputs: BTreeMap<String, Entry>,
@@ -67,13 +67,13 @@ struct Newest {
     closed: bool,
 }
 
-/// Puts versions on disk and reports the result.
+/// Saves versions and reports the results.
 struct Saving {
     file: StoreFile,
     done: watch::Sender<Done>,
     journal: Arc<Journal>,
     clock: Clock,
-    /// Cause that was reported, while the store cannot be written.
+    /// Reported cause, while saving fails.
     failing: DiskCause,
 }
 
@@ -90,7 +90,7 @@ impl Writer {
         let here = if has_thread {
             let shared = Arc::clone(&shared);
             let work = move || shared.work(&mut saving);
-            // If there is no thread, no version is ever on disk, and every caller learns that.
+            // Without a thread no version is ever on disk, and every caller learns that.
             let _ = std::thread::Builder::new().name("state".to_owned()).spawn(work);
             None
         } else {
@@ -99,12 +99,12 @@ impl Writer {
         Writer { shared, here, done, question, is_slow: AtomicBool::new(false) }
     }
 
-    /// Has what is known of an output put on disk. The number asks for the result.
+    /// Saves the entry of an output. Returns the version by which a caller waits for the result.
     pub(in crate::gateway) fn keep(&self, output: String, entry: Entry) -> u64 {
         self.put(|newest| drop(newest.outputs.insert(output, entry)))
     }
 
-    /// Has a state put on disk.
+    /// Saves a state.
     pub(in crate::gateway) fn remember(&self, state: Memory) {
         self.put(|newest| newest.state = Some(Box::new(state)));
     }
@@ -123,8 +123,9 @@ impl Writer {
         newest.version
     }
 
-    /// Waits for a version, for `span` of real time at most. It does not wait for a disk that did not answer the last time. In a run
-    /// with a virtual clock it does for a while: there seconds pass while the disk is only busy.
+    /// Waits for a version, for at most `span` of wall-clock time. If the disk did not answer the last time, it does
+    /// not wait. In a run with a virtual clock it still waits for a part of `span`, because seconds pass there while
+    /// the disk is only busy.
     pub(in crate::gateway) async fn kept(&self, version: u64, span: Duration, clock: &Clock) -> Kept {
         let mut done = self.done.clone();
         let is_done = |done: &Done| done.kept >= version || done.failed >= version;
@@ -144,7 +145,7 @@ impl Writer {
         }
     }
 
-    /// Waits for document and number, at the end of a run.
+    /// Waits for document and number at the end of a run.
     pub(in crate::gateway) async fn finish(&self, span: Duration) {
         let version = self.shared.newest().version;
         let mut done = self.done.clone();

@@ -1,4 +1,4 @@
-//! What becomes of what is published to the broker of `[mqtt]`.
+//! Events about publishing to the broker of `[mqtt]`.
 
 use serde::Serialize;
 
@@ -6,36 +6,36 @@ use super::{Described, info, warning};
 use isotherm_core::explained::Explained;
 use isotherm_profile::counted;
 
-/// Whether it arrives.
+/// State of publishing to the broker.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum Broker {
-    /// There is no connection; reported once, until there is one.
+    /// The connection is lost. It is reported once, until there is a connection again.
     Down {
-        /// Its address.
+        /// Address of the broker.
         broker: String,
-        /// A sentence.
+        /// Reason as a sentence.
         why: String,
     },
-    /// There is one again.
+    /// The connection is back.
     Up {
-        /// Its address.
+        /// Address of the broker.
         broker: String,
-        /// So often it was tried in vain.
+        /// Number of failed attempts.
         attempts: u64,
     },
-    /// So many messages found no room while it was away, or too slow.
+    /// Messages were dropped, because the broker was not reachable or too slow.
     Dropped {
-        /// Its address.
+        /// Address of the broker.
         broker: String,
-        /// How many.
+        /// Number of dropped messages.
         count: u64,
     },
-    /// What could not be told because the disk does not take it.
+    /// Data that must be kept for the broker could not be written to disk.
     NotKept {
-        /// Its address.
+        /// Address of the broker.
         broker: String,
-        /// What the system says.
+        /// Error message of the system.
         why: String,
     },
 }

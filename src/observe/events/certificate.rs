@@ -1,4 +1,4 @@
-//! What becomes of the certificates of an OPC UA line.
+//! Events about the certificates of an OPC UA line.
 
 use isotherm_core::quantity::Moment;
 use serde::Serialize;
@@ -7,36 +7,36 @@ use super::data::in_text;
 use super::{Described, error, warning};
 use isotherm_core::explained::Explained;
 
-/// A certificate that is soon of no use, or is already.
+/// A certificate that has expired or expires soon.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Expiry {
-    /// The line.
+    /// Bus of the certificate.
     pub bus: String,
-    /// The file, as the profile names it.
+    /// File name in the profile.
     pub file: String,
-    /// Whose it is.
+    /// Owner of the certificate.
     pub whose: Whose,
-    /// Until when it is valid.
+    /// End of its validity.
     #[serde(serialize_with = "in_text")]
     pub until: Moment,
-    /// That is over.
+    /// `true` if the certificate has expired.
     pub is_over: bool,
 }
 
-/// Whom a certificate names.
+/// Owner of a certificate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Whose {
     /// The gateway.
     Gateway,
-    /// Its user at the server.
+    /// The user as which the gateway signs in to the server.
     User,
     /// The server.
     Server,
 }
 
 impl Expiry {
-    /// What is wrong, and what to do.
+    /// Cause and remedy as a sentence.
     #[must_use]
     pub fn sentence(&self) -> String {
         self.described().text()
@@ -73,7 +73,7 @@ impl Expiry {
         }
     }
 
-    /// By this it is acknowledged.
+    /// Name by which the alarm is acknowledged.
     pub(super) fn name(&self) -> String {
         format!("{} of bus {}", self.file, self.bus)
     }

@@ -1,4 +1,4 @@
-//! How fields of events stand in their data for programs.
+//! Format of the fields of events in their data for programs.
 
 use std::time::Duration;
 
@@ -9,13 +9,13 @@ use crate::clock::Correction;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::regular::cut;
 
-/// An event's sentence, and each text in its data, has no more characters: what others write fills neither a day's file nor the
-/// status, in which the last events stand.
+/// Maximum number of characters of an event's sentence, and of each text in its data. Text from outside must not fill
+/// the file of a day, or the status with the last events.
 pub(super) const LONGEST: usize = 800;
-/// A list in its data has no more entries.
+/// Maximum number of entries of a list in an event's data.
 const MOST: usize = 100;
 
-/// Cuts what is longer.
+/// Shortens texts and lists that are too long.
 pub(super) fn bound(data: &mut Value) {
     match data {
         Value::String(text) if text.len() > LONGEST => *text = cut(text, LONGEST).into_owned(),

@@ -1,4 +1,4 @@
-//! What becomes of the messages that are posted to the servers of `[[notify]]`.
+//! Events about messages to the servers of `[[notify]]`.
 
 use serde::Serialize;
 
@@ -6,35 +6,35 @@ use super::{Described, info, warning};
 use isotherm_core::explained::Explained;
 use isotherm_profile::counted;
 
-/// Whether messages arrive.
+/// State of the messages to one server.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum Delivery {
-    /// One did not; what follows is told when one has.
+    /// A message could not be delivered. Further failures are not reported until a message arrives.
     Failed {
-        /// Whose messages: `notify[0]`.
+        /// Entry of the profile: `notify[0]`.
         notify: String,
         /// Scheme, host and port.
         to: String,
-        /// A sentence.
+        /// Reason as a sentence.
         why: String,
     },
-    /// They arrive again.
+    /// A message has arrived after failures.
     Back {
-        /// Whose messages.
+        /// Entry of the profile.
         notify: String,
         /// Scheme, host and port.
         to: String,
-        /// So often it was tried in vain.
+        /// Number of failed attempts.
         attempts: u64,
     },
-    /// So many were given up, or had no room.
+    /// Messages were given up, or the queue had no room for them.
     Dropped {
-        /// Whose messages.
+        /// Entry of the profile.
         notify: String,
         /// Scheme, host and port.
         to: String,
-        /// How many.
+        /// Number of dropped messages.
         count: u64,
     },
 }
@@ -69,7 +69,7 @@ impl Delivery {
         }
     }
 
-    /// Whose messages: to him it is not posted, who does not get any.
+    /// Entry of the profile with the failed server. This event is not sent to that server.
     #[must_use]
     pub fn notify(&self) -> &str {
         match self {

@@ -1,8 +1,8 @@
-//! Events on disk: one JSON document a line, a file a day beside the logs, `NAME-2026-01-31.events.jsonl`.
+//! Event files: one JSON document on each line, one file `NAME-2026-01-31.events.jsonl` for each day, next to the logs.
 //!
-//! Every line is sealed: `n` counts the lines of the file, `after` is the seal of the line before it (of the first: that of
-//! the file's name), `seal` the checksum of all of the line before it. So whoever reads finds lines that were changed, cut
-//! or taken out, and files that stand in the place of another's. That is reported, and the rest is read.
+//! Every line is sealed. `n` counts the lines of the file. `after` is the seal of the line before; in the first line it
+//! is the checksum of the file's name. `seal` is the checksum of the rest of the line. A reader thus finds lines that
+//! were changed, cut or removed, and files that were replaced by others. It reports the damage, and reads the rest.
 
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -13,12 +13,14 @@ use super::Entry;
 use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::regular::{self, without_numbers};
 
-/// What stands behind the day in the name of a file.
+/// Suffix of a file name, after the day.
 const ENDING: &str = ".events.jsonl";
 const SEAL: &str = ",\"seal\":\"";
-/// A file of a day is not longer, what happens then is counted; nobody reads more of one.
+/// Largest size of a day's file in bytes. Later events of the day are counted, but not written. A reader reads at most
+/// twice as much.
 pub const LARGEST: usize = 16 << 20;
-/// So much of the ends of so many files is read for the last events.
+/// Number of bytes at the end of a file that are read for the last events. [`DAYS_BACK`] is the largest number of
+/// files.
 const TAIL: u64 = 256 << 10;
 const DAYS_BACK: usize = 7;
 /// CRC-32 as in Ethernet and gzip (ITU-T V.42).
@@ -32,7 +34,7 @@ struct Line {
     entry: Entry,
 }
 
-/// The end of a file: what its next line goes on from.
+/// End of a file, from which its next line continues.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct End {
     count: u64,
@@ -42,16 +44,16 @@ pub struct End {
     length: usize,
 }
 
-/// What is found on disk.
+/// Content found on disk.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Found {
     /// An event.
     Event(Entry),
-    /// What is wrong, as a sentence with the name of the file.
+    /// Damage, as a sentence with the name of the file.
     Damage(String),
 }
 
-/// The day of an event, as it stands in the name of its file.
+/// Day of an event, as in the name of its file.
 pub fn day(entry: &Entry) -> &str {
     entry.at.get(..10).filter(|day| is_day(day)).unwrap_or("1970-01-01")
 }
@@ -64,7 +66,7 @@ fn is_day(text: &str) -> bool {
     text.len() == 10 && text.bytes().enumerate().all(is_right)
 }
 
-/// The file of a day.
+/// Path of the file of a day.
 pub fn path(directory: &Path, machine: &str, day: &str) -> PathBuf {
     directory.join(format!("{machine}-{day}{ENDING}"))
 }
@@ -79,12 +81,13 @@ impl End {
         End { count: 0, seal: checksum(&name), is_cut: false, length: 0 }
     }
 
-    /// How long the file is, in bytes.
+    /// Length of the file in bytes.
     pub fn length(&self) -> usize {
         self.length
     }
 
-    /// The line of an event behind this end, and the end behind it. Half a line is ended first.
+    /// Makes the next line for an event, and the new end. If the file ends within a line, the text first completes that
+    /// line.
     pub fn line(&self, entry: &Entry) -> (String, End) {
         let (count, after) = (self.count + 1, self.seal.clone());
         // Numbers and texts always have a JSON form.
@@ -98,10 +101,10 @@ impl End {
     }
 }
 
-/// Reads a file of a day; its end is what a next line goes on from.
+/// Reads the file of a day. Returns its end, from which the next line continues.
 ///
 /// # Errors
-/// It is there and cannot be read, or is no file.
+/// The file exists and cannot be read, or is no regular file.
 pub fn read(path: &Path, mut found: impl FnMut(Found)) -> std::io::Result<End> {
     let mut end = End::of_nothing(path);
     let mut text = Vec::new();
@@ -140,7 +143,7 @@ pub fn read(path: &Path, mut found: impl FnMut(Found)) -> std::io::Result<End> {
     Ok(end)
 }
 
-/// A line and its seal; where that does not fit, as an error.
+/// Parses a line. Returns its seal, as an error if the checksum differs.
 fn sealed(text: &str) -> Option<(Line, Result<String, String>)> {
     let line = serde_json::from_str(text).ok()?;
     let (sealed, seal) = text.rsplit_once(SEAL)?;
@@ -148,7 +151,7 @@ fn sealed(text: &str) -> Option<(Line, Result<String, String>)> {
     Some((line, if checksum(sealed) == seal { Ok(seal) } else { Err(seal) }))
 }
 
-/// The days of which there are files of this machine, oldest first.
+/// Days for which this machine has event files, oldest first.
 ///
 /// # Errors
 /// The directory cannot be read.
@@ -176,7 +179,7 @@ fn files(directory: &Path) -> std::io::Result<Vec<(String, String)>> {
     Ok(files)
 }
 
-/// The machines of which there are events in this directory.
+/// Machines with event files in this directory.
 ///
 /// # Errors
 /// The directory cannot be read.
@@ -187,10 +190,11 @@ pub fn machines(directory: &Path) -> std::io::Result<Vec<String>> {
     Ok(machines)
 }
 
-/// The moment that `12h` or `2026-01-31T18:00:00Z` means.
+/// Parses the start of a time range: a span before `now`, for example `12h`, or a time, for example
+/// `2026-01-31T18:00:00Z`.
 ///
 /// # Errors
-/// A sentence that says how to write it.
+/// A sentence that describes the format.
 pub fn begin(text: &str, now: Moment) -> Result<Moment, String> {
     if let Ok(span) = humantime::parse_duration(text) {
         return Ok(now.before(span));
@@ -200,7 +204,8 @@ pub fn begin(text: &str, now: Moment) -> Result<Moment, String> {
     })
 }
 
-/// What happened since this moment, oldest first. Of the days behind that in which no more is wanted nothing is read.
+/// Reads the events since this time, oldest first, until `found` returns `false`. Files of later days are then not
+/// read.
 ///
 /// # Errors
 /// The directory cannot be read.
@@ -238,7 +243,7 @@ pub fn since(
     Ok(())
 }
 
-/// The last events, oldest first, at most so many, from the ends of the last files.
+/// Last events, oldest first, at most `most` of them, from the ends of the last files.
 pub fn last(directory: &Path, machine: &str, most: usize) -> Vec<Entry> {
     let mut last = Vec::new();
     for day in days(directory, machine).unwrap_or_default().iter().rev().take(DAYS_BACK) {
@@ -252,7 +257,7 @@ pub fn last(directory: &Path, machine: &str, most: usize) -> Vec<Entry> {
     last.split_off(last.len().saturating_sub(most))
 }
 
-/// The events at the end of a file.
+/// Events at the end of a file.
 fn tail(path: &Path) -> std::io::Result<Vec<Entry>> {
     let mut file = regular::open(path)?;
     let length = file.metadata()?.len();

@@ -1,4 +1,4 @@
-//! The events of a run: each is a line in the log, counted, shown, and waits until it is on disk.
+//! Events of a run. Each one is logged, counted and shown, and waits until it is on disk.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, VecDeque};
@@ -12,45 +12,45 @@ use super::{Alarm, Change, Event, Level, Seen};
 use crate::clock::Clock;
 use isotherm_core::quantity::Moment;
 
-/// How many events are shown.
+/// Number of events that are shown.
 const SHOWN: usize = 200;
-/// How many wait for a disk that does not keep them; what happens then is lost, and that is counted.
+/// Maximum number of events that wait for a slow disk. Further events are lost, and counted.
 const UNKEPT: usize = 10_000;
 
-/// An event with its moment, as it is shown and kept.
+/// An event with its time, as it is shown and kept.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Entry {
-    /// RFC 3339.
+    /// Time as RFC 3339.
     pub at: String,
-    /// One word for programs: the counter's label.
+    /// Kind of event: one word for programs, and label of the counter.
     pub kind: Cow<'static, str>,
-    /// How much it matters.
+    /// Severity of the event.
     pub level: Level,
-    /// The sentence.
+    /// Sentence for people.
     pub text: String,
-    /// What the sentence is made of, for programs.
+    /// Values of the sentence, for programs.
     #[serde(default, skip_serializing_if = "serde_json::Value::is_null")]
     pub data: serde_json::Value,
 }
 
-/// What has just happened, for whoever listens.
+/// An event that has just been reported, for the listener.
 #[derive(Clone, Copy, Debug)]
 pub struct Happened<'a> {
     /// The event itself.
     pub event: &'a Event,
-    /// As it is shown and kept.
+    /// The event as it is shown and kept.
     pub entry: &'a Entry,
-    /// What it has changed of the alarms.
+    /// Change of the alarms by this event.
     pub change: &'a Change,
 }
 
-/// Hears of every event at once, in their order. It keeps whoever reports it, which may be a line, and the journal's lock: it takes
-/// what it wants and waits for nothing.
+/// Receives every event at once, in order. It must not block, because it delays the code that reports the event,
+/// possibly a line task, and holds the lock of the journal.
 pub type EventListener = Arc<dyn Fn(Happened<'_>) + Send + Sync>;
 
-/// The events of a run, and the last ones of the runs before it.
+/// Events of this run, and the last events of earlier runs.
 pub struct Journal {
-    /// Stamps what is reported.
+    /// Source of the time stamps.
     clock: Clock,
     pages: Mutex<Pages>,
     listener: Option<EventListener>,
@@ -67,12 +67,12 @@ struct Pages {
     last: VecDeque<Entry>,
     counts: BTreeMap<&'static str, u64>,
     alarms: Alarms,
-    /// So many of the last are from before the start.
+    /// Number of events in `last` from before the start.
     recalled: usize,
     unkept: Option<Unkept>,
 }
 
-/// What is not on disk yet.
+/// Events that are not on disk yet.
 struct Unkept {
     entries: VecDeque<Entry>,
     lost: u64,
@@ -87,7 +87,7 @@ impl fmt::Debug for Unkept {
 
 impl Unkept {
     fn push(&mut self, at: Moment, entry: Entry) {
-        // Once there is room again, the first to know of those that were lost is the file.
+        // If events were lost, the first entry after them reports their number.
         let is_full = self.entries.len() + 2 > UNKEPT;
         if !is_full && self.lost > 0 {
             let lost = Event::EventsLost { count: std::mem::take(&mut self.lost) };
@@ -103,18 +103,18 @@ impl Unkept {
 }
 
 impl Journal {
-    /// Nothing has happened yet.
+    /// Makes a journal without events.
     pub fn by(clock: &Clock) -> Journal {
         Journal { clock: clock.clone(), pages: Mutex::default(), listener: None }
     }
 
-    /// The same, and somebody listens.
+    /// Adds a listener.
     #[must_use]
     pub fn heard_by(self, listener: Option<EventListener>) -> Journal {
         Journal { listener, ..self }
     }
 
-    /// Reports an event: log, count, page, disk.
+    /// Reports an event: log, counter, page and disk.
     pub fn report(&self, at: Moment, event: &Event) {
         let at = self.clock.stamp(at);
         let entry = event.entry(at);
@@ -137,24 +137,25 @@ impl Journal {
         pages.show(entry);
     }
 
-    /// The last events, oldest first, and how often each kind happened since the start.
+    /// Last events, oldest first, and the number of events of each kind since the start.
     pub fn read(&self) -> (Vec<Entry>, BTreeMap<&'static str, u64>) {
         let pages = self.pages();
         (pages.last.iter().cloned().collect(), pages.counts.clone())
     }
 
-    /// What stands, the newest first.
+    /// Active alarms, newest first.
     pub fn alarms(&self) -> Vec<Alarm> {
         self.pages().alarms.all()
     }
 
-    /// Somebody has seen one alarm, or all that stand; how many of them nobody had seen. `None`: there is none.
+    /// Acknowledges one alarm, or all active ones. Returns how many were not acknowledged before; `None` if there is no
+    /// such alarm.
     pub fn acknowledge(&self, at: Moment, id: Option<&str>, by: String) -> Option<usize> {
         let seen = Seen { at: self.clock.stamp(at).to_string(), by };
         self.pages().alarms.acknowledge(id, &seen)
     }
 
-    /// Events from before the start, oldest first: they are shown, and neither counted nor kept again.
+    /// Adds events from before the start, oldest first. They are shown, but neither counted nor written again.
     pub fn recall(&self, before: Vec<Entry>) {
         let mut pages = self.pages();
         let since = std::mem::take(&mut pages.last);
@@ -162,7 +163,8 @@ impl Journal {
         before.into_iter().chain(since).for_each(|entry| pages.show(entry));
     }
 
-    /// From now on events wait for the disk, those that have been reported already first. `wake` says to it that one does.
+    /// Begins to keep events until they are on disk, including those that were reported before. Calls `wake` when there
+    /// are events to write.
     pub fn keep(&self, wake: impl Fn() + Send + 'static) {
         let mut pages = self.pages();
         let entries: VecDeque<Entry> = pages.last.iter().skip(pages.recalled).cloned().collect();
@@ -172,20 +174,20 @@ impl Journal {
         pages.unkept = Some(Unkept { entries, lost: 0, wake: Some(Box::new(wake)) });
     }
 
-    /// What puts them there comes to its end: it takes what there is, and nobody has to wake it.
+    /// Stops calling `wake`, because the writer ends.
     pub fn wake_nobody(&self) {
         if let Some(unkept) = &mut self.pages().unkept {
             unkept.wake = None;
         }
     }
 
-    /// The first that are not on disk yet, at most so many.
+    /// First events that are not on disk yet, at most `most` of them.
     pub fn unkept(&self, most: usize) -> Vec<Entry> {
         let pages = self.pages();
         pages.unkept.iter().flat_map(|unkept| &unkept.entries).take(most).cloned().collect()
     }
 
-    /// The first of them is on disk.
+    /// Removes the first of these events, because it is on disk.
     pub fn kept(&self) {
         if let Some(unkept) = &mut self.pages().unkept {
             unkept.entries.pop_front();

@@ -1,22 +1,22 @@
-//! What becomes of the page's port, and of the tokens with which people come in.
+//! Events about the port of the page, and about its tokens.
 
 use serde::Serialize;
 
 use super::{Described, error, info, warning};
 use isotherm_core::explained::Explained;
 
-/// The page is not served although the profile says so, or is at last.
+/// State of the page that the profile requires.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum PagePort {
-    /// It cannot listen at its address.
+    /// The page cannot listen at its address.
     Closed {
         /// Host and port.
         listen: String,
-        /// A sentence.
+        /// Reason as a sentence.
         why: String,
     },
-    /// It listens now.
+    /// The page listens now.
     Open {
         /// Host and port.
         listen: String,
@@ -40,20 +40,20 @@ impl PagePort {
     }
 }
 
-/// A token file of the page was changed while the gateway ran.
+/// A token file of the page has changed while the gateway runs.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum PageToken {
-    /// It holds another one.
+    /// The file contains another token.
     Changed {
-        /// Whose: scraper, viewer, operator.
+        /// Role of the token: scraper, viewer or operator.
         role: &'static str,
     },
-    /// There is none to be had.
+    /// The file contains no valid token.
     Gone {
-        /// Whose: scraper, viewer, operator.
+        /// Role of the token: scraper, viewer or operator.
         role: &'static str,
-        /// A sentence.
+        /// Reason as a sentence.
         why: String,
     },
 }

@@ -1,16 +1,18 @@
-//! Who may see, and who may command.
+//! Access control of the page: who may view, and who may command.
 //!
-//! | who | sees | commands |
+//! | client | may view | may command |
 //! |---|---|---|
-//! | brings the operator's token, or has signed in with it | everything | yes; signed in only from our own page |
-//! | brings the viewer's token, or has signed in with it | everything | no |
-//! | brings the scraper's token | `/metrics` | no |
-//! | is on this computer | where there is no viewer's token | where the profile says `commands = "local"`, and only from our own page |
-//! | anybody else | `/healthz`, and the page to sign in | no |
+//! | sends the operator's token, or has signed in with it | everything | yes; if signed in, only from the page |
+//! | sends the viewer's token, or has signed in with it | everything | no |
+//! | sends the scraper's token | `/metrics` | no |
+//! | is on this computer, `commands = "local"` | everything | yes, only from the page |
+//! | is on this computer, no such line in the profile | everything if there is no viewer's token | no |
+//! | any other | `/healthz`, and the page to sign in | no |
 //!
-//! On this computer is who comes over loopback, names us by `localhost`, by address or by a name of the profile, and was sent on
-//! by no proxy. Naming by address: a foreign site can point a name of its own at this computer and then read and command as if
-//! it were ours (DNS rebinding), but it cannot do so with an address.
+//! A client is on this computer if it connects over loopback without a proxy. It must also name the host `localhost`,
+//! an address, or a name of the profile. These names protect against DNS rebinding, in which another site points a name
+//! of its own at this computer. That site could then read and command as if it were the page. It cannot do so with an
+//! address.
 
 use std::net::{IpAddr, SocketAddr};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -34,15 +36,15 @@ use crate::observe::asker::{Asker, Way};
 use crate::observe::events::{Event, PageToken};
 use crate::observe::status::Command;
 
-/// How often it is looked whether a token is another one, and whether wrong ones are to be told.
+/// Interval of the checks for changed tokens and for wrong tokens to report.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// Of them the page to sign in is made.
+/// Paths that every client may read. They make up the page to sign in.
 const FOR_EVERYBODY: [&str; 4] = ["/healthz", "/login", "/page/login.css", "/page/icon.svg"];
-/// All that whoever collects figures may see.
+/// The only path that a scraper may read.
 const FOR_SCRAPERS: &str = "/metrics";
 pub(super) const LOGOUT: &str = "/api/logout";
 
-/// Who asks, as far as the door knows him.
+/// Role of a client, and how it has authenticated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Pass {
     pub(super) role: Role,
@@ -51,16 +53,16 @@ pub(super) struct Pass {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum By {
-    /// He is on this computer.
+    /// The client is on this computer.
     Place,
-    /// The token itself, and which of several.
+    /// The token itself, with its version.
     Token(u64),
-    /// The cookie of a browser.
+    /// A cookie of a browser.
     Visit(Key),
 }
 
 impl Pass {
-    /// Something of a browser's that ends when he says so.
+    /// Returns whether the client has signed in with a browser, and can sign out.
     pub(super) fn is_visit(&self) -> bool {
         matches!(self.by, By::Visit(_))
     }
@@ -70,17 +72,17 @@ pub(super) struct Access {
     commands: Commands,
     hosts: Vec<String>,
     listens_at: SocketAddr,
-    /// Over TLS a browser keeps the cookie to itself.
+    /// With TLS, browsers send the cookie only over TLS.
     is_secure: bool,
     tokens: Tokens,
     visits: Mutex<Visits>,
     refusals: Mutex<Refusals>,
     pub(super) refused: Counts,
-    /// Of commands that were turned away.
+    /// Rate limit for reports of rejected commands.
     reports: Mutex<Reports>,
 }
 
-/// Lets a request through, or answers why not.
+/// Passes an allowed request on, or answers with the reason of the refusal.
 pub(super) async fn check(
     State(room): State<Room>,
     ConnectInfo(peer): ConnectInfo<Peer>,
@@ -98,7 +100,7 @@ pub(super) async fn check(
         Err(refusal) => refusal,
     };
     room.access.refused.count(refusal.why());
-    // Of wrong tokens it is told once a minute how many they were.
+    // The number of wrong tokens is reported separately, once a minute.
     let is_told_otherwise = matches!(refusal, Refusal::WrongToken | Refusal::TooManyWrong(_));
     let is_command = changes(&request) && request.uri().path().starts_with("/api/");
     if is_command && !is_told_otherwise && lock(&room.access.reports).take(peer.ip(), now()) {
@@ -115,7 +117,7 @@ fn changes(request: &Request) -> bool {
     !matches!(*request.method(), Method::GET | Method::HEAD)
 }
 
-/// The name of a command as it stands in events. A path that nobody knows is not repeated there: it may be as long as a head.
+/// Name of a command in events. An unknown path is not repeated there, because it may be very long.
 fn named(path: &str) -> &'static str {
     let path = path.strip_prefix("/api/").unwrap_or_default();
     match Command::ALL.into_iter().find(|(name, _)| *name == path) {
@@ -145,7 +147,7 @@ impl Access {
         }
     }
 
-    /// Reads tokens anew and tells of wrong ones, for ever.
+    /// Reads changed tokens again and reports wrong ones, forever.
     pub(super) async fn keep(room: Room) {
         loop {
             tokio::time::sleep(LOOK_EVERY).await;
@@ -165,17 +167,18 @@ impl Access {
         }
     }
 
-    /// Whether there is a token to command with.
+    /// Returns whether there is an operator's token.
     pub(super) fn has_operator(&self) -> bool {
         self.tokens.has(Role::Operator)
     }
 
-    /// Whether there is anything to sign in with.
+    /// Returns whether there is a token to sign in with.
     pub(super) fn has_tokens(&self) -> bool {
         self.tokens.has(Role::Viewer) || self.tokens.has(Role::Operator)
     }
 
-    /// Whether he still may what he might: his token is the same, his visit is open. To look on is what a viewer uses his for.
+    /// Returns whether a client still has its access: its token is unchanged, or its session is open. Watching counts
+    /// as activity in a viewer's session.
     pub(super) fn is_still(&self, pass: &Pass) -> bool {
         match pass.by {
             By::Place => true,
@@ -184,7 +187,7 @@ impl Access {
         }
     }
 
-    /// The role of whoever brings this token.
+    /// Role of this token, and the version of the token.
     pub(super) fn shown(&self, token: &str, from: IpAddr) -> Result<(Role, u64), Refusal> {
         let now = now();
         let mut refusals = lock(&self.refusals);
@@ -198,7 +201,7 @@ impl Access {
         })
     }
 
-    /// Somebody signs in: the cookie for it.
+    /// Begins a session. Returns the cookie for it.
     ///
     /// # Errors
     /// The kernel has no random numbers.
@@ -208,7 +211,7 @@ impl Access {
         Ok(self.cookie(&key.text()))
     }
 
-    /// He goes: what takes the cookie away.
+    /// Ends a session. Returns the header that removes the cookie.
     pub(super) fn end_visit(&self, headers: &HeaderMap) -> String {
         self.keys(headers).into_iter().for_each(|key| lock(&self.visits).end(key));
         self.cookie("; Max-Age=0")
@@ -219,7 +222,7 @@ impl Access {
         format!("{}={value}; Path=/; HttpOnly; SameSite=Strict{secure}", self.cookie_name())
     }
 
-    /// A browser sends a cookie to every port of a host: each gateway has its own.
+    /// Name of the cookie. A browser sends a cookie to every port of a host, so each gateway has another name.
     fn cookie_name(&self) -> String {
         let prefix = if self.is_secure { "__Host-" } else { "" };
         format!("{prefix}isotherm_visit_{}", self.listens_at.port())
@@ -262,14 +265,14 @@ impl Access {
         }
     }
 
-    /// The most that he may.
+    /// Highest role of the client; `None` if it has none.
     fn who(&self, request: &Request, peer: IpAddr) -> Result<Option<Pass>, Refusal> {
         let headers = request.headers();
         if let Some(token) = bearer(headers).filter(|_| self.tokens.any()) {
             let (role, version) = self.shown(token, peer)?;
             return Ok(Some(Pass { role, by: By::Token(version) }));
         }
-        // What a page asks by itself keeps nobody signed in who has left it open.
+        // Automatic requests of an open page do not extend an operator's session.
         let is_use = changes(request) || request.uri().path() == "/";
         let uses = |role| is_use || role == Role::Viewer;
         let visit = |key| Some(Pass { role: self.visit(key, uses)?, by: By::Visit(key) });
@@ -282,7 +285,7 @@ impl Access {
             .or(visit))
     }
 
-    /// What everybody on this computer may.
+    /// Role of every client on this computer.
     fn role_here(&self, request: &Request, peer: IpAddr) -> Option<Role> {
         if !is_local(request, peer) || !self.knows_host(request.headers()) {
             return None;
@@ -304,12 +307,13 @@ impl Access {
         let ours = self.listens_at.ip().to_canonical();
         bare.parse::<IpAddr>().is_ok_and(|named| {
             let named = named.to_canonical();
-            // A listener on every address cannot list them; any literal address is as safe.
+            // A listener on every address cannot list them. Any address is equally safe.
             named.is_loopback() || named == ours || ours.is_unspecified()
         })
     }
 
-    /// A browser says where a request comes from; a program that sends no `Origin` is no browser.
+    /// Returns whether a request comes from the gateway's own page. A browser states the origin of a request; a program
+    /// without `Origin` is no browser.
     pub(super) fn is_own_page(&self, headers: &HeaderMap) -> bool {
         match text(headers, "origin") {
             Some(origin) => {
@@ -347,8 +351,8 @@ fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Nobody else has sent it on, as far as it says. HTTP/1.0 is what a proxy speaks that says nothing of itself (nginx, unless it
-/// is told otherwise); browsers and programs of today do not.
+/// Returns whether a request comes from this computer without a proxy, as far as its headers show. HTTP/1.0 counts as a
+/// proxy: nginx uses it by default, without a header of its own. Current browsers and programs do not.
 fn is_local(request: &Request, peer: IpAddr) -> bool {
     let was_sent_on = |name: &HeaderName| {
         let name = name.as_str();

@@ -1,29 +1,29 @@
-//! What the profile says of who may come in.
+//! Admission rules of the page, from the profile.
 
 use isotherm_profile::{Commands, Web};
 
 use super::tokens::TokenFile;
 
-/// Who may look and who may command.
+/// Tokens and names by which clients may view and command.
 #[derive(Debug, Default)]
 pub struct Admission {
-    /// Of those who collect the metrics, and see nothing else.
+    /// Token for scraping the metrics, and nothing else.
     pub scraper: Option<TokenFile>,
-    /// Of those who look.
+    /// Token for viewing.
     pub viewer: Option<TokenFile>,
-    /// Of those who command.
+    /// Token for commands.
     pub operator: Option<TokenFile>,
-    /// Whether everybody on this computer may command too.
+    /// Whether every client on this computer may also command.
     pub commands: Commands,
-    /// Names of the page, besides localhost and its addresses.
+    /// Names of the page, in addition to localhost and its addresses.
     pub hosts: Vec<String>,
 }
 
 impl Admission {
-    /// What a profile says, its token files read.
+    /// Reads the admission rules of a profile, with the token files.
     ///
     /// # Errors
-    /// A sentence with a token file and what to do.
+    /// A sentence with a token file and a remedy.
     pub fn of(web: &Web) -> Result<Admission, String> {
         let read = |path: &Option<_>| path.as_deref().map(TokenFile::read).transpose();
         let scraper = read(&web.scrape_token_file)?;
@@ -43,7 +43,7 @@ impl Admission {
         Ok(Admission { scraper, viewer, operator, commands, hosts })
     }
 
-    /// Somebody on another computer can be told from the others.
+    /// Returns whether there is a token. Without one, clients on other computers cannot be authenticated.
     pub fn has_token(&self) -> bool {
         [&self.scraper, &self.viewer, &self.operator].into_iter().any(Option::is_some)
     }

@@ -1,4 +1,4 @@
-//! `POST /api/acknowledge?alarm=signal%20bed`: somebody has seen it; without a name, all that stand.
+//! `POST /api/acknowledge?alarm=signal%20bed`: acknowledges an alarm; without a name, all active alarms.
 
 use axum::extract::{ConnectInfo, RawQuery, State};
 use axum::http::HeaderMap;

@@ -1,10 +1,10 @@
-//! One connection of the page: HTTP/1.1 over TCP, or inside TLS, and its end where nothing comes of it any more.
+//! One connection of the page: HTTP/1.1 over TCP or TLS, with its timeouts.
 //!
-//! | it is | and ends after |
+//! | phase | timeout |
 //! |---|---|
-//! | in the handshake or a head, from its first byte on | `head` |
-//! | answered | `stall` without a byte taken |
-//! | idle, or with the end of an answer on its way | `idle` |
+//! | in the handshake or the head of a request, from its first byte | `head` |
+//! | sending an answer | `stall` without a byte accepted by the client |
+//! | idle, or with the end of an answer under way | `idle` |
 
 use std::io;
 use std::net::{Shutdown, SocketAddr};
@@ -33,10 +33,10 @@ use super::crowd::{Limits, Place};
 use super::ended;
 use super::peer::Peer;
 
-/// Heads are no longer than this, and so much of an answer waits for its reader.
+/// Largest head of a request, and largest part of an answer that waits for the client, in bytes.
 const BUFFER: usize = 64 * 1024;
 
-/// The connection itself, for all who hold it; its place is free when the last of them lets go.
+/// The connection itself. Its permit is released when the last holder is dropped.
 #[derive(Debug)]
 pub(super) struct Line {
     stream: TcpStream,
@@ -51,7 +51,7 @@ enum Phase {
     Idle,
 }
 
-/// Serves it to its end.
+/// Serves the connection until it ends.
 pub(super) async fn serve(
     line: Arc<Line>,
     address: SocketAddr,
@@ -91,14 +91,14 @@ where
     let mut serving = pin!(serving);
     let mut closing = pin!(ended(stopped));
     tokio::select! {
-        // How it ended concerns the peer alone.
+        // The result concerns only the client.
         _ = serving.as_mut() => return,
         () = &mut closing => serving.as_mut().graceful_shutdown(),
     }
     let _ = serving.await;
 }
 
-/// Completes when it has been in one phase for longer than it may.
+/// Completes when the connection has been in one phase for longer than its timeout.
 async fn overdue(mut phase: watch::Receiver<Phase>, limits: Limits) {
     loop {
         let longest = match *phase.borrow_and_update() {
@@ -117,7 +117,7 @@ impl Line {
         Line { stream, phase: watch::Sender::new(Phase::Head), _place: place }
     }
 
-    /// Whoever was idle begins something.
+    /// Records received data: an idle connection begins a request.
     fn hears(&self) {
         self.phase.send_if_modified(|phase| {
             let begins = *phase == Phase::Idle;
@@ -128,7 +128,7 @@ impl Line {
         });
     }
 
-    /// Its reader takes something.
+    /// Records that the client has accepted data: its timeout begins again.
     fn is_read(&self) {
         self.phase.send_if_modified(|phase| *phase != Phase::Head);
     }
@@ -140,7 +140,7 @@ impl AsFd for Line {
     }
 }
 
-/// From a request to the end of its answer.
+/// Guard from a request to the end of its answer.
 struct Answering(Arc<Line>);
 
 impl Answering {
@@ -156,7 +156,7 @@ impl Drop for Answering {
     }
 }
 
-/// The body of an answer.
+/// Body of an answer.
 struct Answer {
     body: Body,
     _answering: Answering,
@@ -182,7 +182,7 @@ impl HttpBody for Answer {
     }
 }
 
-/// The connection as a stream of bytes.
+/// The connection as a byte stream.
 struct Wire {
     line: Arc<Line>,
     has_read: bool,
@@ -194,7 +194,8 @@ impl AsyncRead for Wire {
         cx: &mut Context<'_>,
         into: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
-        // A request is begun before it is seen that its peer has gone: that nobody waited for it is told then.
+        // A request begins before the close of its connection is detected. The refusal of a request without a waiting
+        // client is therefore reported.
         if std::mem::take(&mut self.has_read) {
             cx.waker().wake_by_ref();
             return Poll::Pending;

@@ -1,26 +1,26 @@
-//! Who is inside the page, how many at once, and of one address.
+//! Limits on simultaneous connections of the page, in total and for each address.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv6Addr};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// How much the page may take, and how long.
+/// Limits on connections, and their timeouts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Connections at once.
+    /// Maximum number of simultaneous connections.
     pub connections: usize,
-    /// Of these from one address; of IPv6, from one network of 64 bits.
+    /// Maximum number of them from one IPv4 address, or from one IPv6 network of 64 bits.
     pub of_one_address: usize,
-    /// Streams of the status at once (`/api/live`).
+    /// Maximum number of simultaneous status streams (`/api/live`).
     pub streams: usize,
-    /// For the head of a request, from the connection on; the handshake of TLS is part of it.
+    /// Timeout of the head of a request, from the connection on. It includes the TLS handshake.
     pub head: Duration,
-    /// For the body of a request.
+    /// Timeout of the body of a request.
     pub body: Duration,
-    /// Between two requests.
+    /// Timeout between two requests.
     pub idle: Duration,
-    /// Without a byte of an answer taken.
+    /// Timeout of an answer of which the client accepts no byte.
     pub stall: Duration,
 }
 
@@ -31,7 +31,7 @@ impl Default for Limits {
 }
 
 impl Limits {
-    /// What so many connections at once leave to each.
+    /// Limits for this number of simultaneous connections.
     pub fn of(connections: usize) -> Limits {
         Limits {
             connections,
@@ -45,14 +45,14 @@ impl Limits {
     }
 }
 
-/// Who is inside, by address.
+/// Number of open connections of each address.
 #[derive(Debug)]
 pub(super) struct Crowd {
     limits: Limits,
     inside: Mutex<HashMap<IpAddr, usize>>,
 }
 
-/// A place inside, which is free again when this is dropped.
+/// Permit for a connection, which is released when it is dropped.
 #[derive(Debug)]
 pub(super) struct Place {
     crowd: Arc<Crowd>,
@@ -64,7 +64,7 @@ impl Crowd {
         Crowd { limits, inside: Mutex::default() }
     }
 
-    /// A place, where there is one for this address.
+    /// Returns a permit for this address; `None` if a limit is reached.
     pub(super) fn admit(self: &Arc<Crowd>, address: IpAddr) -> Option<Place> {
         let address = counted(address);
         let mut inside = self.inside.lock().unwrap_or_else(PoisonError::into_inner);
@@ -89,8 +89,8 @@ impl Drop for Place {
     }
 }
 
-/// By what a peer is counted: whoever has an IPv6 address has a whole network of them. Each address of this computer is counted
-/// for itself: whoever is here already can take more of it than the page's share.
+/// Address under which a client is counted. Each IPv6 user has a whole network, so that the network is counted. Each
+/// address of this computer is counted separately: a local user could exhaust other resources anyway.
 fn counted(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V6(address) if !address.is_loopback() => {

@@ -1,8 +1,8 @@
-//! The page's door: who comes in, how many at once, and for how long one may do nothing.
+//! Listener of the page. It limits the number of connections and their idle time.
 //!
-//! What the page takes of the program is a share, however many knock: its connections are counted before anything is read,
-//! and one beyond the share is closed at once. What is left of the file descriptors belongs to lines, command socket and
-//! files.
+//! The page may use a limited share of the program's resources. The listener counts connections before it reads
+//! anything, and closes those beyond the limit at once. The other file descriptors are reserved for lines, command
+//! socket and files.
 
 use std::io::{self, ErrorKind, Write};
 use std::net::SocketAddr;
@@ -21,10 +21,10 @@ use super::ended;
 use crate::clock::Passing;
 use isotherm_profile::counted;
 
-/// What TLS shows now: its certificate may be renewed while the page is served.
+/// Current TLS configuration. The certificate may be renewed while the page is served.
 pub type Shown = watch::Receiver<Arc<ServerConfig>>;
 
-/// A listener, and what holds for who comes there.
+/// Listener with its TLS configuration and limits.
 #[derive(Debug)]
 pub struct Door {
     listener: TcpListener,
@@ -39,13 +39,13 @@ impl From<TcpListener> for Door {
 }
 
 impl Door {
-    /// Within these limits.
+    /// Sets the limits.
     #[must_use]
     pub fn within(self, limits: Limits) -> Door {
         Door { limits, ..self }
     }
 
-    /// Takes TLS alone, where something is shown by it.
+    /// Accepts only TLS, if there is a configuration.
     #[must_use]
     pub fn secured(self, shown: Option<Shown>) -> Door {
         Door { shown, ..self }
@@ -55,7 +55,7 @@ impl Door {
         self.limits
     }
 
-    /// `http` or `https`.
+    /// Returns `http` or `https`.
     pub(super) fn scheme(&self) -> &'static str {
         if self.shown.is_some() { "https" } else { "http" }
     }
@@ -64,7 +64,7 @@ impl Door {
         self.listener.local_addr()
     }
 
-    /// Serves whoever comes until the sender of `stopped` is gone, and those who are there to their end.
+    /// Accepts connections until the sender of `stopped` is dropped, and serves the open ones to their end.
     pub(super) async fn serve(self, router: Router, stopped: watch::Receiver<()>) {
         let crowd = Arc::new(Crowd::new(self.limits));
         let mut inside = JoinSet::new();
@@ -86,7 +86,7 @@ impl Door {
             let Some(place) = crowd.admit(address.ip()) else {
                 turned_away.one(self.limits.connections);
                 refuse(stream, self.shown.is_none());
-                // The loop is not the only one on this thread.
+                // Other tasks run on this thread as well.
                 tokio::task::yield_now().await;
                 continue;
             };
@@ -100,9 +100,10 @@ impl Door {
     }
 }
 
-/// An end of the peer's is no trouble of ours. Where there is no descriptor left, looking again at once would only burn time.
+/// Waits after a failed accept. An error of the client needs no wait. Without a free file descriptor, an immediate
+/// retry would only use processor time.
 async fn after(error: &io::Error) {
-    /// Until others may have let go of something.
+    /// Pause in which other connections may end.
     const AGAIN: Duration = Duration::from_millis(200);
     let is_of_the_peer = matches!(
         error.kind(),
@@ -118,15 +119,15 @@ const FULL: &[u8] = b"HTTP/1.1 503 Service Unavailable\r\nRetry-After: 10\r\nCon
     Content-Type: text/plain; charset=utf-8\r\nContent-Length: 74\r\n\r\n\
     The page has as many connections as it may. Close some, or wait a little.\n";
 
-/// Closes it. Whoever takes plain text and can be told without waiting is told why.
+/// Closes a connection. Over plain text, the client gets the reason if it can be sent without waiting.
 fn refuse(stream: TcpStream, is_plain: bool) {
     if is_plain && let Ok(mut stream) = stream.into_std() {
-        // It does not block; what cannot be said is not said.
+        // The socket is non-blocking. If it accepts nothing, the reason is not sent.
         let _ = stream.write(FULL);
     }
 }
 
-/// Those whom the page had no room for: one line a minute, however many.
+/// Number of rejected connections. They are logged once a minute.
 #[derive(Default)]
 struct TurnedAway {
     count: u64,

@@ -1,4 +1,4 @@
-//! `GET /api/events?since=12h`: what happened, before the last restart too.
+//! `GET /api/events?since=12h`: events, including those before the last restart.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -18,20 +18,20 @@ use isotherm_core::quantity::time;
 use isotherm_profile::one_line;
 use isotherm_profile::regular::without_numbers;
 
-/// Since when, where nothing is said.
+/// Default time range.
 const SINCE: &str = "12h";
-/// So many of the last ones are shown; `isotherm events` shows all.
+/// Maximum number of events in an answer. `isotherm events` shows all.
 const MOST: usize = 10_000;
-/// Nobody waits longer for his turn.
+/// Longest wait for the permit.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 #[derive(Default, Serialize)]
 struct Events {
-    /// Oldest first.
+    /// Events, oldest first.
     events: VecDeque<Entry>,
-    /// So many older ones were left out.
+    /// Number of older events that were left out.
     left_out: usize,
-    /// What is wrong with the files they are kept in.
+    /// Damage in the event files.
     damage: Vec<String>,
 }
 
@@ -44,7 +44,7 @@ pub(super) async fn since(State(room): State<Room>, RawQuery(query): RawQuery) -
     };
     let gone = Arc::new(AtomicBool::new(false));
     let _leaves = Leaves(Arc::clone(&gone));
-    // Files are read where nobody else waits.
+    // Files are read on a separate thread.
     let read = tokio::task::spawn_blocking(move || {
         let _turn = turn;
         read(&room, &since, &|| !gone.load(Ordering::Relaxed))
@@ -57,7 +57,7 @@ pub(super) async fn since(State(room): State<Room>, RawQuery(query): RawQuery) -
     }
 }
 
-/// For as long as somebody waits for it.
+/// Reads the events as long as the client waits for them.
 fn read(room: &Room, since: &str, is_wanted: &dyn Fn() -> bool) -> Result<Events, (StatusCode, String)> {
     let now = time::parse(&room.source.status().now).unwrap_or_default();
     let since = begin(since, now).map_err(|why| (StatusCode::BAD_REQUEST, why))?;

@@ -1,7 +1,7 @@
-//! `GET /api/history?from=…&to=…&columns=bed,z_cz_um&points=600`: what was, from the gateway's own logs; `/api/history.csv`
-//! has the rows themselves.
+//! `GET /api/history?from=…&to=…&columns=bed,z_cz_um&points=600`: history from the gateway's own logs.
+//! `/api/history.csv` returns the rows themselves.
 //!
-//! The lines never notice: files are read on threads of their own, a few at once, and not for ever.
+//! The line tasks are not affected: separate threads read the files, only a few at once, and for a limited time.
 
 use std::io::ErrorKind;
 use std::path::PathBuf;
@@ -26,13 +26,14 @@ use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::one_line;
 use isotherm_profile::regular::{quoted, without_numbers};
 
-/// So many spans are read at once.
+/// Number of ranges that are read at once.
 pub(super) const AT_ONCE: usize = 2;
-/// Reading a span takes no longer; handing it to who downloads it may.
+/// Longest time to read a range. A download may take longer.
 const LONGEST: Duration = Duration::from_secs(60);
-/// Nobody waits longer for one who takes nothing of his download, nor for one who takes it drop by drop: others wait for his turn.
+/// Timeouts of a download, for one piece and in total. Other clients wait for its permit, even if the client of this
+/// one accepts nothing or very little.
 const DOWNLOAD: Patience = Patience { piece: Duration::from_secs(30), all: Duration::from_mins(10) };
-/// Pieces of a download on their way.
+/// Maximum number of pieces of a download that wait for the client.
 const UNDER_WAY: usize = 4;
 const POINTS: usize = 600;
 const MOST_POINTS: usize = 4000;
@@ -40,7 +41,7 @@ const MOST_COLUMNS: usize = 64;
 
 type Refused = (StatusCode, String);
 
-/// Whoever asked has gone when this is dropped.
+/// Sets its flag when it is dropped, because the client has gone.
 pub(super) struct Leaves(pub(super) Arc<AtomicBool>);
 
 impl Drop for Leaves {
@@ -54,7 +55,7 @@ pub(super) async fn course(State(room): State<Room>, RawQuery(query): RawQuery) 
     let Some(turn) = turn(&room.readers) else { return busy() };
     let gone = Arc::new(AtomicBool::new(false));
     let _leaves = Leaves(Arc::clone(&gone));
-    // A disk that hangs keeps a thread and a turn, and nobody else: even to list the logs may hang.
+    // A disk that does not respond blocks only this thread and permit. Listing the logs may block as well.
     let read = tokio::task::spawn_blocking(move || {
         let _turn = turn;
         let (question, logs) = asked(&room, &query)?;
@@ -110,15 +111,15 @@ pub(super) async fn download(State(room): State<Room>, RawQuery(query): RawQuery
 
 type Piece = std::io::Result<Bytes>;
 
-/// How long a download waits for whoever takes it.
+/// Time limits for a client that downloads.
 #[derive(Clone, Copy)]
 struct Patience {
     piece: Duration,
     all: Duration,
 }
 
-/// Hands on what `read` gives piece by piece, for as long as it is taken. What is cut off is seen to be: it ends with an error, for
-/// which there is always room.
+/// Sends the pieces from `read` as long as the client accepts them. A download that was cut off ends with an error, so
+/// that the client notices. One slot of the channel is reserved for it.
 fn hand_over(
     sender: mpsc::Sender<Piece>,
     patience: Patience,
@@ -162,7 +163,7 @@ fn answered((code, why): Refused) -> Response {
     (code, format!("{}\n", one_line(&why))).into_response()
 }
 
-/// What is asked for, and the logs that may have it.
+/// Parses the query, and lists the logs that may contain its range.
 fn asked(room: &Room, query: &str) -> Result<(Question, Vec<PathBuf>), Refused> {
     let wrong = |why: String| (StatusCode::BAD_REQUEST, why);
     let status = room.source.status();
@@ -188,7 +189,7 @@ fn points(query: &str) -> Result<usize, Refused> {
     points.ok_or_else(|| (StatusCode::BAD_REQUEST, format!("points: write a number from 2 to {MOST_POINTS}")))
 }
 
-/// Those that are named, else all that there are.
+/// Named columns, or all columns.
 fn columns(status: &Status, named: Option<&str>) -> Result<Vec<Column>, String> {
     let signals = status.signals.iter().map(|signal| Column { name: signal.name.clone(), unit: signal.unit });
     let of_axis = |axis: &AxisStatus| -> Vec<Column> {
@@ -221,7 +222,8 @@ fn columns(status: &Status, named: Option<&str>) -> Result<Vec<Column>, String> 
 mod tests {
     use super::*;
 
-    /// What comes of a download of a thousand pieces, and how long it has its turn, where one is taken every `each`.
+    /// Result of a download of a thousand pieces if one is accepted every `each`: number of pieces, whether it was cut
+    /// off, and its duration.
     fn taken(each: Option<Duration>, patience: Patience) -> (usize, bool, Duration) {
         let (sender, mut receiver) = mpsc::channel(UNDER_WAY + 1);
         let begun = Passing::default().passed();

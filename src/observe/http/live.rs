@@ -1,4 +1,4 @@
-//! One status a second for every open page: read and written out once, whoever listens.
+//! Live stream of the status, once a second. The status is serialized once for all open pages.
 
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -13,29 +13,29 @@ use tokio_stream::{Stream, StreamExt};
 use crate::observe::status::Source;
 
 const PERIOD: Duration = Duration::from_secs(1);
-/// What a browser waits before it comes back.
+/// Time after which a browser connects again.
 const RETRY: Duration = Duration::from_secs(2);
 
-/// Hands out streams of the status.
+/// Source of the status streams.
 #[derive(Clone)]
 pub(super) struct Live {
     source: Arc<dyn Source>,
-    /// Shared, so that beside it there are as many receivers as streams.
+    /// Receiver that all share. Therefore the sender has one receiver more than there are streams.
     latest: Arc<watch::Receiver<Arc<str>>>,
     places: Arc<Semaphore>,
 }
 
 impl Live {
-    /// Starts the ticking, for at most so many streams at once. It stops, and every stream ends, when the sender of
-    /// `stopped` is gone.
+    /// Starts the task that sends the status each second, to at most `streams` streams. The task and all streams end
+    /// when the sender of `stopped` is dropped.
     pub(super) fn start(source: Arc<dyn Source>, streams: usize, stopped: watch::Receiver<()>) -> Live {
         let (sender, latest) = watch::channel(Arc::from(""));
         tokio::spawn(tick(Arc::clone(&source), sender, stopped));
         Live { source, latest: Arc::new(latest), places: Arc::new(Semaphore::new(streams)) }
     }
 
-    /// The status now, then one a second for as long as the reader may. One that is too slow misses some, and gets the newest. `None` where as many
-    /// listen as may.
+    /// Stream of the status: the current one, then one each second as long as `may` returns true. A slow client misses
+    /// some and gets the newest. `None` if the limit of streams is reached.
     pub(super) fn stream<May: Fn() -> bool + Send + 'static>(
         &self,
         may: May,
@@ -46,7 +46,7 @@ impl Live {
         latest.mark_unchanged();
         let rest = WatchStream::from_changes(latest).take_while(move |_| may()).map(|text| event(&text));
         Some(Sse::new(tokio_stream::once(first).chain(rest).map(move |event| {
-            // Free again when the stream is dropped.
+            // The permit is released when the stream is dropped.
             let _taken = &place;
             Ok(event)
         })))
@@ -60,7 +60,7 @@ async fn tick(source: Arc<dyn Source>, sender: watch::Sender<Arc<str>>, mut stop
         tokio::select! {
             _ = ticks.tick() => {}
             _ = stopped.changed() => {
-                // The last one says that the gateway stops.
+                // The last status shows that the gateway stops.
                 sender.send_replace(to_json(source.as_ref()));
                 return;
             }

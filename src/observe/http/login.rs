@@ -1,6 +1,6 @@
-//! Signing in and out with a browser: a plain form, which works without script.
+//! Sign-in and sign-out with a browser: a plain form, which works without scripts.
 //!
-//! `POST /login` with the token in its body begins a visit, `POST /api/logout` ends it.
+//! `POST /login` with the token in its body begins a session, `POST /api/logout` ends it.
 
 use axum::body::Bytes;
 use axum::extract::rejection::BytesRejection;
@@ -16,7 +16,7 @@ use crate::observe::page::{self, Words};
 
 const WALL: &str = "wall";
 
-/// He looks at it with a browser.
+/// Returns whether the request comes from a browser that shows a page.
 pub(super) fn is_asked_by_a_person(request: &Request) -> bool {
     request.method() == Method::GET && wants_html(request.headers())
 }
@@ -28,7 +28,8 @@ fn wants_html(headers: &HeaderMap) -> bool {
         .is_some_and(|kinds| kinds.contains("text/html"))
 }
 
-/// In a language that he reads. Whoever has not signed in costs no look at the machine.
+/// Words in a language of the browser. The profile's language is read only once, so that a client that has not signed
+/// in does not cause work.
 fn spoken(room: &Room, headers: &HeaderMap) -> &'static Words {
     words(*room.language.get_or_init(|| room.source.status().language), headers)
 }
@@ -37,7 +38,7 @@ fn is_for_the_wall(query: Option<&str>) -> bool {
     query.and_then(|query| parameter(query, "view")).as_deref() == Some(WALL)
 }
 
-/// In the place of what he asked for.
+/// Page to sign in, as the answer to a refused request.
 pub(super) fn page(room: &Room, headers: &HeaderMap, query: Option<&str>, refusal: &Refusal) -> Response {
     let trouble = match refusal {
         Refusal::WrongToken => Some("sign_in_wrong"),
@@ -83,7 +84,7 @@ pub(super) async fn begin(
     if !room.access.has_tokens() {
         return refused(Refusal::NoOperator, &form);
     }
-    // A form writes a blank as +.
+    // A form encodes a blank as +.
     let token = parameter(&form.replace('+', "%20"), "token").unwrap_or_default();
     let shown = match room.access.shown(token.trim(), peer.ip()) {
         Ok((Role::Scraper, _)) => return refused(Refusal::OnlyScrapes, &form),

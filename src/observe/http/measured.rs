@@ -1,5 +1,5 @@
-//! `POST /api/axes/z/measured` with `{ "error_um": 3.2 }`: an axis's measured error, with the optional `time` and `id` of its
-//! measurement. `DELETE` takes back what was learned.
+//! `POST /api/axes/z/measured` with `{ "error_um": 3.2 }`: reports the measured error of an axis, with optional `time`
+//! and `id`. `DELETE` discards what was learned.
 
 use axum::body::Bytes;
 use axum::extract::{ConnectInfo, Path, State};
@@ -17,14 +17,14 @@ use isotherm_profile::regular::quoted;
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Measured {
-    /// Actual minus commanded, µm, while the compensation acts.
+    /// Actual minus commanded, µm, with active compensation.
     error_um: f64,
     time: Option<String>,
     id: Option<String>,
 }
 
 impl Measured {
-    /// Reads the body of a request.
+    /// Parses the body of a request.
     fn read(body: &[u8]) -> Result<MeasuredReport, String> {
         let Measured { error_um, time, id } =
             serde_json::from_slice(body).map_err(|error| error.to_string())?;

@@ -1,4 +1,4 @@
-//! Who is at the other end of a connection.
+//! The client of a connection.
 
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
@@ -7,10 +7,10 @@ use axum::http::HeaderMap;
 
 use crate::observe::asker::{Asker, Connection, Way};
 
-/// What our own page says of itself, so that its buttons and other programs are told apart.
+/// Header with which the page identifies its own requests, to distinguish its buttons from other programs.
 const WAY: &str = "isotherm-way";
 
-/// His address, and the connection by which he is known to be there.
+/// Address of the client, and the connection that shows whether the client is still there.
 #[derive(Clone)]
 pub(super) struct Peer {
     address: SocketAddr,

@@ -1,4 +1,4 @@
-//! Why somebody is turned away, as he reads it, and how often that happened.
+//! Reasons for which requests are refused, their messages, and their counters.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
@@ -11,24 +11,24 @@ use super::Said;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Refusal {
-    /// Nothing says who it is.
+    /// The request has no credentials.
     NoToken,
-    /// What he brings is none of the tokens.
+    /// The token is not one of this gateway's tokens.
     WrongToken,
-    /// So were others from there; one is looked at again after so long.
+    /// Too many wrong tokens came from this address. The next one is checked after this time.
     TooManyWrong(Duration),
-    /// He may look.
+    /// The client may only view.
     OnlyLooks,
-    /// He may read the metrics.
+    /// The client may only read the metrics.
     OnlyScrapes,
-    /// Nobody may command over HTTP.
+    /// Commands over HTTP are not possible, because there is no operator's token.
     NoOperator,
     StrangeHost,
     StrangeOrigin,
     NotFromHere,
 }
 
-/// Each reason for the counter; `too-often` is of commands that came too soon after another.
+/// Labels of the counters. `too-often` counts commands that came too soon after another.
 const WHYS: [&str; 10] = [
     "no-token",
     "wrong-token",
@@ -43,7 +43,7 @@ const WHYS: [&str; 10] = [
 ];
 pub(super) const TOO_OFTEN: &str = "too-often";
 
-/// How often each happened since the start.
+/// Number of refusals for each reason since the start.
 #[derive(Debug, Default)]
 pub(super) struct Counts([AtomicU64; WHYS.len()]);
 
@@ -74,7 +74,7 @@ impl Refusal {
         }
     }
 
-    /// A person can show who he is.
+    /// Returns whether signing in would help.
     pub(super) fn is_mended_by_signing_in(self) -> bool {
         matches!(self, Refusal::NoToken | Refusal::WrongToken | Refusal::TooManyWrong(_))
     }
@@ -127,7 +127,7 @@ impl Refusal {
         }
     }
 
-    /// This answer, with what belongs to its code.
+    /// Makes the answer, with the headers of its status code.
     pub(super) fn as_answer(self, body: impl IntoResponse) -> Response {
         let code = self.code();
         match self {

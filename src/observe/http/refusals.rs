@@ -1,27 +1,29 @@
-//! Wrong tokens, by the address they come from: after a few within a minute none is taken from there for another.
+//! Rate limit for wrong tokens by address. After a few within a minute, tokens from that address are not checked for a
+//! minute.
 //!
-//! The time is an argument: what has passed since the computer was started.
+//! The time is an argument: the time since the computer was started.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 use std::time::Duration;
 
-/// So many wrong ones within [`SPAN`].
+/// Number of wrong tokens within [`SPAN`] that blocks an address.
 const MOST: u32 = 5;
 const SPAN: Duration = Duration::from_secs(60);
-/// So many addresses are remembered. Of more, those that were silent longest are forgotten.
+/// Maximum number of addresses that are remembered. Beyond that, the oldest ones are removed.
 const ADDRESSES: usize = 4096;
 
-/// So many addresses are remembered of which a command was turned away.
+/// Maximum number of addresses whose rejected commands are remembered at once.
 const REPORTED: usize = 6;
 
-/// When a command of an address was turned away that was reported. Each is reported once a minute: whoever knocks all the time
-/// neither fills the disk with it, nor keeps it from being known that somebody else does.
+/// Times at which a rejected command was reported, by address. Each address is reported once a minute. A client that
+/// sends commands continuously thus neither fills the disk nor hides others.
 #[derive(Debug, Default)]
 pub(super) struct Reports(Vec<(IpAddr, Duration)>);
 
 impl Reports {
-    /// Whether this one is to be reported. Of more addresses at once than are remembered those that came first are.
+    /// Returns whether to report this rejection. If [`REPORTED`] other addresses are remembered already, a new one is
+    /// not reported.
     pub(super) fn take(&mut self, from: IpAddr, now: Duration) -> bool {
         let from = household(from);
         self.0.retain(|(_, reported)| now < *reported + SPAN);
@@ -33,43 +35,43 @@ impl Reports {
     }
 }
 
-/// What came from an address.
+/// Wrong tokens from one address.
 #[derive(Clone, Copy, Debug)]
 struct Guesses {
-    /// When its minute began: that of counting, or that in which nothing is taken.
+    /// Start of the current minute, which is used for counting, or in which the address is blocked.
     since: Duration,
     count: u32,
 }
 
-/// Who has brought wrong tokens.
+/// Wrong tokens, by address.
 #[derive(Debug, Default)]
 pub(super) struct Refusals {
     by_address: HashMap<IpAddr, Guesses>,
-    /// Not told yet.
+    /// Number of wrong tokens that are not reported yet.
     untold: u64,
-    /// Of those.
+    /// Address of the last of them.
     last: Option<IpAddr>,
     told: Option<Duration>,
 }
 
-/// What is to be told, once a minute.
+/// Report about wrong tokens, at most once a minute.
 #[derive(Debug, PartialEq)]
 pub(super) struct Told {
     pub(super) count: u64,
     pub(super) last: IpAddr,
-    /// Nothing is taken from so many addresses now.
+    /// Number of addresses that are blocked now.
     pub(super) closed: usize,
 }
 
 impl Refusals {
-    /// Whether a token from there is looked at; if not, after how long it is again.
+    /// Returns `Ok` if a token from this address may be checked, or the time after which it may.
     pub(super) fn may(&self, from: IpAddr, now: Duration) -> Result<(), Duration> {
         let Some(guesses) = self.by_address.get(&household(from)) else { return Ok(()) };
         let left = (guesses.since + SPAN).saturating_sub(now);
         if guesses.count < MOST || left.is_zero() { Ok(()) } else { Err(left) }
     }
 
-    /// It was a wrong one.
+    /// Counts a wrong token.
     pub(super) fn wrong(&mut self, from: IpAddr, now: Duration) {
         self.told_later(from);
         let from = household(from);
@@ -86,13 +88,13 @@ impl Refusals {
         }
     }
 
-    /// One was not even looked at.
+    /// Counts a token that was not checked.
     pub(super) fn told_later(&mut self, from: IpAddr) {
         self.untold += 1;
         self.last = Some(from.to_canonical());
     }
 
-    /// What is to be told now, at most once a minute.
+    /// Returns the report that is due, at most once a minute.
     pub(super) fn due(&mut self, now: Duration) -> Option<Told> {
         let last = self.last?;
         if self.told.is_some_and(|told| now < told + SPAN) {
@@ -104,7 +106,7 @@ impl Refusals {
         Some(Told { count: std::mem::take(&mut self.untold), last, closed })
     }
 
-    /// Makes room: what is over goes, else the quarter that is oldest.
+    /// Makes room: removes addresses with an expired minute. If that is not enough, removes the oldest quarter.
     fn forget(&mut self, now: Duration) {
         self.by_address.retain(|_, guesses| now < guesses.since + SPAN);
         if self.by_address.len() >= ADDRESSES {
@@ -121,7 +123,8 @@ impl Refusals {
     }
 }
 
-/// Of IPv6 somebody has a whole network of 2⁶⁴ addresses, and whoever is on this computer all that begin with 127.
+/// Address under which a client is counted. An IPv6 user has a network of 2⁶⁴ addresses, and a local user all that
+/// begin with 127.
 fn household(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         address if address.is_loopback() => Ipv4Addr::LOCALHOST.into(),
@@ -152,7 +155,7 @@ mod tests {
             (&[0, 1, 2, 3, 4], 4, true),
             (&[0, 1, 2, 3, 4], 63, true),
             (&[0, 1, 2, 3, 4], 64, false),
-            // Slower ones never are.
+            // Slower attempts never block an address.
             (&[0, 15, 30, 45, 60], 60, false),
             (&[0, 15, 30, 45, 59], 118, true),
             (&[0, 15, 30, 45, 59], 119, false),

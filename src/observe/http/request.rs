@@ -1,4 +1,4 @@
-//! What a request must be before anybody looks who sent it: for one host, and whole in time.
+//! Checks of a request before authentication: it names one host, and its body is complete in time.
 
 use std::time::Duration;
 
@@ -8,10 +8,10 @@ use axum::http::{StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-/// Commands have no body worth more, in bytes.
+/// Largest body of a command, in bytes.
 const LARGEST_BODY: usize = 1024;
 
-/// One request for two hosts is read differently by whoever passes it on and by us.
+/// Rejects a request that names two hosts. A proxy and this server could use different ones.
 pub(super) async fn for_one_host(request: Request, next: Next) -> Response {
     match names_one_host(&request) {
         true => next.run(request).await,
@@ -25,14 +25,14 @@ pub(super) async fn for_one_host(request: Request, next: Next) -> Response {
 fn names_one_host(request: &Request) -> bool {
     let mut hosts = request.headers().get_all(header::HOST).into_iter();
     let host = hosts.next();
-    // "GET http://host/ HTTP/1.1": what a proxy is asked.
+    // Form of a request to a proxy: "GET http://host/ HTTP/1.1".
     let is_so = |authority: &axum::http::uri::Authority| {
         host.is_some_and(|host| host.as_bytes().eq_ignore_ascii_case(authority.as_str().as_bytes()))
     };
     hosts.next().is_none() && request.uri().authority().is_none_or(is_so)
 }
 
-/// Hands on a body that has come as a whole, within `longest`.
+/// Passes a request on when its body is complete. The time limit is `longest`.
 pub(super) async fn whole(State(longest): State<Duration>, request: Request, next: Next) -> Response {
     if request.body().is_end_stream() {
         return next.run(request).await;

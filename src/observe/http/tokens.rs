@@ -1,6 +1,7 @@
-//! The tokens of those who collect figures, who look and who command: each in a file of its own, read anew when it changes.
+//! Tokens of scrapers, viewers and operators. Each is in its own file, which is read again when it changes.
 //!
-//! A token that is no longer in its file is no longer one. Neither is one whose file others may read, or cannot be read.
+//! A token that is no longer in its file is invalid. A token is also invalid if other users can access its file, or if
+//! the file cannot be read.
 
 use std::fmt;
 use std::fs::Metadata;
@@ -13,28 +14,28 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use isotherm_profile::regular;
 use rustix::rand::{GetRandomFlags, getrandom};
 
-/// A shorter one can be guessed.
+/// Minimum length. A shorter token could be guessed.
 const SHORTEST: usize = 16;
-/// A request has to hold it, with all that it says besides.
+/// Maximum length, so that the token fits in the head of a request.
 const LONGEST: usize = 512;
-/// More than that is not looked at.
+/// Largest token file in bytes.
 const LARGEST: u64 = 64 * 1024;
-/// What anybody may do with a file.
+/// Mode bits for all other users.
 const OTHERS: u32 = 0o007;
 
-/// What somebody may who has shown who he is.
+/// Role of an authenticated client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Role {
-    /// Metrics alone.
+    /// May read the metrics only.
     Scraper,
-    /// Page, API and metrics.
+    /// May read page, API and metrics.
     Viewer,
-    /// Commands too.
+    /// May also command.
     Operator,
 }
 
 impl Role {
-    /// Who may less comes first: a token that is a viewer's and an operator's is a viewer's.
+    /// Roles with fewer rights first: a token of both viewer and operator is a viewer's.
     const ALL: [Role; 3] = [Role::Scraper, Role::Viewer, Role::Operator];
 
     pub(super) fn name(self) -> &'static str {
@@ -46,26 +47,26 @@ impl Role {
     }
 }
 
-/// A token, and its file as it was when it was read.
+/// A token, and the identity of its file when it was read.
 pub struct TokenFile {
     path: PathBuf,
-    /// `None` while there is none to be had.
+    /// Token; `None` while the file contains no valid one.
     token: Option<String>,
     seen: Option<Seen>,
-    /// How often it has become another one.
+    /// Number of changes of the token.
     version: u64,
-    /// That it cannot be had has been said.
+    /// An invalid file has been reported already.
     is_told: bool,
 }
 
-/// The token stands in no log.
+/// The token itself must not appear in a log.
 impl fmt::Debug for TokenFile {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "TokenFile({})", self.path.display())
     }
 }
 
-/// By which it is known that a file has changed.
+/// Identity of a file. Another value means that the file has changed.
 #[derive(Clone, Debug, PartialEq)]
 struct Seen {
     modified: (i64, i64),
@@ -85,7 +86,7 @@ impl Seen {
     }
 }
 
-/// Bytes that nobody can guess, from the kernel.
+/// Random bytes from the kernel.
 pub(super) fn random<const SIZE: usize>() -> io::Result<[u8; SIZE]> {
     let mut bytes = [0; SIZE];
     let mut filled = 0;
@@ -95,10 +96,10 @@ pub(super) fn random<const SIZE: usize>() -> io::Result<[u8; SIZE]> {
     Ok(bytes)
 }
 
-/// A new token, from the kernel's random numbers.
+/// Makes a token from the kernel's random numbers.
 ///
 /// # Errors
-/// The kernel has none.
+/// The kernel has no random numbers.
 pub fn new_token() -> io::Result<String> {
     Ok(random::<20>()?.iter().map(|byte| format!("{byte:02x}")).collect())
 }
@@ -107,19 +108,20 @@ impl TokenFile {
     /// Reads a token.
     ///
     /// # Errors
-    /// A sentence with the file and what to do: it cannot be read, others may read it, or what is in it is no token.
+    /// A sentence with the file and the remedy. The file cannot be read, other users can access it, or it contains no
+    /// valid token.
     pub fn read(path: &Path) -> Result<TokenFile, String> {
         let (token, seen) = read(path)?;
         let path = path.to_owned();
         Ok(TokenFile { path, token: Some(token), seen: Some(seen), version: 0, is_told: false })
     }
 
-    /// Whether both hold the same.
+    /// Returns whether both files contain the same token.
     pub fn is_same_as(&self, other: &TokenFile) -> bool {
         self.token == other.token
     }
 
-    /// What has become of it, where that is another thing than before.
+    /// Applies what was read. Returns a change that must be reported.
     fn take(&mut self, found: Result<(String, Seen), String>) -> Option<Change> {
         let (token, seen) = match found {
             Ok((token, seen)) => (token, seen),
@@ -176,25 +178,25 @@ fn read(path: &Path) -> Result<(String, Seen), String> {
     }
 }
 
-/// What has become of a token.
+/// Change of a token.
 #[derive(Debug, PartialEq)]
 pub(super) enum Change {
-    /// Its file holds another one.
+    /// The file contains another token.
     Another,
-    /// It is gone, and this is why.
+    /// The file contains no valid token, with the reason.
     Gone(String),
 }
 
-/// All of them, while they are looked at.
+/// All token files.
 pub(super) struct Tokens(Mutex<[Option<TokenFile>; 3]>);
 
 impl Tokens {
-    /// In the order of [`Role::ALL`].
+    /// Takes the files in the order of [`Role::ALL`].
     pub(super) fn new(files: [Option<TokenFile>; 3]) -> Tokens {
         Tokens(Mutex::new(files))
     }
 
-    /// There is a file for it, whatever it holds now.
+    /// Returns whether the profile names a file for this role, regardless of its content.
     pub(super) fn has(&self, role: Role) -> bool {
         self.files()[place(role)].is_some()
     }
@@ -203,7 +205,7 @@ impl Tokens {
         self.files().iter().any(Option::is_some)
     }
 
-    /// Whose token this is, and which of his it is.
+    /// Role of a token, and the version of the token.
     pub(super) fn role_of(&self, given: &str) -> Option<(Role, u64)> {
         let files = self.files();
         let matches = |file: &&TokenFile| file.token.as_deref().is_some_and(|token| same(given, token));
@@ -213,12 +215,12 @@ impl Tokens {
         })
     }
 
-    /// How often a token has become another one: who came with an older one is gone.
+    /// Version of a role's token. Clients that used an older version lose their access.
     pub(super) fn version(&self, role: Role) -> u64 {
         self.files()[place(role)].as_ref().map_or(0, |file| file.version)
     }
 
-    /// Looks at the files. This waits for a disk, and nobody waits for it meanwhile.
+    /// Reads files that have changed. It waits for the disk without holding the lock.
     pub(super) fn look(&self) -> Vec<(Role, Change)> {
         let look = |role: Role| {
             let (path, seen) = {
@@ -250,7 +252,7 @@ fn place(role: Role) -> usize {
     }
 }
 
-/// Takes as long for a first wrong character as for a last one, so that nobody can guess them one by one.
+/// Compares in constant time, so that a token cannot be guessed character by character.
 fn same(given: &str, token: &str) -> bool {
     let differences = given.bytes().zip(token.bytes()).fold(0, |seen, (a, b)| black_box(seen | (a ^ b)));
     given.len() == token.len() && differences == 0
@@ -326,7 +328,7 @@ mod tests {
         assert!(tokens.has(Role::Operator), "it is asked for all the same");
         write(&commands, "another-one-is-this", 0o600);
         assert_eq!(tokens.look(), [(Role::Operator, Change::Another)]);
-        // The viewer's is the operator's now: it commands nothing.
+        // The operator's file contains the viewer's token, which may not command.
         write(&looks, "another-one-is-this", 0o600);
         tokens.look();
         assert_eq!(tokens.role_of("another-one-is-this").unwrap().0, Role::Viewer);

@@ -1,7 +1,7 @@
-//! Who has signed in with a browser: a random number in a cookie stands for it, and is no token.
+//! Sessions of browsers that have signed in. A random number in a cookie identifies a session; it is no token.
 //!
-//! A visit ends after twelve hours, after one without use, when whoever it is goes, and with its token. The time is an
-//! argument: what has passed since the computer was started.
+//! A session ends after twelve hours, after an hour without use, by sign-out, and when its token changes. The time is
+//! an argument: the time since the computer was started.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -9,22 +9,22 @@ use std::time::Duration;
 use super::tokens::Role;
 
 const LONGEST: Duration = Duration::from_secs(12 * 3600);
-/// Without use.
+/// Longest time without use.
 const IDLE: Duration = Duration::from_secs(3600);
-/// So many of each role at once. Of more, the one that was not used for longest ends.
+/// Maximum number of sessions of each role. Beyond that, the one that was not used for the longest time ends.
 const MOST: usize = 64;
 
-/// The number of a visit.
+/// Identifier of a session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Key(u128);
 
 impl Key {
-    /// Made of 128 random bits.
+    /// Makes an identifier from 128 random bits.
     pub(super) fn of(random: [u8; 16]) -> Key {
         Key(u128::from_be_bytes(random))
     }
 
-    /// As the cookie has it.
+    /// Text for the cookie.
     pub(super) fn text(self) -> String {
         format!("{:032x}", self.0)
     }
@@ -38,18 +38,18 @@ impl Key {
 #[derive(Debug)]
 struct Visit {
     role: Role,
-    /// Of the token that it began with.
+    /// Version of the token with which the session began.
     version: u64,
     begun: Duration,
     used: Duration,
 }
 
-/// Those that are open.
+/// Open sessions.
 #[derive(Debug, Default)]
 pub(super) struct Visits(HashMap<Key, Visit>);
 
 impl Visits {
-    /// Somebody has shown this token of a role.
+    /// Begins a session with a token of this role and version.
     pub(super) fn begin(&mut self, key: Key, (role, version): (Role, u64), now: Duration) {
         self.0.retain(|_, visit| visit.is_open(now));
         let same = self.0.iter().filter(|(_, visit)| visit.role == role);
@@ -61,7 +61,7 @@ impl Visits {
         self.0.insert(key, Visit { role, version, begun: now, used: now });
     }
 
-    /// Whose visit that is, and of which of his tokens. To `use` it keeps it open.
+    /// Role of a session, and the version of its token. The session counts as used if `uses` returns true.
     pub(super) fn role_of(
         &mut self,
         key: Key,
@@ -75,7 +75,7 @@ impl Visits {
         Some((visit.role, visit.version))
     }
 
-    /// Whoever it is goes.
+    /// Ends a session.
     pub(super) fn end(&mut self, key: Key) {
         self.0.remove(&key);
     }
@@ -110,7 +110,7 @@ mod tests {
             (&[50], 110, false),
             (&[50, 100, 150, 200, 250, 300, 350, 400, 450, 500, 550, 600, 650, 700], 719, true),
             (&[50, 100, 150, 200, 250, 300, 350, 400, 450, 500, 550, 600, 650, 700], 720, false),
-            // One that is over is not begun again by using it.
+            // Use does not renew a session that is over.
             (&[61], 62, false),
         ] {
             let mut visits = Visits::default();

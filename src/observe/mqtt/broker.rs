@@ -1,4 +1,4 @@
-//! What a broker is to whoever publishes: small, so that the library behind it can be another one.
+//! Interface of a broker for the publisher. It is small, so that the library behind it can be replaced.
 
 use std::fmt;
 use std::future::Future;
@@ -7,42 +7,42 @@ use std::io::ErrorKind;
 use isotherm_core::quantity::Moment;
 use isotherm_plant::{Message, Subscription};
 
-/// Where connections come from.
+/// Source of connections.
 pub(super) trait Broker {
-    /// One of them.
+    /// Type of a connection.
     type Connection: Connection;
 
-    /// Connects, and has the broker keep what it is to say when the connection breaks.
+    /// Connects. `will` is the message that the broker publishes when the connection breaks.
     fn connect(&self, will: Option<Message>) -> impl Future<Output = Result<Self::Connection, Fault>>;
 }
 
-/// A connection that a broker has taken. Dropped, it breaks, and the broker says the will.
+/// A connection to a broker. If it is dropped without [`Connection::close`], the broker publishes the will.
 pub(super) trait Connection {
-    /// Sends a message that was made at this moment, or gives it back where there is no room for it now.
+    /// Sends a message. `told` is the time at which it was made. Returns the message if there is no room for it now.
     fn send(&mut self, message: Message, told: Moment) -> Result<(), Message>;
 
-    /// Asks for messages.
+    /// Subscribes to messages.
     fn subscribe(&mut self, subscription: &Subscription) -> Result<(), Fault>;
 
-    /// What comes next; dropped while it waits, nothing is lost.
+    /// Waits for the next report. It is safe to drop this future: no report is lost.
     fn next(&mut self) -> impl Future<Output = Heard>;
 
-    /// The broker has everything that was told before this moment.
+    /// Time up to which all messages have reached the broker.
     fn last_heard(&self) -> Moment;
 
-    /// Nothing that was sent is still on its way to the broker.
+    /// Returns whether the broker has every message that was sent.
     fn is_done(&self) -> bool;
 
-    /// Ends it in order: the will is not said.
+    /// Disconnects in order. The broker then does not publish the will.
     fn close(self) -> impl Future<Output = ()>;
 }
 
-/// What comes of a connection.
+/// Report of a connection.
 #[derive(Debug)]
 pub(super) enum Heard {
-    /// There is room for more, or the broker has taken something.
+    /// Room for another message, or an acknowledgement of one.
     Room,
-    /// A message.
+    /// A message has arrived.
     Arrived(Arrived),
     /// The connection has broken.
     Lost(Fault),
@@ -53,36 +53,36 @@ pub(super) enum Heard {
 pub(super) struct Arrived {
     pub(super) topic: String,
     pub(super) payload: Vec<u8>,
-    /// The broker has kept it: it is of some earlier day.
+    /// The broker has retained the message, which may be old.
     pub(super) retained: bool,
-    /// The broker has delivered it before, and does not know whether it arrived (DUP).
+    /// The broker delivers the message again, because it does not know whether it arrived (DUP).
     pub(super) redelivered: bool,
 }
 
-/// Why there is no connection.
+/// Reason why there is no connection.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// Its name leads to no address.
+    /// The name has no address.
     NoAddress,
     /// The computer cannot be reached.
     Unreachable(ErrorKind),
-    /// It did not answer in time.
+    /// The broker did not answer in time.
     Silent,
-    /// What TLS says, in words.
+    /// TLS failed, with the reason in words.
     Tls(String),
-    /// It does not take the user or his password.
+    /// The broker rejects the user name or the password.
     WrongUser,
-    /// It does not let this user in.
+    /// The broker does not admit this user.
     NotAllowed,
-    /// It does not take this client: in words.
+    /// The broker rejects this client, with the reason in words.
     Refused(&'static str),
-    /// It speaks, but not MQTT.
+    /// The server does not speak MQTT.
     NoMqtt,
-    /// It sends a message of more than so many megabytes.
+    /// The broker sends a message that is larger than this number of megabytes.
     TooLong(usize),
-    /// It closed the connection, or the connection broke.
+    /// The broker closed the connection, or the connection broke.
     Broken,
-    /// The library failed inside.
+    /// The library failed.
     Inside(String),
 }
 

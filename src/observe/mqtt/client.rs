@@ -1,7 +1,7 @@
-//! MQTT by the library `rumqttc`, in its fork that is looked after. Nothing outside this file knows it.
+//! MQTT client based on a maintained fork of the library `rumqttc`. Only this file uses the library.
 //!
-//! Each connection has a client of its own, so that nothing of an earlier one is sent again behind the back of whoever publishes. A task
-//! turns its event loop; should it panic, that is a connection that broke. Both of its queues are bounded.
+//! Each connection has its own client, so that the library cannot resend messages of an earlier connection. A task
+//! drives its event loop. A panic in it counts as a broken connection. Both queues are bounded.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -24,25 +24,26 @@ use isotherm_core::quantity::Moment;
 use isotherm_plant::{Message, Qos, Subscription};
 use isotherm_profile::{BrokerUrl, Mqtt};
 
-/// Name, connection, handshake and the broker's answer.
+/// Timeout of name lookup, connection, handshake and the broker's answer.
 const CONNECT_WITHIN: Duration = Duration::from_secs(10);
-/// A broker that says nothing for twice as long is gone; one that hears nothing for one and a half says the will.
+/// MQTT keep-alive interval. After twice this time without data, the client gives the broker up. After one and a half
+/// times, the broker publishes the will.
 const KEEP_ALIVE: Duration = Duration::from_secs(10);
-/// So long ago the library may have asked when it says that it has.
+/// Longest delay between a ping of the library and its report of it.
 const MARGIN: Duration = Duration::from_secs(1);
-/// How many messages the library takes at a time.
+/// Maximum number of messages in the library at one time.
 const IN_LIBRARY: usize = 64;
-/// Messages from the broker that wait; more are lost.
+/// Maximum number of received messages that wait. Further ones are dropped.
 const UNHEARD: usize = 16;
-/// What arrives is a command or nothing, and one that is too long is refused; a broker that sends more than this loses the
-/// connection.
+/// Largest received packet in bytes. A larger one breaks the connection. Commands, the only messages that are accepted,
+/// are much smaller.
 const LARGEST_IN: usize = 1 << 20;
-/// What is published is smaller.
+/// Largest sent packet in bytes. Published messages are smaller.
 const LARGEST_OUT: usize = 4 << 20;
-/// How long a connection is waited for that is closed.
+/// Timeout of a disconnect.
 const CLOSE_WITHIN: Duration = Duration::from_secs(1);
 
-/// A broker that is connected to as the profile says.
+/// A broker with the settings of the profile.
 #[derive(Clone)]
 pub(super) struct Client {
     to: BrokerUrl,
@@ -89,9 +90,9 @@ impl Broker for Client {
         let mut connected = Connected { client, tally, inbox, task: Some(tokio::spawn(turning)) };
         match tokio::time::timeout(CONNECT_WITHIN, connected.next()).await {
             Ok(Heard::Room | Heard::Arrived(_)) => Ok(connected),
-            // Brokers say either of two words to a wrong password.
+            // Brokers report a wrong password with either of two codes.
             Ok(Heard::Lost(Fault::NotAllowed)) if self.user.is_some() => Err(Fault::WrongUser),
-            // Nor does a broker go without a word to whoever speaks as it does.
+            // A broker would answer an MQTT client before it closes the connection.
             Ok(Heard::Lost(Fault::Broken)) => Err(Fault::NoMqtt),
             Ok(Heard::Lost(fault)) => Err(fault),
             Err(_) => Err(Fault::Silent),
@@ -99,29 +100,30 @@ impl Broker for Client {
     }
 }
 
-/// What the broker is known to have.
+/// Messages that the broker is known to have.
 #[derive(Debug, Default)]
 struct Tally {
-    /// When each message was told that the library has and has not written yet.
+    /// Times of messages in the library that are not written to the connection yet.
     unwritten: VecDeque<Moment>,
-    /// When those were told that the broker has not acknowledged yet.
+    /// Times of written messages that the broker has not acknowledged yet.
     unacknowledged: BTreeMap<u16, Moment>,
-    /// Everything that was told before had been written when the broker was last asked whether it is there.
+    /// Time of the last ping. All messages made before it had been written by then.
     pinged: Option<Moment>,
-    /// The broker has everything that was told before.
+    /// Time up to which the broker has all messages.
     heard: Moment,
 }
 
 impl Tally {
     fn written(&mut self, id: u16) {
         let told = self.unwritten.pop_front();
-        // Without a number nothing is acknowledged.
+        // A message without packet identifier is not acknowledged.
         if let Some(told) = told.filter(|_| id > 0) {
             self.unacknowledged.insert(id, told);
         }
     }
 
-    /// A broker takes what comes in its order: with this it has all that was written before it.
+    /// Records an acknowledgement. A broker processes messages in order, so that it also has all messages written
+    /// before this one.
     fn acknowledged(&mut self, id: u16) {
         if let Some(told) = self.unacknowledged.remove(&id) {
             self.heard = self.heard.max(told);
@@ -129,13 +131,14 @@ impl Tally {
     }
 }
 
-/// Sender of what the library reports. That there is room for another message takes no place from messages that arrive.
+/// Sender of the library's reports. Reports of free room use a separate signal, and take no room from received
+/// messages.
 struct News {
     heard: mpsc::Sender<Heard>,
     room: Arc<Notify>,
 }
 
-/// Receiver of what the library reports.
+/// Receiver of the library's reports.
 struct Inbox {
     heard: mpsc::Receiver<Heard>,
     room: Arc<Notify>,
@@ -157,7 +160,7 @@ impl Inbox {
     }
 }
 
-/// A connection.
+/// A connection to the broker.
 pub(super) struct Connected {
     client: AsyncClient,
     tally: Arc<Mutex<Tally>>,
@@ -215,7 +218,7 @@ impl Connection for Connected {
     async fn close(mut self) {
         if self.client.try_disconnect_with_timeout(CLOSE_WITHIN).is_ok() {
             let ends = async { while !matches!(self.next().await, Heard::Lost(_)) {} };
-            // One that does not end is dropped.
+            // A task that does not end in time is aborted.
             let _ = tokio::time::timeout(CLOSE_WITHIN, ends).await;
         }
     }
@@ -229,7 +232,7 @@ impl Drop for Connected {
     }
 }
 
-/// Turns the library's wheel, and notes what it says.
+/// Drives the event loop of the library, and sends its reports.
 async fn turn(mut turns: EventLoop, tally: Arc<Mutex<Tally>>, news: News, clock: Clock) {
     let tally = || tally.lock().unwrap_or_else(PoisonError::into_inner);
     loop {
@@ -242,7 +245,7 @@ async fn turn(mut turns: EventLoop, tally: Arc<Mutex<Tally>>, news: News, clock:
                     retained: arrived.retain,
                     redelivered: arrived.dup,
                 };
-                // Of a flood the rest is lost.
+                // Further messages are dropped.
                 let _ = news.heard.try_send(Heard::Arrived(arrived));
                 false
             }
@@ -268,7 +271,7 @@ async fn turn(mut turns: EventLoop, tally: Arc<Mutex<Tally>>, news: News, clock:
             Ok(_) => false,
             Err(error) => {
                 tracing::debug!(%error, "no MQTT");
-                // Nobody listens any more, or the channel is full of what is lost now as well.
+                // If this fails, the receiver is gone.
                 let _ = news.heard.send(Heard::Lost(fault(&error))).await;
                 return;
             }
@@ -316,7 +319,7 @@ fn qos(qos: Qos) -> QoS {
 mod tests {
     use super::*;
 
-    /// A broker acknowledges what was published at the start while a command arrives.
+    /// A broker acknowledges many messages while a command arrives.
     #[tokio::test]
     async fn a_message_that_arrives_beside_many_acknowledgements_is_not_lost() {
         let (news, mut inbox) = inbox();

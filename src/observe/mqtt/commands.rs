@@ -1,4 +1,5 @@
-//! What arrives: a measured error where the profile takes some, and nothing else. Nothing here arms, disarms or moves.
+//! Received messages: measured errors, if the profile accepts them, and nothing else. They cannot arm, disarm or move
+//! an axis.
 
 use std::time::Duration;
 
@@ -8,15 +9,15 @@ use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::quantity::Moment;
 use isotherm_plant::{Command, Outcome};
 
-/// At most one is handed on within it.
+/// Minimum time between two accepted commands.
 pub(super) const PAUSE: Duration = Duration::from_secs(1);
-/// One that was refused is reported at most so often, with a count.
+/// Minimum time between two reports of rejected messages. Each report contains their number.
 const REPORT_EVERY: Duration = Duration::from_secs(60);
 
-/// Hands on what is asked for over the broker.
+/// Executes commands from the broker.
 #[derive(Debug)]
 pub(super) struct Commands {
-    /// The broker, as whoever asks is named: MQTT does not say who publishes.
+    /// Address of the broker, which stands for the requester: MQTT does not identify the publisher.
     broker: String,
     last: Option<Moment>,
     reported: Option<Moment>,
@@ -28,7 +29,7 @@ impl Commands {
         Commands { broker: broker.to_owned(), last: None, reported: None, unreported: 0 }
     }
 
-    /// Does what is asked for, or reports why not. `redelivered`: the broker says that it delivers the message again.
+    /// Executes the command, or reports why not. `redelivered` means that the broker delivers the message again.
     pub(super) fn take(&mut self, now: Moment, outcome: Outcome, redelivered: bool, source: &dyn Source) {
         match outcome {
             Outcome::Asked(Command::Measured { axis, report }) => {
@@ -38,14 +39,14 @@ impl Commands {
                 }
                 self.last = Some(now);
                 let asker = Asker::new(Way::Broker, self.broker.clone());
-                // What comes of it is an event either way.
+                // The result is an event in either case.
                 let _ = source.measured(&axis, Some(MeasuredReport { redelivered, ..report }), &asker);
             }
             Outcome::Refused { command, why } => self.refuse(now, &command, &why, source),
         }
     }
 
-    /// It is of an earlier day: whoever asked for it has gone long since.
+    /// Rejects a retained message. It may be old, and its sender does not wait any more.
     pub(super) fn refuse_retained(&mut self, now: Moment, topic: &str, source: &dyn Source) {
         let command = topic.rsplit('/').next().unwrap_or(topic).chars().take(40).collect::<String>();
         let why = "the broker has kept it from before: publish commands without the retain flag";

@@ -1,4 +1,4 @@
-//! The events since the last look, out of a state that shows the last of them.
+//! Events since the last sample of the status, which contains only the last events.
 
 use std::collections::VecDeque;
 
@@ -7,26 +7,26 @@ use crate::observe::events::{Entry, Level};
 use crate::observe::status::Status;
 use isotherm_plant::{Happening, Importance};
 
-/// So many wait for a broker that takes nothing; of more the oldest go.
+/// Maximum number of events that wait for the broker. Beyond that, the oldest ones are dropped.
 const MOST: usize = 1000;
 
-/// Follows the events.
+/// Queue of new events.
 #[derive(Debug, Default)]
 pub(super) struct Happenings {
-    /// How many had happened at the last look.
+    /// Number of all events at the last sample.
     seen: u64,
     waiting: VecDeque<Happening>,
     dropped: u64,
 }
 
 impl Happenings {
-    /// Takes what is new.
+    /// Adds the new events of a status.
     pub(super) fn look(&mut self, status: &Status) {
         let all: u64 = status.event_counts.values().sum();
         let new = usize::try_from(all.saturating_sub(self.seen)).unwrap_or(usize::MAX);
         self.seen = all;
         let shown = new.min(status.events.len());
-        // The state shows only so many: what is no more among them cannot be told.
+        // Events that the status does not contain any more are lost.
         self.dropped += u64::try_from(new - shown).unwrap_or(u64::MAX);
         for entry in status.events.iter().skip(status.events.len() - shown) {
             if self.waiting.len() == MOST {
@@ -37,17 +37,17 @@ impl Happenings {
         }
     }
 
-    /// Those that wait.
+    /// Removes and returns the waiting events.
     pub(super) fn take(&mut self) -> Vec<Happening> {
         std::mem::take(&mut self.waiting).into()
     }
 
-    /// How many wait.
+    /// Number of waiting events.
     pub(super) fn len(&self) -> usize {
         self.waiting.len()
     }
 
-    /// How many were lost since this was asked last.
+    /// Number of events lost since the last call.
     pub(super) fn dropped(&mut self) -> u64 {
         std::mem::take(&mut self.dropped)
     }

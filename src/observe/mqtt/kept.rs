@@ -1,4 +1,4 @@
-//! What waits for a broker that is away: in memory, or on disk where the format tells it later as what was then.
+//! Queue of records for an unreachable broker. It is in memory, or on disk if the format supports records of the past.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -7,16 +7,18 @@ use isotherm_core::quantity::Moment;
 use isotherm_plant::Record;
 use isotherm_plant::store::{DiskNews, Store};
 
-/// So many records wait in memory; of more the oldest go.
+/// Maximum number of records in memory. Beyond that, the oldest ones are dropped.
 const MOST: usize = 1000;
-/// Records that are told at a time, beside what is new.
+/// Maximum number of old records that are published at a time, in addition to new ones.
 const AT_A_TIME: usize = 500;
 
 /// Records, oldest first.
 pub(super) enum Kept {
-    /// They wait no more once they are told: whoever tells them gives those back that may not have arrived.
+    /// Records in memory. They are removed when they are published; the publisher returns those that may not have
+    /// arrived.
     Memory { records: VecDeque<Record>, dropped: u64 },
-    /// They wait until the broker has them; so many were told at this moment.
+    /// Records on disk. They stay until the broker has them. `told` is the time and number of the records published
+    /// last.
     Disk { store: Store, told: Option<(Moment, usize)> },
 }
 
@@ -25,7 +27,7 @@ impl Kept {
         Kept::Memory { records: VecDeque::new(), dropped: 0 }
     }
 
-    /// In this directory, which may take so many bytes.
+    /// Opens the queue in this directory, with at most `most_bytes` bytes.
     pub(super) fn on_disk(directory: &Path, most_bytes: u64) -> std::io::Result<Kept> {
         Ok(Kept::Disk { store: Store::open(directory, most_bytes)?, told: None })
     }
@@ -40,25 +42,25 @@ impl Kept {
                     }
                     records.push_back(record);
                 }
-                // What a disk does not take is counted, and said once.
+                // Records that the disk does not accept are counted, and reported once.
                 Kept::Disk { store, .. } => drop(store.push(&record)),
             }
         }
     }
 
-    /// These were told before all that waits, and may not have arrived.
+    /// Returns records that were published before all waiting ones, and may not have arrived.
     pub(super) fn take_back(&mut self, told: Vec<Record>) {
         match self {
             Kept::Memory { records, .. } => {
                 let behind = std::mem::take(records);
                 self.push(told.into_iter().chain(behind));
             }
-            // They are new to it: what it keeps it has given to nobody.
+            // These records are not in the file: records from the file stay there until they arrive.
             Kept::Disk { .. } => self.push(told),
         }
     }
 
-    /// The oldest, to be told now. The broker has everything that was told before `heard`.
+    /// Oldest records, to be published now. The broker has everything that was published before `heard`.
     pub(super) fn next(&mut self, now: Moment, heard: Moment) -> Vec<Record> {
         match self {
             Kept::Memory { records, .. } => {
@@ -80,7 +82,7 @@ impl Kept {
         }
     }
 
-    /// There is no next time: all that would be lost, to be told now. A disk keeps its own.
+    /// Records that would be lost at the end of the program, to be published now. Records on disk stay there.
     pub(super) fn ends(&mut self) -> Vec<Record> {
         match self {
             Kept::Memory { records, .. } => std::mem::take(records).into(),
@@ -88,7 +90,7 @@ impl Kept {
         }
     }
 
-    /// The connection has broken: what was told last is told again.
+    /// Records that the connection has broken: the last published records are published again.
     pub(super) fn is_broken(&mut self) {
         if let Kept::Disk { told, .. } = self {
             *told = None;
@@ -102,7 +104,7 @@ impl Kept {
         }
     }
 
-    /// How many were lost since this was asked last.
+    /// Number of records lost since the last call.
     pub(super) fn dropped(&mut self) -> u64 {
         match self {
             Kept::Memory { dropped, .. } => std::mem::take(dropped),
@@ -110,7 +112,7 @@ impl Kept {
         }
     }
 
-    /// Why the disk takes none, once when that begins.
+    /// Error of the disk, once when the disk begins to fail.
     pub(super) fn fails(&mut self) -> Option<String> {
         let Kept::Disk { store, .. } = self else { return None };
         std::iter::from_fn(|| store.news()).find_map(|news| match news {

@@ -1,4 +1,4 @@
-//! A Sparkplug node whose number of deaths outlives the program.
+//! A Sparkplug node with a death number (bdSeq) that is kept across restarts.
 
 use std::path::Path;
 
@@ -7,21 +7,21 @@ use isotherm_plant::sparkplug::{Address, Sparkplug};
 use isotherm_plant::store::NumberFile;
 use isotherm_plant::{Message, Publisher, Reaction, Record, Snapshot, Subscription};
 
-/// In the directory of what is kept.
+/// File name, in the directory of the queue.
 const DEATHS: &str = "bdseq";
 
-/// The node, and where its number is.
+/// The node, and the file of its death number.
 pub(super) struct Node {
     node: Sparkplug,
     number: NumberFile,
-    /// What was left out when it was asked last.
+    /// Number of left-out records at the last query.
     left_out: u64,
 }
 
 impl Node {
     pub(super) fn new(address: Address, directory: &Path, takes_measured: bool) -> Node {
         let number = NumberFile::at(directory.join(DEATHS));
-        // Without one it begins anew: a host takes any number that is not the last one's.
+        // Without a file the number begins at zero. A host accepts any number except the last one.
         let last = number.read().ok().flatten().unwrap_or(0);
         let last = u8::try_from(last % 256).unwrap_or(0);
         Node { node: Sparkplug::new(address, last, takes_measured), number, left_out: 0 }
@@ -31,7 +31,7 @@ impl Node {
 impl Publisher for Node {
     fn will(&mut self) -> Message {
         let will = self.node.will();
-        // A disk that does not take it costs the next run a number that was used.
+        // If the disk fails, the next run may use the same number again.
         let _ = self.number.write(self.node.bd_seq().into());
         will
     }

@@ -1,5 +1,6 @@
-//! Readable messages. The broker keeps them for whoever comes later: those of a topic that is told no more would look as if they
-//! were of now for ever. So the topics outlive the program, and the next run clears what it has no more.
+//! Readable messages. The broker retains them for later subscribers. Retained messages of topics that are no longer
+//! published would look current forever. The topics are therefore kept on disk, and the next run clears those that it
+//! no longer publishes.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -9,31 +10,31 @@ use isotherm_core::quantity::Moment;
 use isotherm_plant::store::TopicsFile;
 use isotherm_plant::{Json, Message, Publisher, Qos, Reaction, Record, Snapshot, Subscription};
 
-/// In the directory of what is kept.
+/// File name, in the directory of the queue.
 const TOPICS: &str = "topics";
-/// A connection that has lasted so long has been heard on: what was told when it began has arrived.
+/// Age of a connection after which its first messages count as delivered.
 const ARRIVED_AFTER: Duration = Duration::from_secs(60);
 
-/// The messages, and where the topics stand that the broker may keep.
+/// Makes the messages, and keeps the list of topics that the broker may have retained.
 pub(super) struct Readable {
     json: Json,
     file: TopicsFile,
-    /// What an earlier run has told, and this one does not.
+    /// Topics of earlier runs that this run does not publish.
     gone: BTreeSet<String>,
-    /// When this connection began, and the topics that are told on it.
+    /// Start of this connection, and the topics published on it.
     told: (Moment, BTreeSet<String>),
 }
 
 impl Readable {
     pub(super) fn new(json: Json, directory: &Path) -> Readable {
         let file = TopicsFile::at(directory.join(TOPICS));
-        // A list that cannot be read leaves at the broker what no other one would.
+        // If the list cannot be read, old messages stay at the broker.
         let gone = file.read().unwrap_or_default();
         Readable { json, file, gone, told: (Moment::default(), BTreeSet::new()) }
     }
 }
 
-/// The broker keeps nothing of this topic any more.
+/// Message that makes the broker delete the retained message of a topic.
 fn cleared(topic: &str) -> Message {
     Message { topic: topic.to_owned(), payload: Vec::new(), qos: Qos::AtLeastOnce, retained: true }
 }
@@ -53,7 +54,7 @@ impl Publisher for Readable {
         let told: BTreeSet<String> = kept.map(|message| message.topic.clone()).collect();
         self.gone.retain(|topic| !told.contains(topic));
         messages.extend(self.gone.iter().map(|topic| cleared(topic)));
-        // A disk that does not take it leaves the next run with the list of an earlier one.
+        // If the disk fails, the next run uses an older list.
         let _ = self.file.write(told.union(&self.gone));
         self.told = (now, told);
         messages
@@ -137,7 +138,7 @@ mod tests {
         let mut first = of(true, home.path());
         assert_eq!(clears(&first.connected(at(1), &snapshot("bed"))), [""; 0]);
         let gone = ["g/press/signal/bed", "homeassistant/sensor/isotherm-press/signal_bed_value/config"];
-        // Killed before it can have arrived, the next run does it again.
+        // If the program is killed before delivery, the next run clears them again.
         for begun in [10, 20] {
             let mut second = of(false, home.path());
             assert_eq!(clears(&second.connected(at(begun), &snapshot("table"))), gone);

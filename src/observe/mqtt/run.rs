@@ -1,4 +1,4 @@
-//! The days of a publisher: connecting, publishing, waiting for a broker that has gone.
+//! Main loop of the publisher: connects, publishes, and keeps records while the broker is unreachable.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -23,13 +23,13 @@ use isotherm_core::quantity::{Moment, Shift};
 use isotherm_plant::{Message, Publisher, Snapshot};
 use isotherm_profile::stop;
 
-/// Attempts in a row that fail for another reason before that is reported.
+/// Another reason is reported after this many attempts in a row that fail with it.
 const CHANGED_AFTER: u32 = 2;
-/// The first pause after a connection that could not be made, or broke; each is twice as long.
+/// First pause after a failed or broken connection. Each further pause is twice as long.
 const FIRST_PAUSE: Duration = Duration::from_secs(1);
-/// No pause is longer.
+/// Longest pause.
 const LONGEST_PAUSE: Duration = Duration::from_secs(30);
-/// How long the end of a run waits for what has not been published yet; as long again the broker may take to let go.
+/// Longest wait for unpublished messages at the end of a run. The disconnect may take the same time again.
 const LAST_PATIENCE: Duration = Duration::from_secs(stop::BROKER.as_secs() / 2);
 
 /// Publishes to one broker.
@@ -38,20 +38,20 @@ pub(super) struct Runner {
     pub(super) source: Arc<dyn Source>,
     pub(super) figures: Arc<BrokerFigures>,
     pub(super) clock: Clock,
-    /// The broker's address.
+    /// Address of the broker.
     pub(super) address: String,
     pub(super) every: Duration,
     pub(super) resolutions: Vec<f64>,
     pub(super) happenings: Happenings,
-    /// The figures as they were at the last look, and when that was.
+    /// Metrics of the last sample, and its time.
     pub(super) seen: (Moment, Snapshot),
     pub(super) kept: Kept,
     pub(super) commands: Commands,
-    /// What the connection had no room for yet, and when it was told.
+    /// Messages for which the connection had no room yet, with the times at which they were made.
     pub(super) outbox: VecDeque<(Moment, Message)>,
 }
 
-/// How a connection ended.
+/// End of a connection.
 enum End {
     Broken(Fault),
     /// The gateway has ended.
@@ -59,11 +59,11 @@ enum End {
 }
 
 impl Runner {
-    /// Until it is told to stop.
+    /// Publishes until `stopped` is set.
     pub(super) async fn run(mut self, broker: impl Broker, mut stopped: watch::Receiver<bool>) {
         let mut ticks = interval(self.every);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
-        // What a connection that is soon made tells is not kept before it.
+        // The first connection usually succeeds soon. Its messages then make earlier records unnecessary.
         ticks.reset();
         let (mut failures, mut pause, mut cause) = (0_u64, FIRST_PAUSE, None);
         let mut chance = Pcg64Mcg::seed_from_u64(self.clock.time_of_day().as_nanos());
@@ -96,7 +96,7 @@ impl Runner {
             };
             failures += 1;
             self.is_away(&fault, &mut cause);
-            // Two gateways that lost one broker do not come back at once.
+            // The pause is random, so that several gateways do not connect to a broker at the same time.
             let spread = pause.mul_f64(chance.random_range(0.5..1.0));
             pause = (pause * 2).min(LONGEST_PAUSE);
             let mut waiting = std::pin::pin!(tokio::time::sleep(spread));
@@ -104,7 +104,7 @@ impl Runner {
                 tokio::select! {
                     () = &mut waiting => break,
                     _ = ticks.tick() => self.keep(),
-                    // What happened last waits on disk for the next run.
+                    // The last events stay on disk for the next run.
                     () = ends(&mut stopped) => return self.keep(),
                 }
             }
@@ -137,7 +137,7 @@ impl Runner {
         }
     }
 
-    /// One connection, from its beginning to its end.
+    /// Uses one connection from its start to its end.
     async fn published(
         &mut self,
         mut connection: impl Connection,
@@ -179,10 +179,10 @@ impl Runner {
         }
     }
 
-    /// What of the state is new becomes messages, where those before them have left; what waited for the broker comes behind.
+    /// Makes messages from the changes of the state, if all earlier messages have been sent. Kept records follow them.
     fn tell(&mut self, last_heard: Moment) {
         if !self.outbox.is_empty() {
-            // It is too slow: the state that it gets next is the newest then, and only events wait.
+            // The broker is slow. It gets the newest state later, and only events are queued.
             self.look();
             self.count();
             return;
@@ -198,12 +198,13 @@ impl Runner {
         self.tell_what_was_dropped();
     }
 
-    /// What has happened since the last look waits until it is taken.
+    /// Samples the state, and queues its new events.
     fn look(&mut self) {
         let status = self.source.status();
         self.happenings.look(&status);
         let (metrics, now) = (metrics(&status, &self.resolutions), self.clock.time_of_day());
-        // The gateway's time of day follows a clock that is set; this one's does not, so that what was told keeps its order.
+        // The gateway's time of day follows changes of the computer's clock. This clock does not, so that messages keep
+        // their order.
         let shift = moment(&status.now).map_or_else(Shift::default, |day| Shift::between(now, day));
         self.seen = (now, Snapshot { metrics, events: Vec::new(), shift });
     }
@@ -213,7 +214,8 @@ impl Runner {
         Snapshot { events: self.happenings.take(), ..self.seen.1.clone() }
     }
 
-    /// To be told now. Where other events wait, and the format wants them in their order, the new ones wait behind them.
+    /// Snapshot to publish now. If older events are queued and the format requires their order, new events are queued
+    /// after them.
     fn snapshot_in_order(&mut self, now: Moment) -> Snapshot {
         let mut snapshot = self.snapshot();
         if self.publisher.tells_in_order() && self.kept.len() > 0 {
@@ -223,7 +225,7 @@ impl Runner {
         snapshot
     }
 
-    /// While there is no connection.
+    /// Samples the state and keeps its records while there is no connection.
     fn keep(&mut self) {
         let now = self.clock.time_of_day();
         let snapshot = self.snapshot();
@@ -236,7 +238,7 @@ impl Runner {
     }
 
     fn is_lost(&mut self, last_heard: Moment) {
-        // What waits here has not even left.
+        // Messages in the outbox have not been sent at all.
         let waiting = self.outbox.front().map_or(last_heard, |(told, _)| *told);
         self.outbox.clear();
         self.kept.is_broken();
@@ -250,7 +252,7 @@ impl Runner {
             self.commands.refuse_retained(now, &arrived.topic, self.source.as_ref());
             return;
         }
-        // Whoever may publish there decides how often it comes, and not how often everything is looked at.
+        // Frequent messages must not cause frequent samples of the state.
         if now.since(self.seen.0) >= commands::PAUSE {
             self.look();
         }
@@ -283,7 +285,7 @@ impl Runner {
         self.figures.note(|figures| figures.queued = queued);
     }
 
-    /// Once, when the broker takes messages again.
+    /// Reports dropped messages once, when the broker accepts messages again.
     fn tell_what_was_dropped(&mut self) {
         let count = self.happenings.dropped() + self.kept.dropped() + self.publisher.left_out();
         if count > 0 {
@@ -293,7 +295,7 @@ impl Runner {
         }
     }
 
-    /// The gateway has ended: the last state and the farewell, in two seconds or never.
+    /// Publishes the last state and the end of the gateway, within [`LAST_PATIENCE`].
     async fn end(&mut self, mut connection: impl Connection) {
         let now = self.clock.time_of_day();
         let snapshot = self.snapshot_in_order(now);
@@ -315,7 +317,7 @@ impl Runner {
             }
         };
         if tokio::time::timeout(LAST_PATIENCE, last).await == Ok(true) {
-            // Nothing comes back but what no birth has let out.
+            // Only records that no birth message has released are returned.
             self.is_lost(Moment::END);
             connection.close().await;
         } else {
@@ -325,9 +327,9 @@ impl Runner {
     }
 }
 
-/// Ready when the gateway has ended.
+/// Completes when the gateway has ended.
 async fn ends(stopped: &mut watch::Receiver<bool>) {
-    // An error means that whoever would say it is gone.
+    // An error means that the sender is gone.
     let _ = stopped.wait_for(|stopped| *stopped).await;
 }
 

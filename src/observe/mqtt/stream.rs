@@ -1,4 +1,4 @@
-//! The way to a broker: TCP, or TLS over it; and what can be wrong with it, in words.
+//! Connection to a broker: TCP, or TLS over TCP, with its faults in words.
 
 use std::io;
 use std::net::SocketAddr;
@@ -16,21 +16,21 @@ use super::broker::Fault;
 use crate::tls::TlsFault;
 use isotherm_profile::BrokerUrl;
 
-/// Bytes to a broker and back.
+/// Byte stream to a broker and back.
 pub(super) trait Bytes: AsyncRead + AsyncWrite + Send + Sync + Unpin {}
 
 impl<T: AsyncRead + AsyncWrite + Send + Sync + Unpin> Bytes for T {}
 
-/// An address that says nothing for so long leaves the others their time.
+/// Timeout of each address except the last one.
 const EACH: Duration = Duration::from_secs(3);
 
-/// Connects to the first address that takes it. Whatever goes wrong is a [`Fault`] inside the error.
+/// Connects to the first address that accepts. The error contains a [`Fault`].
 pub(super) async fn open(to: BrokerUrl, trust: Option<Arc<ClientConfig>>) -> io::Result<Box<dyn Bytes>> {
     let failed = |fault: Fault| io::Error::other(Inside(fault));
     let found = lookup_host((to.host.as_str(), to.port)).await;
     let addresses: Vec<_> = found.map_err(|_| failed(Fault::NoAddress))?.collect();
     let stream = connected(&addresses).await.map_err(failed)?;
-    // Small messages are not held back for larger ones.
+    // Small messages are sent at once.
     let _ = stream.set_nodelay(true);
     match trust {
         None => Ok(Box::new(stream)),
@@ -58,12 +58,12 @@ async fn secure(
     let connected = TlsConnector::from(config).connect(name, stream).await;
     connected.map(|stream| Box::new(stream) as Box<dyn Bytes>).map_err(|error| {
         tracing::debug!(%error, "no TLS connection");
-        // What else ends it is no judgement.
+        // Any other error says nothing about the certificates.
         TlsFault::in_handshake(&error).map_or(Fault::Unreachable(error.kind()), secured)
     })
 }
 
-/// What the two ends hold against each other, and what to do about it.
+/// Cause of a failed TLS handshake, with a remedy.
 fn secured(fault: TlsFault) -> Fault {
     let remedy = match fault {
         TlsFault::OtherName => {
@@ -83,7 +83,7 @@ fn secured(fault: TlsFault) -> Fault {
     Fault::Tls(fault.advised(remedy))
 }
 
-/// A fault on its way through a library that knows only errors of input and output.
+/// Carries a fault through a library that knows only I/O errors.
 #[derive(Debug)]
 struct Inside(Fault);
 
@@ -95,11 +95,11 @@ impl std::fmt::Display for Inside {
 
 impl std::error::Error for Inside {}
 
-/// What an error of a connection says.
+/// Fault of a connection error.
 pub(super) fn fault_of(error: &io::Error) -> Fault {
     let inside = error.get_ref().and_then(|error| error.downcast_ref::<Inside>());
     let own = inside.map(|Inside(fault)| fault.clone());
-    // What ends within a message was none.
+    // If the connection ended within a message (`Other`), the server does not speak MQTT.
     let other = if error.kind() == io::ErrorKind::Other { Fault::NoMqtt } else { Fault::Broken };
     own.or_else(|| TlsFault::of(error).map(secured)).unwrap_or(other)
 }

@@ -1,4 +1,4 @@
-//! What a server answers: the first lines of HTTP/1.1, as far as they say whether it has taken the message.
+//! The answer of a server: status line and headers of HTTP/1.1, which show whether it has accepted the message.
 
 use std::time::Duration;
 
@@ -7,18 +7,18 @@ use tokio::io::{AsyncRead, AsyncReadExt};
 use super::post::Failure;
 use isotherm_profile::Url;
 
-/// All that is read of an answer.
+/// Maximum number of bytes that are read of an answer.
 const LONGEST: usize = 16 * 1024;
-/// So it begins.
+/// Start of every answer.
 const BEGIN: &[u8] = b"HTTP/1.";
-/// A server may ask for a longer pause than ours, and not for a longer one than this.
+/// Longest pause that a server may request.
 const LONGEST_PAUSE: Duration = Duration::from_secs(3600);
 
-/// Whether the server says that it has the message. What stands behind its head is not read.
+/// Returns whether the server has accepted the message. The body is not read.
 pub(super) async fn read(mut stream: impl AsyncRead + Unpin) -> Result<(), Failure> {
     let (mut bytes, mut all) = (Vec::with_capacity(1024), 0);
     loop {
-        // A server may say before its answer that it is at work.
+        // A server may send interim responses before its answer.
         while let Some((head, rest)) = head(&bytes) {
             match judged(&String::from_utf8_lossy(&bytes[..head]))? {
                 Judged::NotYet => drop(bytes.drain(..rest)),
@@ -36,7 +36,7 @@ pub(super) async fn read(mut stream: impl AsyncRead + Unpin) -> Result<(), Failu
     }
 }
 
-/// Where the first head ends, and where what stands behind it begins.
+/// End of the first head, and start of the data after it.
 fn head(bytes: &[u8]) -> Option<(usize, usize)> {
     let end = bytes.windows(4).position(|window| window == b"\r\n\r\n")?;
     Some((end, end + 4))
@@ -68,7 +68,7 @@ fn judged(head: &str) -> Result<Judged, Failure> {
     }
 }
 
-/// Where a redirection leads, without what may be secret of it.
+/// Target of a redirection, without parts that may be secret.
 fn shown(location: &str) -> String {
     Url::parse(location).map_or("another path of the same server".to_owned(), |url| url.to_string())
 }

@@ -1,4 +1,4 @@
-//! When what is tried again.
+//! Delivery of messages, with retries and pauses.
 
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::time::Duration;
@@ -10,26 +10,26 @@ use super::post::{Failure, Post};
 use crate::observe::events::Delivery;
 use isotherm_core::explained::Cause;
 
-/// Attempts in a row that fail for another reason before that is reported.
+/// Another reason is reported after this many attempts in a row that fail with it.
 const CHANGED_AFTER: u32 = 2;
-/// So many attempts in a row that were in vain are reported.
+/// Number of failed attempts in a row after which the failure is reported.
 const TOLD: u32 = 2;
 
-/// How patient a courier is.
+/// Timeouts and retries of a delivery.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rules {
-    /// A server has this long to take a message.
+    /// Time limit for a server to accept a message.
     pub timeout: Duration,
-    /// The pause after the first failure in a row; each is twice the one before.
+    /// Pause after the first failure in a row. Each further pause is twice as long.
     pub first_pause: Duration,
-    /// No pause of ours is longer; a server may ask for a longer one.
+    /// Longest pause, unless the server requests a longer one.
     pub longest_pause: Duration,
-    /// A message is tried so often.
+    /// Maximum number of attempts for a message.
     pub attempts: u32,
 }
 
 impl Default for Rules {
-    /// A first message is tried for a quarter of an hour.
+    /// With these values, the first message is tried for a quarter of an hour.
     fn default() -> Rules {
         Rules {
             timeout: Duration::from_secs(10),
@@ -41,7 +41,8 @@ impl Default for Rules {
 }
 
 impl Rules {
-    /// The pause after so many failures in a row. A hundred gateways of one server do not come back to it in the same moment.
+    /// Pause after this number of failures in a row. It is random, so that many gateways do not connect to one server
+    /// at the same time.
     fn pause(&self, failures: u32) -> Duration {
         let doubled = 2_u32.saturating_pow(failures.saturating_sub(1));
         let pause = self.first_pause.saturating_mul(doubled).min(self.longest_pause);
@@ -50,7 +51,7 @@ impl Rules {
     }
 }
 
-/// Takes messages to a server, one after the other, until it is told to stop and none waits.
+/// Sends messages to a server, one after the other, until `stopped` is set and none waits.
 pub(super) async fn carry(
     outbox: &Outbox,
     server: &impl Post,
@@ -59,14 +60,14 @@ pub(super) async fn carry(
     mut stopped: watch::Receiver<bool>,
 ) {
     let (notify, to) = (&outbox.notify().name, outbox.notify().url.to_string());
-    // In a row, whatever messages they were about.
+    // Failures in a row, across messages.
     let (mut failures, mut told_cause, mut was_silent) = (0_u32, None, false);
     loop {
         let message = match outbox.take() {
             Some(message) => message,
             None => tokio::select! {
                 message = outbox.next() => message,
-                // It may have come in between.
+                // A message may have been added in between.
                 () = ends(&mut stopped) => match outbox.take() {
                     Some(message) => message,
                     None => return,
@@ -79,7 +80,7 @@ pub(super) async fn carry(
             let body = message.json(told).to_string();
             let posted = tokio::select! {
                 biased;
-                // A stop waits for nobody who has said nothing before.
+                // After a timeout, a stop does not wait for the server again.
                 () = ends(&mut stopped), if was_silent => return,
                 posted = tokio::time::timeout(rules.timeout, server.post(&body)) => posted,
             };
@@ -95,21 +96,21 @@ pub(super) async fn carry(
                 break;
             };
             (failures, was_silent) = (failures.saturating_add(1), failure.is_silence());
-            // One attempt in vain is no news where the next one is not.
+            // A single failure is not reported if the next attempt succeeds.
             if (failures >= TOLD || failure.is_final())
                 && Cause::is_news(&mut told_cause, failure.to_string(), CHANGED_AFTER)
             {
                 report(Delivery::Failed { notify: notify.clone(), to: to.clone(), why: failure.to_string() });
             }
             if *stopped.borrow() {
-                // What is left is counted by whoever has stopped it.
+                // The code that requested the stop counts the rest.
                 return;
             }
             let is_given_up = failure.is_final() || attempt >= rules.attempts;
             if is_given_up {
                 outbox.given_up();
             }
-            // A server that refuses one message is well, and may take the next.
+            // A server that rejects one message works, and may accept the next.
             if !failure.is_final() {
                 let pause = rules.pause(failures).max(failure.pause().unwrap_or_default());
                 tokio::select! {
@@ -126,7 +127,7 @@ pub(super) async fn carry(
 }
 
 async fn ends(stopped: &mut watch::Receiver<bool>) {
-    // An error means that whoever would say it is gone.
+    // An error means that the sender is gone.
     let _ = stopped.wait_for(|stopped| *stopped).await;
 }
 

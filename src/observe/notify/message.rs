@@ -1,17 +1,17 @@
-//! The document that is posted.
+//! The JSON document of a message.
 
 use serde_json::{Map, Value};
 
 use crate::observe::events::{Change, Entry, Happened};
 
-/// What it is about, where that is one thing.
+/// Keys of the object that the event is about, if there is exactly one.
 const ABOUT: [&str; 5] = ["axis", "device", "bus", "signal", "output"];
 
 /// One message.
 #[derive(Clone, Debug)]
 pub(super) struct Message {
     machine: String,
-    /// So many were laid in before it, and itself.
+    /// Number of messages so far, including this one.
     count: u64,
     dry_run: bool,
     entry: Entry,
@@ -24,7 +24,7 @@ impl Message {
         Message { machine: machine.to_owned(), count, dry_run, entry, change }
     }
 
-    /// As it is posted. `dropped`: so many never arrive that were to come before it.
+    /// Makes the document. `dropped` is the number of messages before this one that will never arrive.
     pub(super) fn json(&self, dropped: u64) -> Value {
         let Entry { at, kind, level, text, data } = &self.entry;
         let mut json = Map::new();

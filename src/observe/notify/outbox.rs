@@ -1,4 +1,4 @@
-//! What waits to be posted to one server.
+//! Queue of messages for one server.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -11,15 +11,16 @@ use crate::observe::events::{Delivery, Event, Happened};
 use isotherm_core::compensation::AxisState;
 use isotherm_profile::{ALARM, ALARM_OVER, AXIS_OFF, CLOCK, Notify, UNVERIFIED};
 
-/// So many wait. What is newest tells most of what is to be done now: of more the oldest go.
+/// Maximum number of waiting messages. Beyond that, the oldest ones are dropped, because the newest ones are the most
+/// useful.
 const MOST: usize = 100;
-/// What "unverified" means.
+/// Kinds of events for the word "unverified" of the profile.
 const OF_UNVERIFIED: [&str; 5] =
     ["verify-failed", "write-failed", "read-failed", "not-applied", "not-read-back"];
-/// What "clock" means.
+/// Kinds of events for the word "clock" of the profile.
 const OF_THE_CLOCK: [&str; 2] = ["clock-set", "clock-doubtful"];
 
-/// The queue of one server.
+/// Queue of one server.
 pub struct Outbox {
     notify: Notify,
     machine: String,
@@ -31,16 +32,16 @@ pub struct Outbox {
 #[derive(Default)]
 struct Queue {
     waiting: VecDeque<Message>,
-    /// One is out of the queue, and has not arrived.
+    /// A message has been taken from the queue, and has not arrived.
     is_under_way: bool,
-    /// So many have been laid in since the start.
+    /// Number of messages added since the start.
     count: u64,
-    /// So many have been dropped that the server has not been told of.
+    /// Number of dropped messages that the server does not know of yet.
     dropped: u64,
     losses: Losses,
 }
 
-/// What was dropped, and is reported: at once, then each time that it has doubled, and when nothing waits any more.
+/// Dropped messages to report: at once, then whenever their number has doubled, and when the queue is empty.
 #[derive(Debug, Default)]
 struct Losses {
     unreported: u64,
@@ -48,7 +49,7 @@ struct Losses {
 }
 
 impl Losses {
-    /// So many more; how many are to be reported now.
+    /// Adds dropped messages. Returns the number to report now, if any.
     fn more(&mut self, count: u64, is_over: bool) -> Option<u64> {
         self.unreported += count;
         let is_news = self.unreported > 0 && (is_over || self.unreported >= self.reported);
@@ -65,18 +66,19 @@ impl fmt::Debug for Outbox {
 }
 
 impl Outbox {
-    /// An empty one.
+    /// Makes an empty outbox.
     pub fn of(notify: &Notify, machine: &str, dry_run: bool) -> Outbox {
         let (notify, machine) = (notify.clone(), machine.to_owned());
         Outbox { notify, machine, dry_run, queue: Mutex::default(), wakeup: Wakeup::new() }
     }
 
-    /// Whose it is.
+    /// Entry of the profile.
     pub fn notify(&self) -> &Notify {
         &self.notify
     }
 
-    /// Takes what the profile wants to be posted there. It waits for nothing but this queue, which nobody holds while he waits.
+    /// Adds a message if the profile selects this event. It waits only for the lock of this queue, which is never held
+    /// for long.
     pub fn hear(&self, happened: Happened<'_>) {
         if !self.wants(happened) {
             return;
@@ -94,7 +96,7 @@ impl Outbox {
     }
 
     fn wants(&self, Happened { event, entry, change }: Happened<'_>) -> bool {
-        // That nothing arrives there would not arrive there.
+        // A report about failed delivery to this server could not be delivered to it either.
         if matches!(event, Event::Delivery(delivery) if delivery.notify() == self.notify.name) {
             return false;
         }
@@ -108,7 +110,7 @@ impl Outbox {
         })
     }
 
-    /// The next message, as soon as there is one.
+    /// Waits for the next message.
     pub(super) async fn next(&self) -> Message {
         loop {
             if let Some(message) = self.take() {
@@ -118,7 +120,7 @@ impl Outbox {
         }
     }
 
-    /// The next message, if there is one. It is under way until [`Outbox::arrived`] or [`Outbox::given_up`].
+    /// Next message, if there is one. It is under way until [`Outbox::arrived`] or [`Outbox::given_up`].
     pub(super) fn take(&self) -> Option<Message> {
         let mut queue = self.queue();
         let message = queue.waiting.pop_front();
@@ -126,12 +128,13 @@ impl Outbox {
         message
     }
 
-    /// How many have been dropped, for the message that is posted now.
+    /// Number of dropped messages, for the message that is sent now.
     pub(super) fn dropped(&self) -> u64 {
         self.queue().dropped
     }
 
-    /// What was under way has arrived, and with it that so many were dropped. How many are to be reported now.
+    /// Records that the message has arrived, which contained the number `told` of dropped ones. Returns the number to
+    /// report now, if any.
     pub(super) fn arrived(&self, told: u64) -> Option<u64> {
         let mut queue = self.queue();
         queue.is_under_way = false;
@@ -140,20 +143,20 @@ impl Outbox {
         queue.losses.more(told, is_over)
     }
 
-    /// What was under way is not tried again.
+    /// Gives the current message up.
     pub(super) fn given_up(&self) {
         let mut queue = self.queue();
         queue.is_under_way = false;
         queue.dropped += 1;
     }
 
-    /// How many never arrive when this is the end.
+    /// Number of messages that would be lost if the program ended now.
     pub(super) fn left(&self) -> u64 {
         let queue = self.queue();
         queue.dropped + u64::from(queue.is_under_way) + queue.waiting.len() as u64
     }
 
-    /// That they were dropped, at the end, where there are some.
+    /// Report of all lost messages at the end; `None` if there are none.
     pub(super) fn all_dropped(&self) -> Option<Delivery> {
         let (notify, to) = (self.notify.name.clone(), self.notify.url.to_string());
         let count = self.left() + self.queue().losses.unreported;
@@ -165,7 +168,7 @@ impl Outbox {
     }
 }
 
-/// An axis that followed a model does not any more. That the gateway was asked to stop is no news.
+/// Returns whether an axis has stopped to follow its model. A stop of the gateway does not count.
 fn loses_its_axis(event: &Event) -> bool {
     let follows =
         |name: &str| [AxisState::Active, AxisState::Degraded].iter().any(|state| state.name() == name);
@@ -252,7 +255,7 @@ mod tests {
         outbox.take().unwrap();
         outbox.given_up();
         assert_eq!((outbox.dropped(), outbox.left()), (1, 99));
-        // Not reported at once, because that is fewer than before: at the end it is.
+        // The number is smaller than the last one, so that it is reported only at the end.
         outbox.take().unwrap();
         assert_eq!(outbox.arrived(1), None);
         let (notify, to) = ("notify[0]".to_owned(), "https://a.example".to_owned());

@@ -1,4 +1,4 @@
-//! One message on its way: a connection of its own, HTTP/1.1, over TCP or inside TLS.
+//! Delivery of one message: a separate connection, HTTP/1.1, over TCP or TLS.
 
 use std::future::Future;
 use std::io::{self, ErrorKind};
@@ -20,48 +20,48 @@ use super::{Trust, answer, token};
 use crate::tls::TlsFault;
 use isotherm_profile::{Notify, Url};
 
-/// Of several addresses of a name each has this long, but the last: it has what is left.
+/// Timeout of each address of a name except the last one, which gets the remaining time.
 const EACH: Duration = Duration::from_secs(3);
 
-/// Who takes messages.
+/// Receiver of messages.
 pub trait Post {
-    /// Takes one, or does not.
+    /// Sends one message.
     fn post(&self, body: &str) -> impl Future<Output = Result<(), Failure>> + Send;
 }
 
-/// Why a message has not arrived, or may not have.
+/// Reason why a message has not arrived, or may not have arrived.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Failure {
-    /// There is no token to be sent along.
+    /// The token cannot be read.
     #[error("{0}")]
     Token(String),
-    /// Nobody knows the name.
+    /// The host name cannot be resolved.
     #[error(
         "this computer does not know the name of its host (`getent hosts NAME` asks as the gateway does)"
     )]
     Unresolved,
-    /// Nobody listens there.
+    /// No program listens at the address.
     #[error("nobody listens there: is the port in `url` right, does the server run?")]
     Refused,
-    /// There is no way to it.
+    /// The host cannot be reached.
     #[error("it cannot be reached: {0}")]
     Unreachable(String),
-    /// No secured connection came about.
+    /// TLS failed.
     #[error("{0}")]
     Tls(String),
-    /// It closed the connection before it had answered.
+    /// The server closed the connection before it answered.
     #[error("it closed the connection before it had answered")]
     Closed,
-    /// It says nothing, or too slowly.
+    /// The server did not answer in time.
     #[error("no answer within {} s", .0.as_secs_f64())]
     Silent(Duration),
-    /// It says something that is no answer.
+    /// The answer is not HTTP/1.1.
     #[error("whoever answers there does not speak HTTP/1.1, or is spoken to in plain text and wants https")]
     NoHttp,
-    /// It says that it is elsewhere.
+    /// The server redirects to another address.
     #[error("it answered {0}: it is elsewhere{at}; nobody is followed there: write that address into `url`", at = place(.1.as_deref()))]
     Elsewhere(u16, Option<String>),
-    /// It has not taken it, and perhaps says how long to wait.
+    /// The server rejects the message, and may request a pause.
     #[error("it answered {0}{means}", means = meaning(*.0))]
     Answered(u16, Option<Duration>),
 }
@@ -84,27 +84,27 @@ fn meaning(code: u16) -> &'static str {
 }
 
 impl Failure {
-    /// The server will never take this message: it is not tried again.
+    /// Returns whether the server will never accept this message, so that it is not sent again.
     pub(super) fn is_final(&self) -> bool {
-        // What a person mends at the server or in a token, or what passes, is tried again.
+        // Errors that are temporary, or that a person can correct at the server or in the token file, are retried.
         matches!(self, Failure::Answered(code @ 400..500, _)
             if ![401, 403, 404, 407, 408, 409, 421, 423, 425, 429].contains(code))
     }
 
-    /// Nobody has said anything: to ask again takes as long again.
+    /// Returns whether the failure is a timeout. Another attempt may take the same time again.
     pub(super) fn is_silence(&self) -> bool {
         matches!(self, Failure::Silent(_))
     }
 
-    /// How long the server wants to be left alone.
+    /// Pause that the server has requested.
     pub(super) fn pause(&self) -> Option<Duration> {
         if let Failure::Answered(_, pause) = self { *pause } else { None }
     }
 
-    /// A connection that broke.
+    /// Failure of a broken connection.
     pub(super) fn broken(error: &io::Error) -> Failure {
         match error.kind() {
-            // A server that speaks TLS 1.3 judges only after the handshake.
+            // With TLS 1.3, the server checks the client's certificate after the handshake.
             _ if TlsFault::of(error).is_some() => secured(error),
             ErrorKind::ConnectionReset | ErrorKind::BrokenPipe | ErrorKind::UnexpectedEof => Failure::Closed,
             _ => Failure::Unreachable(error.to_string()),
@@ -119,14 +119,14 @@ impl Failure {
     }
 }
 
-/// What TLS says of the other end.
+/// Failure of a TLS handshake.
 fn secured(error: &io::Error) -> Failure {
     tracing::debug!(%error, "no TLS connection");
     let fault = TlsFault::in_handshake(error);
     fault.map_or(Failure::Unreachable(error.to_string()), |fault| Failure::Tls(fault.advised(remedy(fault))))
 }
 
-/// What to do about it.
+/// Remedy for a TLS fault.
 fn remedy(fault: TlsFault) -> Option<&'static str> {
     Some(match fault {
         TlsFault::OtherName => "write that into `url`, or name the certificate itself with `ca`",
@@ -146,22 +146,22 @@ pub struct Server {
     url: Url,
     token_file: Option<PathBuf>,
     trust: Option<Trust>,
-    /// A question for its name that has not been answered yet: there is never more than one, however often that hangs.
+    /// Name lookup in progress. There is at most one, however long it takes.
     lookup: Mutex<Option<JoinHandle<io::Result<Vec<SocketAddr>>>>>,
 }
 
 impl Server {
-    /// The one of this table; `trust` is asked for https alone.
+    /// Makes the server of this entry. `trust` is used only for https.
     pub fn of(notify: &Notify, trust: Trust) -> Server {
         let (url, token_file) = (notify.url.clone(), notify.token_file.clone());
         let trust = url.tls.then_some(trust);
         Server { url, token_file, trust, lookup: Mutex::default() }
     }
 
-    /// Connects, as far as to the end of a TLS handshake, and sends nothing.
+    /// Connects up to the end of the TLS handshake, and sends nothing.
     ///
     /// # Errors
-    /// What is in the way.
+    /// Reason why the server cannot be reached.
     pub async fn reached(&self, within: Duration) -> Result<(), Failure> {
         let reached = async {
             let stream = self.connected().await?;
@@ -188,7 +188,7 @@ impl Server {
         }
         let mut lookup = self.lookup.lock().await;
         let ask = move || (host, port).to_socket_addrs().map(Iterator::collect);
-        // Whoever does not wait for it any longer leaves it to the next one.
+        // If this attempt times out, the next one uses the same lookup.
         let found = lookup.get_or_insert_with(|| tokio::task::spawn_blocking(ask)).await;
         *lookup = None;
         found.map_err(|_| Failure::Unresolved)?.map_err(|_| Failure::Unresolved)
@@ -245,7 +245,7 @@ async fn exchange(mut stream: impl AsyncRead + AsyncWrite + Unpin, request: &str
         stream.flush().await
     };
     let sent = sent.await;
-    // A server may have answered before it had all of it: what it says tells more than that it took no more.
+    // A server may answer before it has received everything. Its answer is more useful than the error of the write.
     match (answer::read(&mut stream).await, sent) {
         (Err(Failure::Closed), Err(error)) => Err(Failure::broken(&error)),
         (answered, _) => answered,

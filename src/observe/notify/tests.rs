@@ -1,4 +1,4 @@
-//! The thread that posts, and its end.
+//! Tests of the thread that sends messages, and of its end.
 
 use std::net::TcpListener;
 use std::sync::Mutex;
@@ -24,7 +24,7 @@ async fn where_another_program_takes_its_place_nobody_waits_and_what_did_not_arr
     let (event, change) = (Event::Zeroed, Change::default());
     let entry = event.entry(Moment::default());
     (0..3).for_each(|_| hears(Happened { event: &event, entry: &entry, change: &change }));
-    // It has a connection, and is never answered.
+    // The server accepts the connection, and never answers.
     let (arrived, wait) = channel();
     std::thread::spawn(move || arrived.send(listener.accept().unwrap()));
     let _open = wait.recv().unwrap();

@@ -1,4 +1,4 @@
-//! The token that a server wants: read anew for each message, because somebody may have changed it.
+//! The token for a server. It is read again for each message, because the file may change.
 
 use std::io::{ErrorKind, Read};
 use std::os::unix::fs::MetadataExt;
@@ -6,15 +6,15 @@ use std::path::Path;
 
 use isotherm_profile::regular;
 
-/// More than that no server takes in a head.
+/// Largest token file in bytes. No server accepts a longer header.
 const LONGEST: u64 = 4096;
-/// What anybody may do with a file.
+/// Mode bits for all other users.
 const OTHERS: u32 = 0o007;
 
-/// The token in a file.
+/// Reads the token from its file.
 ///
 /// # Errors
-/// A sentence with the file and what to do. Of what is in it nothing is quoted.
+/// A sentence with the file and the remedy. It quotes no part of the content.
 pub fn read(path: &Path) -> Result<String, String> {
     let at = path.display();
     let cannot = |error: std::io::Error| match error.kind() {

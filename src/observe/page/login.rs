@@ -4,7 +4,8 @@ use maud::{DOCTYPE, Markup, html};
 
 use super::{Words, heading};
 
-/// It tells nobody which machine this is. `view` is what he goes on to, `trouble` the key of what is wrong.
+/// Makes the page, which does not reveal the machine. `view` is the view after signing in, and `trouble` the key of the
+/// error message.
 pub(in crate::observe) fn login(words: &Words, view: Option<&str>, trouble: Option<&'static str>) -> Markup {
     html! {
         (DOCTYPE)
@@ -19,7 +20,7 @@ pub(in crate::observe) fn login(words: &Words, view: Option<&str>, trouble: Opti
                     p { (words.get("sign_in_text")) }
                     @if let Some(trouble) = trouble { p .trouble role="alert" { (words.get(trouble)) } }
                     form method="post" action="/login" {
-                        // What a password manager keeps it under.
+                        // User name under which a password manager stores the token.
                         input type="hidden" name="username" value="isotherm" autocomplete="username";
                         @if let Some(view) = view { input type="hidden" name="view" value=(view); }
                         label { (words.get("token")) " " input type="password" name="token" required autofocus autocomplete="current-password"; }

@@ -1,15 +1,15 @@
-//! What the page says, in each language that it speaks: one file each, and the same keys in all of them.
+//! Words of the page in each language. Each language is one file, and all have the same keys.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 use isotherm_profile::Language;
 
-/// The words of one language, by key.
+/// Words of one language, by key.
 pub(in crate::observe) struct Words {
-    /// As `lang` and `Accept-Language` have it.
+    /// Language code, as in `lang` and `Accept-Language`.
     pub(super) language: &'static str,
-    /// The file: what the page's scripts read.
+    /// Content of the file, which the scripts of the page read.
     pub(super) json: &'static str,
     by_key: BTreeMap<String, String>,
 }
@@ -25,14 +25,15 @@ static ALL: LazyLock<Vec<Words>> = LazyLock::new(|| {
     let words = |(language, json)| Words {
         language,
         json,
-        // What is not JSON is found by the test, and would show its keys.
+        // A test finds a file that is not valid JSON. The page would show its keys.
         by_key: serde_json::from_str(json).unwrap_or_default(),
     };
     FILES.map(words).into()
 });
 
 impl Words {
-    /// Those of this language, else of the first one in a browser's `Accept-Language` that there is, else English.
+    /// Words in the named language. Without one, they are in the first known language of `Accept-Language`, or in
+    /// English.
     pub(in crate::observe) fn choose(named: Option<Language>, accepted: &str) -> &'static Words {
         let of = |wanted: &str| ALL.iter().find(|words| words.language.eq_ignore_ascii_case(wanted));
         named
@@ -41,13 +42,13 @@ impl Words {
             .unwrap_or(&ALL[0])
     }
 
-    /// The word of this key.
+    /// Word of this key.
     pub(super) fn get(&self, key: &'static str) -> &str {
         self.by_key.get(key).map_or(key, String::as_str)
     }
 }
 
-/// `de-CH,de;q=0.9,en;q=0.8`: the languages without their countries, the most wanted first.
+/// Languages of a header such as `de-CH,de;q=0.9,en;q=0.8`, without countries, the most preferred first.
 fn preferred(accepted: &str) -> Vec<&str> {
     let mut wanted: Vec<(f64, &str)> = accepted
         .split(',')
@@ -68,7 +69,7 @@ mod tests {
     use super::*;
     use crate::observe::page::FILES as FILES_OF_THE_PAGE;
 
-    /// Everything of the page that uses words.
+    /// All files of the page that use words.
     fn uses() -> String {
         let scripts =
             FILES_OF_THE_PAGE.iter().filter(|(name, ..)| name.ends_with(".js")).map(|(.., text)| *text);
@@ -105,7 +106,7 @@ mod tests {
     fn every_word_is_used_and_every_word_that_is_used_is_there() {
         let all = uses();
         for key in ALL[0].by_key.keys() {
-            // Of a kind of words one is chosen by what the gateway says.
+            // The gateway's value selects one word of such a group.
             let used = match key.split_once('.') {
                 Some((kind, _)) => format!("known(\"{kind}\""),
                 None if key.starts_with("past_") && key.ends_with(['h', 'd']) => "`past_${name}`".to_owned(),
@@ -117,7 +118,7 @@ mod tests {
         for use_of in ["t(\"", "words.get(\""] {
             let mut before = "";
             for part in all.split(use_of) {
-                // Not the end of a longer name.
+                // A longer name may end in the same way.
                 let whole = !before.ends_with(|last: char| last.is_alphanumeric() || last == '_');
                 if let Some(key) = part.split('"').next().filter(|_| whole && !before.is_empty()) {
                     assert!(ALL[0].by_key.contains_key(key), "there is no {key}");

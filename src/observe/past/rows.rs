@@ -1,4 +1,4 @@
-//! The rows of one log, from a moment on: a file of a day is not read from its beginning for its last hour.
+//! Rows of one log from a given time on. A binary search avoids reading the file from its start.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Seek, SeekFrom};
@@ -9,7 +9,7 @@ use csv::{ByteRecord, ReaderBuilder};
 use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::regular;
 
-/// Nearer than this it is read instead of looked for.
+/// Distance in bytes below which the search stops and rows are read.
 const NEAR: u64 = 64 * 1024;
 
 /// One row.
@@ -24,7 +24,7 @@ impl Row {
         moment(self.0.get(0)?)
     }
 
-    /// The numbers at these places.
+    /// Reads the numbers at these positions.
     pub(super) fn numbers(&self, places: &[Option<usize>], values: &mut [Option<f64>]) {
         for (place, value) in places.iter().zip(values) {
             let cell = place.and_then(|place| self.0.get(place));
@@ -33,7 +33,7 @@ impl Row {
         }
     }
 
-    /// The time and the cells at these places, with a line break.
+    /// Writes the time and the cells at these positions, with a line break.
     pub(super) fn write(&self, places: &[Option<usize>], out: &mut Vec<u8>) {
         out.extend_from_slice(self.0.get(0).unwrap_or_default());
         for place in places {
@@ -48,7 +48,7 @@ fn moment(cell: &[u8]) -> Option<Moment> {
     time::parse(std::str::from_utf8(cell).ok()?).ok()
 }
 
-/// The names of the columns, and the rows from about this moment on; `None` where there is no such log.
+/// Names of the columns, and the rows from about this time on. `None` if there is no such log.
 pub(super) fn rows(log: &Path, from: Moment) -> Option<(Vec<String>, impl Iterator<Item = Row>)> {
     let mut file = BufReader::new(regular::open(log).ok()?);
     let mut header = Vec::new();
@@ -59,11 +59,11 @@ pub(super) fn rows(log: &Path, from: Moment) -> Option<(Vec<String>, impl Iterat
     let begin = begin(&mut file, header.len() as u64, from).ok()?;
     file.seek(SeekFrom::Start(begin)).ok()?;
     let rows = ReaderBuilder::new().has_headers(false).flexible(true).from_reader(file);
-    // What is no row any more is behind all that are.
+    // A damaged row ends the rows.
     Some((names, rows.into_byte_records().map_while(Result::ok).map(Row)))
 }
 
-/// Where a row begins before which none is of this moment or later. Rows are in the order of time, one a line.
+/// Position of a row before which all rows are earlier than this time. Rows are ordered by time, one on each line.
 fn begin(file: &mut BufReader<File>, first: u64, from: Moment) -> std::io::Result<u64> {
     let (mut low, mut high) = (first, file.get_ref().metadata()?.len());
     let mut line = Vec::new();

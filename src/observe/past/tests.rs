@@ -11,7 +11,7 @@ fn question(from: u64, to: u64, columns: &[&str]) -> Question {
     Question { from: at(from), to: at(to), columns: columns.iter().map(column).collect() }
 }
 
-/// A row a second: `bed` counts, `peak` is 99 in one of them.
+/// Writes a log with a row for each second. `bed` counts seconds, and `peak` is 99 in one row.
 fn log(directory: &Path, name: &str, seconds: std::ops::Range<u64>, peak: u64) -> PathBuf {
     let mut text = "time,bed,peak,z_cz_um,z_state\n".to_owned();
     for second in seconds {
@@ -26,7 +26,7 @@ fn log(directory: &Path, name: &str, seconds: std::ops::Range<u64>, peak: u64) -
 #[test]
 fn no_peak_is_lost_however_few_points_there_are_and_a_gap_is_a_gap() {
     let home = tempfile::tempdir().unwrap();
-    // The second file of the day stands before the first by name.
+    // By name, the second file of the day comes before the first.
     let logs = [log(home.path(), "m.2.csv", 40_000..50_000, 0), log(home.path(), "m.csv", 0..30_000, 12_345)];
     let found = course(&logs, &question(0, 50_000, &["bed", "peak", "none"]), 50, &|| true).unwrap();
     assert_eq!(found.rows, 40_000);

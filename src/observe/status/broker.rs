@@ -1,44 +1,44 @@
-//! How publishing to a broker goes: written by whoever publishes, read with the state of the gateway.
+//! State of publishing to a broker. The publisher writes it; the status contains it.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use serde::Serialize;
 
-/// How it goes.
+/// State of publishing.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct BrokerStatus {
-    /// Its address.
+    /// Address of the broker.
     pub broker: String,
-    /// There is a connection.
+    /// `true` if there is a connection.
     pub connected: bool,
-    /// Why there is none, in words; empty where there is one, or none was tried yet.
+    /// Reason why there is no connection, in words; empty if there is one, or before the first attempt.
     pub fault: String,
     /// Messages that wait for the broker.
     pub queued: u64,
     /// Messages that were given to a connection.
     pub published: u64,
-    /// Messages that found no room and never arrive.
+    /// Messages that were dropped and never arrive.
     pub dropped: u64,
-    /// Connections that the broker has taken.
+    /// Connections that the broker has accepted.
     pub connections: u64,
 }
 
-/// The same, shared; locked for a moment only.
+/// Shared [`BrokerStatus`], locked only briefly.
 #[derive(Debug, Default)]
 pub struct BrokerFigures(Mutex<BrokerStatus>);
 
 impl BrokerFigures {
-    /// Nothing has happened yet.
+    /// Makes the state before the first attempt.
     pub fn of(broker: String) -> BrokerFigures {
         BrokerFigures(Mutex::new(BrokerStatus { broker, ..BrokerStatus::default() }))
     }
 
-    /// As they are now.
+    /// Copy of the current state.
     pub fn read(&self) -> BrokerStatus {
         self.get().clone()
     }
 
-    /// Changes them.
+    /// Changes the state.
     #[cfg(feature = "mqtt")]
     pub(in crate::observe) fn note(&self, change: impl FnOnce(&mut BrokerStatus)) {
         change(&mut self.get());

@@ -1,35 +1,35 @@
-//! A node's objects, and the SDO server in front of them: expedited and segmented, both ways.
+//! Objects of a node, and its SDO server: expedited and segmented transfers in both directions.
 
 use std::collections::BTreeMap;
 
 use crate::fieldbus::canopen::abort::AbortCode;
 use isotherm_core::codec::Entry;
 
-/// An object's bytes, lowest first, and whether they may be written.
+/// Bytes of an object, lowest first, and whether they are writable.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Stored {
-    /// What is read.
+    /// Value of the object.
     bytes: Vec<u8>,
-    /// Whether SDO may write it.
+    /// Whether an SDO may write the object.
     is_writable: bool,
 }
 
-/// The objects of a node.
+/// Objects of a node.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Dictionary {
     objects: BTreeMap<Entry, Stored>,
 }
 
-/// What a server does with a request.
+/// Result of a request.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Served {
-    /// The answer.
+    /// Answer to the client.
     pub(crate) answer: Option<[u8; 8]>,
-    /// The object that was written by it.
+    /// Object that the request has written.
     pub(crate) written: Option<Entry>,
 }
 
-/// The state of one SDO channel: the transfer that goes on in segments.
+/// State of one SDO channel: the segmented transfer in progress.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Server(Option<Transfer>);
 
@@ -37,29 +37,29 @@ pub(crate) struct Server(Option<Transfer>);
 struct Transfer {
     at: Entry,
     way: Way,
-    /// What goes out, or what has come in.
+    /// Bytes to send, or bytes received so far.
     bytes: Vec<u8>,
     toggle: bool,
 }
 
 #[derive(Clone, Debug)]
 enum Way {
-    /// So many of the bytes are gone.
+    /// Upload: number of bytes sent so far.
     Out(usize),
-    /// So many are to come.
+    /// Download: total number of bytes.
     In(usize),
 }
 
-/// What a segment says that it is of.
+/// Object that is named in the abort of a segment without transfer.
 pub(crate) const NONE: Entry = Entry::new(0, 0);
 
 impl Dictionary {
-    /// Adds an object, or changes what it reads.
+    /// Adds an object, or replaces it.
     pub(crate) fn put(&mut self, at: Entry, bytes: &[u8], is_writable: bool) {
         self.objects.insert(at, Stored { bytes: bytes.to_vec(), is_writable });
     }
 
-    /// Changes what an object reads; one that is not there stays away.
+    /// Changes the value of an existing object.
     pub(crate) fn set(&mut self, at: Entry, bytes: &[u8]) {
         if let Some(object) = self.objects.get_mut(&at) {
             object.bytes.clear();
@@ -67,12 +67,12 @@ impl Dictionary {
         }
     }
 
-    /// What an object reads.
+    /// Value of an object.
     pub(crate) fn get(&self, at: Entry) -> Option<&[u8]> {
         self.objects.get(&at).map(|object| object.bytes.as_slice())
     }
 
-    /// What an object of at most eight bytes reads, as a number from zero.
+    /// Value of an object of at most eight bytes, as an unsigned number.
     pub(crate) fn number(&self, at: Entry) -> Option<u64> {
         let bytes = self.get(at)?;
         let mut eight = [0; 8];
@@ -80,14 +80,14 @@ impl Dictionary {
         Some(u64::from_le_bytes(eight))
     }
 
-    /// Puts the objects of these indices back to what they are in another dictionary.
+    /// Restores the objects of these indices from another dictionary.
     pub(crate) fn restore(&mut self, from: &Dictionary, indices: std::ops::Range<u16>) {
         for (at, object) in from.objects.range(Entry::new(indices.start, 0)..Entry::new(indices.end, 0)) {
             self.objects.insert(*at, object.clone());
         }
     }
 
-    /// Lets SDO write an object that is there.
+    /// Makes an existing object writable by SDO.
     pub(crate) fn unlock(&mut self, at: Entry) {
         if let Some(object) = self.objects.get_mut(&at) {
             object.is_writable = true;
@@ -115,12 +115,12 @@ impl Dictionary {
 }
 
 impl Server {
-    /// Whether a request is a part of writing something.
+    /// Returns whether a request is part of a download.
     pub(crate) fn is_write(request: &[u8]) -> bool {
         request.first().is_some_and(|command| matches!(command >> 5, 0 | 1))
     }
 
-    /// What a request speaks of; a segment does not say.
+    /// Object that a request names; `None` for a segment.
     pub(crate) fn names(request: &[u8]) -> Option<Entry> {
         match request {
             [command, low, high, sub, ..] if matches!(command >> 5, 1 | 2) => {
@@ -130,14 +130,14 @@ impl Server {
         }
     }
 
-    /// Carries out one request; one that has not eight bytes is none.
+    /// Executes one request. A request that is not eight bytes long is ignored.
     pub(crate) fn serve(&mut self, request: &[u8], objects: &mut Dictionary) -> Served {
         let Ok([command, low, high, sub, rest @ ..]) = <[u8; 8]>::try_from(request) else {
             return Served::default();
         };
         let at = Entry::new(u16::from_le_bytes([low, high]), sub);
         let answered = match command >> 5 {
-            // The client gives up.
+            // The client aborts the transfer.
             4 => {
                 self.0 = None;
                 return Served::default();
@@ -185,7 +185,7 @@ impl Server {
         Ok((done, None))
     }
 
-    /// The next segment, out or in.
+    /// Transfers the next segment in either direction.
     fn segment(&mut self, command: u8, data: &[u8], objects: &mut Dictionary) -> Answered {
         let is_out = command >> 5 == 3;
         let going = self.0.as_mut().filter(|transfer| matches!(transfer.way, Way::Out(_)) == is_out);
@@ -228,10 +228,10 @@ impl Server {
     }
 }
 
-/// The answer and the object it has written; or for which object it is refused, and why.
+/// Answer and written object, or object and abort code of a rejected request.
 type Answered = Result<([u8; 8], Option<Entry>), (Entry, AbortCode)>;
 
-/// The answer that refuses a request.
+/// Makes the abort message for a request.
 pub(crate) fn refusal(at: Entry, code: AbortCode) -> [u8; 8] {
     message(0x80, at, code.0.to_le_bytes())
 }
@@ -242,7 +242,7 @@ fn message(command: u8, at: Entry, rest: [u8; 4]) -> [u8; 8] {
     [command, low, high, at.sub, a, b, c, d]
 }
 
-/// How many of so many places stay empty.
+/// Number of unused bytes.
 fn spare(places: usize, taken: usize) -> u8 {
     u8::try_from(places - taken).unwrap_or_default()
 }

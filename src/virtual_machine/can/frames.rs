@@ -1,4 +1,4 @@
-//! Frames as a device sends and takes them: the cells of its bank in the bits of a frame.
+//! Frames that a device sends and receives: values of its bank as bits of a frame.
 
 use std::time::Duration;
 
@@ -6,50 +6,50 @@ use crate::virtual_machine::registers::Bank;
 use isotherm_core::codec::{Address, BitField, CanId, CanMatch, Encoded, Field, Frame, Selector};
 use isotherm_profile::{DeviceId, Profile, Verify};
 
-/// One kind of frame that a device sends. Where its content is multiplexed there is one for each selection.
+/// One kind of frame that a device sends. A multiplexed frame has one image for each selection.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Image {
     id: CanId,
     length: usize,
-    /// What selects its content.
+    /// Selector bits and their values.
     selected: Vec<(BitField, u64)>,
     parts: Vec<(Address, BitField)>,
 }
 
-/// A value that a device takes out of frames.
+/// A value that a device reads from frames.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Taken {
     field: Field,
-    /// Where it is kept: in its own cell, and in the object by which it is read again.
+    /// Cells for the value: its own cell, and the object at which it is read back.
     cells: Vec<Address>,
 }
 
-/// What a frame brings to a device.
+/// Content of a frame for one device.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Delivery {
-    /// Nothing of it is awaited here.
+    /// The device uses no value of this frame.
     Foreign,
-    /// What is put where.
+    /// Values with their cells.
     Taken(Vec<(Vec<Address>, Encoded)>),
-    /// It has too few bytes: nothing is taken.
+    /// The frame has too few bytes. None of its values is used.
     Short,
 }
 
-/// Frames of one identifier that a device sends together.
+/// Frames with one identifier that a device sends together.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Group {
     pub(crate) id: CanId,
-    /// As often as the device is polled, and often enough that none of the values grows too old.
+    /// Period: that of the device, or shorter if a value would become too old.
     pub(crate) every: Duration,
     pub(crate) images: Vec<Image>,
 }
 
-/// The frames that a device sends.
+/// Frames that a device sends.
 pub(crate) fn sent(profile: &Profile, id: DeviceId) -> Vec<Group> {
     let device = profile.device(id);
     let mut sent: Vec<Group> = Vec::new();
     let signals = profile.signals.iter().filter(|signal| signal.device == id);
-    // What does not depend on a selection is in the frames of each, so selections come first.
+    // Values without a selection are part of the frames of each selection, so that selections come first.
     let mut fields: Vec<_> = signals.filter_map(|signal| Some((signal, field(&signal.address)?))).collect();
     fields.sort_by_key(|(_, field)| field.multiplex.is_empty());
     for (signal, field) in fields {
@@ -77,7 +77,7 @@ pub(crate) fn sent(profile: &Profile, id: DeviceId) -> Vec<Group> {
     sent
 }
 
-/// What a device takes out of the frames that outputs write.
+/// Values that a device reads from the frames of outputs.
 pub(crate) fn taken(profile: &Profile, id: DeviceId) -> Vec<Taken> {
     let outputs = profile.outputs.iter().filter(|output| output.device == id);
     let taken = outputs.filter_map(|output| {
@@ -94,7 +94,7 @@ const fn field(at: &Address) -> Option<&Field> {
     if let Address::Frame(field) = at { Some(field) } else { None }
 }
 
-/// An identifier that a listener takes. A J1939 group is sent with the usual priority, 6.
+/// An identifier that a listener accepts. A J1939 group is sent with the usual priority, 6.
 fn sender(frames: CanMatch) -> CanId {
     let priority = 0x1800_0000 & !frames.mask;
     let any = frames.id.is_extended().then(|| CanId::extended(frames.id.raw() | priority)).flatten();
@@ -102,7 +102,7 @@ fn sender(frames: CanMatch) -> CanId {
 }
 
 impl Image {
-    /// The frame with what stands in the bank now.
+    /// Makes the frame with the current content of the bank.
     pub(crate) fn frame(&self, bank: &Bank) -> Option<Frame> {
         let mut bytes = [0; BitField::LONGEST_FRAME];
         let bytes = &mut bytes[..Frame::fd_length(self.length)?];
@@ -116,25 +116,25 @@ impl Image {
         if self.length > 8 { Frame::fd(self.id, bytes) } else { Frame::classic(self.id, bytes) }
     }
 
-    /// The last byte that a listener needs.
+    /// Number of bytes that a listener needs.
     pub(crate) const fn length(&self) -> usize {
         self.length
     }
 }
 
 impl Taken {
-    /// Where it is in which frames.
+    /// Position of the value, and its frames.
     pub(crate) const fn field(&self) -> &Field {
         &self.field
     }
 
-    /// The cell that follows when an object is written by which this is read again.
+    /// Cell that changes together with this object, if the object is the one at which the value is read back.
     pub(crate) fn shown_at(&self, object: &Address) -> Option<Address> {
         self.cells.first().filter(|_| self.cells.get(1) == Some(object)).cloned()
     }
 }
 
-/// What a frame brings to a device that awaits these.
+/// Reads the values of a frame for a device.
 pub(crate) fn delivered(taken: &[Taken], frame: &Frame) -> Delivery {
     let awaited = taken.iter().filter(|value| value.field.frames.takes(frame.id()));
     let read: Option<Vec<_>> = awaited
@@ -148,7 +148,7 @@ pub(crate) fn delivered(taken: &[Taken], frame: &Frame) -> Delivery {
     }
 }
 
-/// The beginning of a frame: as many bytes as this, or fewer where no frame of its kind has as many.
+/// Start of a frame, with this number of bytes, or fewer if its kind has no such length.
 pub(crate) fn beginning(frame: &Frame, bytes: usize) -> Option<Frame> {
     let length = bytes.min(frame.data().len());
     if !frame.is_fd() {

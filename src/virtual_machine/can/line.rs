@@ -1,4 +1,4 @@
-//! The socket of a CAN interface, and the time in which its devices act.
+//! Socket of a CAN interface, and the times at which its devices act.
 
 use std::io;
 use std::time::Duration;
@@ -15,11 +15,11 @@ use crate::virtual_machine::server::Shared;
 use isotherm_core::codec::{CanMatch, Frame};
 use isotherm_core::quantity::Moment;
 
-/// Between two attempts to put a frame into a full queue, and how many there are: a quarter of a second.
+/// Pause between two attempts to add a frame to a full queue. With [`ATTEMPTS`] they take a quarter of a second.
 const PAUSE: Duration = Duration::from_millis(1);
 const ATTEMPTS: u32 = 250;
 
-/// The units of an interface.
+/// Units of an interface.
 #[derive(Debug)]
 pub(crate) struct CanLine {
     pub(crate) places: Vec<usize>,
@@ -27,17 +27,17 @@ pub(crate) struct CanLine {
     pub(crate) begin: Moment,
 }
 
-/// An interface. It may go down and be deleted: its devices go on, unheard, and are heard again when it is back.
+/// A CAN interface. If it goes down or is deleted, its devices continue to run, and are visible again when it is back.
 #[derive(Debug)]
 pub(crate) struct Port {
     interface: String,
     wanted: Vec<CanMatch>,
     clock: Clock,
-    /// With what makes a virtual clock wait for frames that no device has taken.
+    /// Socket, with a gate that makes a virtual clock wait for frames that no device has received yet.
     socket: Option<(Socket, Inlet)>,
 }
 
-/// Serves a line until `stop` changes or its sender is gone.
+/// Serves a line until `stop` changes or its sender is dropped.
 pub(crate) async fn serve(
     mut port: Port,
     line: CanLine,
@@ -72,10 +72,10 @@ pub(crate) async fn serve(
 }
 
 impl Port {
-    /// The interface of this name, of which these frames are heard.
+    /// Opens the interface of this name, and receives these frames from it.
     ///
     /// # Errors
-    /// No such interface, none of CAN, no CAN in the kernel.
+    /// The interface does not exist, is no CAN interface, or the kernel has no CAN.
     pub(crate) fn open(interface: &str, wanted: Vec<CanMatch>, clock: &Clock) -> io::Result<Port> {
         let interface = interface.to_owned();
         let mut port = Port { interface, wanted, clock: clock.clone(), socket: None };
@@ -101,7 +101,7 @@ impl Port {
         Ok(())
     }
 
-    /// There is something to be heard, be it an error.
+    /// Completes when a frame or an error can be received.
     async fn ready(&self) {
         match &self.socket {
             Some((socket, _)) => socket.ready().await,
@@ -109,7 +109,7 @@ impl Port {
         }
     }
 
-    /// The next frame, if one has come.
+    /// Next frame, if one has been received.
     fn hear(&mut self) -> Option<Frame> {
         loop {
             match self.socket.as_ref()?.0.hear_now() {
@@ -137,7 +137,7 @@ impl Port {
         }
     }
 
-    /// A frame that cannot be put into the interface's queue is lost, as on any bus.
+    /// Adds a frame to the queue of the interface. If the queue stays full, the frame is lost, as on any bus.
     async fn put(&mut self, sent: Sent) {
         for _ in 0..ATTEMPTS {
             let Some((socket, _)) = &self.socket else { return };

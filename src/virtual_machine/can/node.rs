@@ -1,4 +1,4 @@
-//! A device on a CAN line: a CANopen node with its states, or one that only sends.
+//! A device on a CAN line: a CANopen node with its states, or a device that only sends.
 
 use std::time::Duration;
 
@@ -7,7 +7,7 @@ use isotherm_core::quantity::Moment;
 
 use super::dictionary::{Dictionary, Served, Server};
 
-/// The identifiers of CANopen's services; all but the first two with the node's number added.
+/// Identifiers of CANopen services. All but NMT and SYNC have the number of the node added.
 const NMT: u16 = 0x000;
 const SYNC: Entry = Entry::new(0x1005, 0);
 const EMERGENCY: u16 = 0x080;
@@ -17,30 +17,30 @@ const HEARTBEAT: u16 = 0x700;
 
 /// Heartbeat producer time, ms.
 pub(crate) const HEARTBEAT_TIME: Entry = Entry::new(0x1017, 0);
-/// The kinds of errors that stand.
+/// Kinds of active errors.
 pub(crate) const ERROR_REGISTER: Entry = Entry::new(0x1001, 0);
-/// An encoder's cycle time, ms: the event timer of its first PDO by another name.
+/// Cycle time of an encoder, ms: another name of the event timer of its first PDO.
 pub(crate) const CYCLE: Entry = Entry::new(0x6200, 0);
 
-/// The objects that say how a PDO is sent: identifier, type, event timer in ms.
+/// Objects with the communication parameters of a PDO: identifier, type, and event timer in ms.
 pub(crate) const fn communication(pdo: u16) -> [Entry; 3] {
     let index = 0x1800 + pdo;
     [Entry::new(index, 1), Entry::new(index, 2), Entry::new(index, 5)]
 }
 
-/// The communication profile's part of the dictionary, which a reset of the communication alone puts back.
+/// Objects of the communication profile, which a communication reset restores.
 const COMMUNICATION: std::ops::Range<u16> = 0x1000..0x2000;
 
-/// Whether the node itself says what an object reads: nothing is measured there.
+/// Returns whether the node itself determines the value of an object, so that it is not measured.
 pub(crate) fn is_own(at: Entry) -> bool {
     COMMUNICATION.contains(&at.index) || at == CYCLE
 }
 
 #[derive(Clone, Debug)]
 pub(crate) struct Node {
-    /// `None`: it only sends.
+    /// Number of the node; `None` for a device that only sends.
     number: Option<u8>,
-    /// It needs no master to become operational.
+    /// The node becomes operational without a master.
     starts_itself: bool,
     state: State,
     pub(crate) objects: Dictionary,
@@ -48,7 +48,7 @@ pub(crate) struct Node {
     server: Server,
     heartbeat: Option<Moment>,
     pdos: Vec<Pdo>,
-    /// What it does as soon as its line looks.
+    /// Actions for the next tick of its line.
     pub(crate) acts: Vec<Act>,
 }
 
@@ -59,28 +59,28 @@ enum State {
     PreOperational = 0x7f,
 }
 
-/// What a device sends of what it measures.
+/// A PDO with measured values.
 #[derive(Clone, Debug)]
 pub(crate) struct Pdo {
     id: CanId,
-    /// Which of the node's PDOs, whose objects then say how it is sent.
+    /// Number of the PDO, whose objects contain its parameters.
     number: Option<u16>,
-    /// Its period where no objects say so.
+    /// Period if there are no such objects.
     every: Duration,
     due: Option<Moment>,
     syncs: u8,
 }
 
-/// What a node does.
+/// An action of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Act {
-    /// It sends this.
+    /// Send this frame.
     Send(Frame),
-    /// It sends what it measures, its PDO of this place.
+    /// Send the measured values of the PDO with this index.
     Measured(usize),
-    /// It forgets what was written to it, as at power-on. [`Node::boot`] is to follow.
+    /// Discard all written values, as at power-on. [`Node::boot`] must follow.
     Reset,
-    /// It has put objects back by itself.
+    /// Report that the node has restored objects itself.
     Restored,
 }
 
@@ -89,7 +89,7 @@ impl Pdo {
         Pdo { id, number, every, due: None, syncs: 0 }
     }
 
-    /// Its period, where it is sent by the clock.
+    /// Period of the PDO if it is sent by a timer.
     fn period(&self, objects: &Dictionary) -> Option<Duration> {
         let Some(number) = self.number else { return Some(self.every) };
         let [_, kind, timer] = communication(number);
@@ -97,28 +97,28 @@ impl Pdo {
         milliseconds(objects, timer).filter(|_| is_by_clock && self.is_valid(objects))
     }
 
-    /// How many SYNCs it waits for, where it is sent with them.
+    /// Number of SYNCs for each transmission if the PDO is sent with SYNC.
     fn every_sync(&self, objects: &Dictionary) -> Option<u8> {
         let kind = objects.number(communication(self.number?)[1])?;
         u8::try_from(kind).ok().filter(|kind| *kind <= 240 && self.is_valid(objects))
     }
 
-    /// Whether its objects let it be sent, with the identifier that is known of it.
+    /// Returns whether its objects enable the PDO with the known identifier.
     fn is_valid(&self, objects: &Dictionary) -> bool {
         let Some(number) = self.number else { return true };
         let wanted = u64::from(self.id.raw()) | if self.id.is_extended() { 1 << 29 } else { 0 };
-        // Bit 30 speaks of remote requests.
+        // Bit 30 concerns remote requests.
         objects.number(communication(number)[0]).is_some_and(|id| id & !(1 << 30) == wanted)
     }
 }
 
-/// A time in milliseconds that an object says; 0 is none.
+/// Time in milliseconds in an object; `None` for 0.
 fn milliseconds(objects: &Dictionary, at: Entry) -> Option<Duration> {
     objects.number(at).filter(|time| *time > 0).map(Duration::from_millis)
 }
 
 impl Node {
-    /// A node without power; [`Node::boot`] gives it some.
+    /// Makes a node without power. [`Node::boot`] switches it on.
     pub(crate) fn new(number: Option<u8>, starts_itself: bool, objects: Dictionary, pdos: Vec<Pdo>) -> Node {
         Node {
             number,
@@ -133,14 +133,14 @@ impl Node {
         }
     }
 
-    /// The power comes on.
+    /// Switches the power on.
     pub(crate) fn boot(&mut self, now: Moment) {
         self.acts.clear();
         self.objects = self.at_power_on.clone();
         self.begin(now);
     }
 
-    /// When it has something to do by itself.
+    /// Time of the next spontaneous action.
     pub(crate) fn due(&self) -> Option<Moment> {
         let heartbeat = self.heartbeat.filter(|_| milliseconds(&self.objects, HEARTBEAT_TIME).is_some());
         let by_clock = self.pdos.iter().filter(|pdo| pdo.period(&self.objects).is_some());
@@ -148,7 +148,7 @@ impl Node {
         pdos.filter(|_| self.state == State::Operational).chain(heartbeat).min()
     }
 
-    /// Lets time pass.
+    /// Advances the time.
     pub(crate) fn tick(&mut self, now: Moment) {
         if let (Some(due), Some(period)) = (self.heartbeat, milliseconds(&self.objects, HEARTBEAT_TIME))
             && due <= now
@@ -169,7 +169,7 @@ impl Node {
         }
     }
 
-    /// Takes a frame of CANopen's services, where it is for this node. Gives what an SDO server made of it.
+    /// Processes a frame of a CANopen service if it is for this node. Returns the result of an SDO request.
     pub(crate) fn take(&mut self, frame: &Frame, now: Moment) -> Option<Served> {
         let number = self.number?;
         let id = frame.id();
@@ -190,7 +190,7 @@ impl Node {
         None
     }
 
-    /// The identifiers of the services that it hears.
+    /// Identifiers of the services that the node receives.
     pub(crate) fn hears(&self) -> Vec<CanId> {
         let Some(number) = self.number else { return Vec::new() };
         let sync = self.objects.number(SYNC).and_then(|sync| CanId::standard(u32::try_from(sync).ok()?));
@@ -198,29 +198,29 @@ impl Node {
         services.into_iter().chain(sync).collect()
     }
 
-    /// Whether a frame asks its SDO server something.
+    /// Returns whether a frame is a request to the node's SDO server.
     pub(crate) fn is_asked_by(&self, frame: &Frame) -> bool {
         let request = self.number.map(|number| CanId::of_11_bits(SDO_REQUEST + u16::from(number)));
         request == Some(frame.id()) && self.state != State::Stopped
     }
 
-    /// What was written last has not been written: this is what stands there.
+    /// Reverts the last write to these objects.
     pub(crate) fn undo(&mut self, at: Entry, objects: Dictionary, now: Moment) {
         self.objects = objects;
         self.has_changed(at, now);
     }
 
-    /// Whether it takes process data now.
+    /// Returns whether the node accepts process data now.
     pub(crate) const fn takes_process_data(&self) -> bool {
         matches!(self.state, State::Operational)
     }
 
-    /// The frame that answers an SDO.
+    /// Frame with the answer to an SDO request.
     pub(crate) fn answer(&self, bytes: [u8; 8]) -> Option<Frame> {
         self.service(SDO_ANSWER, bytes)
     }
 
-    /// Complains, with the error register that goes with the code; code 0: all is well again.
+    /// Sends an emergency, with the error register for the code. Code 0 means no error.
     pub(crate) fn complain(&mut self, code: u16) {
         let register = match code >> 12 {
             0 if code == 0 => 0,
@@ -273,7 +273,7 @@ impl Node {
         }
     }
 
-    /// Something has been written by SDO.
+    /// Applies an object that an SDO has written.
     fn has_changed(&mut self, at: Entry, now: Moment) {
         let timer = communication(0)[2];
         for (from, to) in [(CYCLE, timer), (timer, CYCLE)] {

@@ -1,7 +1,7 @@
-//! A device on a CAN line as it is when the power comes on.
+//! Initial state of a device on a CAN line at power-on.
 //!
-//! What the profile sets up is not set up yet: timers that it writes stand at zero, so a node whose setup list was not
-//! written stays silent, as on the shop floor. What it only verifies stands as it must.
+//! Objects in the setup list of the profile are not set up yet. Timers in it are zero, so that a node without setup
+//! stays silent, as in reality. Objects that are only verified have the expected values.
 
 use std::time::Duration;
 
@@ -12,11 +12,12 @@ use crate::virtual_machine::registers::Bank;
 use isotherm_core::codec::{Address, CanId, Entry};
 use isotherm_profile::{CanDevice, DeviceId, Profile};
 
-/// Sent by the clock or on a change of the maker's own choosing; the first of the two types that mean it.
+/// Transmission type: by timer or on a change that the manufacturer defines. It is the first of the two types with this
+/// meaning.
 const BY_CLOCK: u8 = 254;
 
-/// The node that a device is, in front of what its bank holds; objects that stand at something of their own are put
-/// into the bank.
+/// Makes the node of a device, with the content of its bank. Objects with initial values of their own are copied to the
+/// bank.
 pub(crate) fn node(profile: &Profile, id: DeviceId, bank: &mut Bank) -> Option<Node> {
     let device = profile.device(id);
     let can = device.can.as_ref()?;
@@ -67,11 +68,11 @@ pub(crate) fn node(profile: &Profile, id: DeviceId, bank: &mut Bank) -> Option<N
         }
     }
     let is_set_up = |entry: Entry| can.setup.iter().any(|setup| setup.object.entry == entry);
-    // It is only looked at before arming, so it stands as it must.
+    // The object is only verified before arming, so that it has the expected value.
     let is_verified = |entry: Entry| {
         !is_set_up(entry) && device.verify.iter().any(|expected| named(&expected.address) == Some(entry))
     };
-    // An output's value is written there, or stands there once it came in a frame.
+    // An output writes this value by SDO, or it comes in a frame and can be read here.
     let is_written = |entry: Entry| {
         let mut outputs = profile.outputs.iter().filter(|output| output.device == id);
         outputs.any(|output| [&output.address, &output.reads_at()].map(named).contains(&Some(entry)))
@@ -94,12 +95,12 @@ fn is_timer(entry: Entry) -> bool {
     (0x1800..0x1a00).contains(&entry.index) && entry.sub == 5
 }
 
-/// The object at an address.
+/// Object at an address.
 pub(crate) const fn named(address: &Address) -> Option<Entry> {
     if let Address::Object(object) = address { Some(object.entry) } else { None }
 }
 
-/// Which of a node's PDOs comes with this identifier: by the usual set, or because the setup list gives it that one.
+/// Number of the PDO with this identifier: from the setup list, or by the predefined connection set.
 fn number_of(id: CanId, node: u8, can: &CanDevice) -> Option<u16> {
     let is_set_up = |pdo: &u16| {
         let mut of_pdo = can.setup.iter().filter(|setup| setup.object.entry == communication(*pdo)[0]);
@@ -108,7 +109,7 @@ fn number_of(id: CanId, node: u8, can: &CanDevice) -> Option<u16> {
     (0..512).find(is_set_up).or_else(|| (0..4).find(|pdo| usual(*pdo, node) == id))
 }
 
-/// The identifier that a PDO has unless somebody changes it; none of the first four has one of no use to anybody.
+/// Default identifier of a PDO; 0 for PDOs after the first four, which have none.
 fn usual(pdo: u16, node: u8) -> CanId {
     CanId::of_11_bits(if pdo < 4 { 0x180 + 0x100 * pdo + u16::from(node) } else { 0 })
 }

@@ -1,4 +1,4 @@
-//! A script as it runs.
+//! State of a running fault script.
 
 use super::{AcknowledgeFault, BusError, CanFault, Fault, FaultScript, Kind, Lasts, Reads, ReplyFault};
 use isotherm_core::codec::CanId;
@@ -6,7 +6,7 @@ use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::DeviceId;
 
-/// The faults of a run, with what has come of them.
+/// Faults of a run, with their progress.
 #[derive(Clone, Debug)]
 pub(crate) struct Faults {
     begin: Moment,
@@ -18,17 +18,17 @@ struct Running {
     fault: Fault,
     begun: Option<Moment>,
     replies: u64,
-    /// When it last made the device say something.
+    /// Last time at which the fault caused a frame.
     said: Option<Moment>,
-    /// The device has said that it is over.
+    /// The device has reported the end of the fault.
     is_over: bool,
 }
 
-/// What a fault makes a device say on a CAN line.
+/// Frame that a fault causes on a CAN line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Utterance {
     Babble(CanId),
-    /// With code 0: it is over.
+    /// Emergency; code 0 reports its end.
     Emergency(u16),
     Error(BusError),
 }
@@ -39,14 +39,14 @@ impl Faults {
         Faults { begin, running: script.faults.into_iter().map(fresh).collect() }
     }
 
-    /// Calls devices that are one piece of hardware by one name.
+    /// Replaces devices by the first device of their hardware unit.
     pub(crate) fn rename(&mut self, name: impl Fn(DeviceId) -> DeviceId) {
         for running in &mut self.running {
             running.fault.device = name(running.fault.device);
         }
     }
 
-    /// Takes note of the time and of how many requests each device has had; gives the faults that happen once and are due.
+    /// Begins the faults that are due by time and by number of requests. Returns those that happen only once.
     pub(crate) fn advance(
         &mut self,
         now: Moment,
@@ -65,7 +65,7 @@ impl Faults {
         incidents
     }
 
-    /// What is wrong with the answer to this request; counts it.
+    /// Fault of the answer to this request. Counts it.
     pub(crate) fn reply(&mut self, device: DeviceId, is_write: bool, now: Moment) -> Option<ReplyFault> {
         self.strikes(device, now, |kind| match kind {
             Kind::Reply(ReplyFault::ShortRead | ReplyFault::LongRead) if is_write => None,
@@ -75,7 +75,7 @@ impl Faults {
         })
     }
 
-    /// What is wrong with the answer to this SDO request, or with what is done about a frame that writes; counts it.
+    /// Fault of the answer to this SDO request, or of the handling of a frame that writes. Counts it.
     pub(crate) fn sdo(&mut self, device: DeviceId, is_write: bool, now: Moment) -> Option<Kind> {
         self.strikes(device, now, |kind| match kind {
             Kind::Reply(ReplyFault::IgnoredWrite) if !is_write => None,
@@ -85,12 +85,12 @@ impl Faults {
         })
     }
 
-    /// Whether a device on a CAN line neither sends this nor hears it; counts it.
+    /// Returns whether a device on a CAN line neither sends nor receives this frame. Counts it.
     pub(crate) fn silences(&mut self, device: DeviceId, now: Moment) -> bool {
         self.strikes(device, now, |kind| (*kind == Kind::Reply(ReplyFault::Silent)).then_some(())).is_some()
     }
 
-    /// What is wrong with a frame of measured values: garbage, or too short; counts it.
+    /// Fault of a frame with measured values: garbage, or too short. Counts it.
     pub(crate) fn spoils(&mut self, device: DeviceId, now: Moment) -> Option<Kind> {
         self.strikes(device, now, |kind| match kind {
             Kind::Reply(ReplyFault::Garbage) | Kind::Can(CanFault::ShortFrame) => Some(kind.clone()),
@@ -98,7 +98,7 @@ impl Faults {
         })
     }
 
-    /// The first fault of the device that is at work now and of which something is wanted; it has struck once more.
+    /// Finds the first active fault of the device that `what` selects. Counts it.
     fn strikes<T>(&mut self, device: DeviceId, now: Moment, what: impl Fn(&Kind) -> Option<T>) -> Option<T> {
         self.running.iter_mut().filter(|running| running.fault.device == device).find_map(|running| {
             let found = what(&running.fault.kind).filter(|_| running.is_active(now))?;
@@ -107,7 +107,7 @@ impl Faults {
         })
     }
 
-    /// What the device's broken signals read now.
+    /// Current values of the device's broken signals.
     pub(crate) fn signals(&self, device: DeviceId, now: Moment) -> impl Iterator<Item = (SignalId, Reads)> {
         self.active(now).filter(move |fault| fault.device == device).filter_map(|fault| match fault.kind {
             Kind::Signal { signal, reads } => Some((signal, reads)),
@@ -115,7 +115,7 @@ impl Faults {
         })
     }
 
-    /// One more request was answered while these signals were broken.
+    /// Counts a request that was answered while these signals were broken.
     pub(crate) fn count_signals(&mut self, device: DeviceId, now: Moment) {
         for running in self.running.iter_mut().filter(|running| running.fault.device == device) {
             if matches!(running.fault.kind, Kind::Signal { .. }) && running.is_active(now) {
@@ -124,7 +124,7 @@ impl Faults {
         }
     }
 
-    /// What is wrong with the device's acknowledges now.
+    /// Current fault of the device's acknowledges.
     pub(crate) fn acknowledges(&self, device: DeviceId, now: Moment) -> Option<AcknowledgeFault> {
         self.active(now).filter(|fault| fault.device == device).find_map(|fault| match fault.kind {
             Kind::Acknowledge(fault) => Some(fault),
@@ -132,7 +132,7 @@ impl Faults {
         })
     }
 
-    /// The devices whose listener is closed now.
+    /// Devices with a closed listener.
     pub(crate) fn refused(&self, now: Moment) -> impl Iterator<Item = DeviceId> {
         self.active(now).filter(|fault| fault.kind == Kind::Refuse).map(|fault| fault.device)
     }
@@ -141,13 +141,13 @@ impl Faults {
         self.running.iter().filter(move |running| running.is_active(now)).map(|running| &running.fault)
     }
 
-    /// What the device says now because something is wrong with it.
+    /// Frames that faults of the device cause now.
     pub(crate) fn utter(&mut self, device: DeviceId, now: Moment) -> Vec<Utterance> {
         let of_device = self.running.iter_mut().filter(|running| running.fault.device == device);
         of_device.filter_map(|running| running.utter(now)).collect()
     }
 
-    /// When a fault of the device begins, or makes it say something.
+    /// Time at which a fault of the device begins, or causes its next frame.
     pub(crate) fn due(&self, device: DeviceId) -> Option<Moment> {
         let of_device = self.running.iter().filter(|running| running.fault.device == device);
         of_device.filter_map(|running| running.due(self.begin)).min()
@@ -192,7 +192,7 @@ impl Running {
             return None;
         }
         self.said = Some(match every {
-            // In its grid, what was missed skipped.
+            // On its time grid, without the missed ones.
             Some(every) if self.said.is_some() => now.next_tick(due, every).before(every),
             _ => now,
         });
@@ -202,7 +202,7 @@ impl Running {
 
     fn due(&self, begin: Moment) -> Option<Moment> {
         let Some(begun) = self.begun else {
-            // Requests may have to come first, and then nobody knows when.
+            // If the fault also waits for requests, its time is unknown.
             return (self.fault.after == 0).then(|| begin.after(self.fault.at));
         };
         let end = match self.fault.lasts {

@@ -1,4 +1,4 @@
-//! The fault script as TOML has it, and its check against the profile.
+//! Fault script in TOML, and its check against the profile.
 
 use std::time::Duration;
 
@@ -9,12 +9,12 @@ use isotherm_core::codec::{CanId, DataType, Register};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{DeviceId, Profile, Signal, Transport};
 
-/// A fault script that cannot be used, in words; where TOML itself is wrong, with line and column.
+/// A fault script that cannot be used, in words. Errors of TOML have line and column.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct FaultError(String);
 
-/// On which lines a kind means something.
+/// Types of lines on which a kind of fault is possible.
 #[derive(Clone, Copy, PartialEq)]
 enum Lines {
     Any,
@@ -23,10 +23,10 @@ enum Lines {
 }
 use Lines::{Any, Can, Modbus};
 
-/// What a kind makes of the keys that are its own.
+/// Makes a kind of fault from the keys that belong to it.
 type Make = fn(&mut FaultFile, &Profile) -> Result<Kind, String>;
 
-/// Every kind of fault.
+/// All kinds of faults.
 const KINDS: [(&str, Lines, Make); 35] = [
     ("silent", Any, |_, _| reply(ReplyFault::Silent)),
     ("late", Any, |file, _| reply(ReplyFault::Late(file.delay()?))),
@@ -107,11 +107,10 @@ struct FaultFile {
 }
 
 impl FaultScript {
-    /// Reads a fault script for the machine of this profile.
+    /// Parses a fault script for the machine of this profile.
     ///
     /// # Errors
-    /// What is wrong with it: TOML's own message with its line and column, or every fault that does not fit the
-    /// profile, one to a line.
+    /// TOML's own message with line and column, or every fault that does not fit the profile, one on each line.
     pub fn parse(text: &str, profile: &Profile) -> Result<FaultScript, FaultError> {
         let file: ScriptFile = toml::from_str(text).map_err(|error| FaultError(error.to_string()))?;
         let (mut faults, mut errors) = (Vec::new(), Vec::new());
@@ -278,7 +277,7 @@ impl FaultFile {
         Ok(Kind::Signal { signal: SignalId(place), reads })
     }
 
-    /// What the kind did not take is a mistake.
+    /// Rejects keys that the kind has not used.
     fn no_key_is_left(&self) -> Result<(), String> {
         let left = [
             ("delay", self.delay.is_some()),

@@ -1,4 +1,4 @@
-//! What the devices of a CAN line send and what they do with what they hear.
+//! Frames that the devices of a CAN line send, and their reaction to received frames.
 
 use std::time::Duration;
 
@@ -17,28 +17,28 @@ use isotherm_core::codec::{Address, CanMatch, Encoded, Entry, Frame, Object};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{DeviceId, Profile};
 
-/// A unit's part on a CAN line.
+/// CAN part of a unit.
 #[derive(Debug)]
 pub(crate) struct CanUnit {
     pub(super) node: Node,
-    /// The frames of each of the node's PDOs.
+    /// Frames of each of the node's PDOs.
     sent: Vec<Vec<Image>>,
     taken: Vec<Taken>,
-    /// The objects that somebody reads or writes.
+    /// Objects that the profile reads or writes.
     objects: Vec<Object>,
 }
 
-/// What goes out on a CAN line.
+/// A frame to send on a CAN line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Sent {
-    /// A frame; after so long of wall time, if any.
+    /// A frame, with an optional delay in wall-clock time.
     Frame(Frame, Option<Duration>),
-    /// What a controller says of the bus.
+    /// A bus error that a controller reports.
     Error(BusError),
 }
 
 impl CanUnit {
-    /// The unit of a device, without power.
+    /// Makes the CAN part of a unit, without power.
     pub(super) fn of(profile: &Profile, unit: &mut Unit) -> Option<CanUnit> {
         let node = power_on::node(profile, unit.device, &mut unit.bank)?;
         let sent = frames::sent(profile, unit.device).into_iter().map(|group| group.images).collect();
@@ -46,7 +46,7 @@ impl CanUnit {
         Some(CanUnit { node, sent, taken, objects })
     }
 
-    /// The objects in use of which this holds, with what stands in them.
+    /// Selected objects in use, with their values.
     fn standing(&self, which: impl Fn(Entry) -> bool) -> Vec<(Address, Encoded)> {
         let objects = self.objects.iter().filter(|object| which(object.entry));
         let stands = |object: &Object| object.registers(self.node.objects.get(object.entry)?);
@@ -55,7 +55,7 @@ impl CanUnit {
 }
 
 impl Hardware {
-    /// Lets time pass for the devices of a line. Gives what they send, in its order.
+    /// Advances the time for the devices of a line. Returns the frames that they send, in order.
     pub(crate) fn can_tick(&mut self, places: &[usize], now: Moment) -> Vec<Sent> {
         self.advance_to(now);
         let mut sent = Vec::new();
@@ -78,7 +78,7 @@ impl Hardware {
         sent
     }
 
-    /// When [`Hardware::can_tick`] is needed at the latest.
+    /// Latest time for the next call of [`Hardware::can_tick`].
     pub(crate) fn can_due(&self, places: &[usize]) -> Option<Moment> {
         let due = places.iter().map(|place| &self.units[*place]).flat_map(|unit| {
             let node = unit.can.as_ref().and_then(|can| can.node.due());
@@ -87,12 +87,12 @@ impl Hardware {
         due.min()
     }
 
-    /// The units of these devices.
+    /// Units of these devices.
     pub(crate) fn places(&self, devices: impl Iterator<Item = DeviceId>) -> Vec<usize> {
         devices.map(|device| self.unit_of[device.0]).collect()
     }
 
-    /// What the devices of a line hear.
+    /// Frames that the devices of a line receive.
     pub(crate) fn can_wanted(&self, places: &[usize]) -> Vec<CanMatch> {
         let units = places.iter().filter_map(|place| self.units[*place].can.as_ref());
         let wanted = units.flat_map(|can| {
@@ -105,7 +105,7 @@ impl Hardware {
         wanted
     }
 
-    /// Gives a frame to the devices of a line. Gives what they send.
+    /// Delivers a frame to the devices of a line. Returns the frames that they send.
     pub(crate) fn can_take(&mut self, places: &[usize], frame: &Frame, now: Moment) -> Vec<Sent> {
         self.advance_to(now);
         let mut sent = Vec::new();
@@ -120,7 +120,7 @@ impl Hardware {
         sent
     }
 
-    /// CANopen's services.
+    /// Processes a frame of a CANopen service.
     fn hear(&mut self, place: usize, frame: &Frame, now: Moment, sent: &mut Vec<Sent>) {
         let device = self.units[place].device;
         let is_request = |can: &CanUnit| can.node.is_asked_by(frame);
@@ -167,7 +167,7 @@ impl Hardware {
         }
     }
 
-    /// Puts what the cells hold into the objects; the other way round those of which the node itself says what they are.
+    /// Copies the cells to the objects. Objects that the node itself determines are copied in the other direction.
     fn show_objects(&mut self, place: usize) {
         self.keep_objects(place, is_own);
         let unit = &mut self.units[place];
@@ -180,7 +180,7 @@ impl Hardware {
         }
     }
 
-    /// Puts an object that was written into its cells, and what is shown by it.
+    /// Copies a written object to its cells, and to the cells that depend on it.
     fn take_object(&mut self, place: usize, at: Entry, now: Moment) {
         let Some(can) = &self.units[place].can else { return };
         for (cell, words) in can.standing(|object| object == at) {
@@ -191,7 +191,7 @@ impl Hardware {
         }
     }
 
-    /// Puts objects into their cells.
+    /// Copies objects to their cells.
     fn keep_objects(&mut self, place: usize, which: impl Fn(Entry) -> bool) {
         let unit = &mut self.units[place];
         let Some(can) = &unit.can else { return };
@@ -200,7 +200,7 @@ impl Hardware {
         }
     }
 
-    /// What outputs write in frames.
+    /// Processes values that outputs write in frames.
     fn take_process_data(&mut self, place: usize, frame: &Frame, now: Moment) {
         let device = self.units[place].device;
         let Some(can) = &self.units[place].can else { return };
@@ -229,7 +229,7 @@ impl Hardware {
         }
     }
 
-    /// Something has been written to the machine.
+    /// Writes to cells of the machine.
     fn put(&mut self, place: usize, cells: &[Address], words: &[u16], at: Moment) {
         let device = self.units[place].device;
         let count = u16::try_from(words.len()).unwrap_or(u16::MAX);
@@ -244,7 +244,7 @@ impl Hardware {
         }
     }
 
-    /// Does what a node wants to do.
+    /// Executes the actions of a node.
     fn act(&mut self, place: usize, now: Moment, sent: &mut Vec<Sent>) {
         let device = self.units[place].device;
         loop {

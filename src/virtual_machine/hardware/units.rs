@@ -1,4 +1,4 @@
-//! The units of a machine, their registers as they are when the power comes on, and what each measures.
+//! Units of a machine, with their registers at power-on and their measured signals.
 
 use crate::virtual_machine::can::{node, power_on};
 use crate::virtual_machine::control::Control;
@@ -10,25 +10,25 @@ use isotherm_profile::{DeviceId, Expected, Output, Profile, Verify};
 
 use super::can::CanUnit;
 
-/// One device as a piece of hardware.
+/// One hardware unit.
 #[derive(Debug)]
 pub(super) struct Unit {
-    /// The device it is known by.
+    /// First device with this unit.
     pub(super) device: DeviceId,
     pub(super) bank: Bank,
     pub(super) at_power_on: Bank,
     pub(super) requests: u64,
-    /// Its boot counters, and what they count.
+    /// Boot counters of the unit. `boots` is their value.
     pub(super) counters: Vec<Address>,
     pub(super) boots: u16,
-    /// What it is on a CAN line.
+    /// CAN part of the unit.
     pub(super) can: Option<CanUnit>,
-    /// The signals it measures. A register that an output or the heartbeat owns is not among them.
+    /// Signals that the unit measures, without registers that belong to an output or the heartbeat.
     pub(super) measures: Vec<SignalId>,
 }
 
 impl Unit {
-    /// Forgets all that was written to it, and counts the boot.
+    /// Discards everything that was written, and counts the restart.
     pub(super) fn restart(&mut self) {
         self.bank = self.at_power_on.clone();
         self.boots = self.boots.wrapping_add(1);
@@ -38,7 +38,7 @@ impl Unit {
     }
 }
 
-/// Devices of one unit on one line are one piece of hardware; on a CAN line each is one of its own.
+/// Makes the units. Devices with one unit number on one line share a unit; on a CAN line each device has its own.
 pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
     let mut units: Vec<Unit> = Vec::new();
     let mut unit_of = Vec::new();
@@ -123,7 +123,7 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
     (units, unit_of)
 }
 
-/// What each signal reads that says whether another one is well: that it is. `None` for the others.
+/// Value without a fault of each signal that indicates a fault of another signal. `None` for other signals.
 pub(super) fn well(profile: &Profile) -> Vec<Option<f64>> {
     let mut well = vec![None; profile.signals.len()];
     for condition in profile.signals.iter().filter_map(|signal| signal.fault_when.as_ref()) {

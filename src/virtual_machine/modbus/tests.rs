@@ -1,7 +1,7 @@
 use super::*;
 use proptest::prelude::*;
 
-/// Where the RTU request at the beginning of these bytes ends.
+/// End of the first RTU request in these bytes.
 fn whole(bytes: &[u8]) -> Option<usize> {
     Framing::Rtu.request(bytes).unwrap().map(|(_, pdu)| pdu.end + 2)
 }

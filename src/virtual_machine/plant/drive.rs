@@ -1,4 +1,4 @@
-//! What drives a plant and differs from day to day: the air, and what the machine is made to do.
+//! Inputs of a plant that differ from day to day: air temperature and operation.
 
 use rand::RngExt;
 use rand_pcg::Pcg32;
@@ -7,7 +7,7 @@ use super::spec::{AmbientSpec, DutySpec, Span, When};
 use super::{STEP, stream};
 use std::f64::consts::TAU;
 
-/// One day's air.
+/// Air temperature of one day.
 #[derive(Clone, Debug)]
 pub(super) struct Ambient {
     mean: f64,
@@ -43,7 +43,7 @@ impl Ambient {
         Ambient { mean, amplitude, peak_hour, drift_per_day, weather, begin_hour }
     }
 
-    /// The air's temperature this many seconds after the run began; negative: during the soak before it.
+    /// Air temperature at this time in seconds since the start of the run. Negative times belong to the soak before it.
     pub(super) fn at(&self, seconds: f64) -> f64 {
         let hours = seconds / 3600.0;
         let day = self.amplitude * (TAU * (self.begin_hour + hours - self.peak_hour) / 24.0).cos();
@@ -56,16 +56,16 @@ impl Ambient {
     }
 }
 
-/// What the machine is doing, step by step.
+/// Operation of the machine, step by step.
 #[derive(Clone, Debug)]
 pub(super) struct Duty {
     spec: DutySpec,
     random: Pcg32,
     phase: Phase,
-    /// How hard this spell of work is; its own random numbers, so that spells do not depend on it.
+    /// Load of the current work phase. It has its own random numbers, so that the phases do not depend on it.
     load: f64,
     loads: Pcg32,
-    /// The step at which the phase ends.
+    /// Step at which the phase ends.
     until: u64,
 }
 
@@ -83,7 +83,7 @@ impl Duty {
         Duty { spec: *spec, random, phase: Phase::Off, load: 1.0, loads: stream(seed, "load"), until }
     }
 
-    /// Moves on to this step; steps come in order.
+    /// Advances to this step. Steps must be in order.
     pub(super) fn advance_to(&mut self, step: u64) {
         while step >= self.until {
             let (phase, span) = match self.phase {
@@ -99,7 +99,7 @@ impl Duty {
         }
     }
 
-    /// The share of its power that a source has now.
+    /// Current share of a source's power.
     pub(super) fn share(&self, when: When) -> f64 {
         match (self.holds(when), when) {
             (false, _) => 0.0,
@@ -117,7 +117,7 @@ impl Duty {
     }
 }
 
-/// A duration drawn from a span, in whole steps.
+/// Draws a duration from a range, in whole steps.
 fn steps(random: &mut Pcg32, span: Span) -> u64 {
     let count = |duration: std::time::Duration| duration.as_secs() / STEP.as_secs().max(1);
     random.random_range(count(span.shortest)..=count(span.longest))

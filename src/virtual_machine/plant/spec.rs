@@ -1,4 +1,4 @@
-//! What a plant is made of: `profiles/<machine>.plant.toml`, checked, with every name turned into an index.
+//! Description of a plant: `profiles/<machine>.plant.toml`, checked, with an index in place of each name.
 
 use std::time::Duration;
 
@@ -9,16 +9,16 @@ use isotherm_core::quantity::Moment;
 
 mod file;
 
-/// The modes of the shipped column: the name in its plant file, and the text.
+/// Modes of the shipped column: the name in its plant file, and the content.
 const COLUMN: (&str, &str) =
     ("column-hmc/modes.json", include_str!("../../../profiles/column-hmc/modes.json"));
 
-/// A plant file that cannot be used, in words; where TOML itself is wrong, with line and column.
+/// A plant file that cannot be used, in words. Errors of TOML have line and column.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct PlantError(String);
 
-/// A thermal network with everything that drives, measures and bends it.
+/// A thermal network with its inputs, its sensors and its displacements.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlantSpec {
     pub(super) start: Moment,
@@ -36,7 +36,7 @@ pub struct PlantSpec {
     published: Option<Published>,
 }
 
-/// The air: a day's curve and a weather that drifts.
+/// Air temperature: a daily curve with slow weather.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct AmbientSpec {
@@ -44,13 +44,13 @@ pub(super) struct AmbientSpec {
     pub(super) amplitude: f64,
     pub(super) peak_hour: f64,
     pub(super) drift_per_day: f64,
-    /// Largest swing of the slow weather, K.
+    /// Largest amplitude of the slow weather, K.
     pub(super) weather: f64,
     #[serde(default)]
     pub(super) varies: AmbientVaries,
 }
 
-/// How far another seed's day may lie from this one, uniform, plus or minus.
+/// Largest difference between the days of different seeds, plus or minus, uniformly distributed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct AmbientVaries {
@@ -60,15 +60,15 @@ pub(super) struct AmbientVaries {
     pub(super) drift_per_day: f64,
 }
 
-/// When the machine is switched on, and how it works from then on.
+/// Time of switching on, and operation after it.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct DutySpec {
-    /// Switched on this long after the run begins, at the earliest and at the latest.
+    /// Earliest and latest time of switching on, since the start of the run.
     pub(super) on_after: Span,
     pub(super) work: Span,
     pub(super) pause: Span,
-    /// How hard each spell of work is, smallest and largest: what the power of work is multiplied by.
+    /// Smallest and largest load of a work phase, by which the power of work is multiplied.
     #[serde(default = "full_load")]
     pub(super) load: [f64; 2],
 }
@@ -77,7 +77,7 @@ fn full_load() -> [f64; 2] {
     [1.0, 1.0]
 }
 
-/// A shortest and a longest duration; the seed draws between them.
+/// A shortest and a longest duration. The seed determines a duration between them.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(try_from = "[String; 2]")]
 pub(super) struct Span {
@@ -90,9 +90,9 @@ pub(super) struct Span {
 pub(super) struct Node {
     #[serde(skip)]
     pub(super) name: String,
-    /// J/K
+    /// Heat capacity, J/K.
     pub(super) capacity: f64,
-    /// °C before the soak.
+    /// Temperature before the soak, °C.
     pub(super) initial: f64,
 }
 
@@ -100,7 +100,7 @@ pub(super) struct Node {
 pub(super) struct Link {
     pub(super) node: usize,
     pub(super) other: Point,
-    /// W/K
+    /// Thermal conductance, W/K.
     pub(super) conductance: f64,
 }
 
@@ -109,12 +109,12 @@ pub(super) struct Source {
     pub(super) name: String,
     pub(super) node: usize,
     pub(super) watts: f64,
-    /// By how much of itself another seed's power may differ.
+    /// Largest relative difference of the power between seeds.
     pub(super) varies: f64,
     pub(super) when: When,
 }
 
-/// What the machine must be doing.
+/// Required state of the machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum When {
@@ -128,13 +128,13 @@ pub(super) enum When {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct SensorSpec {
     pub(super) signal: String,
-    /// Temperatures it feels, with their shares.
+    /// Measured temperatures with their weights.
     pub(super) feels: Vec<(Point, f64)>,
-    /// Seconds; zero: at once.
+    /// Lag in seconds; zero means none.
     pub(super) lag: f64,
-    /// Smallest step it shows; zero: any.
+    /// Resolution; zero means none.
     pub(super) resolution: f64,
-    /// Standard deviation.
+    /// Standard deviation of the noise.
     pub(super) noise: f64,
 }
 
@@ -146,7 +146,7 @@ pub(super) struct Position {
     pub(super) signal: String,
     pub(super) middle: f64,
     pub(super) stroke: f64,
-    /// Seconds.
+    /// Period in seconds.
     #[serde(deserialize_with = "seconds")]
     pub(super) period: f64,
 }
@@ -159,37 +159,39 @@ pub(super) struct Switch {
     pub(super) when: When,
 }
 
-/// An axis's true error: gains in µm/K on rises since the run began, and what grows with where the machine is.
+/// True error of an axis: gains in µm/K for temperature rises since the start of the run, and parts that depend on a
+/// position.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Displacement {
     pub(super) axis: String,
     pub(super) gains: Vec<(Point, f64)>,
     pub(super) stretches: Vec<Stretch>,
-    /// It moves with the structure's guideway, in this direction: 0 x, 1 y, 2 z.
+    /// Direction of the structure's guideway with which the axis moves: 0 x, 1 y, 2 z.
     pub(super) guided: Option<usize>,
 }
 
-/// A part that lies along a travel. It adds the more, the more of it lies between a reference and the present position.
+/// A part along a travel. Its effect grows with its length between a reference and the current position.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Stretch {
-    /// Place among the positions.
+    /// Index in the positions.
     pub(super) position: usize,
-    /// Where it adds nothing, mm.
+    /// Position without an effect, mm.
     pub(super) reference: f64,
-    /// The part of the travel it lies along, mm.
+    /// Start of the part along the travel, mm. `to` is its end.
     pub(super) from: f64,
     pub(super) to: f64,
-    /// µm per mm and K.
+    /// Gains in µm per mm and K.
     pub(super) gains: Vec<(Point, f64)>,
 }
 
-/// What the source of a machine reports about it, to be shown beside our own figures. The plants are ours.
+/// Results that the source of a machine reports, shown next to those of the virtual machine. The plant itself is part
+/// of isotherm.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Published {
-    /// Where they stand, and what they are.
+    /// Reference of the publication, with its content.
     pub text: String,
-    /// One for each figure it gives.
+    /// Results for each axis.
     #[serde(default, rename = "axis")]
     pub axes: Vec<PublishedAxis>,
 }
@@ -198,11 +200,11 @@ pub struct Published {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PublishedAxis {
-    /// Its name in the profile.
+    /// Name in the profile.
     pub name: String,
-    /// The error without compensation, µm.
+    /// Error without compensation, µm.
     pub uncompensated_um: Option<f64>,
-    /// What is left with it, µm.
+    /// Error with compensation, µm.
     pub compensated_um: Option<f64>,
 }
 
@@ -229,15 +231,15 @@ fn seconds<'de, D: Deserializer<'de>>(input: D) -> Result<f64, D::Error> {
 }
 
 impl Position {
-    /// Where it is this many seconds after the run began, mm.
+    /// Position at this time in seconds since the start of the run, mm.
     pub(super) fn at(&self, seconds: f64) -> f64 {
         self.middle + 0.5 * self.stroke * (std::f64::consts::TAU * seconds / self.period).sin()
     }
 }
 
 impl Stretch {
-    /// How much of it counts at this position: in mm what lies between there and its reference, negative on the
-    /// reference's other side.
+    /// Effective length at this position in mm: the part between position and reference. It is negative below the
+    /// reference.
     pub(super) fn effect(&self, position: f64) -> f64 {
         let within = |value: f64| value.clamp(self.from, self.to);
         within(position) - within(self.reference)
@@ -245,7 +247,7 @@ impl Stretch {
 }
 
 impl PlantSpec {
-    /// Reads a plant file. Of other files it may name those of the shipped plants.
+    /// Parses a plant file, which may name files of the shipped plants.
     ///
     /// # Errors
     /// As [`PlantSpec::parse_with`].
@@ -254,28 +256,27 @@ impl PlantSpec {
         PlantSpec::parse_with(text, &shipped)
     }
 
-    /// Reads a plant file; `read` gives the text of a file that it names.
+    /// Parses a plant file. `read` returns the text of a file that it names.
     ///
     /// # Errors
-    /// What is wrong with it: TOML's own message with its line and column, or every name and number that does not
-    /// fit, one to a line.
+    /// TOML's own message with line and column, or every name and number that does not fit, one on each line.
     pub fn parse_with(text: &str, read: &dyn Fn(&str) -> Option<String>) -> Result<PlantSpec, PlantError> {
         let file: file::PlantFile = toml::from_str(text).map_err(|error| PlantError(error.to_string()))?;
         file.resolve(read).map_err(|errors| PlantError(errors.join("\n")))
     }
 
-    /// The plant that belongs to a shipped profile; `None` where there is none of that name.
+    /// Plant of a shipped profile; `None` if there is none with this name.
     ///
     /// # Errors
     /// As [`PlantSpec::parse`].
     pub fn shipped(machine: &str) -> Option<Result<PlantSpec, PlantError>> {
         let text = match machine {
             "surface-grinder" => include_str!("../../../profiles/surface-grinder.plant.toml"),
-            // The same machine with other cables.
+            // The same machine with another bus.
             "xc100-lathe" | "xc100-lathe-can" => include_str!("../../../profiles/xc100-lathe.plant.toml"),
             "ram-mc" => include_str!("../../../profiles/ram-mc.plant.toml"),
             "parts-vmc" => include_str!("../../../profiles/parts-vmc.plant.toml"),
-            // The same machine under another control.
+            // The same machine with another control.
             "spindle-hmc" | "linuxcnc-mill" => include_str!("../../../profiles/spindle-hmc.plant.toml"),
             "jcs018a-vmc" => include_str!("../../../profiles/jcs018a-vmc.plant.toml"),
             "screw-axis" => include_str!("../../../profiles/screw-axis.plant.toml"),
@@ -286,24 +287,24 @@ impl PlantSpec {
         Some(PlantSpec::parse(text))
     }
 
-    /// The moment at which a virtual clock begins, so that the day's curve is where the machine's story wants it.
+    /// Start time of a virtual clock. It determines the hour of the day at the start.
     pub fn start(&self) -> Moment {
         self.start
     }
 
-    /// The signals it gives values to.
+    /// Signals for which the plant has values.
     pub fn signals(&self) -> impl Iterator<Item = &str> {
         let sensors = self.sensors.iter().map(|sensor| sensor.signal.as_str());
         let positions = self.positions.iter().map(|position| position.signal.as_str());
         sensors.chain(positions).chain(self.switches.iter().map(|switch| switch.signal.as_str()))
     }
 
-    /// What the machine's source reports; `None` where the plant is nobody's.
+    /// Results of the machine's source; `None` without a publication.
     pub fn published(&self) -> Option<&Published> {
         self.published.as_ref()
     }
 
-    /// The axes it knows the true error of.
+    /// Axes with a known true error.
     pub fn axes(&self) -> impl Iterator<Item = &str> {
         self.axes.iter().map(|displacement| displacement.axis.as_str())
     }

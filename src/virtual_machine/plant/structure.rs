@@ -1,69 +1,70 @@
-//! A structure as modes of its finite elements: what `isotherm place --modes` writes, stepped in time.
+//! A structure as modes of its finite elements, from `isotherm place --modes`, advanced in time.
 //!
-//! Each mode decays at its own rate and is driven by the watts that come in through ports and by the temperatures of the
-//! sinks behind its films. Where these stand still over a step, the step is exact, whatever the rates.
+//! Each mode decays at its own rate. Heat flows into the ports and the temperatures of the sinks excite it. If these
+//! are constant during a step, the step is exact at any rate.
 
 use super::STEP;
 
-/// Something in a plant that has a temperature.
+/// A point of a plant with a temperature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Point {
     Node(usize),
     Ambient,
-    /// A patch of the structure through which heat comes in.
+    /// A patch of the structure through which heat enters.
     Port(usize),
-    /// A place of the structure that is only looked at.
+    /// A point of the structure that is only measured.
     Spot(usize),
 }
 
 /// A reduced structure in its machine.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Structure {
-    /// °C before the soak.
+    /// Temperature before the soak, °C.
     pub(super) initial: f64,
-    /// Place among the positions: where on the guideway that stands whose place counts.
+    /// Index of the position that selects the point of the guideway.
     pub(super) position: usize,
-    /// What of each mode is left after a step.
+    /// Remaining part of each mode after a step.
     pub(super) keep: Vec<f64>,
-    /// What a drive of 1 makes of each mode in a step.
+    /// Change of each mode in a step by an excitation of 1.
     pub(super) gain: Vec<f64>,
-    /// What each mode has where everything has 1 °C.
+    /// Modes at a uniform temperature of 1 °C.
     pub(super) uniform: Vec<f64>,
-    /// For each port its temperature per unit of each mode; a watt drives the modes with the same numbers.
+    /// Temperature of each port per unit of each mode. The same numbers give the excitation of the modes by one watt.
     pub(super) ports: Vec<Vec<f64>>,
     pub(super) sinks: Vec<Sink>,
-    /// For each place of a sensor its temperature per unit of each mode.
+    /// Temperature at each sensor place per unit of each mode.
     pub(super) spots: Vec<Vec<f64>>,
     /// Points of the guideway, mm, ascending.
     pub(super) guide: Vec<f64>,
-    /// Along x, y and z: for each point µm per unit of each mode.
+    /// Displacement of each point along x, y and z, µm per unit of each mode.
     pub(super) moves: [Vec<Vec<f64>>; 3],
 }
 
-/// What flows past a film.
+/// A medium at a film of the structure.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Sink {
-    /// What has its temperature: a node or the air.
+    /// Node or air with its temperature.
     pub(super) point: Point,
-    /// W/K
+    /// Thermal conductance, W/K.
     pub(super) conductance: f64,
-    /// W/K per unit of each mode.
+    /// Conductance per unit of each mode, W/K.
     pub(super) modes: Vec<f64>,
 }
 
 impl Structure {
-    /// What is left of a mode of this rate (1/s) after a step, and what a drive of 1 makes of it.
+    /// Remaining part of a mode with this rate (1/s) after a step, and its change by an excitation of 1.
     pub(super) fn step(rate: f64) -> (f64, f64) {
         let seconds = STEP.as_secs_f64();
         ((-rate * seconds).exp(), -(-rate * seconds).exp_m1() / rate)
     }
 
-    /// The modes where everything has the initial temperature.
+    /// Modes at the initial temperature.
     pub(super) fn begun(&self) -> Vec<f64> {
         self.uniform.iter().map(|one| one * self.initial).collect()
     }
 
-    /// Moves the modes on by a step: `heat` is what comes in through each port, W; `around` the temperature of each sink, °C.
+    /// Advances the modes by one step. `heat` is the heat flow into each port, W, and `around` the temperature of each
+    /// sink, °C.
     pub(super) fn advance(&self, modes: &mut [f64], heat: &[f64], around: &[f64]) {
         for (mode, keep) in modes.iter_mut().zip(&self.keep) {
             *mode *= keep;
@@ -77,12 +78,12 @@ impl Structure {
         }
     }
 
-    /// How much warmer a port is a step after 1 W came in, K.
+    /// Temperature rise of a port in a step with 1 W, K.
     pub(super) fn yields(&self, port: usize) -> f64 {
         self.ports[port].iter().zip(&self.gain).map(|(port, gain)| port * port * gain).sum()
     }
 
-    /// How far the guideway has moved at a position in one direction, µm; beyond its ends as there.
+    /// Displacement of the guideway at a position in one direction, µm. It is constant beyond the ends.
     pub(super) fn moved(&self, direction: usize, position: f64, modes: &[f64]) -> f64 {
         let after = self.guide.partition_point(|point| *point <= position);
         let (low, high) = (after.saturating_sub(1), after.min(self.guide.len() - 1));
@@ -93,7 +94,7 @@ impl Structure {
     }
 }
 
-/// A quantity per unit of each mode, of these modes.
+/// Value of a quantity from its values per unit of each mode.
 pub(super) fn dot(each: &[f64], modes: &[f64]) -> f64 {
     each.iter().zip(modes).map(|(each, mode)| each * mode).sum()
 }

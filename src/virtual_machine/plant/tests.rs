@@ -3,7 +3,7 @@ use super::*;
 mod structure;
 
 const HOUR: u64 = 3600;
-/// The day the shipped coefficients were identified on.
+/// Seed of the day from which the shipped coefficients were identified.
 const NOMINAL: u64 = 100;
 
 fn plant(machine: &str, seed: u64) -> Plant {
@@ -16,12 +16,12 @@ fn after(plant: &mut Plant, seconds: u64) {
     plant.advance_to(moment);
 }
 
-/// The temperature of a node, °C: what no sensor sees exactly.
+/// Exact temperature of a node, °C.
 fn degrees(plant: &Plant, name: &str) -> f64 {
     plant.warm.nodes[plant.spec.nodes.iter().position(|node| node.name == name).unwrap()]
 }
 
-/// A node's rise per hour over the hour that ends at `hour`.
+/// Temperature rise of a node in the hour that ends at `hour`.
 fn slope(plant: &mut Plant, node: &str, hour: u64) -> f64 {
     after(plant, (hour - 1) * HOUR);
     let before = degrees(plant, node);
@@ -165,14 +165,14 @@ fn a_wrong_plant_file_says_where_and_what_is_allowed() {
     assert!(error.contains("node.ram: 32 W/K is too much for 40 J/K"), "{error}");
 }
 
-/// The electric discharge machine with a ram whose growth counts along a travel, as hard a day as it likes.
+/// The electric discharge machine with a ram that expands along a travel.
 fn with_a_travel(more: &str) -> PlantSpec {
     let good = include_str!("../../../profiles/sinker-edm.plant.toml");
     let travel = "[position.scale_z]\nmiddle = -50.0\nstroke = 300.0\nperiod = \"8min\"\n";
     PlantSpec::parse(&format!("{good}\n{travel}\n{more}")).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// The error of another axis with this text alone, with the rises of both nodes and the position it is at.
+/// Error of an additional axis with this text alone, the rises of both nodes, and the position.
 fn error_along(more: &str, seconds: u64) -> (f64, f64, f64, f64) {
     let spec = with_a_travel(more);
     let mut plant = Plant::new(&spec, NOMINAL, spec.start());

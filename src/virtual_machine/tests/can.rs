@@ -1,4 +1,4 @@
-//! The devices of a CAN line, without a socket: frames as candump writes them, moments in milliseconds.
+//! Tests of the devices on a CAN line, without a socket. Frames are in candump format, times in milliseconds.
 
 use super::*;
 use crate::virtual_machine::fault::BusError;
@@ -15,7 +15,7 @@ mod node;
 
 use machine::can_machine;
 
-/// The machine's devices on their line.
+/// Devices of the machine on their line.
 struct Rig {
     hardware: Hardware,
     places: Vec<usize>,
@@ -25,7 +25,7 @@ fn at(milliseconds: u64) -> Moment {
     Moment::from_nanos(1_000_000_000_000).after(Duration::from_millis(milliseconds))
 }
 
-/// `705#7F`: an identifier in hexadecimal, `#`, bytes.
+/// Parses a frame such as `705#7F`: a hexadecimal identifier, `#`, and bytes.
 fn frame(text: &str) -> Frame {
     let (id, data) = text.split_once('#').unwrap();
     let raw = u32::from_str_radix(id, 16).unwrap();
@@ -45,7 +45,7 @@ impl Rig {
         Rig { hardware, places: (0..profile.devices.len()).collect() }
     }
 
-    /// Everything that is sent until this moment, with when.
+    /// All frames sent until this time, with their times.
     fn until(&mut self, milliseconds: u64) -> Vec<(u64, Sent)> {
         let mut sent = Vec::new();
         loop {
@@ -60,7 +60,7 @@ impl Rig {
         sent
     }
 
-    /// What is sent with these identifiers until then.
+    /// Frames with these identifiers sent until this time.
     fn heard(&mut self, milliseconds: u64, wanted: &[&str]) -> Vec<String> {
         let is_wanted = |text: &String| wanted.iter().any(|id| text.split('#').next() == Some(id));
         let sent = self.until(milliseconds);
@@ -68,7 +68,7 @@ impl Rig {
         texts.filter(|(_, text)| is_wanted(text)).map(|(at, text)| format!("{at} {text}")).collect()
     }
 
-    /// What is answered at once.
+    /// Frames sent at once in answer to this frame.
     fn give(&mut self, milliseconds: u64, text: &str) -> Vec<String> {
         let frame = frame(text);
         let sent = self.hardware.can_take(&self.places, &frame, at(milliseconds));

@@ -1,4 +1,4 @@
-//! A client that sends bytes and looks at the bytes that come back.
+//! A client that sends and receives raw bytes.
 
 use std::net::SocketAddr;
 use std::time::Duration;
@@ -6,7 +6,7 @@ use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 
-/// How long a client waits, wall time, before it takes silence for an answer.
+/// Wall-clock time after which no answer is expected any more.
 const PATIENCE: Duration = Duration::from_millis(150);
 
 pub(super) struct Client {
@@ -14,7 +14,7 @@ pub(super) struct Client {
     pub(super) transaction: u16,
 }
 
-/// What came back.
+/// Result of a request.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Answer {
     Frame { transaction: u16, unit: u8, pdu: Vec<u8> },
@@ -50,7 +50,7 @@ impl Client {
         Answer::Frame { transaction: u16::from_be_bytes([header[0], header[1]]), unit: header[6], pdu }
     }
 
-    /// The bytes that are there, whatever they are.
+    /// Received bytes, without interpretation.
     pub(super) async fn raw(&mut self) -> Vec<u8> {
         let mut bytes = vec![0; 300];
         let count = tokio::time::timeout(PATIENCE, self.stream.read(&mut bytes)).await.unwrap().unwrap();
@@ -58,7 +58,7 @@ impl Client {
         bytes
     }
 
-    /// The protocol data unit of a good answer.
+    /// Protocol data unit of a normal answer.
     pub(super) async fn ask(&mut self, unit: u8, pdu: &[u8]) -> Vec<u8> {
         match self.request(unit, pdu).await {
             Answer::Frame { transaction, unit: from, pdu } => {
@@ -69,7 +69,7 @@ impl Client {
         }
     }
 
-    /// Function 03 or 04.
+    /// Reads registers with function 03 or 04.
     pub(super) async fn read(&mut self, unit: u8, function: u8, from: u16, count: u16) -> Vec<u16> {
         let [[a, b], [c, d]] = [from.to_be_bytes(), count.to_be_bytes()];
         let pdu = self.ask(unit, &[function, a, b, c, d]).await;
@@ -77,7 +77,7 @@ impl Client {
         pdu[2..].chunks(2).map(|pair| u16::from_be_bytes([pair[0], pair[1]])).collect()
     }
 
-    /// Function 16 with an i32, most significant word first.
+    /// Writes an i32 with function 16, most significant word first.
     pub(super) async fn write(&mut self, unit: u8, at: u16, value: i32) -> Vec<u8> {
         let ([a, b], [w, x, y, z]) = (at.to_be_bytes(), value.to_be_bytes());
         self.ask(unit, &[16, a, b, 0, 2, 4, w, x, y, z]).await

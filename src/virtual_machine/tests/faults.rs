@@ -7,7 +7,7 @@ fn fault(device: &str, kind: &str, more: &str) -> String {
     format!("[[fault]]\ndevice = \"{device}\"\nkind = \"{kind}\"\n{more}\n")
 }
 
-/// The answer to one read of the bed under a fault that lasts one reply; then all is well again.
+/// Answer to one read of the bed during a fault that lasts one reply. Checks that the next answer is normal.
 async fn once(kind: &str, more: &str) -> Answer {
     let run = start(&fault("thermocouples", kind, &format!("for = 1\n{more}"))).await;
     let mut cell = run.cell().await;

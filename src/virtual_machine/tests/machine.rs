@@ -71,7 +71,7 @@ async fn what_is_written_as_an_offset_acts_on_the_error() {
     let truth = run.machine.window().latest_truth().unwrap();
     assert!((truth.axes[0].cz_um + 12.3).abs() < 1e-9);
     assert!((truth.axes[0].residual_um() - truth.axes[0].error_um + 12.3).abs() < 1e-9);
-    // The offset's own register is not overwritten by the signal that shows it.
+    // The signal that shows the offset register does not overwrite it.
     assert_eq!(joined(&control.read(CNC, 3, 104, 2).await), -123);
     control.ask(CNC, &[6, 0, 100, 0, 77]).await;
     assert_eq!(control.read(CNC, 3, 100, 1).await, [77]);
@@ -177,7 +177,7 @@ async fn it_also_runs_by_the_wall() {
     machine.stop().await.unwrap();
 }
 
-/// The small machine, whose CNC takes its offset by a handshake and counts its boots.
+/// The small machine, with a CNC that accepts its offset by a handshake and counts its boots.
 fn shaken() -> isotherm_profile::Profile {
     let mut profile = profile();
     let flag = |text: &str| Bit::Flag(text.parse().unwrap());

@@ -1,4 +1,4 @@
-//! A small machine by hand: thermocouples, counter and readout on one line, a control on another.
+//! A small machine: thermocouples, counter and readout on one line, a control on another.
 
 use super::*;
 use crate::clock::Sleeper;
@@ -16,14 +16,14 @@ use isotherm_profile::{
 pub(crate) const THERMOCOUPLES: u8 = 1;
 pub(crate) const CNC: u8 = 1;
 
-/// A machine that runs on a virtual clock which stands while the test is awake.
+/// A machine on a virtual clock that stands while the test runs.
 pub(super) struct Run {
     pub(super) machine: VirtualMachine,
     pub(super) sleeper: Sleeper,
     pub(super) begin: Moment,
 }
 
-/// Starts the small machine in front of the grinder's plant.
+/// Starts the small machine with the plant of the grinder.
 pub(super) async fn start(faults: &str) -> Run {
     let profile = profile();
     let faults = FaultScript::parse(faults, &profile).unwrap();
@@ -43,12 +43,12 @@ pub(super) async fn start_with(profile: &Profile, setup: Setup) -> Run {
 }
 
 impl Run {
-    /// A connection to the thermocouples' line.
+    /// Connects to the line of the thermocouples.
     pub(super) async fn cell(&self) -> Client {
         Client::connect(self.machine.address(BusId(0)).unwrap()).await
     }
 
-    /// A connection to the control's line.
+    /// Connects to the line of the control.
     pub(super) async fn control(&self) -> Client {
         Client::connect(self.machine.address(BusId(1)).unwrap()).await
     }

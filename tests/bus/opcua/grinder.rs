@@ -1,4 +1,4 @@
-//! The surface grinder's first hours, its devices once on Modbus and once behind an OPC UA server: what is corrected is the same.
+//! The first hours of the surface grinder, once with devices on Modbus and once on OPC UA: the corrections are equal.
 
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader};
@@ -15,19 +15,19 @@ use isotherm_profile::{Profile, parse};
 
 const GRINDER: &str = include_str!("../../../profiles/surface-grinder.toml");
 const SPAN: Duration = Duration::from_hours(2);
-/// Of the registers: a tenth of a micrometre.
+/// One count of the registers: 0.1 µm.
 const COUNT: i64 = 1;
 
-/// What came of a run.
+/// Result of a run.
 struct Run {
-    /// The machine's true error and what stands against it, every ten seconds.
+    /// True error of the machine and its correction, every ten seconds.
     course: Vec<TruthRow>,
-    /// What was written of each device, by the moment.
+    /// Written values, by device and time.
     written: BTreeMap<(usize, Moment), i64>,
 }
 
-/// The grinder without what nodes do not have yet, asked as seldom as it may be. Its time stands still for an answer, so that how long
-/// that takes on this computer says nothing.
+/// Returns the profile of the grinder with the longest possible periods, and without keys that nodes do not support.
+/// Virtual time stops during an answer, so that the speed of this computer has no effect.
 fn grinder() -> String {
     let (before, heartbeat) = GRINDER.split_once("[heartbeat]").unwrap();
     let text = format!("{before}[web]{}", heartbeat.split_once("[web]").unwrap().1);
@@ -39,7 +39,7 @@ fn profile(text: &str) -> Profile {
     parse(Path::new("machine.toml"), text, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 
-/// The profile with a node for each register, and their names. The server's port is left open.
+/// Returns the profile with a node for each register, and the names of the nodes. It has a placeholder for the port.
 fn in_nodes(text: &str) -> (String, Vec<String>) {
     let mut names = Vec::new();
     let tables = text.split_inclusive("\n\n").map(|table| {
@@ -74,7 +74,7 @@ fn in_nodes(text: &str) -> (String, Vec<String>) {
     (text, names)
 }
 
-/// A server that stands for the devices of a machine. It ends with this.
+/// OPC UA server that forwards to the devices of a machine. Dropping it ends the server.
 struct Bridge(Child);
 
 impl Bridge {
@@ -98,7 +98,7 @@ impl Drop for Bridge {
     }
 }
 
-/// Runs it as fast as it goes.
+/// Runs the grinder as fast as possible.
 fn run(over_opcua: bool) -> Run {
     let text = grinder();
     let plant = PlantSpec::shipped("surface-grinder").unwrap().unwrap();

@@ -1,4 +1,4 @@
-//! A whole gateway that holds an offset in a node.
+//! Tests of a whole gateway with an offset in a node.
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -53,7 +53,7 @@ fn a_gateway_ends_in_time_beside_a_server_that_does_not_answer() {
         ends.send(by.now()).unwrap();
     });
     let took = clock.now().since(ended.recv().unwrap());
-    // Its fault action needs none of the server's time: two timeouts, and what a busy computer needs.
+    // The fault action does not depend on the server. The limit is two timeouts and a margin for a busy computer.
     assert!(took < Duration::from_secs(30), "{took:?}");
 }
 

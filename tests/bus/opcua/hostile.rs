@@ -1,5 +1,5 @@
-//! Whoever may answer at the server's address: what panics in the library is a fault of that line and nothing else; and what a server
-//! asks of a password.
+//! Tests of a hostile peer at the server's address: a panic of the library is a fault of that line only. Also tests of
+//! the ways in which a server asks for a password.
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -11,7 +11,7 @@ use super::secured::{certificates, secured, serve};
 use isotherm::fieldbus::error::{Fault, PeerFault};
 use isotherm::fieldbus::opcua_fault::OpcUaFault;
 
-/// Answers everybody's first message as a server does, and the second with these bytes. Its port.
+/// Starts a peer that answers the first message like a server, and the second with these bytes. Returns its port.
 fn answers(second: Vec<u8>) -> u16 {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = listener.local_addr().unwrap().port();
@@ -44,7 +44,7 @@ fn field(bytes: &[u8]) -> Vec<u8> {
     [&u32::try_from(bytes.len()).unwrap().to_le_bytes(), bytes].concat()
 }
 
-/// A channel is opened, secured for a certificate that the gateway has not shown.
+/// Returns a message that opens a channel. It is secured for a certificate that the gateway has not sent.
 fn opened_for_somebody(directory: &Path) -> Vec<u8> {
     let policy = field(b"http://opcfoundation.org/UA/SecurityPolicy#Basic256Sha256");
     let cert = field(&std::fs::read(directory.join("server.der")).unwrap());
@@ -66,7 +66,8 @@ async fn what_the_library_panics_at_is_no_opc_ua_and_the_gateway_goes_on() {
     }
 }
 
-/// Passes everything on to this port; from the server, once it has been told to, messages cut to sixteen bytes.
+/// Starts a proxy to this port, and returns its own port. Once `is_told` is set, messages of the server are cut to 16
+/// bytes.
 fn between(server: u16, is_told: std::sync::Arc<std::sync::atomic::AtomicBool>) -> u16 {
     use std::sync::atomic::Ordering;
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();

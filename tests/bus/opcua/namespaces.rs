@@ -1,4 +1,4 @@
-//! Namespaces that a server numbers in another order after a restart.
+//! Tests of namespaces whose order changes with a restart of the server.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use isotherm::gateway::Options;
 use isotherm::observe::asker::{Asker, Way};
 use isotherm_core::reading::{Reason, Status};
 
-/// The machine by the URI of its namespace.
+/// Returns a profile that names its namespace by URI.
 fn by_uri(text: &str) -> String {
     text.replace("ns=2;", "nsu=urn:test;")
 }
@@ -32,11 +32,11 @@ async fn a_node_that_is_named_by_its_uri_is_found_at_whatever_index_the_server_h
         let server = Server::start(&[]);
         let mut line = line(&text(&server, is_subscribed));
         assert_eq!(line.signals().await, Ok([Ok(20.0), Ok(100.0)]));
-        // The namespace of another machine has its place now, and nodes with the same names.
+        // The namespace of another machine has the old index now. It has nodes with the same names.
         let mut server = server.dies(&["--before", "1"]);
         let mut read = 0;
         while read < 3 {
-            // At first it is not there, or sends nothing yet.
+            // At first, the server is not running or sends nothing yet.
             if let Ok(signals) = line.signals().await {
                 assert_eq!(signals, [Ok(20.0), Ok(100.0)]);
                 read += 1;
@@ -58,7 +58,7 @@ async fn a_namespace_that_is_not_there_or_there_twice_has_no_nodes() {
     let mut gone = line(&machine(server.port, "").replace("ns=2;s=bed", "nsu=urn:gone;s=bed"));
     assert_eq!(gone.signals().await.unwrap()[0], Err(unknown));
     assert_eq!(server.does("read offset"), "0");
-    // A node that is named by its index is found, whichever namespace has that index.
+    // A node that is named by an index is found, with any namespace at that index.
     let directory = tempfile::tempdir().unwrap();
     let mut by_index = Line::new(profile(&machine(server.port, ""), directory.path()));
     assert_eq!(by_index.signals().await, Ok([Ok(20.0), Ok(100.0)]));
@@ -100,7 +100,7 @@ fn a_gateway_compensates_its_own_machine_after_the_server_has_another_order() {
     });
 }
 
-/// Options of a gateway that remembers in this directory.
+/// Returns options of a gateway that keeps its state in this directory.
 fn remembering(directory: &Path) -> Options {
     Options { directory: Some(directory.to_owned()), ..Options::default() }
 }
@@ -132,7 +132,7 @@ fn a_namespace_that_is_named_by_its_index_is_found_at_another_index_also_by_the_
         assert_eq!(reported(&source.status(), "namespace-moved"), 1);
     });
     let port = port.to_string();
-    // At another address there may be another server, of which nothing is remembered.
+    // At another address there may be another server, for which nothing is stored.
     for (arguments, event) in
         [(vec!["--port", &port, "--before", "1"], "namespace-moved"), (vec![], "namespace-recorded")]
     {
@@ -186,7 +186,7 @@ fn a_namespace_that_the_server_loads_late_is_used_as_soon_as_it_is_there() {
     let directory = tempfile::tempdir().unwrap();
     let mut server = Server::start(&[]);
     server.does("value bed 23");
-    // Nothing is polled while the namespace is not there: its list is read again.
+    // No node is polled while the namespace is missing, but the list of namespaces is read again.
     let text = subscribing(server.port);
     beside(&text, remembering(directory.path()), move |source| {
         holds(&mut server, "30");

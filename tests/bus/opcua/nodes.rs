@@ -1,4 +1,4 @@
-//! The nodes of a server as `read --browse` and `check --online` show them.
+//! Tests of the nodes that `read --browse` and `check --online` show.
 
 use std::path::Path;
 
@@ -38,7 +38,7 @@ fn each_node_is_shown_with_its_type_what_this_user_may_and_what_it_holds() {
     assert_eq!(row("ns=2;s=offset"), expected("i32", "Int32", "0", true));
     assert_eq!(row("ns=2;s=text"), expected("", "String", "text", true));
     assert_eq!((&found[0]["node"], &found[0]["name"]), (&"i=85".into(), &"Objects".into()));
-    // What OPC UA itself defines is named, and not looked below.
+    // Nodes that OPC UA itself defines are listed, but not browsed.
     assert!(found.iter().any(|node| node["name"] == "Server"));
     assert!(found.iter().all(|node| node["name"] != "ServerStatus"));
     let text = read(&server, &["--browse"]);
@@ -95,7 +95,7 @@ fn a_node_that_is_not_there_is_told_with_what_to_do() {
 
 fn check(directory: &Path, text: &str) -> Ended {
     let path = directory.join("machine.toml");
-    // A server on a busy computer takes longer than a second for an answer. What cannot be read is waited for three times that.
+    // A server on a busy computer may need more than a second. A failed read waits for three timeouts.
     std::fs::write(&path, text.replace("timeout = \"1s\"", "timeout = \"3s\"")).unwrap();
     typing(isotherm(directory).arg("check").arg(path).arg("--online"), "")
 }

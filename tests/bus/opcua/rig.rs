@@ -1,4 +1,4 @@
-//! A server of asyncua in a process of its own, and a line to it.
+//! Server of asyncua in a separate process, and a line to it.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -23,7 +23,7 @@ fn here(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/interop").join(name)
 }
 
-/// Python with asyncua.
+/// Returns a command that runs a script in Python with asyncua.
 pub(crate) fn python(script: &str) -> Command {
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap();
     let python = target.join("tools/venv/bin/python");
@@ -34,7 +34,7 @@ pub(crate) fn python(script: &str) -> Command {
     command
 }
 
-/// A server. It is killed at the end.
+/// OPC UA server. Dropping it kills the process.
 pub(crate) struct Server {
     child: Child,
     says: ChildStdin,
@@ -59,34 +59,34 @@ impl Server {
         line.trim().to_owned()
     }
 
-    /// Does this; what it answers.
+    /// Sends a command to the server, and returns its answer.
     pub(crate) fn does(&mut self, what: &str) -> String {
         writeln!(self.says, "{what}").unwrap();
         self.line()
     }
 
-    /// Number of its process.
+    /// Returns the process number of the server.
     pub(crate) fn id(&self) -> u32 {
         self.child.id()
     }
 
-    /// Waits until it has ended by itself.
+    /// Waits until the server has ended by itself.
     pub(crate) fn ends(&mut self) {
         self.child.wait().unwrap();
     }
 
-    /// It is there, and does nothing any more.
+    /// Stops the process of the server, which then exists but does nothing.
     pub(crate) fn stops(&self) {
         let pid = self.child.id().to_string();
         assert!(Command::new("kill").args(["-STOP", &pid]).status().unwrap().success());
     }
 
-    /// Kills it; another one begins at the same place.
+    /// Kills the server, and starts another one on the same port.
     pub(crate) fn dies(self, arguments: &[&str]) -> Server {
         self.dies_for(Duration::ZERO, arguments)
     }
 
-    /// The same; there is none for so long.
+    /// Kills the server, and starts another one on the same port after `span`.
     pub(crate) fn dies_for(mut self, span: Duration, arguments: &[&str]) -> Server {
         let port = self.port.to_string();
         self.child.kill().unwrap();
@@ -104,7 +104,8 @@ impl Drop for Server {
     }
 }
 
-/// A machine on the server at this port, spoken to without security, with more lines at its bus.
+/// Returns the profile of a machine on the server at this port. `bus` has more keys of its bus; if it is empty, there
+/// is no security.
 pub(crate) fn machine(port: u16, bus: &str) -> String {
     let bus = if bus.is_empty() { "security = \"none\"" } else { bus };
     format!(
@@ -151,27 +152,27 @@ scale = 0.1
     )
 }
 
-/// The same machine, whose server sends its signals by itself.
+/// Returns the same machine with a subscription of its signals.
 pub(crate) fn subscribing(port: u16) -> String {
     let every = "every = \"100ms\"";
     machine(port, "").replacen(every, &format!("{every}\nread = \"subscription\""), 1)
 }
 
-/// The profile of this text, whose files are in this directory.
+/// Returns the profile of this text. Its files are in this directory.
 pub(crate) fn profile(text: &str, directory: &Path) -> Profile {
     let path = directory.join("machine.toml");
     std::fs::write(&path, text).unwrap();
     isotherm_profile::load(&path, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 
-/// The line of a machine.
+/// Line of a machine.
 pub(crate) struct Line {
     pub(crate) profile: Profile,
     line: DeviceLine,
     exchanges: Arc<Exchanges>,
 }
 
-/// Counts how often another server can have taken the place of the one before.
+/// Counts how often another server may have replaced the one before.
 #[derive(Default)]
 struct Exchanges(AtomicU32);
 
@@ -193,18 +194,18 @@ impl Line {
         Line { line: line.witnessed(exchanges.clone()), profile, exchanges }
     }
 
-    /// How often another server can have taken its place since this was last asked.
+    /// Returns how often another server may have replaced the one before, since the last call.
     pub(crate) fn exchanges(&self) -> u32 {
         self.exchanges.0.swap(0, Ordering::Relaxed)
     }
 
-    /// To a server without security.
+    /// Returns a line to a server without security.
     pub(crate) fn to(server: &Server) -> Line {
         let directory = tempfile::tempdir().unwrap();
         Line::new(profile(&machine(server.port, ""), directory.path()))
     }
 
-    /// To a server that sends its signals by itself.
+    /// Returns a line to a server with a subscription of its signals.
     pub(crate) fn subscribed(server: &Server) -> Line {
         let directory = tempfile::tempdir().unwrap();
         Line::new(profile(&subscribing(server.port), directory.path()))
@@ -215,7 +216,7 @@ impl Line {
         self.line.request(DeviceId(0), request, Leave::Whenever).await
     }
 
-    /// Reads both signals in one request. Their values.
+    /// Reads both signals in one request, and returns their values.
     pub(crate) async fn signals(&mut self) -> Result<[Result<f64, Reason>; 2], Fault> {
         let requests = self.profile.requests(DeviceId(0));
         assert_eq!(requests.len(), 1, "all nodes of a server are one request");
@@ -235,7 +236,7 @@ impl Line {
         self.asks(request).await.map(|answered| answered.answer)
     }
 
-    /// What stands in the output.
+    /// Reads the counts of the output.
     pub(crate) async fn stands(&mut self) -> Result<i32, Fault> {
         let output = self.profile.outputs[0].clone();
         let request = Request::read(&output.address, output.encoding.data_type).unwrap();
@@ -249,5 +250,5 @@ pub(crate) fn no_session(why: OpcUaFault) -> Fault {
 }
 
 pub(crate) const SHORTLY: Duration = Duration::from_millis(300);
-/// What a line waits for an answer: longer than the server takes on a busy computer.
+/// Timeout of a line: longer than the server needs on a busy computer.
 pub(crate) const ANSWERS_WITHIN: Duration = Duration::from_secs(5);

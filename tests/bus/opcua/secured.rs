@@ -1,4 +1,4 @@
-//! Signed and encrypted, with users, and certificates that are wrong.
+//! Tests of signed and encrypted connections, of users, and of wrong certificates.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use super::rig::{Line, Server, machine, no_session, profile, python};
 use isotherm::fieldbus::opcua_check;
 use isotherm::fieldbus::opcua_fault::OpcUaFault;
 
-/// A directory with certificates, and the server's among those that are trusted.
+/// Creates a directory with certificates, and with the server's certificate among the trusted ones.
 pub(crate) fn certificates() -> tempfile::TempDir {
     let directory = tempfile::tempdir().unwrap();
     assert!(python("opcua_certificates.py").arg(directory.path()).status().unwrap().success());
@@ -21,7 +21,7 @@ pub(crate) fn serve(directory: &Path, name: &str, more: &[&str]) -> Server {
     Server::start(&[&["--cert", cert.as_str(), "--key", key.as_str()], more].concat())
 }
 
-/// The lines of a secured bus.
+/// Returns the keys of a secured bus.
 pub(crate) fn secured(security: &str, own: &str, user: &str) -> String {
     format!(
         "security = \"{security}\"\ncert = \"{own}.der\"\nkey = \"{own}.pem\"\ntrusted = \"trusted\"\n{user}"

@@ -1,4 +1,4 @@
-//! Sessions that are lost, taken up again, and not given.
+//! Tests of sessions that are lost, resumed or refused.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! Sets: K0, tanβ and P0 of an axis in three nodes, written by one call or not at all.
+//! Tests of sets: K0, tanβ and P0 of an axis in three nodes, written by one call or not at all.
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -8,7 +8,7 @@ use super::rig::{Server, machine};
 use isotherm::gateway::Options;
 use isotherm::observe::status::Source;
 
-/// A machine that is given its line in three nodes as one set, with more keys in that.
+/// Returns a machine whose line is written to three nodes as one set. `keys` are further keys of the set.
 fn in_a_set(port: u16, keys: &str) -> String {
     let text = machine(port, "");
     let (rest, _) = text.split_once("[output.offset]").unwrap();
@@ -28,12 +28,12 @@ fn in_a_set(port: u16, keys: &str) -> String {
     format!("{rest}[set.line]\n{keys}\n{}", outputs.concat())
 }
 
-/// What a node holds.
+/// Returns the value of a node.
 fn holds(server: &Mutex<Server>, name: &str) -> f64 {
     server.lock().unwrap().does(&format!("read {name}")).parse().unwrap()
 }
 
-/// K0, tanβ and P0 as they are with this bed are waited for.
+/// Waits until K0, tanβ and P0 have the values for this temperature of the bed.
 #[track_caller]
 fn arrives(source: &dyn Source, server: &Mutex<Server>, bed: f64) {
     let (k0, tan) = ((bed - 20.0) / 1000.0, 0.01 * (bed - 20.0) / 1000.0);
@@ -53,7 +53,7 @@ fn port(server: &Mutex<Server>) -> u16 {
     server.lock().unwrap().port
 }
 
-/// No two values that were written one after the other into the node are further apart than this.
+/// Checks that two consecutive values in the list never differ by more than `most`.
 #[track_caller]
 fn steps(written: &str, most: f64) {
     let values: Vec<f64> = written.split(' ').map(|value| value.parse().unwrap()).collect();
@@ -164,7 +164,7 @@ fn a_server_that_dies_between_the_write_and_the_read_back_is_walked_on_from_what
         dead.does("die k0");
         dead.does("value bed 25");
         dead.ends();
-        // It has kept the half of it.
+        // The new server has kept one half of the set.
         *dead = Server::start(&[
             "--port",
             &dead.port.to_string(),
@@ -241,7 +241,7 @@ fn a_heartbeat_whose_node_is_not_there_is_told_and_its_end_as_well() {
     };
     let gone = format!("{}{}", in_a_set(port(&server), ""), heartbeat("gone"));
     let status = beside(&gone, Options::default(), move |source| {
-        // asyncua says BadUserAccessDenied of a node that it does not have; others say BadNodeIdUnknown.
+        // asyncua answers BadUserAccessDenied for a missing node; other servers answer BadNodeIdUnknown.
         let said = "heartbeat (node ns=2;s=gone of cnc): not written: the server answers Bad";
         wait_until(source, "it is told", |status| events(status).iter().any(|text| text.contains(said)));
         wait_until(source, "it stands", |status| status.alarms.iter().any(|alarm| alarm.text.contains(said)));
@@ -275,7 +275,7 @@ fn a_strobe_rises_after_the_set_was_read_back_and_drops_when_it_is_acknowledged(
     let log = server.does("log");
     let calls: Vec<&str> = log.split(';').collect();
     let strobes: Vec<usize> = (0..calls.len()).filter(|place| calls[*place] == "write strobe").collect();
-    // The first drops one that may have been left.
+    // The first write resets a strobe that may be left from before.
     for up in strobes[1..].iter().step_by(2) {
         assert_eq!(calls[up - 2..*up], ["write k0 tan p0", "read k0 tan p0"], "{log}");
     }
@@ -301,7 +301,7 @@ fn a_set_that_is_never_acknowledged_is_told_with_its_node_and_goes_no_further() 
     });
 }
 
-/// Two waits for an acknowledge are shorter than the axis's period.
+/// Returns a machine with a handshake. Two acknowledge timeouts are shorter than the period of the axis.
 fn with_a_strobe(port: u16) -> String {
     let strobe = "handshake = { strobe = { node = \"ns=2;s=strobe\", type = \"bool\" }, acknowledge = { node = \
                   \"ns=2;s=taken\" }, timeout = \"600ms\" }";

@@ -1,4 +1,4 @@
-//! A node that an operator writes, too; the heartbeat; a control that was restarted.
+//! Tests of a node that an operator writes, too, of the heartbeat, and of a control that was restarted.
 
 use std::sync::{Arc, Mutex};
 

@@ -1,6 +1,8 @@
-//! A gateway beside a server that is killed, forgets, falls silent and lies about the time, for as long as `TEST_OPCUA_SECONDS` says,
-//! while it reads 500 more nodes ten times a second: a judge that knows only what the server held and was asked, and when, holds every
-//! write to the rules of an output.
+//! Test of a gateway with a server that is killed, loses sessions, stops answering and sends wrong times.
+//!
+//! It runs for as long as `TEST_OPCUA_SECONDS` says. The gateway also reads 500 more nodes ten times a second. A judge
+//! knows only the journal of the server: values, requests and times. It checks every write against the rules of an
+//! output.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -14,18 +16,20 @@ use isotherm::clock::Clock;
 use isotherm::gateway::Options;
 use isotherm::observe::status::Status;
 
-/// Of `tests/run`; an hour in `tests/run long`.
+/// Duration in `tests/run`; `tests/run long` sets an hour.
 const SECONDS: u64 = 40;
-/// Counts of the output: its limit, and its step.
+/// Limit and step of the output, in counts.
 const LIMIT: f64 = 400.0;
 const STEP: f64 = 10.0;
-/// A change may rest on what the server held so long ago: `max_age`, and what a reading, a decision and a write take.
+/// Greatest age in seconds of the server values on which a change may depend. It is `max_age`, plus the time of a
+/// reading, a decision and a write.
 const WINDOW: f64 = 2.0 + 1.5;
-/// The output is looked at every 0.2 s, the heartbeat counts every half second: this is late on any computer.
+/// Longest permitted interval in seconds. The gateway reads the output every 0.2 s, and the heartbeat counts every 0.5
+/// s.
 const LATE: f64 = 3.0;
-/// So long after it was interrupted a gateway goes on as before.
+/// Time in seconds after an interruption until the gateway works normally again.
 const RESUMED: f64 = 15.0;
-/// What is read beside the machine, ten times a second.
+/// Number of nodes that are read in addition to the machine, ten times a second.
 const MANY: usize = 500;
 
 fn seconds() -> u64 {
@@ -33,7 +37,7 @@ fn seconds() -> u64 {
     text.parse().unwrap_or_else(|_| panic!("TEST_OPCUA_SECONDS={text}: say 3600"))
 }
 
-/// What goes wrong.
+/// Fault of the server.
 #[derive(Clone, Copy, Debug)]
 enum Trouble {
     Killed,
@@ -59,11 +63,11 @@ const TROUBLES: [Trouble; 9] = [
     Trouble::Gone,
 ];
 
-/// Numbers by chance, the same again from the same seed.
+/// Random numbers, the same again for the same seed.
 struct Chance(u64);
 
 impl Chance {
-    /// Below this.
+    /// Returns a number below `most`.
     fn below(&mut self, most: u64) -> u64 {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 33) % most
@@ -94,34 +98,34 @@ fn befalls(trouble: Trouble, mut server: Server, arguments: &[&str]) -> Server {
     server
 }
 
-/// What the server held, by its journal.
+/// State of the server, from its journal, and the checks of each write.
 #[derive(Default)]
 struct Judge {
-    /// What the offset should have been, in counts, since when; `None` where nothing could be believed.
+    /// Expected offset in counts, with its start; `None` while no value is valid.
     wanted: Vec<(f64, Option<f64>)>,
     bed: f64,
     is_good: bool,
     is_on_time: bool,
-    /// Since the last write.
+    /// Whether the output was read since the last write.
     was_read: bool,
     read: Regular,
     beat: Regular,
-    /// What the heartbeat's last value was, of this server's life.
+    /// Last value of the heartbeat, since the last start of the server.
     beats: Option<f64>,
-    /// Until when an interruption excuses what is late.
+    /// End of the time in which an interruption excuses delays.
     excused: f64,
     writes: usize,
     wrong: Vec<String>,
-    /// What a busy computer may add to each span.
+    /// Time that a busy computer may add to each interval.
     slack: f64,
 }
 
-/// What must come again and again: when it came last.
+/// Repeated event, with its last time.
 #[derive(Default)]
 struct Regular(Option<f64>);
 
 impl Regular {
-    /// It comes. Whether that is late.
+    /// Records the event. Returns whether it is late.
     fn comes(&mut self, at: f64, excused: f64, slack: f64) -> bool {
         let last = self.0.replace(at);
         last.is_some_and(|last| at - last.max(excused) > LATE + slack)
@@ -159,7 +163,7 @@ impl Judge {
         self.wanted.push((number(0), wanted));
     }
 
-    /// A write of this value over that one, at this moment.
+    /// Checks a write of `after` over `before` at this time.
     fn judges(&mut self, line: &str, at: f64, before: f64, after: f64) {
         self.writes += 1;
         let mut say = |what: &str| self.wrong.push(format!("{what}: {line}"));
@@ -175,7 +179,7 @@ impl Judge {
         if after.to_bits() == before.to_bits() {
             return;
         }
-        // What held at the beginning of the window counts as well.
+        // The value at the start of the window counts as well.
         let begins = at - WINDOW - self.slack;
         let first = self.wanted.iter().rposition(|(since, _)| *since <= begins).unwrap_or(0);
         let wanted = self.wanted[first..].iter().filter_map(|(_, wanted)| *wanted);
@@ -185,7 +189,8 @@ impl Judge {
         }
     }
 
-    /// The heartbeat goes on in every state, one by one. One whose answer was lost is sent again, and not made up for.
+    /// Checks that the heartbeat counts up in every state. A value whose answer was lost is sent again. After an
+    /// interruption, values may be missing.
     fn beats(&mut self, line: &str, at: f64, beat: f64) {
         let before = self.beats.replace(beat);
         if before == Some(beat) {
@@ -254,8 +259,8 @@ fn judged(journal: &Path, slack: f64) -> Judge {
     judge
 }
 
-/// One trouble after another; after each everything must come right. What happened, and the longest waits of gateway and server
-/// for a processor, together, s.
+/// Causes one fault after another, and waits after each until everything is right. Returns a summary, and the longest
+/// waits of gateway and server for a processor, added, in seconds.
 fn storm(arguments: &[String]) -> (String, f64) {
     let arguments: Vec<String> = arguments.to_vec();
     let server = Server::start(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
@@ -276,12 +281,12 @@ fn storm(arguments: &[String]) -> (String, f64) {
             longest = longest.max(servers.longest());
             servers = Starved::of(server.id());
             troubles += 1;
-            // A degree is a micrometre, which is ten counts.
+            // One degree is one micrometre, which is ten counts.
             let tenths = chance.below(40);
             server.does(&format!("value bed {}", 20.0 + f64::from(u32::try_from(tenths).unwrap()) / 10.0));
             let wanted = tenths.to_string();
             wait(&mut server, |server| server.does("read offset") == wanted);
-            // What the offset does not rest on may be read again later.
+            // Signals on which the offset does not depend may be read again later.
             wait_until(source, "all is well", |status| goods(status) == 2 + MANY);
         }
         longest = longest.max(servers.longest());
@@ -297,7 +302,7 @@ fn goods(status: &Status) -> usize {
     status.signals.iter().filter(|signal| signal.quality == "good").count()
 }
 
-/// A heartbeat, and what is read beside the machine.
+/// Returns a heartbeat, and the nodes to read in addition to the machine.
 fn beside_it() -> String {
     let mut text = String::from(
         "[heartbeat]\ndevice = \"cnc\"\nnode = \"ns=2;s=life\"\ntype = \"i16\"\nevery = \"500ms\"\n\

@@ -1,4 +1,4 @@
-//! Signals that a server sends by itself.
+//! Tests of signals with a subscription.
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ const EVERY: Duration = Duration::from_millis(100);
 
 type Signals = [Result<f64, Reason>; 2];
 
-/// Asks once a period until this is so.
+/// Reads once a period until the signals have these values.
 async fn until(line: &mut Line, what: &str, wanted: Signals) {
     let mut found = Err(Fault::Timeout);
     for _ in 0..900 {
@@ -29,7 +29,7 @@ async fn until(line: &mut Line, what: &str, wanted: Signals) {
     panic!("{what}: {found:?}");
 }
 
-/// Until nothing is read any more for a value.
+/// Reads until the server gets no more Read calls for the values.
 async fn until_sent(line: &mut Line, server: &mut Server) {
     for _ in 0..900 {
         let before = server.does("reads");
@@ -78,7 +78,7 @@ async fn a_value_is_as_old_as_the_request_that_brought_it_and_older_by_its_stamp
             let answered = line.asks(Request::from(&requests[0].asks)).await.unwrap();
             (answered.answer.asked(&requests[0].fields[0]), clock.now())
         };
-        // The one that was sent a round before, or more of them where this computer was slow.
+        // The request was sent one round before, or more rounds if this computer was slow.
         let asked = asked.expect("it was sent");
         assert!(asked >= before.unwrap_or(asked) && now.since(asked) >= EVERY / 2, "{:?}", now.since(asked));
         before = Some(asked);

@@ -1,4 +1,4 @@
-//! What is read and written, and what is said of it.
+//! Tests of reads and writes, and of the status that is reported for them.
 
 use super::rig::{Line, Server};
 use isotherm::fieldbus::error::{Fault, Outcome, PeerFault};
@@ -70,7 +70,7 @@ async fn a_refusal_that_means_not_done_is_told_apart_from_one_that_may_not() {
     assert_eq!(line.stands().await, Ok(0));
 }
 
-/// What the server itself says, without a script.
+/// Status codes of the server itself, without a script.
 #[tokio::test]
 async fn a_value_of_another_type_and_a_node_that_nobody_may_write_are_refused_by_the_server() {
     let server = Server::start(&[]);

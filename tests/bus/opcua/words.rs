@@ -1,4 +1,4 @@
-//! What a person does about certificates, by the verbs.
+//! Tests of the verbs for certificates, as a user runs them.
 
 use std::io::Write;
 use std::os::unix::fs::PermissionsExt;
@@ -16,7 +16,7 @@ use isotherm::fieldbus::opcua_fault::OpcUaFault;
 use isotherm::gateway::certificates::expiring;
 use isotherm_core::quantity::Moment;
 
-/// A verb that has ended: its code, what it printed, and what it said beside that.
+/// Result of a verb: exit code, standard output and standard error.
 pub(crate) struct Ended {
     pub(crate) code: Option<i32>,
     pub(crate) out: String,
@@ -29,18 +29,18 @@ impl Ended {
     }
 }
 
-/// Runs a verb, and types this.
+/// Runs a verb with this input.
 pub(crate) fn typing(command: &mut Command, typed: &str) -> Ended {
     let pipes = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = pipes.spawn().unwrap();
-    // Whoever asks nothing may have ended by now.
+    // A verb that asks nothing may already have ended.
     let _ = child.stdin.take().unwrap().write_all(typed.as_bytes());
     let Output { status, stdout, stderr } = child.wait_with_output().unwrap();
     let text = |bytes| String::from_utf8(bytes).unwrap();
     Ended { code: status.code(), out: text(stdout), said: text(stderr) }
 }
 
-/// The profile of a machine in this directory, whose certificates are those that its secured bus names.
+/// Writes the profile of a machine to this directory. Its secured bus names the certificates there.
 fn profile(directory: &Path, port: u16) -> PathBuf {
     let path = directory.join("machine.toml");
     std::fs::write(&path, machine(port, &secured("sign-and-encrypt", "own", ""))).unwrap();
@@ -219,7 +219,7 @@ fn a_certificate_is_told_thirty_days_before_it_expires_when_it_has_and_not_where
     let mut found = told(ends("own.der").before(DAY));
     found.sort_by_key(|(file, _)| all.iter().position(|(name, _)| name == file));
     assert_eq!(found, of(&all));
-    // Of the same name, and valid longer: the server has a new one, and its old one is of no interest.
+    // Same name and longer validity: the server has a new certificate, so the old one is not reported.
     assert!(
         python("opcua_certificates.py")
             .args(["--renew".as_ref(), given.path().as_os_str()])

@@ -1,9 +1,9 @@
-//! Answers that are late, lost or garbled, and what is never made of them.
+//! Tests with late, lost and garbled answers, which must never become values.
 //!
-//! A busy computer makes a device late that meant to be in time. The device takes the time of each answer itself: a poll
-//! counts as timely when its answer was in the port within half a timeout, and only timely polls have to succeed. An answer
-//! that came into the port after [`GRACE`] may be taken for the next one: that poll is void. A line is polled until enough
-//! polls were timely, or it is clear that the computer is too busy: then only wrong values fail.
+//! A busy computer may delay a device that should be in time. The device therefore measures the time of each answer. A
+//! poll is timely if its answer was in the port within half a timeout, and only timely polls must succeed. An answer
+//! that arrives after [`GRACE`] may be taken for the next one; that poll is void. A line is polled until enough polls
+//! were timely, or the computer is clearly too busy. In that case only wrong values fail.
 
 use std::cell::RefCell;
 use std::convert::Infallible;
@@ -23,17 +23,17 @@ use crate::serial::port::{self, Plug, answer, bus, framed, line, read, serial, w
 use crate::support::tell;
 
 const LINES: u64 = 8;
-/// Polls of a line, at least and at most.
+/// Minimum and maximum number of polls of a line.
 const POLLS: u32 = 1250;
 const MOST: u32 = 4 * POLLS;
-/// Of them timely, and with an answer that the device kept for long, at least.
+/// Minimum number of timely polls. `LATE` is the minimum number of answers that the device delayed.
 const TIMELY: u32 = 1000;
 const LATE: u32 = 13;
 const TIMEOUT: Duration = Duration::from_millis(30);
-/// Nothing is meant to be later than this: a little less than the four timeouts that a late answer is given.
+/// Longest intended delay: a little less than the four timeouts during which a late answer is expected.
 const LATEST: Duration = Duration::from_millis(100);
 
-/// What came of the polls, and what the devices did.
+/// Results of the polls, and actions of the devices.
 #[derive(Debug, Default)]
 struct Count {
     polls: u32,
@@ -41,28 +41,28 @@ struct Count {
     wrong: u32,
     failed: u32,
     timely: u32,
-    /// Timely and yet failed.
+    /// Timely polls that failed.
     missed: u32,
-    /// Answers of another poll that the device gave after the line had stopped to wait for them.
+    /// Answers of another poll that the device sent after the line had stopped waiting for them.
     void: u32,
     late: Arc<AtomicU32>,
     lost: u32,
     garbled: u32,
-    /// The answer to the poll of now was in the port in time.
+    /// Whether the answer to the present poll was in the port in time.
     is_timely: bool,
-    /// Since the last good poll an answer came so late that it may be taken for another.
+    /// Whether an answer since the last good poll was so late that it may be taken for another.
     is_spoilt: Arc<AtomicBool>,
 }
 
 impl Count {
-    /// Enough was seen, or it is no use to go on.
+    /// Returns whether enough polls were made, or more would be useless.
     fn is_enough(&self) -> bool {
         let has_seen = self.timely >= TIMELY && self.late.load(Ordering::Relaxed) >= LATE;
         self.polls >= if has_seen { POLLS } else { MOST }
     }
 }
 
-/// Answers for ever, one in twelve badly. `asked` is when the last question was put.
+/// Answers requests endlessly, one in twelve wrongly. `asked` is the time of the last request.
 async fn answers_badly(
     plug: Arc<Plug>,
     mut random: Pcg32,
@@ -81,7 +81,7 @@ async fn answers_badly(
                 let delay = random.random_range(TIMEOUT..LATEST);
                 tokio::spawn(async move {
                     tokio::time::sleep(delay.saturating_sub(since.elapsed())).await;
-                    // A computer that was busy meanwhile must not make it later than a device can be.
+                    // A busy computer must not delay the answer beyond the limit.
                     if since.elapsed() < LATEST {
                         say(&plug, &honest, since, &is_spoilt);
                         late.fetch_add(1, Ordering::Relaxed);
@@ -106,7 +106,7 @@ async fn answers_badly(
                 continue;
             }
             10..20 => {
-                // The last piece is followed by no wait: the answer is whole then.
+                // No wait follows the last piece, because the answer is complete then.
                 let (pieces, last) = honest.split_at((honest.len() - 1) / 3 * 3);
                 for piece in pieces.chunks(3) {
                     say(&plug, piece, since, &is_spoilt);
@@ -121,7 +121,7 @@ async fn answers_badly(
     }
 }
 
-/// Puts bytes into the port. They are there when this returns.
+/// Writes bytes to the port. They have arrived when this returns.
 fn say(plug: &Plug, bytes: &[u8], since: Instant, is_spoilt: &AtomicBool) {
     plug.say(bytes);
     plug.hand_over();
@@ -130,7 +130,7 @@ fn say(plug: &Plug, bytes: &[u8], since: Instant, is_spoilt: &AtomicBool) {
     }
 }
 
-/// Polls three units of one line, and holds what comes against what stands there.
+/// Polls three units of one line, and compares the answers with the registers.
 async fn polls(seed: u64) -> Count {
     let mut random = Pcg32::seed_from_u64(seed);
     let plug = Arc::new(Plug::new());
@@ -144,7 +144,7 @@ async fn polls(seed: u64) -> Count {
                 (random.random_range(1..=3), random.random_range(0..400), random.random_range(1..4));
             count.borrow_mut().is_timely = false;
             tell.send(Instant::now()).unwrap();
-            // For the pauses of the breakers it is a minute later; the silence that is owed stays.
+            // Skip the back-off. The silence after a missing answer remains.
             line.revive(None);
             let expected = (from..from + words).map(|register| word(unit, register)).collect();
             let answer = port::asked(&mut line, DeviceId(usize::from(unit) - 1), read(from, words)).await;
@@ -176,7 +176,7 @@ async fn polls(seed: u64) -> Count {
     count.into_inner()
 }
 
-/// Takes longer than other tests: ten thousand polls at the pace of a line, eight lines side by side.
+/// Slower than other tests: ten thousand polls at the speed of a serial line, on eight lines in parallel.
 #[test]
 fn ten_thousand_polls_with_late_lost_and_garbled_answers_bring_no_wrong_value() {
     let begun = Instant::now();

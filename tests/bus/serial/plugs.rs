@@ -1,4 +1,4 @@
-//! Ports that go and come back, adapters that lose themselves, and lines that never fall silent.
+//! Tests of ports that disappear and return, of adapters that hang, and of lines that are never silent.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -13,7 +13,7 @@ use tokio::sync::Notify;
 
 use crate::serial::port::{Exchanges, Plug, answer, asked, bus, line, read, serial, word};
 
-/// A port is first listened to for a few of these. A busy computer may be late for an answer once: see [`until_good`].
+/// Timeout. A line first listens to its port for a few timeouts. A busy computer may be late once: see [`until_good`].
 const TIMEOUT: Duration = Duration::from_millis(400);
 const UNIT: DeviceId = DeviceId(0);
 /// Shortest first pause of a port that could not be opened.
@@ -23,7 +23,7 @@ fn good() -> Result<Answer, Fault> {
     Ok(Answer::Registers(vec![word(1, 7)]))
 }
 
-/// Answers every question.
+/// Answers every request.
 fn alive(plug: &Arc<Plug>) -> tokio::task::JoinHandle<()> {
     let plug = plug.clone();
     tokio::spawn(async move {
@@ -34,7 +34,7 @@ fn alive(plug: &Arc<Plug>) -> tokio::task::JoinHandle<()> {
     })
 }
 
-/// Asks every 20 ms until the answer is good; how long that took, and every fault that came before.
+/// Sends a request every 20 ms until the answer is good. Returns the time that this took, and the faults before.
 async fn until_good(line: &mut DeviceLine) -> (Duration, Vec<Fault>) {
     let (begun, mut faults) = (Instant::now(), Vec::new());
     loop {
@@ -51,7 +51,7 @@ async fn until_good(line: &mut DeviceLine) -> (Duration, Vec<Fault>) {
     }
 }
 
-/// Asks until the line closes the port, because answers are lost or wrong.
+/// Sends requests until the line closes the port, because answers are missing or wrong.
 async fn until_closed(line: &mut DeviceLine, plug: &Plug) {
     let begun = Instant::now();
     loop {
@@ -89,7 +89,7 @@ async fn an_adapter_that_is_unplugged_and_comes_back_under_its_name_is_found_aga
     assert_eq!(gone, Err(Fault::Link(LinkFault::Absent)), "at once, by its name");
     assert!(exchanges.said().contains(&None), "each device on it may be another one when it is back");
     let again = asked(&mut line, UNIT, read(7, 1)).await;
-    // A busy computer comes back to it when the pause is over.
+    // On a busy computer the pause may be over, and the line tries again.
     let is_over = failed.elapsed() >= PAUSE && again == Err(Fault::Link(LinkFault::Absent));
     assert!(is_over || again == Err(Fault::Link(LinkFault::Down)), "{again:?}");
     tokio::time::sleep(Duration::from_millis(300)).await;
@@ -113,7 +113,7 @@ async fn an_adapter_that_has_lost_itself_is_opened_anew_under_its_name_after_the
     let mut line = line.witnessed(Arc::new(exchanges.clone()));
     assert_eq!(asked(&mut line, UNIT, read(7, 1)).await, Err(Fault::Timeout));
     assert_eq!(exchanges.said(), [], "one answer was lost");
-    // The name has moved on, the old port is open and silent.
+    // The name points to the new port. The old port is open and silent.
     new.under(&name);
     let speaks = alive(&new);
     let (took, faults) = until_good(&mut line).await;
@@ -125,7 +125,7 @@ async fn an_adapter_that_has_lost_itself_is_opened_anew_under_its_name_after_the
 
 #[tokio::test]
 async fn a_port_that_is_opened_again_after_lost_or_garbled_answers_is_the_same_one() {
-    /// Nothing, and bytes that are no frame.
+    /// Wrong answers: none, and bytes that are no frame.
     const GARBAGE: [&[u8]; 2] = [&[], &[0x55; 9]];
     for garbage in GARBAGE {
         let plug = Arc::new(Plug::new());
@@ -160,7 +160,7 @@ async fn an_adapter_that_takes_the_name_of_another_while_the_port_is_closed_is_a
     let mut line = line.witnessed(Arc::new(exchanges.clone()));
     until_closed(&mut line, &first).await;
     assert_eq!(exchanges.said(), []);
-    // Nothing else of a pseudo-terminal but the time at which it was made differs, if the number of the first is given again.
+    // If the second pseudo-terminal gets the number of the first, only the time of its creation differs.
     let path = first.path.clone();
     drop(first);
     let second = Arc::new(Plug::new());
@@ -217,7 +217,7 @@ async fn a_port_is_one_program_s_alone_and_free_again_when_that_has_ended() {
     assert_eq!(asked(&mut second, UNIT, read(7, 1)).await, Err(Fault::Link(LinkFault::Busy)));
     drop(first);
     let (_, faults) = until_good(&mut second).await;
-    // The pause is over where a busy computer comes back to it late, and may lose an answer.
+    // On a busy computer the pause may already be over, and an answer may be lost.
     let may = [Fault::Link(LinkFault::Down), Fault::Timeout];
     assert!(faults.iter().all(|fault| may.contains(fault)), "{faults:?}");
     speaks.abort();
@@ -236,7 +236,7 @@ async fn what_a_device_still_says_to_a_gateway_that_was_killed_is_not_the_next_o
         while !plug.is_open() {
             tokio::time::sleep(Duration::from_millis(1)).await;
         }
-        // The next gateway has opened the port, and waits for what may still come.
+        // The next gateway has opened the port, and waits for late answers.
         tokio::time::sleep(Duration::from_millis(30)).await;
         plug.say(&answer(old));
         loop {
@@ -310,7 +310,7 @@ async fn pauses_and_a_port_that_is_closed_after_each_answer_are_kept_on_a_serial
 async fn a_server_that_never_stops_talking_costs_its_timeout_and_nobody_else_s_turn() {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap().to_string();
-    // From a thread of its own, as fast as the socket takes it.
+    // Sends from a separate thread, as fast as the socket accepts it.
     std::thread::spawn(move || {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         runtime.block_on(async move {
@@ -324,9 +324,9 @@ async fn a_server_that_never_stops_talking_costs_its_timeout_and_nobody_else_s_t
     let mut line = line(&bus(Transport::RtuOverTcp, &address, TIMEOUT), 1);
     let begun = Instant::now();
     for _ in 0..3 {
-        // By turns, not by time: a busy computer keeps both from their turns alike.
+        // Counts turns, not time: a busy computer delays both tasks alike.
         let mut turns = 0;
-        // For the pauses of the breaker it is a minute later.
+        // Skip the back-off.
         line.revive(None);
         let others = async {
             loop {
@@ -341,7 +341,7 @@ async fn a_server_that_never_stops_talking_costs_its_timeout_and_nobody_else_s_t
         assert!(matches!(answer, Err(Fault::Peer(_))), "{answer:?}");
         assert!(turns > 10, "{turns} turns of others during a question");
     }
-    // Three timeouts are 1.2 s; without an end to a question it never comes back.
+    // Three timeouts are 1.2 s. Without a limit, a request would never end.
     let took = begun.elapsed();
     assert!(took < Duration::from_secs(60), "{took:?}");
 }

@@ -1,4 +1,4 @@
-//! The hardware's end of a serial port, and a line of the gateway on it.
+//! Hardware end of a serial port, and a line of the gateway on it.
 
 use std::fs;
 use std::io;
@@ -23,7 +23,7 @@ use rustix::io::Errno;
 use rustix::pty::OpenptFlags;
 use rustix::termios::OptionalActions;
 
-/// The hardware's end of a new pseudo-terminal.
+/// Hardware end of a new pseudo-terminal.
 pub(crate) struct Plug {
     end: OwnedFd,
     pub(crate) path: PathBuf,
@@ -43,19 +43,19 @@ impl Plug {
         Plug { end, path }
     }
 
-    /// Points this name at it, as the system does when an adapter is plugged in.
+    /// Points this name to the port, as the system does when an adapter is plugged in.
     pub(crate) fn under(&self, name: &Path) {
         let _ = fs::remove_file(name);
         symlink(&self.path, name).unwrap();
     }
 
     pub(crate) fn say(&self, bytes: &[u8]) {
-        // Where nobody has the port open the bytes go nowhere.
+        // If no program has the port open, the bytes are lost.
         let _ = rustix::io::write(&self.end, bytes);
     }
 
-    /// Everything that was said before is in the port's buffer when this returns: whoever polls its other end has the kernel
-    /// put it there first. That end must be there.
+    /// Waits until all written bytes are in the buffer of the port: polling the other end makes the kernel move them.
+    /// That end must exist.
     pub(crate) fn hand_over(&self) {
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK;
         let Ok(end) = rustix::fs::open(&self.path, flags, rustix::fs::Mode::empty()) else { return };
@@ -63,14 +63,14 @@ impl Plug {
         rustix::event::poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })).unwrap();
     }
 
-    /// Whether a program has the port open.
+    /// Returns whether a program has the port open.
     pub(crate) fn is_open(&self) -> bool {
         let mut polled = [PollFd::new(&self.end, PollFlags::IN)];
         rustix::event::poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })).unwrap();
         !polled[0].revents().contains(PollFlags::HUP)
     }
 
-    /// What has come; nothing where nothing has, or nobody has the port open.
+    /// Returns the received bytes; none if nothing has arrived, or no program has the port open.
     fn heard(&self) -> Vec<u8> {
         let mut bytes = [0; 256];
         match rustix::io::read(&self.end, &mut bytes) {
@@ -80,7 +80,7 @@ impl Plug {
         }
     }
 
-    /// The next read request: unit, function, first register, count.
+    /// Waits for the next read request: unit, function, first register, count.
     pub(crate) async fn asked(&self) -> (u8, u8, u16, u16) {
         let mut received: Vec<u8> = Vec::new();
         loop {
@@ -99,19 +99,19 @@ fn is_frame(bytes: &[u8]) -> bool {
     bytes.len() >= 8 && checksum(&bytes[..6]).to_le_bytes() == bytes[6..8]
 }
 
-/// A frame around a protocol data unit.
+/// Returns the frame of a protocol data unit.
 pub(crate) fn framed(unit: u8, pdu: &[u8]) -> Vec<u8> {
     let mut bytes = [&[unit], pdu].concat();
     bytes.extend(checksum(&bytes).to_le_bytes());
     bytes
 }
 
-/// What stands in a register: its unit and its number, so that an answer to another question is seen.
+/// Value of a register: unit and register number. It shows an answer to another request.
 pub(crate) fn word(unit: u8, register: u16) -> u16 {
     u16::from(unit) << 12 | register
 }
 
-/// The answer to a read.
+/// Returns the answer to a read.
 pub(crate) fn answer((unit, function, from, count): (u8, u8, u16, u16)) -> Vec<u8> {
     let words = (from..from + count).flat_map(|register| word(unit, register).to_be_bytes());
     framed(unit, &[vec![function, u8::try_from(2 * count).unwrap()], words.collect()].concat())
@@ -142,7 +142,7 @@ pub(crate) fn serial(baud: u32) -> Transport {
     Transport::Serial(Serial { baud, parity: Parity::None, stop_bits: 1 })
 }
 
-/// The devices in whose place another one can be, in the order in which that was said.
+/// Devices that may have been exchanged, in the order of the reports.
 #[derive(Clone, Default)]
 pub(crate) struct Exchanges(Arc<Mutex<Vec<Option<DeviceId>>>>);
 
@@ -155,13 +155,13 @@ impl Witness for Exchanges {
 }
 
 impl Exchanges {
-    /// What was said since this was last asked.
+    /// Returns the reports since the last call.
     pub(crate) fn said(&self) -> Vec<Option<DeviceId>> {
         std::mem::take(&mut self.0.lock().unwrap())
     }
 }
 
-/// A line with units 1 to `count`, as devices in this order.
+/// Returns a line with units 1 to `count`, as devices in this order.
 pub(crate) fn line(bus: &Bus, count: u8) -> DeviceLine {
     let device = |unit: u8| Device {
         label: String::new(),
@@ -184,7 +184,7 @@ pub(crate) fn line(bus: &Bus, count: u8) -> DeviceLine {
     DeviceLine::new(bus, &devices, dial(bus).unwrap(), &Clock::wall())
 }
 
-/// What a device answers.
+/// Sends a request to a device, and returns its answer.
 pub(crate) async fn asked(
     line: &mut DeviceLine,
     device: DeviceId,

@@ -1,4 +1,4 @@
-//! A second client of a serial server that hands every answer to all its clients.
+//! Tests of a second client of a serial server that sends every answer to all its clients.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -23,16 +23,16 @@ use crate::serial::port::{answer, bus, line, read, word};
 /// Unit, function, first register, count.
 type Question = (u8, u8, u16, u16);
 
-/// The other master reads one register of the same unit with the same function.
+/// Read of the other master: one register of the same unit with the same function.
 const OTHERS: Question = (1, 3, 300, 1);
-/// Time of the serial line for a question and its answer.
+/// Time of a request and its answer on the serial line.
 const EXCHANGE: Duration = Duration::from_millis(10);
 const TIMEOUT: Duration = Duration::from_millis(40);
-/// The other master asks this often, in milliseconds: a line on which it never stops is not asked at all.
+/// Intervals between the requests of the other master, in milliseconds. The gateway needs gaps to send its own.
 const PAUSES: std::ops::Range<u64> = 60..140;
 
-/// One serial line for two masters: one question at a time, and each answer goes to our connection. The other master asks
-/// while `is_there`, at random times.
+/// Serves one serial line to two masters, one request at a time. Each answer is sent to the gateway's connection. The
+/// other master sends requests at random times while `is_there` is set.
 async fn serves(mut stream: TcpStream, seed: u64, is_there: Arc<AtomicBool>) {
     stream.set_nodelay(true).unwrap();
     let mut random = Pcg32::seed_from_u64(seed);
@@ -73,7 +73,7 @@ async fn serves(mut stream: TcpStream, seed: u64, is_there: Arc<AtomicBool>) {
     }
 }
 
-/// Serves each connection to this address in turn.
+/// Starts a server that serves one connection at a time. Returns its address.
 async fn server(seed: u64, is_there: &Arc<AtomicBool>) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let (address, is_there) = (listener.local_addr().unwrap().to_string(), is_there.clone());
@@ -86,7 +86,7 @@ async fn server(seed: u64, is_there: &Arc<AtomicBool>) -> String {
     address
 }
 
-/// Takes a few seconds: the line has its own pace.
+/// This test needs a few seconds, because the line has a fixed speed.
 #[tokio::test]
 async fn an_answer_that_may_be_the_other_master_s_is_marked_as_soon_as_that_was_noticed() {
     let is_there = Arc::new(AtomicBool::new(true));
@@ -138,7 +138,7 @@ fn profile(address: &str, max_rate: &str) -> isotherm_profile::Profile {
     parse(Path::new("cell.toml"), &text, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 
-/// Good samples, wrong ones among them, and what was reported of the line.
+/// Returns the number of good samples, of wrong ones among them, and the reports about the line.
 async fn watched(max_rate: &str, seed: u64) -> (usize, usize, Vec<String>) {
     let is_there = Arc::new(AtomicBool::new(false));
     let profile = profile(&server(seed, &is_there).await, max_rate);
@@ -150,7 +150,7 @@ async fn watched(max_rate: &str, seed: u64) -> (usize, usize, Vec<String>) {
         is_there.store(true, Ordering::SeqCst);
         let is_reported = || source.status().events.iter().any(|event| event.kind == "bus-trouble");
         for look in 0..2400 {
-            // On a busy computer it takes longer than ten seconds until the line has seen the other master.
+            // On a busy computer, the line may need more than ten seconds to detect the other master.
             if look >= 200 && good > 100 && is_reported() {
                 break;
             }
@@ -169,7 +169,7 @@ async fn watched(max_rate: &str, seed: u64) -> (usize, usize, Vec<String>) {
     (good, wrong, reported.collect())
 }
 
-/// Takes 13 s: the line has its own pace.
+/// This test needs 13 s, because the line has a fixed speed.
 #[tokio::test]
 async fn a_second_master_is_an_alarm_and_its_register_is_no_reading() {
     let runs = [watched("max_rate = 0.5", 11), watched("max_rate = 0.5", 12), watched("max_rate = 0.5", 13)];
@@ -189,8 +189,8 @@ async fn a_second_master_is_an_alarm_and_its_register_is_no_reading() {
         reported.last().unwrap().contains("cannot be distinguished from theirs: bed, oil"),
         "{reported:?}"
     );
-    // Before the second sign of the other master nothing speaks against one of its answers, which is used for `max_age` at most: 2 s
-    // of the 10 that are watched.
+    // Until a second frame of the other master arrives, one of its answers may be accepted. That value is used for at
+    // most `max_age`: 2 s of the 10 s of the test.
     assert!(100 * wrong <= 20 * good, "{wrong} of {good}");
 }
 

@@ -12,13 +12,15 @@ use crate::support::tell;
 
 const DEAD: [usize; 3] = [5, 17, 30];
 const SPAN: Duration = Duration::from_secs(12);
-/// Polls in [`SPAN`] without dead units: the line has time for 740. Both lines run at once, so that a busy computer slows both and
-/// their ratio stays. With less than half of the polls the pauses of the dead units count too much, and the run is void; so it is where
-/// the busy computer has lost answers of live units, which have pauses as well then.
+/// Minimum number of polls in [`SPAN`] without dead units. The line has time for 740.
+///
+/// Both lines run at the same time. A busy computer slows both, and their ratio stays the same. With less than half of
+/// the polls, the pauses of the dead units have too much weight, and the run is void. It is also void if live units
+/// have lost answers, because they then back off as well.
 const LEAST: usize = 370;
 const TRIES: usize = 5;
 
-/// Units 1 to 32 with four temperatures each, polled as fast as the line allows.
+/// Returns a profile of units with four temperatures each, polled as fast as the line allows.
 fn profile(units: &[usize]) -> Profile {
     let mut text = String::from(
         "[machine]\nname = \"shared-line\"\n[bus.rs485]\ntype = \"modbus-rtu\"\nport = \"/dev/serial/by-id/usb-x\"\n\
@@ -41,7 +43,7 @@ fn profile(units: &[usize]) -> Profile {
     profile
 }
 
-/// Polls of each unit in [`SPAN`], and how many of them failed, by its place.
+/// Returns the number of polls of each unit in [`SPAN`], and of its failures.
 async fn polls(profile: Profile, faults: &str) -> Vec<(usize, u64)> {
     let clock = Clock::wall();
     let faults = FaultScript::parse(faults, &profile).unwrap();
@@ -56,7 +58,7 @@ async fn polls(profile: Profile, faults: &str) -> Vec<(usize, u64)> {
     polls.into_iter().zip(failed).collect()
 }
 
-/// Takes longer than other tests: the pauses of dead units are seconds, and both runs must be long against them.
+/// Slower than other tests: dead units have pauses of seconds, and both runs must be much longer.
 #[tokio::test]
 async fn three_dead_of_thirty_two_units_leave_the_live_ones_four_fifths_of_what_the_line_allows_without_them()
 {

@@ -1,4 +1,4 @@
-//! A whole gateway with a sensor that hangs, beside a machine on another line.
+//! Test of a whole gateway with a sensor that hangs, and with a machine on another line.
 
 use std::net::TcpListener;
 use std::time::Duration;
@@ -11,7 +11,7 @@ use isotherm::clock::Clock;
 use isotherm::gateway::Options;
 use isotherm::observe::status::Status;
 
-/// How long the sensor is waited for: whoever waited with it would be late by that.
+/// Timeout of the sensor. A task that waited for the sensor would be late by this time.
 const HANGS: Duration = Duration::from_secs(15);
 
 const SENSORS: &str = r#"

@@ -1,4 +1,4 @@
-//! A line of sensors: what hangs is a timeout, costs one, and is asked again when it is back.
+//! Tests of a line of sensors. A sensor that hangs is a timeout, costs only one, and is read again when it returns.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use isotherm::fieldbus::wire::Request;
 use isotherm_core::reading::Reason;
 use isotherm_profile::{DeviceId, Profile, Transport};
 
-/// Long enough for what does not hang, on a computer that is busy with something else.
+/// Long enough for sensors that do not hang, on a busy computer.
 const TIMEOUT: Duration = Duration::from_secs(6);
 
 const PROFILE: &str = r#"
@@ -113,7 +113,7 @@ async fn one_that_hangs_costs_one_timeout_and_is_not_asked_again_before_it_is_ba
     }
     let took = clock.now().since(begun);
     assert!(took < 5 * TIMEOUT, "a read that had begun anew would have been waited for: {took:?}");
-    // It comes back with what it was asked long ago, which nobody takes; the next read is a new one.
+    // The hanging read returns an old value, which is discarded. The next read is a new one.
     std::fs::write(&pipe, pad(99_000)).unwrap();
     std::fs::remove_file(&pipe).unwrap();
     tree.measures(PROBE, 23_125);

@@ -1,4 +1,4 @@
-//! Found by name, whatever the numbers are.
+//! Tests of the search by name, with any directory numbers.
 
 use super::tree::{PROBE, Tree};
 use isotherm::discovery::sysfs::scan;
@@ -11,13 +11,13 @@ fn sensor(text: &str) -> PcSensor {
     text.parse().unwrap()
 }
 
-/// Where it is found, below the directory of the tree.
+/// Returns the files of a sensor, relative to the root of the tree.
 fn found(tree: &Tree, text: &str) -> Result<String, Reason> {
     let files = find(tree.root(), &sensor(text))?;
     Ok(files.to_string().trim_start_matches(tree.root().to_str().unwrap()).to_owned())
 }
 
-/// What is read there, by name.
+/// Returns the values of all sensors, with their names.
 fn values(tree: &Tree) -> Vec<(String, Result<f64, String>)> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     let found = runtime.block_on(scan(tree.root(), Duration::from_secs(30)));

@@ -1,4 +1,4 @@
-//! What `scan`, `read`, `check --online` and `virtual` say of sensors of this computer.
+//! Tests of the texts of `scan`, `read`, `check --online` and `virtual` about sensors of this computer.
 
 use std::path::Path;
 use std::process::Output;

@@ -1,4 +1,4 @@
-//! Replies that were there before their question.
+//! Tests of replies that arrive before their request.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ fn case(kind: Kind, name: &str, life: Life) -> Case {
     Case { name: name.to_owned(), kind, writes: None, stands_still: None, life }
 }
 
-/// A lie to the question with this transaction.
+/// Returns a false reply to the request with this transaction.
 fn lie(kind: Kind, transaction: u16) -> Vec<u8> {
     kind.frame(transaction, 1, &reading(READ_INPUT, LIE))
 }
@@ -22,7 +22,8 @@ fn fifty(kind: Kind) -> Vec<u8> {
     (0..50).flat_map(|transaction| lie(kind, transaction)).collect()
 }
 
-/// Fifty at once on connect. Where it answers, it closes the first connections soon, so that it comes to others.
+/// Sends fifty false replies on connect. If `answers` is set, the device closes its first two connections soon, so that
+/// further ones follow.
 fn on_connect(kind: Kind, answers: bool) -> Life {
     life(move |mut peer: Peer| async move {
         if !peer.lane.behaves() {
@@ -42,7 +43,8 @@ fn on_connect(kind: Kind, answers: bool) -> Life {
     })
 }
 
-/// The same on a port, which a device does not see opened: before it is first asked, and now and then in between.
+/// Sends fifty false replies on a port, whose opening a device cannot detect: before the first request, and before
+/// later ones.
 fn on_a_port(answers: bool) -> Life {
     life(move |mut peer: Peer| async move {
         loop {
@@ -53,7 +55,7 @@ fn on_a_port(answers: bool) -> Life {
             if answers || peer.lane.behaves() {
                 peer.answer(&asked).await?;
             } else {
-                // Only when its timeout is over is it nobody's.
+                // Only after its timeout is the reply unsolicited.
                 tokio::time::sleep(3 * TIMEOUT).await;
             }
         }
@@ -73,7 +75,7 @@ fn fifty_replies_on_connect_are_no_readings() {
     none_is_believed(cases.collect());
 }
 
-/// Each answer is followed by one to the next question, as a device sends it that is ahead by one.
+/// Sends after each answer a reply to the next request, like a device that is ahead by one.
 fn ahead(kind: Kind, pause: Duration) -> Life {
     life(move |mut peer: Peer| async move {
         loop {
@@ -100,12 +102,13 @@ fn a_reply_that_was_there_before_its_question_is_no_reading() {
     none_is_believed(cases.collect());
 }
 
-/// Every 5 ms, whether asked or not, with the transaction that comes next; twenty-five of them are an attempt, and so
-/// are fewer on a connection that is closed.
+/// Sends a false reply every 5 ms, with or without a request, with the next transaction. Twenty-five of them are an
+/// attempt, and so are fewer on a connection that is closed.
 ///
-/// On a serial line it is never silent for long enough to be asked. Where it is asked all the same, the computer was too
-/// busy to say something every 5 ms, and what it said then has become an answer, which nobody can tell: it is a good
-/// device until it is believed, and then the attempt is repeated, as often as `Lane::spoils` allows.
+/// A serial line is then never silent for long enough to send a request. If a request arrives all the same, the
+/// computer was too busy to send every 5 ms. The next reply may then count as an answer, and cannot be distinguished
+/// from one. The device therefore behaves correctly until the gateway accepts it. Then the attempt is repeated, as
+/// often as `Lane::spoils` allows.
 fn pushes(kind: Kind, answers: bool) -> Life {
     life(move |mut peer: Peer| async move {
         let (mut next, mut pushed) = (0, 0);
@@ -124,7 +127,7 @@ fn pushes(kind: Kind, answers: bool) -> Life {
                     }
                 }
                 () = tokio::time::sleep(pause) => {
-                    // What is said after a question answers it.
+                    // A reply after a request would answer it.
                     if peer.is_asked() {
                         continue;
                     }

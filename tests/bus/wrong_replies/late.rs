@@ -1,4 +1,4 @@
-//! Answers after their timeout, each with a temperature of its own.
+//! Tests of answers after their timeout, each with a different temperature.
 
 use std::time::{Duration, Instant};
 
@@ -7,16 +7,17 @@ use crate::wrong_replies::question::Kind;
 use crate::wrong_replies::rig::{Case, Life, TIMEOUT, none_is_believed};
 use crate::wrong_replies::wrong::life;
 
-/// A unit that did not answer in time is left alone for 750 ms and its timeout. A device that a busy computer lets answer later than this
-/// does not answer: what comes after that time nobody can tell from the answer to the next question.
+/// Latest time of a late answer. A unit without an answer gets no request for 750 ms plus its timeout. An even later
+/// answer cannot be distinguished from the next one. If a busy computer delays the device that much, it sends no
+/// answer.
 const WAITED_FOR: Duration = Duration::from_millis(600);
 
-/// 70 °C and more, another with each attempt.
+/// Returns a temperature of 70 °C or more, different for each attempt.
 fn own(attempt: u32) -> i32 {
     700 + i32::try_from(attempt).unwrap()
 }
 
-/// Every second answer to a read, or to a write, comes so late.
+/// Delays every second answer to reads, or to writes, by `factor` timeouts.
 fn late(factor: f64, writes: bool) -> Life {
     life(move |mut peer: Peer| async move {
         loop {
@@ -62,7 +63,7 @@ fn an_echo_after_its_timeout_is_none() {
     none_is_believed(each.map(case).collect());
 }
 
-/// The gateway's computer stands still while the answer comes: it is there when the computer goes on, and still late.
+/// The gateway's computer stops while the answer arrives. The gateway finds it after the stop, and it is still late.
 #[test]
 fn an_answer_that_is_found_after_its_timeout_is_no_reading() {
     let each = Kind::ALL.into_iter().flat_map(|kind| [1.2, 2.0].map(|factor| (kind, factor)));
@@ -85,8 +86,8 @@ fn an_answer_that_is_found_after_its_timeout_is_no_reading() {
     none_is_believed(each.map(case).collect());
 }
 
-/// As a converter does that passes on whatever it hears to whoever is there: the answer to a question of the connection
-/// before comes right after the first question of this one, with the transaction that it had.
+/// Simulates a converter that forwards received bytes to any client. The answer to a request of the previous connection
+/// arrives right after the first request of this one, with the transaction that it had.
 #[test]
 fn an_answer_to_a_question_of_the_connection_before_is_no_reading() {
     let life = life(move |mut peer: Peer| async move {

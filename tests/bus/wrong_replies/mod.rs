@@ -1,5 +1,6 @@
-//! What a gateway must never take for an answer: replies that were there before the question, wrong ones, late ones. Each
-//! of a hundred attempts carries a temperature, or an echo, that no right answer has.
+//! Replies that a gateway must never accept: early, wrong and late ones.
+//!
+//! Each of a hundred attempts has a temperature, or an echo, that no correct answer has.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 #![allow(clippy::disallowed_types, reason = "real sockets and ports take the wall's time")]

@@ -1,4 +1,4 @@
-//! The device's end of one connection, or of a serial port.
+//! Device end of one connection, or of a serial port.
 
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
@@ -16,24 +16,25 @@ use tokio::net::unix::pipe::Receiver;
 use crate::wrong_replies::question::{Kind, Question};
 use crate::wrong_replies::rig::Lane;
 
-/// After so long what was said or asked has surely come to the other end.
+/// Time after which sent bytes have certainly arrived at the other end.
 const HANDED_ON: Duration = Duration::from_millis(30);
 
 pub(crate) struct Peer {
     end: End,
     received: Vec<u8>,
     pub(crate) lane: Arc<Lane>,
-    /// Which connection of its lane this is, from 0.
+    /// Number of the connection on its lane, from 0.
     pub(crate) connection: usize,
 }
 
 enum End {
     Socket(TcpStream),
-    /// To read from, to write to, and the gateway's end.
+    /// End for reading, end for writing, and the end of the gateway.
     Port(Receiver, OwnedFd, std::fs::File),
 }
 
-/// Both ends of a pseudo-terminal. The gateway's is kept open, so that the port is there before and after it.
+/// Both ends of a pseudo-terminal. The end of the gateway stays open, so that the port exists before and after the
+/// gateway.
 pub(crate) struct Plug {
     hardware: OwnedFd,
     kept: std::fs::File,
@@ -57,9 +58,9 @@ impl Plug {
         Plug { hardware, kept: kept.into(), path }
     }
 
-    /// The device that lives there, and what keeps the port in being.
+    /// Returns the device on this port, and a file that keeps the port in existence.
     pub(crate) fn peer(self, lane: Arc<Lane>) -> (Peer, std::fs::File) {
-        // To the runtime a port is like the end of a pipe.
+        // For the runtime, a port is like the end of a pipe.
         let other = self.hardware.try_clone().unwrap();
         let receiver = Receiver::from_owned_fd_unchecked(other).unwrap();
         let end = End::Port(receiver, self.hardware, self.kept.try_clone().unwrap());
@@ -77,7 +78,7 @@ impl Peer {
         self.lane.kind
     }
 
-    /// The next question. What came of the one before it is looked at first.
+    /// Waits for the next request. It first checks the effect of the attempt before.
     pub(crate) async fn asked(&mut self) -> io::Result<Question> {
         loop {
             if let Some((asked, end)) = Question::find(self.kind(), &self.received) {
@@ -94,22 +95,22 @@ impl Peer {
         }
     }
 
-    /// In one piece. A port that nobody reads from takes no more at some time.
+    /// Sends bytes in one piece. A port without a reader accepts no more bytes at some time.
     pub(crate) async fn say(&mut self, bytes: &[u8]) -> io::Result<()> {
         match &mut self.end {
             End::Socket(stream) => stream.write_all(bytes).await,
             End::Port(_, port, others) => {
                 let _ = rustix::io::write(port, bytes);
-                // Whoever polls the other end has the kernel hand the bytes on first.
+                // Polling the other end makes the kernel move the bytes there.
                 let _ = is_readable(others);
                 Ok(())
             }
         }
     }
 
-    /// A lie that must come before the next question. Where that came first after all, the attempt is none: the lie has
-    /// become an answer, which nobody can tell. A pseudo-terminal hands bytes on when the kernel finds the time, either way;
-    /// and on a busy computer a gateway may be kept from asking for long after its look at what has come.
+    /// Sends a false reply that must arrive before the next request. If the request came first, the attempt is void,
+    /// because the reply cannot be distinguished from an answer. A pseudo-terminal moves bytes with a delay in both
+    /// directions. On a busy computer, a gateway may send its request long after its check for waiting input.
     pub(crate) async fn lies_before(&mut self, lie: &[u8]) -> io::Result<()> {
         if self.lane.is_void() || self.is_asked() {
             return Ok(());
@@ -129,7 +130,7 @@ impl Peer {
         said
     }
 
-    /// Whether a question waits, or the other end has gone: what is said now would come after the question.
+    /// Returns whether a request waits, or the other end is gone. Bytes that are sent now would follow the request.
     pub(crate) fn is_asked(&self) -> bool {
         !self.received.is_empty()
             || match &self.end {
@@ -138,7 +139,7 @@ impl Peer {
             }
     }
 
-    /// The right answer.
+    /// Sends the correct answer.
     pub(crate) async fn answer(&mut self, asked: &Question) -> io::Result<()> {
         self.lane.is_answered(asked);
         self.say(&asked.right()).await
@@ -154,7 +155,7 @@ impl End {
     }
 }
 
-/// Whether there is something to read now, or the other end has gone.
+/// Returns whether there is input now, or the other end is gone.
 fn is_readable(end: &impl AsFd) -> bool {
     let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
     poll(&mut [PollFd::new(end, PollFlags::IN)], Some(&at_once)).unwrap() > 0

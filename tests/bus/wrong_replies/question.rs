@@ -1,12 +1,12 @@
-//! A question as the device got it, and what can be made of it.
+//! Request as the device received it, and possible replies to it.
 
 use isotherm_core::codec::checksum;
 
-/// What the device's temperature is, in tenths of a degree, and what it never is.
+/// Temperature of the device in tenths of a degree. `LIE` is a value that it never has.
 pub(crate) const TRUTH: i32 = 215;
 pub(crate) const LIE: i32 = 777;
 
-/// How the line is made.
+/// Kind of line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     Tcp,
@@ -21,7 +21,7 @@ impl Kind {
         self != Kind::Tcp
     }
 
-    /// A protocol data unit as it travels on this line.
+    /// Returns the frame of a protocol data unit on this kind of line.
     pub(crate) fn frame(self, transaction: u16, unit: u8, pdu: &[u8]) -> Vec<u8> {
         if self.is_rtu() { rtu(unit, pdu) } else { tcp(transaction, 0, pdu.len() + 1, unit, pdu) }
     }
@@ -33,7 +33,7 @@ pub(crate) fn rtu(unit: u8, pdu: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// A frame with any header.
+/// Returns a frame with any header.
 pub(crate) fn tcp(transaction: u16, protocol: u16, length: usize, unit: u8, pdu: &[u8]) -> Vec<u8> {
     let length = u16::try_from(length).unwrap();
     let words = [transaction, protocol, length];
@@ -41,7 +41,7 @@ pub(crate) fn tcp(transaction: u16, protocol: u16, length: usize, unit: u8, pdu:
     header.chain([unit]).chain(pdu.iter().copied()).collect()
 }
 
-/// The answer to a read of this temperature.
+/// Returns the answer to a read of this temperature.
 pub(crate) fn reading(function: u8, tenths: i32) -> Vec<u8> {
     [&[function, 4], tenths.to_be_bytes().as_slice()].concat()
 }
@@ -55,7 +55,7 @@ pub(crate) struct Question {
 }
 
 impl Question {
-    /// The first whole question among these bytes, and where it ends.
+    /// Returns the first whole request in these bytes, and its end.
     pub(crate) fn find(kind: Kind, bytes: &[u8]) -> Option<(Question, usize)> {
         if !kind.is_rtu() {
             let header = bytes.first_chunk::<7>()?;
@@ -82,22 +82,22 @@ impl Question {
         self.function() < 5
     }
 
-    /// In its own envelope.
+    /// Returns a frame with the transaction and unit of the request.
     pub(crate) fn framed(&self, pdu: &[u8]) -> Vec<u8> {
         self.kind.frame(self.transaction, self.unit, pdu)
     }
 
-    /// In that of another unit.
+    /// Returns a frame with the transaction of the request and another unit.
     pub(crate) fn framed_for(&self, unit: u8) -> Vec<u8> {
         self.kind.frame(self.transaction, unit, &self.content())
     }
 
-    /// The right answer.
+    /// Returns the correct answer.
     pub(crate) fn right(&self) -> Vec<u8> {
         self.framed(&self.pdu_of(TRUTH))
     }
 
-    /// An answer of the right form, with the temperature that the device never has. A write has one form only.
+    /// Returns an answer of the correct form with the false temperature. A write has only one form.
     pub(crate) fn content(&self) -> Vec<u8> {
         self.pdu_of(LIE)
     }

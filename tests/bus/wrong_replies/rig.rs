@@ -1,4 +1,4 @@
-//! One gateway with many lines of one kind, at each of which the same device lives, and what it believes of it.
+//! One gateway with many lines of one kind, each with the same device, and the values that it accepts.
 
 use std::fmt::Write;
 use std::future::Future;
@@ -18,33 +18,33 @@ use crate::wrong_replies::peer::{Peer, Plug};
 use crate::wrong_replies::question::{Kind, Question, TRUTH};
 
 pub(crate) const TIMEOUT: Duration = Duration::from_millis(50);
-/// Lines of a gateway; `TEST_WRONG_LINES=34` makes a hundred attempts of it.
+/// Lines of a gateway; `TEST_WRONG_LINES=34` makes a hundred attempts.
 const LINES: u32 = 8;
 /// Attempts on each line.
 const TRIES: u32 = 3;
-/// Attempts on each line that a busy computer may spoil, and that are made again. What it spoils after that counts as made, and the
-/// summary says of how many nothing is known.
+/// Attempts on each line that a busy computer may spoil, and that are repeated. Further spoiled ones count as made. The
+/// summary reports the number of attempts with an unknown result.
 const SPOILED: u32 = 2 * TRIES;
-/// So many cases run beside one another: more would keep good answers from being in time.
+/// Number of cases in parallel. More would delay good answers too much.
 const AT_A_TIME: usize = 21;
-/// No case is added while threads run later than this, for the same reason.
+/// Largest delay of threads at which another case begins, for the same reason.
 const LATEST: Duration = Duration::from_millis(25);
-/// Turns of a gateway's thread, each 5 ms or more, until its devices must have been tried. A gateway that gets little of the
-/// processor has fewer turns in the same time.
+/// Turns of a gateway's thread, 5 ms or more each, until its devices must have been tried. A gateway with little
+/// processor time has fewer turns in the same time.
 const PATIENCE: u32 = 20_000;
-/// The same until good devices must be believed. A device that has been wrong for long may be left alone for half a minute.
+/// Turns until good devices must be accepted. A device that was wrong for long may back off for half a minute.
 const FORGIVEN: u32 = 20_000;
 
 pub(crate) type Life = Arc<dyn Fn(Peer) -> Living + Send + Sync>;
 pub(crate) type Living = Pin<Box<dyn Future<Output = io::Result<()>> + Send>>;
 
-/// A device and what it is tried with.
+/// Device and its wrong behaviour.
 pub(crate) struct Case {
     pub(crate) name: String,
     pub(crate) kind: Kind,
-    /// It is written to as well, with this function.
+    /// Function with which the gateway also writes to the device.
     pub(crate) writes: Option<u8>,
-    /// So long the gateway's computer stands still again and again.
+    /// Length of the repeated stops of the gateway's computer.
     pub(crate) stands_still: Option<Duration>,
     pub(crate) life: Life,
 }
@@ -53,30 +53,30 @@ pub(crate) struct Case {
 pub(crate) struct Lane {
     pub(crate) kind: Kind,
     source: OnceLock<Arc<dyn Source>>,
-    /// How often the thread of the gateway has turned to something else.
+    /// Number of turns of the gateway's thread.
     turned: Arc<AtomicU32>,
-    /// Attempts made on it.
+    /// Attempts so far.
     tried: AtomicU32,
-    /// An attempt was made whose end has not been looked at.
+    /// Whether an attempt was made whose effect was not checked yet.
     is_open: AtomicBool,
-    /// Those that were shown as a reading when the next question came; those that were taken for a refusal; echoes that
-    /// were believed beyond the right ones.
+    /// Attempts whose value was shown at the next request. `refusals` counts accepted refusals. `surplus` counts
+    /// accepted echoes in addition to the correct ones.
     shown: AtomicU32,
     refusals: AtomicU32,
     surplus: AtomicU32,
     names: [String; 3],
-    /// Right answers to reads and to writes.
+    /// Correct answers to reads and to writes.
     read: AtomicU32,
     written: AtomicU32,
     behaves: AtomicBool,
     turns: AtomicU32,
-    /// Right answers until what is shown is again of its device's making only.
+    /// Correct answers until a voided attempt has no effect any more.
     void: AtomicU32,
     /// Attempts that the busy computer has spoiled.
     spoiled: AtomicU32,
-    /// Whether the last attempt was one is not known yet.
+    /// Whether it is unknown if the last attempt counts.
     is_unsettled: AtomicBool,
-    /// What its device has not said yet.
+    /// Answer that the device has kept.
     owed: Mutex<Option<Vec<u8>>>,
     wrong: Arc<Mutex<Vec<String>>>,
 }
@@ -85,14 +85,14 @@ struct Verdict {
     name: String,
     kind: Kind,
     tried: u32,
-    /// Attempts among them that the busy computer has spoiled: nothing is known of them.
+    /// Spoiled attempts among them, whose results are unknown.
     spoiled: u32,
     believed: u32,
     wrong: Vec<String>,
 }
 
 impl Lane {
-    /// From now on it is a good device.
+    /// Returns whether the device must behave correctly from now on.
     pub(crate) fn behaves(&self) -> bool {
         self.behaves.load(Ordering::SeqCst)
     }
@@ -101,20 +101,20 @@ impl Lane {
         self.turned.load(Ordering::SeqCst)
     }
 
-    /// Another attempt, and which it is.
+    /// Counts another attempt, and returns its number.
     pub(crate) fn tries(&self) -> u32 {
         self.is_open.store(true, Ordering::SeqCst);
         self.tried.fetch_add(1, Ordering::SeqCst)
     }
 
-    /// The last attempt was none: what it may have come to is gone when the answer after the next one is asked for.
+    /// Voids the last attempt. Its effect is gone after the next correct answers.
     pub(crate) fn voids(&self) {
         self.void.store(3, Ordering::SeqCst);
         self.is_open.store(false, Ordering::SeqCst);
         let _ = self.tried.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |tried| tried.checked_sub(1));
     }
 
-    /// The busy computer has spoiled the last attempt: it is repeated. Beyond [`SPOILED`] of them it counts as made.
+    /// Voids the last attempt because the busy computer has spoiled it. Beyond [`SPOILED`] of them, it counts as made.
     pub(crate) fn spoils(&self) {
         self.voids();
         if self.spoiled.fetch_add(1, Ordering::SeqCst) >= SPOILED {
@@ -126,12 +126,12 @@ impl Lane {
         self.void.load(Ordering::SeqCst) > 0
     }
 
-    /// Whether what comes now is an attempt is only known later. If it was, what it came to is still shown then.
+    /// Sets whether it is unknown if the present attempt counts. If it counts, its effect is still shown later.
     pub(crate) fn leaves_open(&self, is_open: bool) {
         self.is_unsettled.store(is_open, Ordering::SeqCst);
     }
 
-    /// Every second time that it is asked, beginning with the first.
+    /// Returns `true` at every second call, beginning with the first.
     pub(crate) fn is_next(&self) -> bool {
         self.turns.fetch_add(1, Ordering::SeqCst).is_multiple_of(2)
     }
@@ -153,7 +153,7 @@ impl Lane {
         let _ = self.void.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |left| left.checked_sub(1));
     }
 
-    /// What the gateway shows of this line now, after an attempt.
+    /// Checks after an attempt what the gateway shows of this line.
     pub(crate) fn look(&self) {
         if let Some(source) = self.source.get()
             && self.is_open.swap(false, Ordering::SeqCst)
@@ -163,13 +163,13 @@ impl Lane {
         }
     }
 
-    /// Whether it shows a reading that stands on no right answer.
+    /// Records the effects of attempts. Returns whether a reading without a correct answer is shown.
     fn judge(&self, status: &Status) -> bool {
         let [_, output, device] = &self.names;
         let device = status.devices.iter().find(|one| one.name == *device).unwrap();
         let refusals = device.failures.get("exception").copied().unwrap_or_default();
         self.refusals.fetch_max(u32::try_from(refusals).unwrap(), Ordering::SeqCst);
-        // What is right was counted before it was said, so that it can only be more.
+        // Correct writes are counted before they are answered, so that the count is never too small.
         let done = status.outputs.iter().find(|one| one.name == *output).map_or(0, |one| one.writes_done);
         let surplus = done.saturating_sub(u64::from(self.written.load(Ordering::SeqCst)));
         self.surplus.fetch_max(u32::try_from(surplus).unwrap(), Ordering::SeqCst);
@@ -182,19 +182,19 @@ impl Lane {
         true
     }
 
-    /// What is shown and stands on no right answer.
+    /// Returns a description of the shown reading, if no correct answer has its value.
     fn lie(&self, status: &Status) -> Option<String> {
         let signal = status.signals.iter().find(|one| one.name == self.names[0]).unwrap();
         let value = signal.value.filter(|value| (value - f64::from(TRUTH) / 10.0).abs() >= 0.01)?;
         Some(format!("{value} is {}", signal.quality))
     }
 
-    /// Attempts that were believed.
+    /// Returns the number of accepted attempts.
     fn believed(&self) -> u32 {
         [&self.shown, &self.refusals, &self.surplus].into_iter().map(|one| one.load(Ordering::SeqCst)).sum()
     }
 
-    /// Right answers since it behaves were believed.
+    /// Returns whether the gateway has accepted correct answers since the device behaves correctly.
     fn is_believed(&self, status: &Status, since: (u32, u64)) -> bool {
         let signal = status.signals.iter().find(|one| one.name == self.names[0]).unwrap();
         let written = status.outputs.iter().find(|one| one.name == self.names[1]);
@@ -209,7 +209,8 @@ fn lines() -> u32 {
     text.parse().unwrap_or_else(|_| panic!("TEST_WRONG_LINES={text}: say 34"))
 }
 
-/// Runs them all beside one another; nothing wrong may be believed, and each good device must be at the end.
+/// Runs all cases in parallel. No wrong reply may be accepted, and each device must be accepted when it behaves
+/// correctly.
 pub(crate) fn none_is_believed(cases: Vec<Case>) {
     let begun = Instant::now();
     let (waiting, verdicts, running) = (Mutex::new(cases), Mutex::new(Vec::new()), AtomicU32::new(0));
@@ -245,7 +246,7 @@ pub(crate) fn none_is_believed(cases: Vec<Case>) {
     assert!(failed.is_empty(), "{} of {} cases:\n{}", failed.len(), verdicts.len(), failed.join("\n"));
 }
 
-/// The next case, as soon as the computer has time for one more; one of them always runs.
+/// Returns the next case as soon as the computer has time for it. At least one case always runs.
 fn next(waiting: &Mutex<Vec<Case>>, running: &AtomicU32) -> Option<Case> {
     let mut waiting = waiting.lock().unwrap();
     while !waiting.is_empty() && running.load(Ordering::SeqCst) > 0 && behind() > LATEST {
@@ -253,12 +254,13 @@ fn next(waiting: &Mutex<Vec<Case>>, running: &AtomicU32) -> Option<Case> {
     }
     let case = waiting.pop()?;
     running.fetch_add(1, Ordering::SeqCst);
-    // What it costs is seen before the next one begins.
+    // The load of this case is measured before the next one begins.
     std::thread::sleep(Duration::from_millis(50));
     Some(case)
 }
 
-/// How late threads of this process run, as one measures that does nothing else. What was measured fades within a second.
+/// Returns the delay of threads in this process, as measured by an idle thread. The measured value decays within a
+/// second.
 fn behind() -> Duration {
     const TICK: Duration = Duration::from_millis(5);
     static MEASURED: Once = Once::new();
@@ -326,7 +328,7 @@ impl Case {
                 ),
             };
             let axis = self.writes.map(|function| axis(number, function)).unwrap_or_default();
-            // What cannot be read is believed by its echo alone.
+            // A value that cannot be read is verified by its echo alone.
             let functions = match self.writes {
                 None => "\"read-input\"",
                 Some(6) => "\"read-input\", \"write-single\"",
@@ -358,7 +360,7 @@ fn axis(number: usize, function: u8) -> String {
     )
 }
 
-/// A device at each line, on a thread of its own; where they are found.
+/// Starts a device at each line, on a separate thread. Returns the addresses and the thread.
 fn serve(
     lanes: &[Arc<Lane>],
     life: Life,
@@ -401,7 +403,7 @@ async fn settle(lane: Arc<Lane>, life: Life) -> String {
     address
 }
 
-/// Runs the gateway until every device has been tried, and then until every device is believed again.
+/// Runs the gateway until every device was tried, and then until every device is accepted again.
 fn beside(
     profile: isotherm_profile::Profile,
     lanes: &[Arc<Lane>],
@@ -448,7 +450,7 @@ fn watch(source: &dyn Source, lanes: &[Arc<Lane>], wrong: &Mutex<Vec<String>>) {
     while !lanes.iter().all(is_tried) && turns(begun) < PATIENCE {
         look(&source.status());
     }
-    // What came last has its time to be believed in.
+    // Wait until the last replies can have an effect.
     for _ in 0..5 {
         look(&source.status());
     }

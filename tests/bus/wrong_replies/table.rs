@@ -1,11 +1,11 @@
-//! Wrong replies, by name.
+//! Table of wrong replies with their names.
 
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 
 use crate::wrong_replies::question::{Question, rtu, tcp};
 
-/// What is wrong with a reply, and how it comes about; the number of the attempt makes it another one each time.
+/// Kind of wrong reply, and how to make it. The number of the attempt makes each reply different.
 pub(crate) struct Wrong {
     pub(crate) name: &'static str,
     pub(crate) made: fn(&Question, u32) -> Vec<u8>,
@@ -15,14 +15,14 @@ const fn wrong(name: &'static str, made: fn(&Question, u32) -> Vec<u8>) -> Wrong
     Wrong { name, made }
 }
 
-/// The answer, changed by hand, in its own envelope.
+/// Returns the answer with a change in its content, in a correct frame.
 fn changed(asked: &Question, change: impl FnOnce(&mut Vec<u8>)) -> Vec<u8> {
     let mut pdu = asked.content();
     change(&mut pdu);
     asked.framed(&pdu)
 }
 
-/// In a header with this transaction, this protocol, and a length that is wrong by so much.
+/// Returns the answer in a header with this transaction, protocol and length.
 fn headed(asked: &Question, transaction: u16, protocol: u16, length: usize) -> Vec<u8> {
     tcp(transaction, protocol, length, asked.unit, &asked.content())
 }
@@ -35,7 +35,7 @@ fn length(asked: &Question) -> usize {
     asked.content().len() + 1
 }
 
-/// Whatever the line and the question.
+/// Wrong replies for every line and request.
 pub(crate) const ANY: [Wrong; 21] = [
     wrong("another unit", |asked, _| asked.framed_for(2)),
     wrong("unit 0", |asked, _| asked.framed_for(0)),
@@ -58,7 +58,7 @@ pub(crate) const ANY: [Wrong; 21] = [
     }),
     wrong("the first byte alone", |asked, _| whole(asked)[..1].to_vec()),
     wrong("a byte before it", |asked, _| {
-        // On a serial line that would be noise, and the answer right.
+        // On an RTU line the byte is noise, so that the checksum must be wrong as well.
         let mut bytes = [&[0x03], whole(asked).as_slice()].concat();
         *bytes.last_mut().unwrap() ^= u8::from(asked.kind.is_rtu());
         bytes
@@ -80,7 +80,7 @@ pub(crate) const ANY: [Wrong; 21] = [
     }),
 ];
 
-/// In the header, which only TCP has.
+/// Wrong headers, which only TCP has.
 pub(crate) const HEADER: [Wrong; 11] = [
     wrong("the transaction after it", |asked, _| {
         headed(asked, asked.transaction.wrapping_add(1), 0, length(asked))
@@ -102,7 +102,7 @@ pub(crate) const HEADER: [Wrong; 11] = [
     wrong("the length 65535", |asked, _| headed(asked, asked.transaction, 0, 0xffff)),
 ];
 
-/// In the checksum, which only RTU has.
+/// Wrong checksums, which only RTU has.
 pub(crate) const CHECKSUM: [Wrong; 11] = [
     wrong("a bit of the checksum wrong", |asked, seed| flipped(asked, 1, seed)),
     wrong("a bit of the other half of the checksum wrong", |asked, seed| flipped(asked, 2, seed)),
@@ -145,7 +145,7 @@ fn flipped(asked: &Question, from_end: usize, seed: u32) -> Vec<u8> {
     bytes
 }
 
-/// Of a read.
+/// Wrong replies to a read.
 pub(crate) const READ: [Wrong; 10] = [
     wrong("a count of bytes too small", |asked, _| changed(asked, |pdu| pdu[1] = 2)),
     wrong("a count of bytes too large", |asked, _| changed(asked, |pdu| pdu[1] = 6)),
@@ -174,7 +174,7 @@ pub(crate) const READ: [Wrong; 10] = [
     wrong("the question back", |asked, _| asked.framed(&asked.pdu)),
 ];
 
-/// Of a write.
+/// Wrong replies to a write.
 pub(crate) const WRITE: [Wrong; 10] = [
     wrong("the address after it", |asked, _| changed(asked, |pdu| pdu[2] += 1)),
     wrong("the address 0", |asked, _| changed(asked, |pdu| pdu[1..3].fill(0))),
@@ -190,6 +190,6 @@ pub(crate) const WRITE: [Wrong; 10] = [
     wrong("twice the content", |asked, _| changed(asked, |pdu| pdu.extend_from_within(1..))),
 ];
 
-/// Of a write of several registers: of one it would be right.
+/// Wrong reply to a write of several registers. For a write of one, it would be correct.
 pub(crate) const WRITE_SEVERAL: [Wrong; 1] =
     [wrong("the question back", |asked, _| asked.framed(&asked.pdu))];

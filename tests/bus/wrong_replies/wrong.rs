@@ -1,4 +1,4 @@
-//! Wrong replies to a read and to a write; the next question is answered well, so that what is wrong is the reply alone.
+//! Tests of wrong replies to reads and writes. The next request gets a correct answer, so that only one reply is wrong.
 
 use std::future::Future;
 use std::sync::Arc;
@@ -16,7 +16,7 @@ where
     Arc::new(move |peer| Box::pin(live(peer)))
 }
 
-/// Every second answer is this one; without `writes` those to reads, else those to writes.
+/// Returns a case in which every second answer is wrong: to reads if `writes` is `None`, else to writes.
 fn case(kind: Kind, writes: Option<u8>, wrong: &'static Wrong) -> Case {
     let life = life(move |mut peer: Peer| async move {
         loop {
@@ -30,7 +30,7 @@ fn case(kind: Kind, writes: Option<u8>, wrong: &'static Wrong) -> Case {
                     peer.say(&said).await?;
                     continue;
                 }
-                // To a 0, which is written as well when a write was not answered for long, the value 0 is the right echo.
+                // The gateway also writes 0 if a write was unanswered for long. The value 0 is then the correct echo.
                 peer.lane.voids();
             }
             peer.answer(&asked).await?;
@@ -90,7 +90,7 @@ fn no_wrong_reply_to_a_write_on_a_serial_port_is_ever_its_echo() {
     none_is_believed(writes(Kind::Port, 16));
 }
 
-/// Right answers with something more: what comes after them answers nothing, and they may be taken or not.
+/// Correct answers followed by more bytes. Those bytes answer no request. The answers may be accepted or not.
 #[test]
 fn what_comes_behind_a_right_answer_is_never_the_next_one() {
     let after = |kind: Kind, name: &str, lies: bool| {
@@ -117,7 +117,7 @@ fn what_comes_behind_a_right_answer_is_never_the_next_one() {
     );
 }
 
-/// The other side of it: how an answer travels makes it no other answer.
+/// Counterpart: an answer in pieces is the same answer.
 #[test]
 fn right_answers_in_pieces_are_readings() {
     let pieces = |kind: Kind, name: &str, size: usize| {

@@ -1,4 +1,4 @@
-//! A machine is put into one file while its gateway runs, and put back: elsewhere, and never over what is newer.
+//! Backup of a machine to one file while its gateway runs, and restore: to another place, and never over newer data.
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
@@ -14,7 +14,7 @@ fn said(command: &mut Command) -> (i32, String) {
     (output.status.code().unwrap(), said)
 }
 
-/// A machine with a name of its own: nothing is restored where a gateway of the same name runs, in another test too.
+/// Machine with this name. A restore is refused while a gateway of the same name runs, also in another test.
 fn named(name: &str) -> Bench {
     Bench::of(|text| text.replace("name = \"walker\"", &format!("name = \"{name}\"")))
 }
@@ -185,7 +185,7 @@ fn passwords_and_keys_of_every_kind_of_line_are_secret_and_what_is_put_back_is_i
     assert!(secret.iter().all(|name| holds(&with, name)));
     let elsewhere = home.join("elsewhere");
     std::fs::create_dir(&elsewhere).unwrap();
-    // Root restores for somebody else; others for themselves.
+    // Root restores for another user; other users restore for themselves.
     let owner =
         if rustix::process::geteuid().is_root() { 65534 } else { rustix::process::geteuid().as_raw() };
     std::os::unix::fs::chown(&elsewhere, Some(owner), None).unwrap();

@@ -1,4 +1,4 @@
-//! A gateway of one axis, its device, and whoever commands it.
+//! Gateway of one axis, its device, and its clients.
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -11,13 +11,13 @@ use serde_json::Value;
 use crate::commands::device::{Device, Times, profile};
 use crate::commands::process::{Running, file, isotherm, until};
 
-/// The device is in this process. On a busy computer it answers late, and that is no fault of it.
+/// Times of the bench. The device is in this process and answers late on a busy computer, which is not its fault.
 const TIMES: Times = Times {
     timeout: Duration::from_secs(2),
     every: Duration::from_millis(500),
     max_age: Duration::from_secs(5),
 };
-/// What the device says of a broken thermocouple.
+/// Raw value of the device for a broken thermocouple.
 pub(crate) const OPEN_CIRCUIT: i16 = -999;
 
 pub(crate) struct Bench {
@@ -29,7 +29,7 @@ pub(crate) struct Bench {
 }
 
 impl Bench {
-    /// One whose axis is off until somebody arms it.
+    /// Bench whose axis is off until an operator arms it.
     pub(crate) fn manual() -> Bench {
         Bench::of(|text| text.replace("arm = \"auto\"", "arm = \"manual\"\narm_timeout = \"2min\""))
     }
@@ -40,7 +40,7 @@ impl Bench {
         let bad = "unit = \"degC\"\nbad = [{ raw = -999, means = \"open circuit\" }]";
         let text =
             profile(device.address(), TIMES).replacen("unit = \"degC\"", bad, 1).replace("100ms", "5ms");
-        // The buttons of its page work for whoever looks at them.
+        // The buttons of the page work for every user of this computer.
         let text = change(text) + "\n[web]\ncommands = \"local\"\n";
         let profile = file(home.path(), "walker.toml", &text);
         let (gateway, page) = start(&home, &profile);
@@ -49,19 +49,19 @@ impl Bench {
         bench
     }
 
-    /// The gateway ends in order, and another one begins.
+    /// Stops the gateway in order, and starts another one.
     pub(crate) fn restart(&mut self) {
         self.gateway.signal("TERM");
         self.gateway.ends_within(Duration::from_secs(60));
         (self.gateway, self.page) = start(&self.home, &self.profile);
     }
 
-    /// One was killed, and another one begins.
+    /// Starts another gateway after one was killed.
     pub(crate) fn restart_killed(&mut self) {
         (self.gateway, self.page) = start(&self.home, &self.profile);
     }
 
-    /// All that `isotherm events` says, warnings too.
+    /// Output of `isotherm events`, with its warnings.
     pub(crate) fn events_and_warnings(&self) -> String {
         let mut said = String::new();
         until("the last start is told", || {
@@ -72,7 +72,7 @@ impl Bench {
         said
     }
 
-    /// A verb of this machine.
+    /// Command line of a verb for this machine.
     pub(crate) fn verb(&self, words: &[&str]) -> Command {
         let mut command = isotherm(self.home.path());
         let (verb, options) = words.split_first().unwrap();
@@ -80,7 +80,7 @@ impl Bench {
         command
     }
 
-    /// Carries out a verb, as soon as that may be: its exit code, and all that it said.
+    /// Runs a verb, as soon as the rate limit allows it. Returns its exit code and its output.
     pub(crate) fn ask(&self, words: &[&str]) -> (i32, String) {
         loop {
             let Output { status, stdout, stderr } = self.verb(words).output().unwrap();
@@ -91,8 +91,8 @@ impl Bench {
         }
     }
 
-    /// What `isotherm events` has to say, with these options, of all that has happened so far: it is in the file a moment
-    /// after it is on the page.
+    /// Events that `isotherm events` prints with these options, up to the last one on the page. An event is in the file
+    /// shortly after it is on the page.
     pub(crate) fn events(&self, options: &[&str]) -> Vec<Value> {
         let read = |options: &[&str]| -> Vec<Value> {
             let (code, said) = self.ask(&[&["events", "--json"], options].concat());
@@ -111,7 +111,7 @@ impl Bench {
         read(options)
     }
 
-    /// The sentences of the events of a kind.
+    /// Texts of the events of a kind.
     pub(crate) fn reported(&self, kind: &str) -> Vec<String> {
         let events = self.events(&[]).into_iter().filter(|event| event["kind"] == kind);
         events.map(|event| event["text"].as_str().unwrap().to_owned()).collect()
@@ -127,7 +127,7 @@ impl Bench {
         self.status()["axes"][0].clone()
     }
 
-    /// How many events of a kind there were since the start.
+    /// Number of events of a kind since the start.
     pub(crate) fn count(&self, kind: &str) -> u64 {
         self.status()["event_counts"][kind].as_u64().unwrap_or_default()
     }
@@ -142,7 +142,7 @@ impl Bench {
         self.axis()
     }
 
-    /// Waits until the axis waits for this.
+    /// Waits until the axis waits for this condition.
     #[track_caller]
     pub(crate) fn why(&self, why: &str) {
         until(why, || match self.axis() {
@@ -151,7 +151,7 @@ impl Bench {
         });
     }
 
-    /// A request of a program, or with the header of the page, as soon as that may be.
+    /// Request of a program, or of the page with its header, as soon as the rate limit allows it.
     pub(crate) fn http(&self, method: &str, path: &str, headers: &str) -> (u16, String) {
         loop {
             match answer(self.begin_http(method, path, headers)) {

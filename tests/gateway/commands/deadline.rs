@@ -1,6 +1,6 @@
-//! A command is carried out within its deadline or never, however the gateway stands still.
+//! A command is executed within its deadline or never, even if the gateway pauses.
 //!
-//! `TEST_COMMANDS=100` gives that many instead of ten; `tests/run long` does.
+//! `TEST_COMMANDS=100` sets the number of commands, which is otherwise ten; `tests/run long` does so.
 
 use std::io::Write;
 use std::os::unix::net::UnixStream;
@@ -12,21 +12,21 @@ use rand_pcg::Pcg32;
 use crate::commands::bench::{Bench, answer};
 use crate::commands::process::{PATIENCE, Running, until};
 
-/// At the same time.
+/// Number of benches in parallel.
 const LANES: usize = 5;
 
-/// Who asks, and how.
+/// Kind of client.
 #[derive(Clone, Copy, Debug)]
 enum Asks {
     Arm,
     ArmAndLeave,
     Disarm,
     Zero,
-    /// Interrupted before he gives up by himself.
+    /// Interrupted before it gives up by itself.
     Interrupted,
     /// A browser that gives up.
     Page,
-    /// Programs that never give up, and say nothing of how long they wait.
+    /// Programs that never give up and name no deadline.
     PatientApi,
     PatientSocket,
 }
@@ -76,7 +76,7 @@ fn never_done(bench: &Bench, asks: Asks, span: Duration) {
     assert_eq!(bench.axis()["armed"], is_armed, "{asks:?} was carried out");
 }
 
-/// Asks, and looks at what he hears who does, while the gateway stands still for this long. What stays open.
+/// Sends a command while the gateway pauses for this long, and checks what the client prints. Returns what stays open.
 fn ask(bench: &Bench, asks: Asks, span: Duration) -> Vec<Box<dyn std::any::Any>> {
     let program = |words: &[&str]| {
         let mut asker = Running::start(&mut bench.verb(words));
@@ -93,7 +93,7 @@ fn ask(bench: &Bench, asks: Asks, span: Duration) -> Vec<Box<dyn std::any::Any>>
         Zero => program(&["zero"]),
         Interrupted => {
             let mut asker = Running::start(&mut bench.verb(&["arm"]));
-            // On a busy computer it takes seconds until the question is sent.
+            // On a busy computer it takes seconds until the request is sent.
             std::thread::sleep(Duration::from_millis(3500));
             asker.signal("INT");
             asker.ends_within(PATIENCE);
@@ -124,7 +124,7 @@ fn what_is_asked_of_a_gateway_that_stands_still_for_a_moment_is_done() {
     bench.gateway.stands_still();
     let mut asker = Running::start(&mut bench.verb(&["arm"]));
     let request = bench.begin_http("POST", "/api/zero", "Content-Length: 0\r\n");
-    // On a busy computer much of the five seconds is spent already.
+    // On a busy computer much of the five seconds has passed already.
     std::thread::sleep(Duration::from_millis(1500));
     bench.gateway.goes_on();
     asker.hears("z: armed");

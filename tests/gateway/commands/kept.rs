@@ -1,4 +1,4 @@
-//! What happened is known after a restart, and what somebody did to the file is told.
+//! Events are known after a restart, and changes of their file are reported.
 
 use std::io::Write;
 
@@ -39,7 +39,7 @@ fn what_happened_before_a_restart_stands_in_the_verb_the_api_and_the_page() {
     assert!(bench.events(&["--since", "2099-01-01T00:00:00Z"]).is_empty());
     let (code, said) = bench.ask(&["events", "--since", "yesterday"]);
     assert_eq!((code, said.contains("write a span, as 12h, or a moment")), (1, true), "{said}");
-    // Without a profile, and for a person.
+    // Without a profile, as text for an operator.
     let state = bench.home.path().join("state");
     let said = isotherm(bench.home.path()).args(["events", "--state"]).arg(&state).output().unwrap();
     let said = String::from_utf8(said.stdout).unwrap();

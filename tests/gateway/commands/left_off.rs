@@ -1,4 +1,4 @@
-//! An axis that people keep off is no fault of the gateway's: whoever watches over it starts nothing anew for that.
+//! An axis that an operator keeps off is no fault of the gateway: a supervisor must not restart it for that.
 
 use crate::commands::bench::{Bench, OPEN_CIRCUIT};
 

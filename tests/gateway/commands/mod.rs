@@ -1,5 +1,5 @@
-//! Commands to a running gateway, as people and programs give them: each is an event, is carried out within its deadline or
-//! never, and one that waits is seen to wait. What happened is known after a restart.
+//! Commands to a running gateway, from operators and programs. Each command is an event, and is executed within its
+//! deadline or never. A command that waits is displayed as waiting. Events are known after a restart.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 mod backup;

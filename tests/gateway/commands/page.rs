@@ -1,4 +1,5 @@
-//! What a person sees and presses in a real browser while arming waits. Needs chromium and python3, as `tests/observe/page.rs`.
+//! The page in a real browser while arming waits: what the operator sees and presses. Needs chromium and python3, as
+//! `tests/observe/page.rs`.
 
 use std::process::Command;
 

@@ -1,4 +1,4 @@
-//! Every command is an event: what, by which way, who, what came of it.
+//! Every command is an event with the command, its channel, its sender and its result.
 
 use std::time::Duration;
 
@@ -72,7 +72,7 @@ fn a_zero_says_what_is_captured_and_without_such_a_reference_what_to_write() {
 fn a_reading_that_fails_is_no_write_that_fails() {
     let bench = Bench::manual();
     let text = std::fs::read_to_string(&bench.profile).unwrap();
-    // The device has no such register.
+    // The device does not have this register.
     let other = crate::commands::process::file(
         bench.home.path(),
         "other.toml",
@@ -93,14 +93,14 @@ fn arming_by_the_profile_and_after_a_restart_are_told_apart() {
         30 => Ok(()),
         offset => Err(format!("{offset}")),
     });
-    // What was verified is on disk at the end.
+    // The verified value is on disk at the end.
     bench.restart();
     bench.is_in_state("active");
     let armed = bench.events(&[]).into_iter().filter(|event| event["kind"] == "armed");
     let ways: Vec<_> = armed.map(|event| event["data"]["way"].as_str().unwrap().to_owned()).collect();
     assert_eq!(ways, ["auto", "restart"]);
 
-    // The control is switched off and on: its register is at zero again.
+    // The control was switched off and on: its register is zero again.
     bench.device.puts(0);
     until("it goes on", || match bench.reported("goes-on").len() {
         1 => Ok(()),

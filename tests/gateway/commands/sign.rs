@@ -1,4 +1,4 @@
-//! The sign of an axis, checked with a dial gauge: by a person at a terminal, by a script, by a program.
+//! Sign check of an axis with a dial gauge: by an operator at a terminal, by a script, by a program.
 
 use std::io::Write;
 use std::time::Duration;
@@ -7,10 +7,10 @@ use crate::commands::bench::Bench;
 use crate::commands::process::{Running, until};
 
 const SOON: Duration = Duration::from_secs(60);
-/// Time a person needs to walk to the gauge, read it and return to the keyboard.
+/// Time that an operator needs to walk to the gauge, read it and return to the keyboard.
 const AT_HUMAN_SPEED: Duration = Duration::from_secs(10);
 
-/// The axis stands at 0 µm and compensates.
+/// Bench whose axis compensates at 0 µm.
 fn bench() -> Bench {
     let bench = Bench::of(|text| text.replace("limit = 2000.0", "limit = 40.0"));
     bench.is_in_state("active");
@@ -21,7 +21,7 @@ fn offset(bench: &Bench) -> i16 {
     bench.device.state().offset()
 }
 
-/// Waits until the register holds this.
+/// Waits until the register holds this value.
 #[track_caller]
 fn stands_at(bench: &Bench, count: i16) {
     until("the offset is there", || match offset(bench) {
@@ -108,7 +108,7 @@ fn a_wrong_sign_is_said_with_what_to_do_and_a_program_may_check_too() {
     let (code, said) = bench.ask(&["sign", "--axis", "z", "--answer", "minus"]);
     assert!(code == 1 && said.contains("the sign is WRONG") && said.contains("`scale`"), "{said}");
     assert!(bench.reported("sign-checked")[0].contains("WRONG"));
-    // On a busy computer it may be there before the answer comes. Then it is tried again.
+    // On a busy computer the offset may arrive before the answer. The test then tries again.
     let is_early = (0..20).any(|_| {
         stands_at(&bench, 0);
         until("the axis stands still", || match bench.http("POST", "/api/sign", "") {

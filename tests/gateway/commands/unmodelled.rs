@@ -1,4 +1,4 @@
-//! One axis is still without a model: the others run, and everybody sees which one does not, and what to do.
+//! One axis does not have a model yet. The others run, and every display shows which axis has none, and what to do.
 
 use crate::commands::bench::Bench;
 
@@ -27,7 +27,7 @@ fn an_axis_without_a_model_keeps_none_of_the_others_from_running() {
         (&json["axes"]["y"]["display"], &json["axes"]["y"]["state"]),
         (&"no model yet".into(), &"off".into())
     );
-    // What the profile does not ask for is no failure.
+    // An axis that the profile does not require is no failure.
     assert_eq!(bench.ask(&["status", "--healthy"]), (0, "healthy\n".to_owned()));
 
     let checked = crate::commands::process::isotherm(bench.home.path())

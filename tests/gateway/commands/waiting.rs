@@ -1,4 +1,4 @@
-//! Arming that waits: everybody sees for what, it can be taken back, and it does not wait for ever.
+//! Arming that waits: every display shows for what, it can be cancelled, and it expires.
 
 use std::time::Duration;
 
@@ -142,7 +142,7 @@ fn verbs_find_the_gateway_that_was_started_with_another_state_directory() {
     assert!(code == Some(0) && said.contains("arm"), "{code:?} {said}");
     let (code, said) = asked(&["status"]);
     assert!(code == Some(0) && said.contains("axis "), "{code:?} {said}");
-    // Nobody makes a directory by asking.
+    // A query creates no directory.
     assert!(!bench.home.path().join(".local").exists());
     let (code, said) = asked(&["disarm", "--state", "nowhere"]);
     assert!(

@@ -1,5 +1,5 @@
-//! The last check before a value leaves: what the control would read is what is meant, and within the limit. What changes a
-//! scale past the checks of a profile is played by changing the profile after it was read.
+//! Last check before a value is sent: the control must read the intended value, and within the limit. A scale that is
+//! changed after the checks of the profile is simulated by changing the profile after it was read.
 
 use std::path::Path;
 use std::time::Duration;
@@ -15,7 +15,7 @@ const CONFIRMED: Duration = Duration::from_secs(3);
 const BLOCK: &str = include_str!("plc.toml");
 const LINE: &str = include_str!("line.toml");
 
-/// The profile with a layer above it, and then something else changed in it; a minute of it.
+/// Runs the profile with a layer above it, and with a further change, for one minute.
 fn changed(text: &str, faults: &str, change: impl FnOnce(&mut Profile)) -> Trace {
     let layer = [("machine.label".to_owned(), "bench".to_owned())];
     let loaded = parse(Path::new("bench.toml"), text, &layer, &[]);
@@ -26,13 +26,13 @@ fn changed(text: &str, faults: &str, change: impl FnOnce(&mut Profile)) -> Trace
         let mut world = World::of(profile, faults).await;
         let directory = Some(state.path().to_owned());
         let trial = world.gateway().options(|options| options.directory = directory);
-        // An operator's part is confirmed, where there is one.
+        // The operator offset is confirmed, if there is one.
         let trial = if faults.is_empty() { trial } else { trial.command(CONFIRMED, Command::Arm) };
         trial.run(MINUTE).await
     })
 }
 
-/// Nothing but zero is ever sent to this output, and its axis is off for that reason.
+/// Checks that nothing but zero is sent to this output, and that its axis is off for this reason.
 #[track_caller]
 fn nothing_is_sent(trace: &Trace, output: &str, why: &str) {
     let sent: Vec<f64> = trace.writes(output).into_iter().map(|(_, value)| value).collect();
@@ -62,7 +62,7 @@ fn an_offset_that_the_control_would_read_otherwise_is_not_sent_and_its_axis_is_o
     let trace = changed(BENCH, "", |profile| profile.outputs[1].encoding.bias = 4);
     assert_eq!(trace.writes("cnc_z").len(), 0, "{}", trace.lines());
     nothing_is_sent(&trace, "cnc_z", "would read");
-    // Nothing but the offset.
+    // The profile with the offset only.
     let (before, after) = BENCH.split_once("[output.readout_z]").unwrap();
     let offset = after.split_once("[output.cnc_z]").unwrap().1;
     let text = format!("{before}[output.cnc_z]{offset}");
@@ -115,7 +115,7 @@ fn a_set_of_which_one_value_would_be_read_otherwise_is_not_sent() {
 fn the_parts_of_a_line_are_read_as_what_they_come_to_at_the_reach() {
     let trace = changed(LINE, "", |profile| profile.outputs[1].encoding.scale = Scale::of(0.0001));
     nothing_is_sent(&trace, "tan_beta", "would read");
-    // As it is, all of it is sent.
+    // Without a change, everything is sent.
     let trace = changed(LINE, "", |_| ());
     assert_eq!(trace.reported("disarmed"), 0, "{}", trace.lines());
     assert!(trace.writes("tan_beta").iter().any(|(_, value)| value.abs() > 0.0), "{}", trace.lines());

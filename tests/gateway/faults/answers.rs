@@ -7,7 +7,7 @@ use crate::faults::rig::{BENCH, Trace, World, bench, block_on};
 
 const MINUTE: Duration = Duration::from_secs(60);
 
-/// Everything that a fault of the thermocouples must leave as it is.
+/// Checks everything that a fault of the thermocouples must not affect.
 pub(crate) fn others_went_on(trace: &Trace) {
     law::holds(trace);
     for signal in ["scale_z", "cnc_on"] {
@@ -129,9 +129,9 @@ fn a_server_that_is_one_behind_with_the_old_transaction_is_dropped_at_its_first_
     assert!(qualities.iter().any(bad) && qualities.last() == Some(&"good"), "{qualities:?}");
 }
 
-/// Under the right transaction, an answer of the right shape cannot be told from the one to this question. What can
-/// be promised: it is never older than one poll, so it stays inside the age that the profile allows; one of another
-/// shape is refused; and nothing is asked of such a device in two ways, so that registers cannot change places.
+/// An answer with the right transaction and the right shape cannot be distinguished from the expected one. It is never
+/// older than one poll, so it stays within the `max_age` of the profile. An answer of another shape is rejected. Such a
+/// device is never asked in two ways, so registers cannot be exchanged.
 #[test]
 fn a_server_that_is_one_behind_with_the_right_transaction_is_at_most_one_poll_old() {
     let trace = thermocouples("kind = \"one-behind\"\nfor_time = \"100s\"");
@@ -166,7 +166,7 @@ fn is_never_believed(kind: &str, quality: &[&str]) {
     was_never_believed(&thermocouples(&format!("kind = \"{kind}\"\nfor_time = \"60s\"")), quality);
 }
 
-/// From 60 to 120 s into the run the thermocouples' answers were worth nothing.
+/// Checks that the answers of the thermocouples from 60 s to 120 s of the run were rejected.
 pub(crate) fn was_never_believed(trace: &Trace, quality: &[&str]) {
     others_went_on(trace);
     one_line_each_way(trace, "device-lost", "device-back");
@@ -217,7 +217,7 @@ fn a_half_open_connection_is_given_up_after_one_timeout_and_costs_no_reading() {
     let trace = thermocouples("kind = \"half-open\"\nfor = 1");
     others_went_on(&trace);
     assert_eq!(trace.qualities("bed", 5, 300), ["good"], "{}", trace.lines());
-    // An RTU line is opened again at the second miss, one less than what is told.
+    // An RTU line is opened again at the second miss. That is one less than is reported.
     assert_eq!((trace.reported("device-lost"), trace.reported("link-down")), (0, 0), "{}", trace.lines());
 }
 

@@ -1,5 +1,5 @@
-//! Computers whose clock is wrong, and is set while they run or between two runs: nothing moves by it, no log is
-//! deleted by it, and each file of the log gives its decisions again.
+//! Computers whose clock is wrong, and is set while they run or between two runs. This moves nothing and deletes no
+//! log, and each log file gives its decisions again.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,14 +14,14 @@ use crate::faults::rig::{Trace, World, block_on, patient, profile};
 
 const MINUTE: Duration = Duration::from_secs(60);
 const DAY: Duration = Duration::from_hours(24);
-/// The day of the bench.
+/// Day of the bench.
 const TODAY: &str = "2026-01-05T08:00:00Z";
 
 fn at(stamp: &str) -> Moment {
     time::parse(stamp).unwrap()
 }
 
-/// The bench with a lag, a datum of its start, and a share that grows with the time since then.
+/// Bench with a lag, a datum at machine start, and a part that grows with the time since then.
 pub(crate) fn slow() -> String {
     let text = patient().replace("arm  = \"auto\"", "arm = \"auto\"\nsettle = \"3min\"");
     text.replace(
@@ -30,7 +30,7 @@ pub(crate) fn slow() -> String {
     )
 }
 
-/// A model that asks for 0.01 µm more each second.
+/// Bench with a model that requests 0.01 µm more each second.
 fn counting() -> String {
     let text = patient();
     let (head, tail) = text.split_once("[[axis.z.model]]").unwrap();
@@ -51,7 +51,7 @@ fn logs(directory: &Path, ending: &str) -> Vec<PathBuf> {
     logs
 }
 
-/// Every file gives its decisions and its actions again; the number of rows of decisions.
+/// Checks that every file gives its decisions and its actions again. Returns the number of rows of decisions.
 #[track_caller]
 fn replays(text: &str, directory: &Path, trace: &Trace) -> u64 {
     let mut rows = 0;
@@ -93,7 +93,7 @@ fn a_clock_that_is_set_while_it_runs_changes_nothing_but_stamps() {
         (20, "2026-01-05T07:20:00Z"),
         (30, "2027-01-05T08:30:00Z"),
         (40, "2026-01-05T08:40:00Z"),
-        // A second is the rate of its crystal, not a correction.
+        // One second is drift of the crystal, not a correction.
         (45, "2026-01-05T08:45:01Z"),
         (50, "2026-01-04T08:50:00Z"),
     ];
@@ -115,14 +115,14 @@ fn a_clock_that_is_set_while_it_runs_changes_nothing_but_stamps() {
     let said =
         |file: &PathBuf| fs::read_to_string(file).unwrap().lines().nth(1).unwrap().contains(",,clock,");
     assert_eq!(outputs.iter().filter(|file| said(file)).count(), 6, "{outputs:?}");
-    // What is shown follows.
+    // The displayed time follows.
     let shown = |minutes: u64| with.between(minutes * 60, minutes * 60).next().unwrap().status.now.clone();
     assert_eq!(&shown(8)[..10], "1970-01-01");
     assert_eq!(&shown(15)[..10], "2026-01-05");
     assert_eq!(&shown(35)[..10], "2027-01-05");
 }
 
-/// Runs for a while, dies, and starts with the clock at this moment.
+/// Runs for this time, is killed, and starts again with the clock set to `second`.
 fn restarted(text: &str, first: &str, second: &str, before: Duration) -> (Trace, Trace, tempfile::TempDir) {
     let directory = tempfile::tempdir().unwrap();
     let (first, second) = block_on(async {

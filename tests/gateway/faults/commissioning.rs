@@ -1,4 +1,5 @@
-//! Devices that are not set as the profile expects them: nothing is armed, nothing believed, and it is said what to do.
+//! Devices that are not set as the profile expects. Nothing is armed, no reading is used, and the report says what to
+//! do.
 
 use std::cell::RefCell;
 use std::time::Duration;
@@ -10,7 +11,7 @@ use crate::faults::rig::{Stage, Trace, World, block_on, profile, run, somebody, 
 
 const MINUTE: Duration = Duration::from_secs(60);
 
-/// A module whose format, detection of broken wires and type codes are read before arming.
+/// Module whose format, detection of broken wires and type codes are read before arming.
 const MODULE: &str = r#"
 [machine]
 name = "bench"
@@ -152,9 +153,9 @@ fn a_check_that_the_device_cannot_answer_is_reported_with_its_remedy() {
     assert_eq!(trace.states(), ["waiting", "active"], "looked at again, and well: {}", trace.lines());
 }
 
-/// Profile with the module, a control with a type code, and a heartbeat; a fault holds the offset.
+/// Profile with the module, a control with a type code, and a heartbeat. A fault freezes the offset.
 fn cell() -> String {
-    // A busy computer must not lose an answer more than a test says.
+    // A busy computer must not lose more answers than the test intends.
     MODULE
         .replace("100ms", "900ms")
         .replace("action = \"ramp\", after = \"5s\"", "action = \"hold\"")
@@ -166,14 +167,15 @@ fn cell() -> String {
         )
 }
 
-/// A fault of this device, once.
+/// Fault script with one fault of this device.
 fn fault(device: &str, what: &str) -> String {
     format!("[[fault]]\ndevice = \"{device}\"\n{what}\n")
 }
 
-/// Ways in which a device is away; the tests exchange it 75.4 s after the start.
-/// Between two rounds of checks; by then a unit on RTU is known to be prompt.
+/// Start of the absence of a device. It is between two rounds of checks, and a unit on RTU is known to be prompt by
+/// then.
 const AWAY: Duration = Duration::from_secs(75);
+/// Faults that make a device absent. The tests exchange the device 75.4 s after the start.
 const WAYS: [&str; 5] = [
     "kind = \"refuse\"\nat = \"75s\"\nfor_time = \"3s\"",
     "kind = \"refuse\"\nat = \"75s\"\nfor_time = \"900ms\"",
@@ -189,7 +191,7 @@ fn checks(trace: &Trace, function: u8, register: u16) -> usize {
     trace.wire.iter().filter(is_check).count()
 }
 
-/// Writes after so many seconds.
+/// Number of writes from this second on.
 fn writes_from(trace: &Trace, second: u64) -> usize {
     let from = trace.begin.after(Duration::from_secs(second));
     trace.wire.iter().filter(|seen| seen.is_write() && seen.at >= from).count()
@@ -231,9 +233,10 @@ fn a_control_that_was_exchanged_while_it_was_away_gets_no_write() {
         let after = trace.wire.iter().filter(|seen| seen.is_write());
         let late: Vec<f64> =
             after.map(|seen| trace.seconds(seen.at)).filter(|second| *second > 75.4).collect();
-        // Until it is asked it is the one before, and what is sent to one that is silent goes nowhere.
+        // Until the new device is asked, the gateway takes it for the old one. Writes to a silent device have no
+        // effect.
         let gone = match way {
-            // The beat of the next second meets the close.
+            // The heartbeat of the next second finds the closed connection.
             way if way.contains("close") => 76.1,
             way if way.contains("refuse") => 75.4,
             _ => 78.0,
@@ -246,7 +249,7 @@ fn a_control_that_was_exchanged_while_it_was_away_gets_no_write() {
 
 #[test]
 fn a_device_that_was_away_and_passes_its_checks_resumes_after_one_check() {
-    // Three in two minutes: at the start, when it is back, and a minute later.
+    // Three checks in two minutes: at the start, when the device is back, and a minute later.
     for way in WAYS {
         for device in ["module", "cnc"] {
             let trace = run(&cell(), &fault(device, way), 2 * MINUTE);
@@ -255,7 +258,7 @@ fn a_device_that_was_away_and_passes_its_checks_resumes_after_one_check() {
                 "module" => checks(&trace, 1, 268),
                 _ => checks(&trace, 3, 200),
             };
-            // On RTU a silent device is known to be away before it is back: it may be checked in vain.
+            // On RTU the gateway may detect a silent device before it is back, and check it in vain.
             let is_silent = way.contains("silent") || way.contains("half-open");
             let in_vain = if is_silent && speaks_rtu(&trace.profile) { 2 } else { 0 };
             assert!((3..=3 + in_vain).contains(&read), "{device}, {way}: {read}: {}", trace.lines());
@@ -278,7 +281,7 @@ fn one_lost_and_one_wrong_answer_cost_no_check() {
         let span = MINUTE - Duration::from_secs(5);
         let trace = run(&cell(), &[fault("module", &lost), fault("cnc", &lost)].concat(), span);
         assert_eq!((checks(&trace, 1, 268), checks(&trace, 3, 200)), (1, 1), "{}", trace.lines());
-        // Frozen for the moment in which its write has no answer.
+        // The axis is frozen only for the moment in which its write has no answer.
         assert!(!trace.states_between(30, 53).contains(&"off"), "{}", trace.lines());
     }
 }
@@ -296,7 +299,7 @@ fn a_module_with_a_long_period_is_checked_after_one_lost_answer() {
     ];
     let trace = run(&text, &faults.concat(), 2 * MINUTE);
     if speaks_rtu(&trace.profile) {
-        // It is asked again at once, on the same connection.
+        // The device is asked again at once, on the same connection.
         assert_eq!(checks(&trace, 1, 268), 1, "{}", trace.lines());
         return;
     }
@@ -304,10 +307,10 @@ fn a_module_with_a_long_period_is_checked_after_one_lost_answer() {
     assert_eq!(trace.qualities("bed", 90, 118), ["not-as-expected"], "{}", trace.lines());
 }
 
-/// A check that is hardly ever read while the gateway runs.
+/// Check that is hardly ever read while the gateway runs.
 const OWN_CHECK: &str = "verify = [{ register = \"coil:268\", equals = 1, every = \"1h\" }]";
 
-/// A panel meter with a decimal point that its keys set. The gain makes 0.4 um of one digit.
+/// Panel meter with a decimal point that is set by its keys. With this gain, one digit is 0.4 µm.
 fn panel() -> String {
     let verify = "verify = [{ register = \"holding:90\", equals = 1, what = \"decimal point\", remedy = \"set it to 1\" }]";
     cell()
@@ -337,7 +340,7 @@ fn a_decimal_point_changed_at_the_panel_is_found_within_a_minute_and_cz_goes_bac
     };
     let before = held(74);
     let moved = (75..300).map(|second| (held(second) - before).abs()).fold(0.0, f64::max);
-    // 47 s until the check at two minutes, at 0.1 um a second.
+    // The check comes after 47 s, at two minutes. The axis moves 0.1 µm/s.
     assert!((1.0..=6.0).contains(&moved), "{moved} um: {}", trace.lines());
     assert!((held(299) - before).abs() <= 0.5, "{before}, then {}: {}", held(299), trace.lines());
     let found = reported(&trace, "not-as-expected");
@@ -355,7 +358,7 @@ fn a_decimal_point_changed_at_the_panel_is_found_within_a_minute_and_cz_goes_bac
     assert_eq!(trace.states_between(310, 355), ["active"], "set right: {}", trace.lines());
 }
 
-/// A module without anything that identifies it.
+/// Module that nothing identifies.
 fn unidentified(rate: &str) -> String {
     cell().replace("template = \"icp-das-m7019r\"\nexpect = { type_code = 15 }", "").replace(
         "channel = 2",
@@ -367,7 +370,7 @@ fn unidentified(rate: &str) -> String {
 fn a_module_without_checks_that_comes_back_in_whole_degrees_moves_nothing() {
     let is_rtu = speaks_rtu(&profile(MODULE));
     for way in WAYS {
-        // On RTU a unit that is not known to be prompt is asked once in 3.6 s: a shorter silence is one lost answer.
+        // On RTU a unit that is not known to be prompt is asked once in 3.6 s. A shorter silence is one lost answer.
         let way =
             if is_rtu { way.replace("for_time = \"3s\"", "for_time = \"12s\"") } else { way.to_owned() };
         let way = way.as_str();
@@ -382,12 +385,12 @@ fn a_module_without_checks_that_comes_back_in_whole_degrees_moves_nothing() {
             trace.writes("cnc_z").into_iter().partition(|(at, _)| *at < after);
         let before = early.last().unwrap().1;
         assert!(late.iter().all(|(_, value)| (value - before).abs() < 0.7), "{way}: {before}, then {late:?}");
-        // Waiting makes it no more plausible: in a minute 30 degrees would be.
+        // Waiting does not make the value plausible, although the rate would allow 30 degrees in one minute.
         assert_eq!(trace.qualities("bed", 95, 118), ["jumped"], "{way}: {}", trace.lines());
     }
 }
 
-/// The cell with checks that are read after breaks only, or without checks.
+/// The cell with checks that are only read after breaks, or without checks.
 fn checked_seldom(is_checked: bool, quirks: &str) -> String {
     let (module, cnc) = match is_checked {
         true => (
@@ -403,7 +406,7 @@ fn checked_seldom(is_checked: bool, quirks: &str) -> String {
         .replace("channel = 2", "register = \"input:2\"\ntype = \"i16\"\nscale = 0.1\nunit = \"degC\"")
 }
 
-/// One answer in twenty of a device is lost, two in a row now and then.
+/// Faults that lose one answer in twenty of a device, sometimes two in a row.
 fn one_in_twenty(device: &str) -> String {
     let mut random = 0x5eed_u64;
     let mut is_lost = || {
@@ -431,7 +434,8 @@ fn lost_answers_and_short_connections_cost_at_most_two_exchanges_more_in_a_hundr
         };
         let ((without, _), (with, is_rtu)) = (exchanges(false), exchanges(true));
         println!("{quirks}: {without} exchanges without checks, {with} with");
-        // On RTU a unit waits after a lost answer, so that two of them in a row are silent for two poll periods more often.
+        // On RTU a unit waits after a lost answer. Two lost answers in a row are therefore silent for two poll periods
+        // more often.
         let most = if is_rtu { 103 } else { 102 };
         assert!(with * 100 <= without * most, "{with} of {without}");
     }
@@ -468,7 +472,7 @@ fn a_person_who_has_looked_at_a_device_confirms_it() {
     assert_eq!(reported(&trace, "command-refused").len(), 1, "{}", trace.lines());
 }
 
-/// The cell with a module that is polled so seldom that a fault after 55 s meets its check.
+/// The cell with a module that is polled so rarely that a fault after 55 s affects its check.
 fn seldom_polled() -> String {
     cell()
         .replace("unit = 1\ntemplate", "unit = 1\nevery = \"50s\"\ntemplate")
@@ -512,7 +516,7 @@ fn a_module_that_refuses_everything_for_a_while_is_not_taken_for_a_changed_one()
 
 #[test]
 fn a_check_that_a_confirmed_control_refuses_again_and_again_is_reported() {
-    // Nothing is polled of it that could be refused as well.
+    // Nothing else is polled from it that could be refused as well.
     let refused = fault("cnc", "kind = \"exception\"\ncode = 2\nat = \"55s\"");
     let trace = run(&cell(), &refused, 3 * MINUTE);
     law::holds(&trace);
@@ -530,7 +534,7 @@ fn a_connection_that_is_lost_right_after_a_check_costs_no_more_than_one_beat() {
     };
     let beats: Vec<f64> = trace.wire.iter().filter(is_beat).map(|seen| trace.seconds(seen.at)).collect();
     let gap = beats.windows(2).map(|two| two[1] - two[0]).filter(|gap| *gap < 50.0).fold(0.0, f64::max);
-    // On RTU the unit rests for the time of a late answer.
+    // On RTU the unit backs off for the time of a late answer.
     let most = if speaks_rtu(&trace.profile) { 6.0 } else { 2.5 };
     assert!(gap <= most, "{gap} s without a beat: {}", trace.lines());
     assert_eq!(trace.reported("disarmed"), 0, "{}", trace.lines());

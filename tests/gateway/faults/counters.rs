@@ -1,4 +1,4 @@
-//! Counters: captured before they are read, set anew, garbled for once.
+//! Counters: captured before they are read, set to another value, garbled once.
 
 use std::time::Duration;
 

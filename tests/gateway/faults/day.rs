@@ -1,4 +1,4 @@
-//! Five hours of everything that goes wrong.
+//! Five hours with every kind of fault.
 
 use std::fmt::Write as _;
 use std::time::Duration;
@@ -10,10 +10,10 @@ use crate::faults::law;
 use crate::faults::rig::{BENCH, World, block_on};
 
 const HOURS: u64 = 5;
-/// One fault, and time to recover from it.
+/// Time for one fault and the recovery from it, s.
 const SLOT: u64 = 400;
 
-/// A fault in each slot of the day but the last.
+/// Script with a fault in each slot of the day except the last.
 fn script(seed: u64) -> String {
     let mut random = Pcg32::seed_from_u64(seed);
     let kinds = [

@@ -1,4 +1,4 @@
-//! State and ledger that version f2a36f8a wrote become one document: the axes go on, and the files are kept beside.
+//! State and ledger that version f2a36f8a has written become one document. The axes resume, and the files are kept.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use crate::faults::rig::{Trace, World, block_on};
 const MACHINE: &str = include_str!("../earlier/mixed.toml");
 const MINUTE: Duration = Duration::from_secs(60);
 
-/// What that version left: after a stop in order, or killed while it wrote to the shared register.
+/// Files that this version has left: after a stop in order, or killed while it wrote to the shared register.
 fn left(how: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/gateway/earlier").join(how)
 }
@@ -24,7 +24,7 @@ fn copied(how: &str) -> tempfile::TempDir {
     directory
 }
 
-/// The registers as that version left them.
+/// Registers as this version left them.
 fn registers(whole: u16, shared: u16) -> String {
     let holds = |register: u32, words: &str| {
         format!(
@@ -34,7 +34,7 @@ fn registers(whole: u16, shared: u16) -> String {
     holds(100, &format!("0, {whole}")) + &holds(104, &format!("0, {shared}")) + &holds(111, "52, 62")
 }
 
-/// Two runs, one after the other, in this directory.
+/// Runs the gateway twice in this directory.
 fn runs(directory: &Path, faults: &str) -> [Trace; 2] {
     block_on(async {
         let mut world = World::new(MACHINE, faults).await;

@@ -1,5 +1,5 @@
-//! A gateway from Modbus TCP to a serial line that stamps a late answer with the transaction that is open, or keeps it for the next
-//! question.
+//! Gateway from Modbus TCP to a serial line. It sends a late answer with the transaction of the open request, or keeps
+//! it for the next request.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -13,7 +13,7 @@ const BED: f64 = 25.1;
 const OIL: f64 = 41.2;
 const SECONDS_PER_SHIFT: u64 = 5;
 
-/// One unit, or two, with a bed and an oil temperature each, in reads of the same length.
+/// Profile with these units. Each has a bed and an oil temperature, in reads of the same length.
 fn module(units: &[u8], quirks: &str) -> String {
     let mut text = String::from(
         "[machine]\nname = \"cell\"\n[bus.cell]\ntype = \"modbus-tcp\"\naddress = \"127.0.0.1:1502\"\ntimeout = \"60ms\"\n",
@@ -32,7 +32,7 @@ fn module(units: &[u8], quirks: &str) -> String {
     text
 }
 
-/// So many late answers of the first unit.
+/// Faults with this many late answers of the first unit.
 fn shifts(units: &[u8], count: u64, keys: &str) -> String {
     let mut text = String::new();
     for unit in units {
@@ -61,7 +61,8 @@ fn watched(units: &[u8], quirks: &str, count: u64, keys: &str) -> Trace {
     block_on(async { World::of(profile, &faults).await.gateway().run(span).await })
 }
 
-/// Samples in which a signal had a value, those in which it was another one's, and the exceptions and timeouts.
+/// Counts of a run: samples in which a signal had its own value, samples with the value of another signal, and
+/// exceptions and timeouts.
 fn counted(trace: &Trace) -> (usize, usize, u64) {
     let (mut good, mut wrong) = (0, 0);
     for sample in &trace.samples {
@@ -116,15 +117,15 @@ fn a_gateway_that_gives_up_silently_brings_no_wrong_reading_either() {
     assert!(missed >= 20 && good > 180, "{good} good, {missed} missed");
 }
 
-/// A gateway that gives up once and is one answer behind for 40 s after that.
+/// Fault of a gateway that gives up once, and is one answer behind for the next 40 s.
 fn keeps(keys: &str) -> String {
     format!("[[fault]]\ndevice = \"m1\"\nkind = \"keep\"\nat = \"10s\"\nfor_time = \"40s\"\n{keys}\n")
 }
 
-/// A value of two registers on the same unit.
+/// Signal with two registers on the same unit.
 const COUNTER: &str = "[signal.counter]\ndevice = \"m1\"\nregister = \"input:200\"\ntype = \"u32\"\n";
 
-/// Two minutes of one unit beside these faults.
+/// Runs one unit with these signals and faults for two minutes.
 fn beside(quirks: &str, signals: &str, faults: &str) -> Trace {
     let text = module(&[1], &format!("quirks = {{ {quirks} }}")) + signals;
     let loaded = parse(Path::new("cell.toml"), &text, &[], &[]);

@@ -1,4 +1,4 @@
-//! Handshakes: written, strobed, acknowledged, dropped; and what happens where one of these does not.
+//! Handshakes: written, strobed, acknowledged, dropped. Also the reaction if one of these steps fails.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -38,7 +38,7 @@ fn holds(trace: &Trace) {
     strobes_are_short(trace);
 }
 
-/// No strobe stays up: each is dropped before long, also by a gateway that ends.
+/// Checks that no strobe stays up: each is dropped soon, also by a gateway that ends.
 fn strobes_are_short(trace: &Trace) {
     let mut up = None;
     for seen in trace.wire.iter().filter(|seen| seen.is_write() && seen.address == STROBE.into()) {
@@ -49,8 +49,8 @@ fn strobes_are_short(trace: &Trace) {
     assert_eq!(up, None, "the strobe stays up\n{}", trace.lines());
 }
 
-/// What happens at the control, in order: `v` value written, `S` strobe up, `s` strobe down, `A` and `a` acknowledge
-/// seen up and down, `r` the register read.
+/// Requests to the control, in order: `v` value written, `S` strobe up, `s` strobe down, `A` and `a` acknowledge seen
+/// up and down, `r` register read.
 fn story(trace: &Trace, from: f64, to: f64) -> String {
     let word = |seen: &Seen| match (seen.is_write(), seen.address.register().unwrap()) {
         (true, STROBE) if seen.wanted == [1] => "S",
@@ -87,7 +87,7 @@ fn a_value_is_written_strobed_acknowledged_and_only_then_believed() {
     let exchanges: Vec<&str> = story.split_inclusive("sAar").collect();
     assert!(exchanges.len() > 10, "{story}");
     for exchange in &exchanges[1..exchanges.len() - 1] {
-        // In between it is looked at.
+        // The register is also read in between.
         let exchange = exchange.trim_start_matches('r');
         assert!(exchange.starts_with("ar") && exchange.contains("rvrS"), "{exchange} in {story}");
     }
@@ -128,8 +128,8 @@ fn an_acknowledge_that_does_not_come_is_reported_and_the_axis_holds_until_it_doe
     assert!(trace.samples.last().unwrap().status.outputs[1].handshake.is_empty());
 }
 
-/// The acknowledge is lost while Cz walks in, and comes back before or after the fault action has begun to take it out
-/// again: the control goes on in steps from what it took, the register from what it holds.
+/// The acknowledge is lost while Cz approaches its target. It returns before or after the fault action has begun to
+/// move Cz to zero. The control resumes in steps from the value that it took, the register from its own value.
 #[test]
 fn an_acknowledge_that_is_lost_on_the_way_in_costs_no_step_when_it_comes_back() {
     for at in [6, 7, 8, 9] {
@@ -168,7 +168,7 @@ fn an_acknowledge_that_does_not_drop_is_reported_and_nothing_is_written_while_it
     assert!(trace.states_between(55, 120).contains(&"holding"), "{}", trace.lines());
 }
 
-/// Somebody on the way kept the strobe until its gateway had given it up and dropped it.
+/// A device on the way kept the strobe until the gateway had given it up and dropped it.
 #[test]
 fn a_strobe_that_rises_late_is_dropped_and_the_axis_follows_again() {
     let late = "[[fault]]\ndevice = \"cnc\"\nkind = \"register\"\nat = \"61s\"\n\
@@ -189,8 +189,8 @@ fn a_slow_acknowledge_inside_the_timeout_is_waited_for_and_one_beyond_is_not() {
     assert!(trace.states_between(30, 90).contains(&"holding"), "{}", trace.lines());
 }
 
-/// While a handshake waits the line serves the others: 400 ms for each acknowledge, and a module that is read every
-/// 200 ms beside it.
+/// While a handshake waits, the line serves the other devices. Each acknowledge takes 400 ms, and a module on the line
+/// is read every 200 ms.
 #[test]
 fn the_line_serves_other_devices_while_it_waits() {
     let module = "[device.thermocouples]\nbus = \"sensors\"\nunit = 1\nevery = \"1s\"";
@@ -208,7 +208,7 @@ fn the_line_serves_other_devices_while_it_waits() {
     assert!(read.len() > 280 && widest <= 0.25, "{} reads, {widest} s apart", read.len());
 }
 
-/// Refuses requests of one kind with an exception, a number of times, from the nth on.
+/// Refuses requests of one kind with an exception, `times` times, from the nth on.
 #[derive(Clone)]
 struct Refusing {
     bus: Bus,
@@ -216,7 +216,7 @@ struct Refusing {
     from: u32,
     times: u32,
     kind: fn(&Request<'_>) -> bool,
-    /// Panics instead.
+    /// Panics instead of refusing.
     panics: bool,
 }
 

@@ -1,4 +1,4 @@
-//! Disk, HTTP and the log: nothing of them changes anything on the bus, and the log gives the day again.
+//! Disk, HTTP and the log do not change anything on the bus, and the log gives the decisions of the day again.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -41,7 +41,7 @@ fn with_a_state_directory_that_is_a_file_the_first_write_waits_for_what_may_stil
     fs::write(&file, "not a directory").unwrap();
     let (without, with) = (run_with(None), run_with(Some(&file)));
     law::holds(&with);
-    // Whether a run before it left something under way cannot be known: nothing is written before that has had its time.
+    // A previous run may have left a write that can still arrive. Nothing is written before its time is over.
     let first = |trace: &Trace| trace.seconds(trace.writes("cnc_z").first().unwrap().0);
     let (at_once, waited) = (first(&without), first(&with));
     assert!(at_once < 5.0 && (30.0..33.0).contains(&waited), "{at_once} {waited}");

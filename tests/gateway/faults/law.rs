@@ -1,4 +1,4 @@
-//! I1, I2, I3, I5 and "no burst" on what was really on the wire and on the board.
+//! Invariants I1, I2, I3, I5 and I9 ("no burst"), checked with the requests on the wire and the readings on the board.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -13,7 +13,7 @@ use crate::faults::rig::Trace;
 /// Rounding of arithmetic, µm.
 const EPSILON: f64 = 1e-6;
 
-/// Holds a run to every invariant that can be seen from outside.
+/// Checks every invariant of a run that can be seen from outside.
 pub(crate) fn holds(trace: &Trace) {
     let mut last_correction = HashMap::new();
     for (place, seen) in trace.wire.iter().enumerate().filter(|(_, seen)| seen.is_write()) {
@@ -29,7 +29,7 @@ pub(crate) fn holds(trace: &Trace) {
     nothing_comes_in_bursts(trace);
 }
 
-/// The part of a write that is one output, if it is in there as a whole.
+/// Part of a write that belongs to one output. `None` if it does not contain the whole output.
 pub(crate) fn of_output(seen: &Seen, output: &Output) -> Option<Seen> {
     if !seen.is_write()
         || seen.device != output.device
@@ -80,7 +80,7 @@ fn is_in_the_write_list(profile: &Profile, seen: &Seen) {
     assert!(!known.is_empty() && known.iter().all(|known| *known), "I1: {seen:?}");
 }
 
-/// I2, and what a corrected position is made of.
+/// I2, and the parts of a corrected position.
 fn is_inside(
     trace: &Trace,
     place: usize,
@@ -100,7 +100,7 @@ fn is_inside(
     match output.writes {
         Writes::Offset | Writes::Intercept | Writes::Slope => {
             let (before, wanted) = (output.encoding.decode(&seen.before).unwrap() / factor, wanted / factor);
-            // The limit of a share is held to where the operator's part is known.
+            // The limit of a share is checked elsewhere, with the operator offset.
             let whole = output.share == Share::Whole;
             assert!(!whole || wanted.abs() <= limit + EPSILON, "I2, limit: {wanted} µm, {seen:?}");
             assert!(
@@ -113,7 +113,7 @@ fn is_inside(
         Writes::Reference => {
             let reference = axis.settings.intercept_slope.unwrap().reference.get();
             let count = output.encoding.scale.get().abs();
-            // With a set that is off it goes along as it stands.
+            // A member of a set that is off is written with its present value.
             let is_theirs = seen.wanted == seen.before;
             assert!(is_theirs || (wanted - reference).abs() <= 0.501 * count, "P0: {wanted} mm, {seen:?}");
         }
@@ -125,7 +125,7 @@ fn is_inside(
             let share = |position: &f64| 1000.0 * (wanted - position) / factor;
             assert!(!shown.is_empty(), "I3: corrected without a position: {seen:?}");
             let last = last.filter(|(since, _)| !was_off(trace, output, *since, seen.at));
-            // The latest position; where its answer was lost, one before it, as long as that is fresh.
+            // The latest position, or an earlier one that is still fresh if its answer was lost.
             let fits = |cz: &f64| {
                 cz.abs() <= limit + count + EPSILON
                     && last.is_none_or(|(_, last)| (cz - last).abs() <= step + count + EPSILON)
@@ -149,7 +149,7 @@ fn was_off(trace: &Trace, output: &Output, from: Moment, to: Moment) -> bool {
     between.into_iter().any(|sample| matches!(sample.status.axes[output.axis.0].state, "off" | "waiting"))
 }
 
-/// What a device had in a signal's registers when they were read, not longer ago than `age` before this request.
+/// Values of a signal in the registers of its device when they were read, at most `age` before this request.
 fn recent(trace: &Trace, place: usize, signal: &Signal, age: Duration) -> Vec<f64> {
     let now = trace.wire[place].at;
     trace.wire[..place]
@@ -160,7 +160,7 @@ fn recent(trace: &Trace, place: usize, signal: &Signal, age: Duration) -> Vec<f6
         .collect()
 }
 
-/// The value of a signal in the registers that a request speaks of.
+/// Value of a signal in the registers of a request. `None` if the request does not read them.
 fn measured(seen: &Seen, signal: &Signal) -> Option<f64> {
     if seen.is_write()
         || seen.device != signal.device
@@ -178,9 +178,9 @@ fn measured(seen: &Seen, signal: &Signal) -> Option<f64> {
     signal.encoding.decode(words).ok()
 }
 
-/// I3: an axis follows only good readings, and an offset moves away from zero only towards what was decided from them.
+/// I3: an axis follows only good readings, and an offset moves away from zero only towards a value decided from them.
 fn grows_only_while_active(trace: &Trace) {
-    // Where the clock was just set ahead, the decision of before still stands.
+    // If the clock was just set ahead, the previous decision is still valid.
     let steady = |sample: &&crate::faults::rig::Sample| sample.status.now == sample.at.to_string();
     for sample in trace.samples.iter().filter(steady) {
         for (axis, status) in trace.profile.axes.iter().zip(&sample.status.axes) {
@@ -213,8 +213,8 @@ fn grows_only_while_active(trace: &Trace) {
         let wanted = value(&seen.wanted);
         let factor = if trace.profile.axis(output.axis).diameter { 2.0 } else { 1.0 };
         let decided = trace.samples.iter().filter(|sample| near(sample.at));
-        // A decision that stood for less than a second is in no sample: two counts of the noise; one step, where the axis
-        // was stopped right after it.
+        // A decision that was valid for less than a second is in no sample. The tolerance for it is two counts of
+        // noise, or one step if the axis was stopped directly after it.
         let has_just_stopped = trace.events.iter().filter(|event| event.kind == "stopping").any(|event| {
             let at = time::parse(&event.at).unwrap();
             at <= seen.at && seen.at.since(at) < Duration::from_secs(1)
@@ -236,7 +236,7 @@ fn grows_only_while_active(trace: &Trace) {
     }
 }
 
-/// I5: what counts as good on the board is what the device measured, not long ago.
+/// I5: a good reading on the board is a value that the device measured recently.
 fn readings_are_measured(trace: &Trace) {
     let mut from = 0;
     for sample in &trace.samples {
@@ -256,19 +256,19 @@ fn readings_are_measured(trace: &Trace) {
     }
 }
 
-/// I9: one question is asked a few times at most at one moment, whatever the clock did.
+/// I9: one request is sent only a few times at one moment, whatever the clock did.
 fn nothing_comes_in_bursts(trace: &Trace) {
     let mut asked: HashMap<_, (Moment, u32)> = HashMap::new();
     for seen in &trace.wire {
         let question = (seen.device, seen.function, &seen.address, seen.count);
         let entry = asked.entry(question).or_insert((seen.at, 0));
         *entry = if entry.0 == seen.at { (seen.at, entry.1 + 1) } else { (seen.at, 1) };
-        // A set is read before and after each beat and each change, which may fall together, and an answer may be lost.
+        // A set is read before and after each beat and each change. These may coincide, and an answer may be lost.
         assert!(entry.1 <= 6, "I9: a burst at {:.1} s of {question:?}", trace.seconds(seen.at));
     }
 }
 
-/// What a control takes of a set differs by a step at most from what it took before: I2, as the axes feel it.
+/// I2 as the axes see it: the values that a control takes of a set differ by at most one step from the previous ones.
 pub(crate) fn nothing_taken_jumps(trace: &Trace) {
     let profile = &trace.profile;
     for (place, set) in profile.sets.iter().enumerate() {

@@ -1,4 +1,5 @@
-//! A register that an operator writes to as well: its division into operator offset and gateway share survives every fault.
+//! A register that an operator writes to as well: its division into operator offset and gateway share survives every
+//! fault.
 
 use std::fs;
 use std::io;
@@ -18,10 +19,10 @@ use crate::faults::rig::{BENCH, Trace, World, block_on};
 const MINUTE: Duration = Duration::from_secs(60);
 const SECOND: Duration = Duration::from_secs(1);
 
-/// The operator's part at start, µm.
+/// Operator offset at the start, µm.
 const BASE: f64 = 120.0;
 
-/// The bench in an operator's register, in which 120.0 µm of his stand.
+/// Bench with a shared register that contains an operator offset of 120.0 µm.
 fn joint() -> String {
     BENCH.replace("refresh = \"10s\"", "refresh = \"10s\"\nshare = \"ledger\"")
 }
@@ -42,11 +43,11 @@ fn at_start() -> String {
     register(1200, "0s")
 }
 
-/// A register that is not zero is a person's to say something of, once he was asked.
+/// Time at which the operator confirms the division of a register that is not zero, after the gateway has asked.
 const CONFIRMED: Duration = Duration::from_secs(3);
 
-/// Runs the bench once after the other with the same disk and the same register; in the first a person says that what
-/// he has there is his.
+/// Runs the bench several times with the same disk and the same register. In the first run the operator confirms that
+/// the value in the register is the operator offset.
 fn runs(text: &str, faults: &str, directory: &Path, spans: &[Duration]) -> Vec<Trace> {
     block_on(async {
         let mut world = World::new(text, faults).await;
@@ -68,7 +69,7 @@ fn run(text: &str, faults: &str, span: Duration) -> Trace {
     trace
 }
 
-/// What stood in the register at the end.
+/// Register value at the end, µm.
 fn left(trace: &Trace) -> f64 {
     let output = trace.profile.outputs.iter().find(|output| output.name == "cnc_z").unwrap();
     let there = |seen: &&isotherm::virtual_machine::Seen| {
@@ -129,7 +130,7 @@ fn an_operators_edit_is_kept_and_reported_and_the_axis_goes_on_with_its_share() 
     assert_eq!(trace.reported("operator-change"), 1, "{}", trace.lines());
     assert_eq!(trace.reported("foreign-change") + trace.reported("disarmed"), 0, "{}", trace.lines());
     let (base, now) = shares(&trace, 75);
-    // The edit said what the whole register shall be.
+    // The edit set the value of the whole register.
     near(base + share, 300.0);
     assert!((now - share).abs() < 2.0, "{share} → {now}");
     assert_eq!(trace.states(), ["waiting", "off", "active"], "{}", trace.lines());
@@ -139,7 +140,7 @@ fn an_operators_edit_is_kept_and_reported_and_the_axis_goes_on_with_its_share() 
 #[test]
 fn an_operators_edit_while_nobody_looks_is_his_when_the_gateway_is_back() {
     let directory = tempfile::tempdir().unwrap();
-    // Held, so that the share is still there when the gateway is gone.
+    // The axis holds, so that the share is still in the register when the gateway has ended.
     let text = joint().replace("action = \"ramp\", after = \"30s\"", "action = \"hold\"");
     let faults = at_start() + &register(3000, "66s");
     let traces = block_on(async {
@@ -253,7 +254,7 @@ fn a_diameter_with_a_bias_and_a_register_that_counts_down_works_the_same() {
 #[test]
 fn a_disk_that_takes_no_ledger_keeps_its_output_unwritten_and_changes_nothing_for_the_others() {
     let directory = tempfile::tempdir().unwrap();
-    // A directory of that name: it can be neither read nor replaced.
+    // A directory of that name can be neither read nor replaced.
     fs::create_dir(directory.path().join("bench.state.json")).unwrap();
     let trace = runs(&joint(), &at_start(), directory.path(), &[2 * MINUTE]).remove(0);
     assert_eq!(trace.writes("cnc_z").len(), 0, "{}", trace.lines());
@@ -280,7 +281,7 @@ fn a_disk_that_fails_later_stops_the_writing_and_the_axis_says_so_until_it_works
         let away = directory.path().join("away");
         fs::write(&away, "not a directory").unwrap();
         let (here, there) = (place.clone(), away.clone());
-        // At once: whoever keeps the ledger makes a directory that is not there.
+        // The exchange is atomic, because the writer of the ledger creates a missing directory.
         let change_places = move || {
             rustix::fs::renameat_with(CWD, &here, CWD, &there, RenameFlags::EXCHANGE).unwrap();
         };
@@ -295,7 +296,7 @@ fn a_disk_that_fails_later_stops_the_writing_and_the_axis_says_so_until_it_works
     assert_eq!(trace.states_between(120, 170), ["active"], "{}", trace.lines());
     near(shares(&trace, 170).0, BASE);
     near(left(&trace), BASE);
-    // The files of the logs are gone first, and then there is no directory: another cause.
+    // At first the log files are missing, and then there is no directory: another cause.
     assert!(trace.reported("not-kept") <= 6 && trace.reported("kept-again") >= 1, "{}", trace.lines());
 }
 
@@ -338,7 +339,7 @@ fn a_dry_run_keeps_nothing_of_an_output() {
     assert!(kept.contains("\"outputs\": {\n}"), "{kept}");
 }
 
-/// It keeps nothing aside before that has no sender any more.
+/// Disk that keeps nothing under a second name before its sender is dropped.
 struct HangingDisk(Mutex<Receiver<()>>);
 
 impl Disk for HangingDisk {

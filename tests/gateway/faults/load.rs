@@ -1,4 +1,4 @@
-//! What a dead unit costs the live ones on its line.
+//! Cost of a unit that does not answer, for the other units on its line.
 
 use std::time::Duration;
 
@@ -7,7 +7,7 @@ use crate::faults::rig::{BENCH, run};
 
 const MINUTE: Duration = Duration::from_secs(60);
 
-/// The bench with all its devices behind one address.
+/// Bench with all its devices at one address.
 fn one_line() -> String {
     let mut text = BENCH.to_owned();
     for (device, bus, unit) in [("counter", "scale", 2), ("readout", "display", 3), ("cnc", "control", 4)] {
@@ -42,7 +42,8 @@ fn a_dead_unit_costs_the_live_ones_on_its_line_one_timeout_per_breaker_window() 
         dead.len(),
         live.len()
     );
-    // Of a unit that answered before, a serial line may have lost three. Four units are taken for behind a gateway to one.
+    // A serial line may lose three answers of a unit that answered before. Four units at one address count as units
+    // behind a gateway to a serial line.
     let spared = 3;
     for (pause, full) in pauses
         .iter()
@@ -55,6 +56,6 @@ fn a_dead_unit_costs_the_live_ones_on_its_line_one_timeout_per_breaker_window() 
     assert!(lost <= dead.len(), "{lost} polls lost for {} timeouts", dead.len());
     assert_eq!(trace.qualities("scale_z", 5, 660), ["good"], "{}", trace.lines());
     assert_eq!((trace.reported("device-lost"), trace.reported("link-down")), (1, 0), "{}", trace.lines());
-    // The connection that a dead unit costs is made anew for the others at once.
+    // The connection that an unanswered request closes is opened again for the other units at once.
     assert!(trace.beats().len() > 600, "{}", trace.beats().len());
 }

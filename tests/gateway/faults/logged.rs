@@ -1,4 +1,4 @@
-//! The log of the outputs: what each took and asked for comes out again, whatever happened on the lines.
+//! Log of the outputs: a replay gives the inputs and actions of each output again, whatever happened on the lines.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -23,7 +23,7 @@ fn runs(text: &str, faults: &str, directory: &Path, spans: &[Duration]) -> Vec<T
         for span in spans {
             let state = Some(directory.to_owned());
             let trial = world.gateway().options(|options| options.directory = state);
-            // In an operator's register something stands: a person says that it is his.
+            // A shared register is not zero. The operator confirms that its value is the operator offset.
             traces.push(trial.command(Duration::from_secs(3), Command::Arm).run(*span).await);
         }
         traces
@@ -42,7 +42,7 @@ fn replayed(log: &Path) -> OutputsSummary {
     replay_outputs(fs::File::open(log).unwrap(), log.to_str().unwrap()).unwrap()
 }
 
-/// The one log of this directory, all of whose actions came out again, and its text.
+/// The only log of this directory, after a check that its replay gives all actions again, and its text.
 fn again(directory: &Path) -> (OutputsSummary, String) {
     let logs = logs(directory);
     assert_eq!(logs.len(), 1, "{logs:?}");

@@ -1,5 +1,5 @@
-//! Faults by script against a running gateway, over real sockets: what the readings become, what the axis does, what
-//! is on the wire, and what is told.
+//! Scripted faults with a running gateway, over real sockets: the readings, the reaction of the axis, the requests on
+//! the wire, and the reports.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "these are tests")]
 

@@ -1,5 +1,5 @@
-//! A profile that has changed since the last run: an output that lies elsewhere or counts otherwise, a signal of another channel, a
-//! readout with another limit, diameter or axis.
+//! A profile that has changed since the last run. The changes are another register or scale of an output, another
+//! channel of a signal, or another limit, diameter or axis of a readout.
 
 use std::fs;
 use std::path::Path;
@@ -14,10 +14,10 @@ use crate::faults::law;
 use crate::faults::rig::{BENCH, Trace, World, block_on, profile};
 
 const MINUTE: Duration = Duration::from_secs(60);
-/// A person arms then.
+/// Time at which the operator arms.
 const ARMED: Duration = Duration::from_secs(20);
 
-/// How a run ends.
+/// End of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum End {
     Hold,
@@ -25,7 +25,7 @@ enum End {
     Killed,
 }
 
-/// A run of a profile, and when a person arms.
+/// Run of a profile, and the time at which the operator arms.
 struct Run {
     text: String,
     end: End,
@@ -56,7 +56,7 @@ impl Run {
     }
 }
 
-/// Runs one profile after the other on the same machine and in the same directory.
+/// Runs one profile after another on the same machine and in the same directory.
 fn runs(directory: &Path, faults: &str, runs: Vec<Run>) -> Vec<Trace> {
     block_on(async {
         let mut world = World::new(&text_of(&runs[0]), faults).await;
@@ -96,7 +96,8 @@ fn shared() -> String {
     BENCH.replace("refresh = \"10s\"", "refresh = \"10s\"\nshare = \"ledger\"")
 }
 
-/// The register of the control holds so many counts at first. More registers exist after it.
+/// Fault script that sets the register of the control to this number of counts at the start. More registers exist after
+/// it.
 fn holds(counts: i32) -> String {
     let [a, b, c, d] = counts.to_be_bytes();
     let words = [u16::from_be_bytes([a, b]), u16::from_be_bytes([c, d])];
@@ -117,12 +118,12 @@ fn left(trace: &Trace) -> f64 {
     output.encoding.decode(&trace.wire.iter().rfind(there).unwrap().after).unwrap()
 }
 
-/// Sentences of the events of a kind.
+/// Texts of the events of a kind.
 fn told(trace: &Trace, kind: &str) -> Vec<String> {
     trace.events.iter().filter(|event| event.kind == kind).map(|event| event.text.clone()).collect()
 }
 
-/// Nothing was written to the control, and the axis was off.
+/// Checks that nothing was written to the control, and that the axis was off.
 #[track_caller]
 fn nothing_moved(trace: &Trace) {
     law::holds(trace);
@@ -350,7 +351,7 @@ fn an_output_that_comes_under_another_name_one_start_after_the_removal_waits_for
     }
 }
 
-/// The bench with one model that measures the rise of the bed since the start, −4 µm for each degree.
+/// Bench with one model that measures the rise of the bed since the start, −4 µm for each degree.
 fn rise() -> String {
     let (before, after) = BENCH.split_once("[[axis.z.model]]").unwrap();
     let (_, outputs) = after.split_once("[output.readout_z]").unwrap();
@@ -377,7 +378,7 @@ fn the_reference_of_a_signal_that_has_moved_is_captured_again() {
     assert!(told.contains("signal bed was offset 0, it is offset 5"), "{told}");
 }
 
-/// The bench with nothing but the readout on its axis.
+/// Bench with only the readout on its axis.
 fn readout() -> String {
     let (before, after) = BENCH.split_once("[output.cnc_z]").unwrap();
     let (_, heartbeat) = after.split_once("[heartbeat]").unwrap();
@@ -441,7 +442,7 @@ fn an_output_with_another_name_at_its_place_continues_from_its_value_also_in_a_s
     }
 }
 
-/// What each write to the readout had beside the position, in µm of its register.
+/// Difference between each write to the readout and the position, in µm of its register.
 fn beside_the_position(trace: &Trace) -> Vec<(Moment, f64)> {
     let output = trace.profile.outputs.iter().find(|output| output.writes.position().is_some()).unwrap();
     let scale = trace.profile.signals.iter().find(|signal| signal.name == "scale_z").unwrap();
@@ -487,7 +488,7 @@ fn a_readout_moves_by_a_step_at_most_over_a_restart_whatever_has_changed() {
             let after = beside_the_position(&traces[1]);
             assert!(after.len() > 30, "{what}, {end:?}, {keep}: {}\n{}", after.len(), traces[1].lines());
             for (at, value) in &after {
-                // A count of the scale, and one of the register.
+                // The tolerance is one count of the scale and one of the register.
                 let most = factor + 0.2;
                 assert!(
                     (value - last).abs() <= most,

@@ -1,4 +1,4 @@
-//! What is written, what is not, and what the axis makes of a register that is not what it should be.
+//! Writes, omitted writes, and the reaction of an axis to an unexpected register value.
 
 use std::time::Duration;
 
@@ -79,7 +79,7 @@ fn an_interlock_that_closes_lets_a_steady_axis_go_on_also_without_a_refresh() {
     assert_eq!(trace.states_between(50, 120), ["active", "holding", "active"], "{}", trace.lines());
 }
 
-/// Whatever is decided meanwhile: what the control holds is what was verified, or something else by now.
+/// Whatever is decided in the meantime, the control holds the verified value, or another one by now.
 #[test]
 fn an_axis_whose_control_does_not_answer_is_shown_as_unreachable_with_the_verified_value() {
     for action in ["{ action = \"hold\" }", "{ action = \"zero\" }"] {
@@ -230,7 +230,7 @@ fn a_register_beyond_the_limit_refuses_to_arm_with_a_sentence() {
     assert_eq!(trace.states(), ["waiting"]);
 }
 
-/// 40.2 µm in 32 bits reads as 40.200001; 17 counts of 0.001 µm/mm at 310 mm come to 5.270000000000001 µm.
+/// 40.2 µm in 32 bits is read as 40.200001. 17 counts of 0.001 µm/mm at 310 mm are 5.270000000000001 µm.
 #[test]
 fn a_register_exactly_at_the_limit_is_armed_from_whatever_rounding_makes_of_it() {
     let float = BENCH
@@ -324,7 +324,7 @@ fn the_readout_gets_the_position_plus_what_the_cnc_gets() {
         if !seen.is_write() {
             continue;
         }
-        // At one moment the readout is told first, and the CNC after it.
+        // At the same moment, the readout is written first and then the CNC.
         let offset = offsets.iter().rfind(|(at, _)| *at <= seen.at);
         let offset = offset.and_then(|(_, wanted)| trace.profile.outputs[1].encoding.decode(wanted).ok());
         if seen.device == trace.profile.outputs[0].device
@@ -332,7 +332,7 @@ fn the_readout_gets_the_position_plus_what_the_cnc_gets() {
         {
             let shown = trace.profile.outputs[0].encoding.decode(&seen.wanted).unwrap();
             let cz = 1000.0 * (shown - position);
-            // One count; the CNC may be a step behind where it walks in.
+            // The tolerance is one count. The CNC may be a step behind while it approaches its target.
             let settled = trace.seconds(seen.at) > 40.0;
             assert!((cz - offset).abs() <= if settled { 0.11 } else { 1.11 } + 0.2, "{cz} {offset}");
             compared += 1;
@@ -370,7 +370,7 @@ fn several_axes_and_outputs_on_several_lines_each_get_their_own() {
     assert!((7.0..=12.0).contains(&last("cnc_z")), "{}", last("cnc_z"));
     let states = &trace.samples[100].status.axes;
     assert!(states.iter().all(|axis| axis.state == "active"), "{}", trace.lines());
-    // X ramps to zero, Z holds.
+    // X returns to zero, Z holds.
     assert!(trace.outcome.rested, "{:?}\n{}", trace.outcome, trace.lines());
     assert!(trace.outcome.left.contains("cnc_x holds 0.0"), "{:?}", trace.outcome);
     assert!(!trace.outcome.left.contains("cnc_z holds 0.0"), "{:?}", trace.outcome);

@@ -1,4 +1,5 @@
-//! A register that is no output's any more, and that a person releases: it goes back to its base, and nothing else moves.
+//! A register that no output uses any more, and that an operator releases. It returns to its base, and nothing else
+//! moves.
 
 use std::cell::RefCell;
 use std::path::Path;
@@ -10,13 +11,13 @@ use isotherm_core::codec::{Address, Register, Table};
 use crate::faults::rig::{BENCH, Stage, Trace, World, block_on, profile, somebody};
 
 const MINUTE: Duration = Duration::from_secs(60);
-/// A person releases the register then.
+/// Time at which the operator releases the register.
 const RELEASED: Duration = Duration::from_secs(30);
-/// A person arms then.
+/// Time at which the operator arms.
 const ARMED: Duration = Duration::from_secs(20);
 const FORMER: u16 = 104;
 
-/// How a run ends.
+/// End of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum End {
     Hold,
@@ -24,7 +25,7 @@ enum End {
     Killed,
 }
 
-/// One command of a person.
+/// One command of the operator, with its time.
 type Act = (Duration, fn(&Stage<'_>) -> Result<Answer, String>);
 
 struct Run {
@@ -66,7 +67,7 @@ impl Run {
     }
 }
 
-/// A person looks at what is left of the output, and releases it.
+/// The operator looks at what is left of the output, and releases it.
 fn release(stage: &Stage<'_>) -> Result<Answer, String> {
     let left = stage.source.status().left;
     let can = left.iter().filter(|left| left.output == "cnc_z" && left.obstacle.is_none());
@@ -74,7 +75,8 @@ fn release(stage: &Stage<'_>) -> Result<Answer, String> {
     stage.source.release("cnc_z", Wish::Back(&seen), &somebody())
 }
 
-/// Runs one profile after the other on the same machine and in the same directory. Returns what the persons were answered, too.
+/// Runs one profile after another on the same machine and in the same directory. Also returns the answers to the
+/// operator.
 fn runs(directory: &Path, faults: &str, runs: Vec<Run>) -> (Vec<Trace>, Vec<Result<Answer, String>>) {
     let said = RefCell::new(Vec::new());
     let traces = block_on(async {
@@ -115,7 +117,7 @@ fn moved() -> String {
     BENCH.replace("holding:104", "holding:106")
 }
 
-/// The bench without the output, its readout goes on.
+/// Bench without the output. Its readout stays.
 fn removed() -> String {
     let (before, after) = BENCH.split_once("[output.cnc_z]").unwrap();
     let (_, heartbeat) = after.split_once("[heartbeat]").unwrap();
@@ -126,7 +128,7 @@ fn shared(text: &str) -> String {
     text.replace("refresh = \"10s\"", "refresh = \"10s\"\nshare = \"ledger\"")
 }
 
-/// The register holds so many counts from this time on. More registers exist after it.
+/// Fault script that sets the register to this number of counts at this time. More registers exist after it.
 fn holds(counts: i32, at: &str) -> String {
     let [a, b, c, d] = counts.to_be_bytes();
     let words = [u16::from_be_bytes([a, b]), u16::from_be_bytes([c, d])];
@@ -164,8 +166,8 @@ fn writes(trace: &Trace) -> Vec<Access> {
     accesses(trace).into_iter().filter(|(.., is_write)| *is_write).collect()
 }
 
-/// The former register goes from one value towards the other in steps of at most 1 µm, without a pause of the way and no faster than
-/// 0.5 µm/s.
+/// Checks that the former register moves from one value towards the other. The steps are at most 1 µm, without a pause
+/// and no faster than 0.5 µm/s.
 #[track_caller]
 fn walks(trace: &Trace, from: f64, to: f64) {
     let writes = writes(trace);
@@ -190,7 +192,7 @@ fn walks(trace: &Trace, from: f64, to: f64) {
     assert!(last - first >= (way - 1.0) / 0.5 - 1.0, "{way} µm in {:.1} s", last - first);
 }
 
-/// Sentences of the events of a kind.
+/// Texts of the events of a kind.
 fn told(trace: &Trace, kind: &str) -> Vec<String> {
     trace.events.iter().filter(|event| event.kind == kind).map(|event| event.text.clone()).collect()
 }
@@ -245,7 +247,7 @@ fn a_former_register_goes_back_to_its_base_in_steps_and_the_new_one_stays_untouc
         let alarms = alarms(back);
         assert!(!alarms.contains(&"former register of output cnc_z".to_owned()), "{alarms:?}");
         assert!(alarms.contains(&"place of output cnc_z".to_owned()), "{alarms:?}");
-        // The next start has no such axis, and the new place still waits for a person.
+        // The next start does not have this axis, and the new place still waits for the operator.
         assert_eq!(accesses(after).len(), 0, "{}", after.lines());
         assert_eq!(
             (after.reported("output-moved"), after.reported("register-left")),
@@ -292,7 +294,7 @@ fn the_operators_part_of_a_shared_register_stays() {
     assert!((left(&traces[2]) - 20.0).abs() < 1e-9, "{}\n{}", left(&traces[2]), traces[2].lines());
     assert_eq!(traces[2].reported("register-released"), 1, "{}", traces[2].lines());
     assert_eq!(traces[2].reported("foreign-change"), 0, "{}", traces[2].lines());
-    // What is in the new register is a person's to say, and only that.
+    // Only the division of the new register must be confirmed by the operator.
     let doubts = told(&traces[2], "ledger-doubt");
     assert!(doubts.iter().all(|doubt| doubt.starts_with("output cnc_z: ")), "{doubts:?}");
 }
@@ -309,7 +311,8 @@ fn a_release_that_was_killed_in_the_middle_is_over_and_a_person_releases_the_res
             again(),
             Run::of(text.clone()).lasts(Duration::from_secs(10)).ends(End::Killed),
             again(),
-            // What was verified last may be some seconds old: then the person sees what the register holds, and releases it once more.
+            // The last verified value may be some seconds old. The operator then sees the register value, and releases
+            // it once more.
             again(),
             Run::of(text.clone()).lasts(4 * MINUTE),
         ];
@@ -339,7 +342,7 @@ fn an_operator_who_has_taken_ours_out_of_a_shared_register_keeps_his_part() {
         Run::of(elsewhere()).released(),
         Run::of(elsewhere()).lasts(2 * MINUTE),
     ];
-    // A minute and more after the beginning, the person having released it already.
+    // The edit comes more than one minute after the start, when the operator has already released the register.
     let faults = holds(200, "0s") + &holds(200, "110s");
     let (traces, said) = runs(directory.path(), &faults, all);
     assert!(left(&traces[0]) > 25.0, "{}", left(&traces[0]));
@@ -374,7 +377,7 @@ fn another_value_than_a_person_has_seen_is_left_alone_until_a_person_has_seen_it
     let shown = &refused.between(20, 21).next().unwrap().status.left[0];
     assert_eq!((shown.state, shown.found_um.map(f64::round)), (LeftState::Left, Some(5.0)));
     assert!((shown.held_um - held).abs() < 0.05);
-    // The person has seen it, and releases it once more.
+    // The operator has seen it, and releases it once more.
     assert!(done(&said[1]).contains("5.0 µm in holding:104"), "{said:?}");
     walks(&traces[3], 5.0, 0.0);
     assert_eq!((left(&traces[3]).abs() < 1e-9, traces[3].reported("register-released")), (true, 1));
@@ -405,7 +408,7 @@ fn what_cannot_be_released_is_refused_with_the_reason_and_moves_nothing() {
     assert!(traces[1..].iter().all(|trace| accesses(trace).is_empty()));
     assert_eq!(traces[1].reported("command-refused"), 3, "{}", traces[1].lines());
 
-    // Its interlock has a signal that the profile does not have any more.
+    // The interlock has a signal that the profile does not have any more.
     let directory = tempfile::tempdir().unwrap();
     let renamed = moved().replace("cnc_on", "cnc_runs");
     let (traces, said) =
@@ -461,12 +464,12 @@ fn a_person_can_end_a_release_and_nobody_else_arms_its_axis() {
     let stays = left(ended);
     assert!(stays > 1.0 && stays < left(&traces[0]) - 0.5, "{stays}");
     assert_eq!(ended.reported("register-released"), 0, "{}", ended.lines());
-    // A write that was under way when the person ended it counts as well.
+    // A write that was under way when the operator ended the release counts as well.
     let named = told(ended, "register-left");
     assert!(named.last().unwrap().contains(&format!("{stays:.1} µm of ours")), "{}", ended.lines());
     let shown = &ended.samples.last().unwrap().status.left[0];
     assert!((shown.held_um - stays).abs() < 0.05 && shown.state == LeftState::Left, "{shown:?}");
-    // It is named again, and nothing goes on by itself.
+    // The register is reported again, and nothing continues by itself.
     assert_eq!(accesses(&traces[3]).len(), 0, "{}", traces[3].lines());
     let again = &told(&traces[3], "register-left")[..];
     assert!(matches!(again, [one] if one.contains(&format!("{stays:.1} µm of ours"))), "{again:?}");

@@ -22,7 +22,7 @@ fn writes_after(trace: &Trace, seconds: f64) -> Vec<f64> {
     running.map(|(_, value)| value).collect()
 }
 
-/// The axis is never switched off, and walks in again from `from` µm in steps.
+/// Checks that the axis is never switched off, and resumes in steps from `from` µm.
 fn walks_in_from(trace: &Trace, seconds: f64, from: f64) {
     law::holds(trace);
     assert_eq!(trace.reported("foreign-change") + trace.reported("disarmed"), 0, "{}", trace.lines());

@@ -1,5 +1,5 @@
-//! A virtual machine and a gateway in one process over real loopback sockets, on a clock that runs as fast as both
-//! allow, with everything that reached a device and everything that was told.
+//! Virtual machine and gateway in one process, over real loopback sockets. The clock runs as fast as both allow. The
+//! rig records all requests to devices and all events.
 
 use std::fs::Metadata;
 use std::path::Path;
@@ -21,15 +21,15 @@ use crate::faults::law;
 
 pub(crate) const BENCH: &str = include_str!("bench.toml");
 pub(crate) const LATHE: &str = include_str!("lathe.toml");
-/// A serial line that is fast, so that a day on it is not long.
+/// Fast serial line, so that a test of a whole day is not long.
 pub(crate) const PORT: Transport =
     Transport::Serial(Serial { baud: 115_200, parity: Parity::Even, stop_bits: 1 });
 pub(crate) const GRINDER: &str = include_str!("../../../profiles/surface-grinder.toml");
 
-/// How often the gateway is asked for its state.
+/// Interval of the samples of the gateway's status.
 const SAMPLE_EVERY: Duration = Duration::from_secs(1);
 
-/// The hardware, and the clock that it shares with whatever talks to it.
+/// Hardware, and the clock that it shares with its clients.
 pub(crate) struct World {
     pub(crate) profile: Profile,
     pub(crate) clock: Clock,
@@ -37,7 +37,7 @@ pub(crate) struct World {
     hold: Option<Hold>,
 }
 
-/// What is done to a gateway while it runs.
+/// Access to a gateway while it runs.
 pub(crate) struct Stage<'a> {
     pub(crate) source: &'a Arc<dyn Source>,
     pub(crate) clock: &'a Clock,
@@ -53,23 +53,23 @@ pub(crate) struct Trial<'a> {
     is_killed: bool,
 }
 
-/// The state at one moment.
+/// Status at one moment.
 pub(crate) struct Sample {
     pub(crate) at: Moment,
     pub(crate) status: Status,
 }
 
-/// What came of it.
+/// Result of a run.
 pub(crate) struct Trace {
     pub(crate) profile: Profile,
     pub(crate) begin: Moment,
     pub(crate) samples: Vec<Sample>,
     pub(crate) events: Vec<Entry>,
     pub(crate) wire: Vec<Seen>,
-    /// What the controls took of their sets.
+    /// Sets that the controls have taken.
     pub(crate) taken: Vec<Taken>,
     pub(crate) outcome: Outcome,
-    /// When it was asked to stop, and when it had.
+    /// Time of the request to stop, and time at which the gateway had stopped.
     pub(crate) stopped: (Moment, Moment),
 }
 
@@ -77,7 +77,7 @@ pub(crate) fn block_on<F: Future>(future: F) -> F::Output {
     tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap().block_on(future)
 }
 
-/// Where this says so, every line of every test speaks RTU: `rtu-over-tcp`, or `rtu` for ports.
+/// Variable that makes every line of every test use RTU: `rtu-over-tcp`, or `rtu` for ports.
 const LINES: &str = "TEST_LINES";
 
 pub(crate) fn profile(text: &str) -> Profile {
@@ -97,23 +97,23 @@ pub(crate) fn speaks_rtu(profile: &Profile) -> bool {
     profile.buses[0].transport != Transport::Tcp
 }
 
-/// The bench with a patience that a busy computer does not exhaust, for what is compared number by number.
+/// Bench with a timeout that a busy computer does not exceed, for results that are compared exactly.
 pub(crate) fn patient() -> String {
     BENCH.replace("100ms", "900ms")
 }
 
-/// A run of the bench with these faults.
+/// Runs the bench with these faults.
 pub(crate) fn bench(faults: &str, span: Duration) -> Trace {
     run(BENCH, faults, span)
 }
 
-/// A run of this profile with these faults.
+/// Runs this profile with these faults.
 pub(crate) fn run(text: &str, faults: &str, span: Duration) -> Trace {
     block_on(async { World::new(text, faults).await.gateway().run(span).await })
 }
 
-/// Waits until a disk has taken what was given to it: it is slower than a clock that nobody holds, and rows are dropped
-/// where too many wait.
+/// Waits until the disk has stored everything. It is slower than a clock that nothing holds, and rows are dropped if
+/// too many wait.
 fn catches_up(directory: &Path, quiet: Duration) {
     let written = || {
         let entries = std::fs::read_dir(directory).into_iter().flatten();
@@ -129,8 +129,8 @@ fn catches_up(directory: &Path, quiet: Duration) {
     }
 }
 
-/// Returns whether a thread that keeps logs or state is running, ready to run or waiting for the disk. On a busy computer that takes longer
-/// than any time without a change.
+/// Returns whether a thread that saves logs or state is running, ready to run or waiting for the disk. On a busy
+/// computer that takes longer than any time without a change.
 fn is_writing() -> bool {
     let threads = std::fs::read_dir("/proc/self/task").unwrap().flatten();
     let status = threads.filter_map(|thread| std::fs::read_to_string(thread.path().join("status")).ok());
@@ -146,7 +146,7 @@ impl World {
     }
 
     pub(crate) async fn of(profile: Profile, faults: &str) -> World {
-        // RTU has no transactions, but checksums, that can be wrong.
+        // RTU has no transactions. It has checksums, which can be wrong.
         let faults = if speaks_rtu(&profile) {
             faults
                 .replace("wrong-transaction", "wrong-checksum")
@@ -188,7 +188,7 @@ impl World {
         World { profile, clock, machine, hold: Some(hold) }
     }
 
-    /// Lets this much time pass without a gateway.
+    /// Lets this time pass without a gateway.
     pub(crate) async fn wait(&mut self, span: Duration) {
         let mut ticket = self.clock.join();
         drop(self.hold.take());
@@ -201,7 +201,7 @@ impl World {
     }
 }
 
-/// Who gives commands here.
+/// Sender of the commands of a test.
 pub(crate) fn somebody() -> Arc<Asker> {
     Arc::new(Asker::new(Way::Socket, "somebody"))
 }
@@ -212,7 +212,7 @@ impl<'a> Trial<'a> {
         self
     }
 
-    /// Does something at this time of the run. In the order of the times.
+    /// Calls `act` at this time of the run. Calls must be in the order of their times.
     pub(crate) fn at(mut self, after: Duration, act: impl FnOnce(&Stage<'_>) + 'a) -> Self {
         self.acts.push((after, Box::new(act)));
         self
@@ -225,12 +225,12 @@ impl<'a> Trial<'a> {
         })
     }
 
-    /// Runs the gateway for this long; then it is gone, without a stop.
+    /// Runs the gateway for this time, and then drops it without a stop.
     pub(crate) async fn killed_after(self, span: Duration) -> Trace {
         Trial { is_killed: true, ..self }.run(span).await
     }
 
-    /// Runs the gateway for this long and lets it come to rest.
+    /// Runs the gateway for this time, and then stops it.
     pub(crate) async fn run(self, span: Duration) -> Trace {
         let Trial { world, options, acts, is_killed } = self;
         let clock = world.clock.clone();
@@ -294,7 +294,7 @@ impl<'a> Trial<'a> {
         };
         world.hold = Some(clock.hold());
         if is_killed {
-            // No time passes, and what its disk had been given is on it.
+            // No time passes, and its disk contains everything that it was given.
             directory.iter().for_each(|directory| catches_up(directory, Duration::from_millis(500)));
         }
         let ended = clock.now();
@@ -308,12 +308,12 @@ impl<'a> Trial<'a> {
 }
 
 impl Trace {
-    /// How often this kind of event was told.
+    /// Number of events of this kind.
     pub(crate) fn reported(&self, kind: &str) -> usize {
         self.events.iter().filter(|event| event.kind == kind).count()
     }
 
-    /// Every line that was told, to be shown where a test fails.
+    /// All events as lines, for the message of a failed test.
     pub(crate) fn lines(&self) -> String {
         self.events
             .iter()
@@ -321,7 +321,7 @@ impl Trace {
             .collect()
     }
 
-    /// The states the first axis went through while it was not stopping.
+    /// States of the first axis before it was stopping.
     pub(crate) fn states(&self) -> Vec<&'static str> {
         let states = self.samples.iter().filter(|sample| sample.at <= self.stopped.0);
         let mut states: Vec<_> = states.map(|sample| sample.status.axes[0].state).collect();
@@ -329,7 +329,7 @@ impl Trace {
         states
     }
 
-    /// The states between two times of the run.
+    /// States of the first axis between two times of the run, s.
     pub(crate) fn states_between(&self, from: u64, to: u64) -> Vec<&'static str> {
         let mut states: Vec<_> = self.between(from, to).map(|sample| sample.status.axes[0].state).collect();
         states.dedup();
@@ -341,7 +341,7 @@ impl Trace {
         self.samples.iter().filter(move |sample| sample.at >= at(from) && sample.at <= at(to))
     }
 
-    /// The qualities a signal had between two times of the run.
+    /// Qualities of a signal between two times of the run, s.
     pub(crate) fn qualities(&self, signal: &str, from: u64, to: u64) -> Vec<&'static str> {
         let of = |sample: &Sample| {
             sample.status.signals.iter().find(|known| known.name == signal).map(|known| known.quality)
@@ -351,14 +351,14 @@ impl Trace {
         qualities
     }
 
-    /// What an output was asked to hold, in its unit, in the order of the wire.
+    /// Values written to an output, in its unit and in the order of the wire.
     pub(crate) fn writes(&self, output: &str) -> Vec<(Moment, f64)> {
         let output = self.profile.outputs.iter().find(|known| known.name == output).unwrap();
         let writes = self.wire.iter().filter_map(|seen| law::of_output(seen, output));
         writes.map(|seen| (seen.at, output.encoding.decode(&seen.wanted).unwrap())).collect()
     }
 
-    /// The counts of the heartbeat.
+    /// Counts of the heartbeat.
     pub(crate) fn beats(&self) -> Vec<u16> {
         let Some(heartbeat) = &self.profile.heartbeat else { return Vec::new() };
         let beats = self.wire.iter().filter(|seen| {
@@ -367,7 +367,7 @@ impl Trace {
         beats.map(|seen| seen.wanted[0]).collect()
     }
 
-    /// Seconds since the run began.
+    /// Time since the start of the run, s.
     pub(crate) fn seconds(&self, at: Moment) -> f64 {
         at.since(self.begin).as_secs_f64()
     }

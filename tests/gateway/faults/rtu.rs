@@ -1,4 +1,4 @@
-//! The same faults where the machine speaks RTU: all its devices through TCP, or its thermocouples on a serial port.
+//! The faults on RTU: all devices over TCP, or the thermocouples on a serial port.
 
 use std::time::Duration;
 
@@ -9,7 +9,7 @@ use crate::faults::rig::{BENCH, PORT, Trace, World, block_on, profile};
 
 const MINUTE: Duration = Duration::from_secs(60);
 
-/// With a patience that a busy computer does not exhaust.
+/// Bench with a timeout that a busy computer does not exceed.
 fn bench() -> Profile {
     profile(&BENCH.replace("100ms", "300ms"))
 }
@@ -35,7 +35,7 @@ fn minute_of(profile: Profile, kind: &str) -> Trace {
     thermocouples(profile, &format!("kind = \"{kind}\"\nfor_time = \"60s\""))
 }
 
-/// A port of a busy computer hands an answer over after its time.
+/// On a busy computer a port delivers an answer late.
 const WRONG: [&str; 2] = ["bad-reply", "timeout"];
 const NOTHING: [&str; 3] = ["bad-reply", "timeout", "link-down"];
 
@@ -49,7 +49,7 @@ fn is_late_for_a_minute(profile: Profile) {
     was_never_believed(&trace, &["timeout"]);
 }
 
-/// Just within the four timeouts that it is given.
+/// The delay is just within the four timeouts that are allowed.
 fn is_very_late_once(profile: Profile) {
     let trace = thermocouples(profile, "kind = \"late\"\ndelay = \"1100ms\"\nfor = 1");
     others_went_on(&trace);
@@ -97,7 +97,7 @@ fn comes_one_byte_at_a_time(profile: Profile) {
     assert_eq!(trace.qualities("bed", 5, 300), ["good"], "{}", trace.lines());
 }
 
-/// Mute until the line is opened again, which the second miss does.
+/// The device is silent until the line is opened again, which happens after the second miss.
 fn is_half_open(profile: Profile) {
     let trace = thermocouples(profile, "kind = \"half-open\"\nfor = 1");
     others_went_on(&trace);

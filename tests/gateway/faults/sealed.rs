@@ -1,4 +1,5 @@
-//! Document and number that were damaged, swapped, copied or lost between two runs: nothing is moved before a person arms.
+//! Document and number that were damaged, exchanged, copied or lost between two runs. Nothing moves before the operator
+//! arms.
 
 use std::fs;
 use std::path::Path;
@@ -13,12 +14,12 @@ const MINUTE: Duration = Duration::from_secs(60);
 const STATE: &str = "bench.state.json";
 const NUMBER: &str = "bench.number";
 
-/// The bench, whose offset stays where it is when the gateway ends.
+/// Bench whose offset stays in the register when the gateway ends.
 fn held() -> String {
     BENCH.replace("action = \"ramp\", after = \"30s\"", "action = \"hold\"")
 }
 
-/// What lies in a directory, by name.
+/// Copies all files of a directory, by name.
 fn copy(from: &Path, to: &Path) {
     for entry in fs::read_dir(from).unwrap() {
         let entry = entry.unwrap();
@@ -32,16 +33,16 @@ fn change(path: &Path, how: impl FnOnce(&mut Vec<u8>)) {
     fs::write(path, bytes).unwrap();
 }
 
-/// Where a text begins in a file, which is its content's and not its seal's.
+/// Offset of a text in a file. The text is part of its content and not of its seal.
 fn place(bytes: &[u8], text: &str) -> usize {
     bytes.windows(text.len()).position(|window| window == text.as_bytes()).unwrap()
 }
 
-/// Two runs, one after the other, and a third after what was done to their files; in it a person arms after half a
-/// minute.
+/// Two runs, one after another, and a third one after a change of their files. In the third run the operator arms after
+/// half a minute.
 struct Three {
     world: World,
-    /// As the first and as the second run left it.
+    /// Directories as the first and the second run left them.
     left: [tempfile::TempDir; 2],
 }
 
@@ -147,7 +148,7 @@ fn the_state_of_another_machine_is_not_believed() {
     let elsewhere = tempfile::tempdir().unwrap();
     block_on(async {
         let mut other = World::new(&held(), "").await;
-        // It has the same name, and was begun at another moment.
+        // The other machine has the same name, and was begun at another time.
         other.wait(MINUTE).await;
         let directory = Some(elsewhere.path().to_owned());
         other.gateway().options(|options| options.directory = directory).run(5 * MINUTE).await;

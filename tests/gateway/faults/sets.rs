@@ -1,4 +1,4 @@
-//! Sets: what belongs together lands together, whatever is lost on the way.
+//! Sets: their values are written together, whatever is lost on the way.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -13,7 +13,7 @@ use crate::faults::rig::{Trace, run};
 const MINUTE: Duration = Duration::from_secs(60);
 const BLOCK: &str = include_str!("plc.toml");
 
-/// The sequence far from the values, and the values not side by side: several requests.
+/// Set whose sequence register is far from the values, and whose values are not adjacent. It needs several requests.
 fn apart() -> String {
     BLOCK
         .replace("holding:103", "holding:140")
@@ -30,7 +30,7 @@ fn plc(keys: &str) -> String {
     format!("[[fault]]\ndevice = \"plc\"\n{keys}\n")
 }
 
-/// Every law, and: what the control took was always a whole set, X being −Z and Y being Z.
+/// Checks every invariant, and that the control always took a whole set: X is −Z, and Y is Z.
 fn holds(trace: &Trace) {
     law::holds(trace);
     law::nothing_taken_jumps(trace);
@@ -68,7 +68,8 @@ fn a_set_side_by_side_is_one_request_with_its_sequence_and_its_complement() {
     assert!(last > 15 && trace.outcome.rested, "{last} {:?}", trace.outcome);
 }
 
-/// A late set puts the number back; a control that takes only another number would pass over one that comes twice.
+/// A late set restores an earlier number. A control that accepts only a different number would ignore a number that
+/// comes twice.
 #[test]
 fn an_older_number_that_is_put_back_makes_none_come_twice() {
     for text in [BLOCK.to_owned(), shaken(BLOCK), apart(), shaken(&apart())] {
@@ -99,7 +100,7 @@ fn a_set_that_lies_apart_has_its_sequence_written_last_and_is_never_taken_by_hal
     assert_eq!(trace.states(), ["waiting", "active"], "{}", trace.lines());
 }
 
-/// Requests are lost one after the other at every place of an exchange: before, inside and after a set.
+/// Requests are lost one after another at every place of an exchange: before, inside and after a set.
 #[test]
 fn whatever_is_lost_on_the_way_no_half_set_is_taken_and_nothing_jumps() {
     for (text, kind) in [
@@ -128,7 +129,7 @@ fn whatever_is_lost_on_the_way_no_half_set_is_taken_and_nothing_jumps() {
     }
 }
 
-/// A fault every hundred seconds, at any place of an exchange, for one reply or for a while.
+/// Script with a fault every hundred seconds, at any place of an exchange, for one answer or for some time.
 fn day(seed: u64, with_handshake: bool) -> String {
     let mut random = Pcg32::seed_from_u64(seed);
     let kinds = [
@@ -201,7 +202,7 @@ fn a_set_with_a_handshake_has_one_strobe_for_all_of_it() {
     assert_eq!(trace.states(), ["waiting", "active"], "{}", trace.lines());
     let mut count: HashMap<u16, usize> = HashMap::new();
     writes(&trace).for_each(|seen| *count.entry(seen.address.register().unwrap().offset).or_default() += 1);
-    // One strobe up and one down for each set; one more down before the first.
+    // The strobe goes up once and down once for each set. It also goes down once before the first.
     assert_eq!(count[&20], 2 * count[&103] + 1, "{count:?}");
 }
 
@@ -258,7 +259,7 @@ fn a_restarted_plc_gets_its_set_again_from_zero_in_steps() {
     }
 }
 
-/// K0, tanβ and P0 in one set: from the first write on, the control knows what its slope is measured from.
+/// K0, tanβ and P0 in one set: from the first write on, the control has the reference position of its slope.
 #[test]
 fn the_three_parts_of_a_line_land_together() {
     let line = include_str!("line.toml");
@@ -278,8 +279,8 @@ fn the_three_parts_of_a_line_land_together() {
     assert!(slope.iter().any(|(_, value)| value.abs() > 0.004), "{slope:?}");
 }
 
-/// A heartbeat twice a second beside the values, and every fortieth or twentieth answer lost: a rule that waited `late` after
-/// each of them would stand still.
+/// A heartbeat twice a second next to the values, and every fortieth or twentieth answer is lost. If the gateway waited
+/// `late` after each of them, the set would never be written.
 #[test]
 fn with_lost_answers_and_a_fast_heartbeat_a_set_still_follows_two_micrometres_a_minute() {
     let text = BLOCK
@@ -307,13 +308,13 @@ fn with_lost_answers_and_a_fast_heartbeat_a_set_still_follows_two_micrometres_a_
             behind = behind.max(wanted - stands.value.unwrap());
         }
         println!("one of {one_of} lost: {behind:.1} µm behind at most; {} sets taken", trace.taken.len());
-        // What is wanted goes up by one at once, every half minute.
+        // The requested value rises by one at once, every half minute.
         assert!(behind <= 3.5, "one of {one_of}: {behind:.1} µm behind\n{}", trace.lines());
         assert_eq!(trace.reported("foreign-change") + trace.reported("disarmed"), 0, "{}", trace.lines());
     }
 }
 
-/// The longest time between two heartbeats after the first, s.
+/// Longest time between two heartbeats after the first, s.
 fn silence(trace: &Trace, register: u16) -> f64 {
     let beats = writes(trace).filter_map(|seen| {
         let first = seen.address.register()?.offset;
@@ -324,7 +325,7 @@ fn silence(trace: &Trace, register: u16) -> f64 {
     beats.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max)
 }
 
-/// A write is not answered, and the control restarts: until the write cannot arrive any more, no member may be written.
+/// A write is not answered, and the control restarts. Until the write can no longer arrive, no member may be written.
 #[test]
 fn heartbeat_and_control_word_continue_while_a_late_write_forbids_the_members() {
     let own = "sequence = \"holding:103\"\ncomplement = \"holding:110\"";
@@ -349,8 +350,8 @@ fn heartbeat_and_control_word_continue_while_a_late_write_forbids_the_members() 
     }
 }
 
-/// A control that takes nothing but the next number, and acknowledges nothing else. Answers, strobes and acknowledges are lost, and
-/// writes are carried out and denied.
+/// A control that accepts only the next number, and acknowledges nothing else. Answers, strobes and acknowledges are
+/// lost. Writes are executed but reported as failed.
 #[test]
 fn a_control_that_takes_nothing_but_the_next_number_is_never_left_behind() {
     let next = plc("kind = \"next-number\"\nat = \"0s\"\nfor_time = \"3600s\"");

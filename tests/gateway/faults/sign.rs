@@ -1,4 +1,4 @@
-//! A sign check that nobody answers ends three minutes after the offset has arrived.
+//! A sign check without an answer ends three minutes after the offset has arrived.
 
 use std::cell::Cell;
 use std::time::Duration;
@@ -13,7 +13,7 @@ const MINUTE: Duration = Duration::from_secs(60);
 
 #[test]
 fn a_check_waits_three_minutes_for_its_answer_and_then_walks_back() {
-    // Small gains: the axis has arrived whenever it is asked for.
+    // The gains are small, so that the axis has always arrived when the check begins.
     let text = patient().replace("gain = 2.0", "gain = 0.001").replace("gain = -2.0", "gain = -0.001");
     for answered_after in [Some(170), None] {
         let begun = Cell::new(None);

@@ -1,4 +1,5 @@
-//! How a gateway ends: asked to, by a panic inside, by a line that no longer cycles; and how the next one goes on.
+//! End of a gateway: by a request, by an internal panic, by a line that takes no turns any more. Also how the next run
+//! continues.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -28,7 +29,7 @@ fn took(trace: &Trace) -> Duration {
     trace.stopped.1.since(trace.stopped.0)
 }
 
-/// The deadline that the gateway gave itself.
+/// Deadline that the gateway has reported for its stop.
 fn deadline(trace: &Trace) -> Duration {
     let line = trace.events.iter().find(|event| event.kind == "stopping").unwrap();
     let (_, span) = line.text.split_once("at most ").unwrap();
@@ -66,7 +67,7 @@ fn asked_to_stop_it_goes_to_zero_in_whole_steps_where_the_profile_says_zero() {
     assert!(took(&trace) <= deadline(&trace), "{:?}", took(&trace));
 }
 
-/// The bench with a stop that moves nothing.
+/// Bench with a stop that moves nothing.
 fn keeping(text: &str) -> String {
     text.replace("arm  = \"auto\"", "arm  = \"auto\"\non_stop = \"hold\"")
 }
@@ -162,7 +163,7 @@ fn a_second_run_goes_on_from_the_references_and_the_machine_time_of_the_first() 
     assert_eq!(second.reported("machine-started"), 0, "{}", second.lines());
 }
 
-/// A machine whose one temperature rises by 0.001 °C a second, whatever happens, and an axis that follows it late.
+/// Machine whose only temperature rises by 0.001 °C per second, and an axis that follows it with a lag.
 async fn drifting() -> World {
     const PROFILE: &str = "
         [machine]
@@ -250,7 +251,7 @@ fn an_hour_without_the_gateway_changes_nothing_that_lags() {
     }
     assert!(second.begin.since(first.begin) >= 120 * MINUTE);
 
-    // K·L·r·(t − C·(1 − e^(−t/C))) with r = 0.001 °C/s.
+    // Expected value: K·L·r·(t − C·(1 − e^(−t/C))) with r = 0.001 °C/s.
     let by_hand = |t: f64| 3.45e-3 * (t - 1800.0 * (1.0 - (-t / 1800.0).exp()));
     let raw = |sample: &Sample| sample.status.axes[0].raw_um;
     let (mut compared, mut following) = (0, 0);
@@ -260,7 +261,7 @@ fn an_hour_without_the_gateway_changes_nothing_that_lags() {
         assert!((found - wanted).abs() < 0.05, "{} s: {found} {wanted}", whole.seconds(sample.at));
         assert!((found - by_hand(whole.seconds(sample.at))).abs() < 0.05);
         compared += 1;
-        // It walks from what stands there to what an hour has added, and then follows as the other does.
+        // The axis moves from the register value by the change of one hour, and then follows like the other one.
         if second.seconds(sample.at) > 90.0 && sample.at <= second.stopped.0 {
             let (found, wanted) = (sample.status.axes[0].cz_um, there.status.axes[0].cz_um);
             assert!((found - wanted).abs() < 0.05, "{} s: {found} {wanted}", whole.seconds(sample.at));
@@ -279,14 +280,14 @@ fn an_hour_without_the_gateway_changes_nothing_that_lags() {
     );
 }
 
-/// What happens to the thread at one request.
+/// Fault of the thread at one request.
 #[derive(Clone, Copy)]
 enum Mishap {
     Panic,
     Block(Duration),
 }
 
-/// A dialer whose wires come to grief once, at the nth request on the bus of this name.
+/// Dialer whose wires fail once, at the nth request on the bus of this name.
 fn grief(bus: &'static str, nth: u32, mishap: Mishap) -> Dialer {
     let calls = Arc::new(AtomicU32::new(0));
     Arc::new(move |settings: &Bus| {

@@ -1,4 +1,4 @@
-//! Controls and displays from their templates, end to end: what is raw on the wire.
+//! Controls and displays from their templates, end to end: the raw registers on the wire.
 
 use std::time::Duration;
 
@@ -15,7 +15,7 @@ const SECOND: Duration = Duration::from_secs(1);
 const BREAKS: &str =
     "[[fault]]\ndevice = \"thermocouples\"\nkind = \"sentinel\"\nsignal = \"bed\"\nat = \"60s\"\n";
 
-/// A thermocouple module, a control from a template, and axes that follow the bed.
+/// Profile with a thermocouple module, a control from a template, and axes that follow the bed.
 fn machine(control: &str, axes: &[&str], more: &str) -> String {
     let mut text = format!(
         r#"
@@ -83,7 +83,7 @@ fn outputs(channels: &[(&str, &str)]) -> String {
     channels.iter().map(one).collect()
 }
 
-/// What was written to the control, in its order.
+/// Writes to the control, in their order.
 fn written(trace: &Trace) -> Vec<&Seen> {
     let cnc = trace.profile.devices.iter().position(|device| device.name == "cnc");
     trace.wire.iter().filter(|seen| seen.is_write() && Some(seen.device.0) == cnc).collect()
@@ -97,7 +97,8 @@ fn real(words: &[u16]) -> f32 {
     f32::from_be_bytes([words[0].to_be_bytes(), words[1].to_be_bytes()].concat().try_into().unwrap())
 }
 
-/// Every block: one request, heartbeat and sequence count, the version stands, and the check word fits.
+/// Blocks that were written. Checks that each is one request, heartbeat and sequence count, the version is constant,
+/// and the check word fits.
 fn blocks(trace: &Trace, base: u16) -> Vec<&Seen> {
     let blocks = written(trace);
     assert!(blocks.len() > 60, "{}", blocks.len());
@@ -133,7 +134,7 @@ fn a_plc_is_given_its_block_in_one_request_a_second_with_heartbeat_control_and_c
     let faulty = enabled | ControlWord::FAULT;
     // The heartbeat begins with the first good reading, which may be one turn before the axes are armed.
     let words = words.strip_prefix(&[0]).unwrap_or(&words);
-    // The last word says that nothing is armed any more.
+    // The last word reports that nothing is armed any more.
     assert_eq!(words, [enabled, faulty | ControlWord::HOLD, faulty, ControlWord::FAULT], "{}", trace.lines());
     let high = blocks.iter().map(|seen| signed(&seen.wanted[8..10])).max().unwrap();
     for seen in &blocks {
@@ -245,7 +246,7 @@ fn a_sinumerik_is_given_the_parts_of_its_line_as_real_numbers_in_millimetres() {
     let trace = run(&text, "", 2 * MINUTE);
     law::holds(&trace);
     let blocks = blocks(&trace, 0);
-    // Before it is armed all of it goes along as it stands.
+    // Before the axis is armed, all members are written with their present values.
     let stands = |words: &[u16]| real(words) == 0.0;
     let armed = blocks.iter().skip_while(|seen| stands(&seen.wanted[4..6]) && stands(&seen.wanted[8..10]));
     for seen in armed {
@@ -300,7 +301,7 @@ fn linuxcnc_is_given_words_around_32768_that_never_wrap() {
     assert_eq!(trace.profile.heartbeat.as_ref().unwrap().address.to_string(), "holding:3 (40004)");
 }
 
-/// A display of the corrected position.
+/// Profile with a display of the corrected position.
 fn display(template: &str) -> String {
     let output =
         "[output.readout]\naxis = \"z\"\ndevice = \"cnc\"\nchannel = \"value\"\nposition = \"scale_z\"\n";
@@ -342,7 +343,7 @@ fn a_ditel_display_shows_value_point_and_colour_in_one_request_red_on_a_fault_an
     assert!(values.iter().any(|seen| trace.seconds(seen.at) > 107.0), "the value comes back");
 }
 
-/// -3270 with two decimals is FF FF F3 3A 02 00, as the manual of the display has it.
+/// -3270 with two decimals is FF FF F3 3A 02 00, as in the manual of the display.
 #[test]
 fn the_example_of_the_displays_manual_is_what_is_encoded() {
     let machine = crate::faults::rig::profile(&display("ditel-dn-nb"));

@@ -1,6 +1,6 @@
-//! Days on which the computer cannot be trusted: its clock is set while the gateway runs and between two runs, it is killed,
-//! its state is damaged, replaced by an older one or lost, its directory taken away, and people command. Seeded. Not one
-//! row of the log, not one event and not one micrometre is lost.
+//! Days with an unreliable computer. Its clock is set while the gateway runs and between two runs. The gateway is
+//! killed. Its state is damaged, replaced by an older one or lost, its directory is removed, and operators send
+//! commands. The faults are random with a seed. No row of the log, no event and no micrometre is lost.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -17,23 +17,23 @@ use crate::faults::keeping::kept_in;
 use crate::faults::law;
 use crate::faults::rig::{Trace, World, block_on, somebody};
 
-/// How long; three days with `tests/run long`.
+/// Variable with the duration in hours; `tests/run long` sets three days.
 const HOURS: &str = "TEST_TRUST_HOURS";
 const SECOND: Duration = Duration::from_secs(1);
-/// The period of the axis: so far from one row of the log to the next.
+/// Period of the axis, which is the time between two rows of the log.
 const PERIOD: Duration = Duration::from_secs(2);
-/// What the time of day is set to, from what it should be: seconds.
+/// Errors to which the time of day is set, s.
 const WRONG: [i64; 10] =
     [0, 0, 0, 3600, -3600, 86_400, -86_400, 366 * 86_400, -10 * 365 * 86_400, -56 * 365 * 86_400];
 
-/// A computer that is not what it should be.
+/// Unreliable computer.
 struct Computer {
     world: World,
     home: tempfile::TempDir,
     random: Pcg32,
-    /// Directories that were taken away.
+    /// Number of directories that were removed.
     taken: usize,
-    /// An older copy of the state.
+    /// Older copies of the state.
     copies: Vec<(PathBuf, Vec<u8>)>,
     seen: BTreeMap<(String, String), u64>,
     what: BTreeMap<&'static str, u32>,
@@ -52,7 +52,7 @@ impl Computer {
         WRONG[self.random.random_range(0..WRONG.len())]
     }
 
-    /// Files that are kept by name, with these endings.
+    /// Files with these endings in the state directory.
     fn documents(&self, endings: &[&str]) -> Vec<PathBuf> {
         let entries = fs::read_dir(self.directory()).into_iter().flatten().flatten();
         let paths = entries.map(|entry| entry.path());
@@ -61,7 +61,7 @@ impl Computer {
         paths.filter(has).collect()
     }
 
-    /// What becomes of it while no gateway runs.
+    /// Damages the computer while no gateway runs.
     fn is_maltreated(&mut self) {
         if self.random.random_range(0..3) == 0 {
             let wrong = self.wrong_time();
@@ -87,7 +87,7 @@ impl Computer {
             2 => self.loses_its_directory(),
             _ => {}
         }
-        // A number that is as old as its document shows nothing.
+        // A number that is as old as its document is not detected.
         let copies =
             self.documents(&["json"]).into_iter().map(|path| (path.clone(), fs::read(&path).unwrap()));
         self.copies = copies.collect();
@@ -99,7 +99,7 @@ impl Computer {
         self.count("directory lost between two runs");
     }
 
-    /// One life of a gateway. Somebody looks after it, and arms it where it asks for that.
+    /// One life of a gateway. An operator watches it, and arms it if it asks for that.
     async fn lives(&mut self, left: Duration) -> Trace {
         let span = (SECOND * self.random.random_range(300..3600)).min(left);
         let is_killed = self.random.random_range(0..5) < 3;
@@ -129,7 +129,7 @@ impl Computer {
                     stage.clock.set_time_of_day(offset(stage.clock.now(), wrong));
                 }
                 if let Some(command) = command {
-                    // Where it is armed already, or still waits, the answer says so.
+                    // If the axis is already armed, or still waits, the answer says so.
                     let _ = stage.source.command(command, None, &somebody());
                 }
             });
@@ -153,7 +153,7 @@ impl Computer {
         }
     }
 
-    /// What is in all of its directories: the files of this ending.
+    /// Files with this ending in all its directories.
     fn files(&self, ending: &str) -> Vec<PathBuf> {
         let homes = fs::read_dir(self.home.path()).unwrap().flatten();
         let entries = homes.flat_map(|home| fs::read_dir(home.path()).unwrap().flatten());
@@ -169,7 +169,7 @@ fn offset(now: Moment, seconds: i64) -> Moment {
     if seconds < 0 { now.before(span) } else { now.after(span) }
 }
 
-/// How long the rows of a log go on without a gap, all runs of it together; and how many runs there are.
+/// Time that the rows of a log cover without a gap, for all its runs together; and the number of runs.
 fn covered(log: &Path) -> (Duration, u32) {
     let mut reader = csv::ReaderBuilder::new().flexible(true).from_path(log).unwrap();
     let memory = reader.headers().unwrap().iter().position(|name| name == "machine_memory").unwrap();
@@ -233,7 +233,7 @@ fn days_of_wrong_clocks_kills_and_lost_state_lose_no_row_no_event_and_no_microme
         logs.len(),
         computer.what
     );
-    // At each beginning and at each end less than a period.
+    // At each beginning and each end, less than a period is missing.
     let lost = lived.saturating_sub(rows);
     assert!(lost <= PERIOD * 2 * begun, "{lost:?} of {lived:?} are not in the logs, {begun} beginnings");
     let mut kept: BTreeMap<(String, String), u64> = BTreeMap::new();

@@ -1,4 +1,4 @@
-//! What the control says it applies.
+//! Value that the control reports as applied.
 
 use std::time::Duration;
 

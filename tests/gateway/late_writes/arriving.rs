@@ -1,4 +1,4 @@
-//! Writes that a box on the way holds for seconds, and what the register does when they come.
+//! Writes that something on the way delays for seconds, and the register when they arrive.
 
 use std::time::Duration;
 
@@ -10,7 +10,7 @@ use crate::late_writes::rig::{
     LEDGER, Program, SET, all_at_once, beside, blames_nobody, nobody_is_blamed, profile_of, promises,
 };
 
-/// Warms the bed until 5 µm are asked for, cools it to −2 µm while the write is held, and lets it arrive.
+/// Warms the bed until 5 µm are requested. Cools it to −2 µm while the write is delayed, and lets the write arrive.
 fn held(late: &str, span: Duration, more: &str) -> (Shared, Status) {
     let control = Control::of(move |write| if write == 3 { Fate::Held(span) } else { Fate::Done });
     let text = profile_of(&control, late, more);
@@ -37,24 +37,24 @@ fn a_write_that_is_held_and_comes_late_moves_the_register_by_a_step_at_most_and_
     }));
 }
 
-/// What becomes of the program while its write is held.
+/// Kill of the program while its write is delayed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Killed {
     Never,
-    /// As soon as the write has come, before anything is known of it.
+    /// As soon as the write has arrived at the delay, before its result is known.
     AtOnce,
-    /// When nobody has answered it, and the program has kept that it may still arrive.
+    /// When it was not answered, and the program has saved that it may still arrive.
     Later,
 }
 
 const KILLS: [Killed; 3] = [Killed::Never, Killed::AtOnce, Killed::Later];
 
-/// What the output is.
+/// Kind of the output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Kind {
-    /// A register of ours alone, of which the profile says this as well.
+    /// A register without an operator, with these keys of the output.
     Whole(&'static str),
-    /// One that cannot be read.
+    /// A register that cannot be read, with these keys.
     Unread(&'static str),
     Shared,
     Set,
@@ -73,10 +73,10 @@ const KINDS: [Kind; 8] = [
     Kind::Shared,
     Kind::Set,
 ];
-/// The same unit, of which nothing can be read.
+/// The same unit as a device of which nothing can be read.
 const BLIND: &str =
     "[device.blind]\nbus = \"cell\"\nunit = 1\nevery = \"250ms\"\nfunctions = [\"write-single\"]\n";
-/// Left out of a profile, `late` is as long.
+/// Default of `late`.
 const LATE: &str = "30s";
 
 impl Kind {
@@ -93,7 +93,7 @@ impl Kind {
     }
 }
 
-/// A write was held, and has come.
+/// A write was delayed, and has arrived.
 struct Came {
     name: String,
     control: Shared,
@@ -101,8 +101,8 @@ struct Came {
 }
 
 impl Came {
-    /// The fourth write, on the way to 5 µm, is held for so many seconds, while −2 µm are asked for; where that is longer than
-    /// `late`, until the axis has gone there.
+    /// Delays the fourth write, on the way to 5 µm, for this many seconds, while −2 µm are requested. If that is longer
+    /// than `late`, the write arrives when the axis is at −2 µm.
     fn after(span: u64, kind: Kind, killed: Killed) -> Came {
         let name = format!("{span} s, {kind:?}, killed {killed:?}");
         let fate = move |write| if write == 3 { Fate::Held(Duration::from_secs(span)) } else { Fate::Done };
@@ -113,7 +113,7 @@ impl Came {
         control.lock().unwrap().words[0] = 180;
         if killed == Killed::Later {
             std::thread::sleep(Duration::from_secs(1));
-            // A slow disk has that later.
+            // On a slow disk this takes longer.
             let held = i64::from(control.lock().unwrap().held.unwrap());
             let document = program.document();
             program.waits_until(&name, || promises(&document).contains(&held));
@@ -131,7 +131,7 @@ impl Came {
         self.program.waits_until(&self.name, || control.lock().unwrap().offset() == at);
     }
 
-    /// Where it stands now it stays. What the program has said from its start on.
+    /// Checks that the register keeps its value, and ends the program. Returns everything that the program has printed.
     fn ends(self) -> (String, Shared, Vec<String>) {
         let stands = self.control.lock().unwrap().offset();
         std::thread::sleep(Duration::from_secs(2));
@@ -150,13 +150,13 @@ impl Came {
     }
 }
 
-/// How often it said that the write came late, that it was perhaps its own, and that it waits.
+/// Number of messages that the write arrived late, that it was perhaps an own write, and that a write is waited for.
 fn reported(said: &[String]) -> [usize; 3] {
     let count = |text| said.iter().filter(|line| line.contains(text)).count();
     ["arrived late", "perhaps our own", "waiting for a late write"].map(count)
 }
 
-/// Held for less than `late`.
+/// Checks a write that is delayed for less than `late`.
 fn in_time(span: u64, kind: Kind, killed: Killed) {
     let mut came = Came::after(span, kind, killed);
     came.arrives(-20);
@@ -169,14 +169,15 @@ fn in_time(span: u64, kind: Kind, killed: Killed) {
     }
 }
 
-/// Held for longer than `late`: what it does then nobody can prevent, and what it has done is found where that can be.
+/// Checks a write that is delayed for longer than `late`. Its effect cannot be prevented. It is detected if the
+/// register can be read.
 fn too_late(kind: Kind, killed: Killed) {
     let mut came = Came::after(35, kind, killed);
     let (stood, late) = came.control.lock().unwrap().late.unwrap();
     let mut jumps = vec![(stood, late)];
     let is_known = match (kind, killed) {
         (Kind::Unread(ECHO), _) => {
-            // What nobody reads stands there until it is written again.
+            // An unread register keeps the value until it is written again.
             jumps.push((late, -30));
             false
         }
@@ -186,7 +187,8 @@ fn too_late(kind: Kind, killed: Killed) {
             false
         }
         (Kind::Shared, _) => {
-            // A person says whose it is and makes it right; his edit is no jump of ours, and undoes this one.
+            // The operator confirms the division and corrects the register. The edit is no jump of the gateway, and
+            // undoes this one.
             came.program.running.hears("are taken to be ours");
             came.is_left_alone();
             came.control.lock().unwrap().edits(stood - late);
@@ -195,7 +197,8 @@ fn too_late(kind: Kind, killed: Killed) {
             false
         }
         (_, Killed::AtOnce) => {
-            // One that it knew nothing of when it was killed may be anybody's; where the kill came a moment later, it knew.
+            // If the program was killed at once, it does not know the write, which may come from another client. If the
+            // kill came a moment later, the program knows the write.
             let said = came.program.running.hears_one_of(&["somebody else wrote", "arrived late"]);
             if said.contains("somebody else wrote") {
                 came.is_left_alone();
@@ -217,7 +220,7 @@ fn too_late(kind: Kind, killed: Killed) {
 }
 
 impl Came {
-    /// No offset is written.
+    /// Checks that no offset is written.
     #[track_caller]
     fn is_left_alone(&self) {
         let stands = self.control.lock().unwrap().offset();

@@ -1,5 +1,5 @@
-//! A serial server that buffers: RTU through a socket, whose questions and answers are handed on late and in lumps,
-//! whoever is connected then and whatever he has asked meanwhile.
+//! Serial server that buffers RTU over a socket. It passes on requests and answers late and in blocks, to the client
+//! that is connected then, whatever the client has requested in the meantime.
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -17,7 +17,7 @@ use crate::late_writes::device::gateway::{self, wait_until};
 use crate::late_writes::device::server::Question;
 use crate::late_writes::rig::{LEDGER, all_at_once, nobody_is_blamed};
 
-/// Two units, and two registers of each: whichever answer is taken for another's, it is a wrong one.
+/// Two units with two registers each. An answer that is taken for another one has a wrong value.
 const PROFILE: &str = r#"
 [machine]
 name = "buffered"
@@ -71,7 +71,7 @@ type = "i16"
 scale = 0.1
 "#;
 
-/// What is kept, and which question it is about.
+/// Kind of the buffered message, and the kind of request that it belongs to.
 #[derive(Clone, Copy, Debug)]
 struct Keeps {
     what: What,
@@ -80,9 +80,9 @@ struct Keeps {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum What {
-    /// The question, from the unit.
+    /// The request to the unit.
     Question,
-    /// The answer, from whoever is connected; and every later one until it goes.
+    /// The answer to the connected client, and every later answer until it is sent.
     Answer,
 }
 
@@ -93,21 +93,22 @@ enum About {
     Write,
 }
 
-/// Every third of these, and not more of them than a test has time for, for so long: more than a timeout, less than the four
-/// that a late answer may take. The longest comes when a gateway that did not wait for it would have asked again. A busy computer adds
-/// two seconds at most.
+/// Every third request of the kind is buffered, but not more than a test has time for. Each time is longer than a
+/// timeout, and shorter than the four timeouts that a late answer may take. The longest ends when a gateway that does
+/// not wait for it would have asked again. A busy computer adds two seconds at most.
 const EACH: usize = 3;
 const MOST: usize = 2;
 const SPANS: [Duration; 3] =
     [Duration::from_millis(4000), Duration::from_millis(6000), Duration::from_millis(9200)];
 
-/// A profile has no period shorter than a timeout: what it asks for in one is nothing to this line otherwise.
+/// Period of polls and axes, because a profile has no period shorter than a timeout. With such a period, this line
+/// would be idle most of the time.
 const PACE: Duration = Duration::from_millis(200);
 
-/// One exchange with a unit takes so long.
+/// Time of one exchange with a unit.
 const EXCHANGE: Duration = Duration::from_millis(20);
 
-/// The server's end of the socket.
+/// Server side of the socket.
 #[derive(Default)]
 struct Out {
     newest: Option<TcpStream>,
@@ -119,13 +120,13 @@ impl Out {
     fn passes_on(&mut self, now: Moment) {
         if now >= self.until && !self.kept.is_empty() {
             let lump = std::mem::take(&mut self.kept);
-            // To one who has just gone nothing can be said.
+            // A client that has just disconnected receives nothing.
             let _ = self.newest.as_mut().map(|stream| stream.write_all(&lump));
         }
     }
 }
 
-/// The serial server before this control; how often it has kept something.
+/// Starts the serial server in front of this control. Returns its address, and how often it has buffered something.
 fn serve(control: &Shared, keeps: Keeps) -> (SocketAddr, Arc<Mutex<usize>>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
@@ -176,7 +177,7 @@ fn serve(control: &Shared, keeps: Keeps) -> (SocketAddr, Arc<Mutex<usize>>) {
     (address, count)
 }
 
-/// How long this one is kept, of those that are.
+/// Time for which this request is buffered. `None` if it is not.
 fn next(seen: &mut usize, count: &Mutex<usize>) -> Option<Duration> {
     *seen += 1;
     let mut count = count.lock().unwrap();
@@ -203,7 +204,7 @@ fn carry_out(question: &Question, control: &Shared) -> Vec<u8> {
     question.answer(&question.done())
 }
 
-/// Up to 5 µm and down to −2 µm, the other axis the other way.
+/// Runs up to 5 µm and down to −2 µm, with the other axis in the opposite direction.
 fn kept(keeps: Keeps, more: &str) {
     let name = format!("{keeps:?} {more:?}");
     let control = Control::of(|_| unreachable!());
@@ -239,7 +240,7 @@ fn kept(keeps: Keeps, more: &str) {
     assert!(turns_once(&control.stood, 50) && turns_once(&control.beside, -50), "{:?}", control.stood);
 }
 
-/// A late answer that was believed would be a temperature that never was.
+/// Checks that only true temperatures were accepted. A late answer would have another value.
 #[track_caller]
 fn believes_what_is_so(status: &Status) {
     let value =
@@ -250,7 +251,7 @@ fn believes_what_is_so(status: &Status) {
     assert!(is(value("bed"), &[25.0, 18.0]) && is(value("air"), &[90.0]), "{:?}", status.signals);
 }
 
-/// It goes from zero to there and back, and never the other way.
+/// Returns whether the values go from zero to `at` and back, and never in the wrong direction.
 fn turns_once(stood: &[i16], at: i16) -> bool {
     let Some(turn) = stood.iter().position(|value| *value == at) else { return false };
     let goes = |part: &[i16], way: i16| part.windows(2).all(|pair| (pair[1] - pair[0]).signum() == way);

@@ -1,4 +1,4 @@
-//! The control: twenty registers, and something on the way to them.
+//! Control with twenty registers, and a faulty path to them.
 
 use std::io::{Result, Write};
 use std::net::{SocketAddr, TcpStream};
@@ -10,65 +10,67 @@ use isotherm_core::quantity::Moment;
 
 use crate::late_writes::device::server::{self, Question};
 
-/// Counts of a step: 1 µm in tenths.
+/// Counts of one step: 1 µm in tenths.
 pub(crate) const STEP: i16 = 10;
-/// The scale of a machine that has one.
+/// Register of the scale of a machine that has one.
 pub(crate) const SCALE: usize = 5;
 
-/// The first of its offsets.
+/// Register of the first offset.
 const OFFSET: usize = 10;
 
-/// What happens to a write.
+/// Fate of a write.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Fate {
-    /// It is carried out and answered.
+    /// The write is executed and answered.
     Done,
-    /// It is carried out when so much time has passed, and not before the offset of [`Control::comes_over`] stands there;
-    /// its answer finds nobody.
+    /// The write is executed after this time, and not before the register has the offset of [`Control::comes_over`].
+    /// Its answer reaches no client.
     Held(Duration),
-    /// It is carried out, and this is answered instead.
+    /// The write is executed, and this exception is answered.
     DoneAndDenied(u8),
-    /// It is carried out, and five bytes that are no answer come back.
+    /// The write is executed, and five bytes that are no answer are sent.
     DoneAndGarbled,
-    /// It is carried out, and its answer is lost.
+    /// The write is executed, and its answer is lost.
     DoneAndSilent,
-    /// It never arrives.
+    /// The write never arrives.
     Lost,
-    /// It is carried out, its answer is lost, and before anything else is answered the operator adds so much.
+    /// The write is executed, and its answer is lost. Before anything else is answered, the operator adds this to the
+    /// value.
     DoneAndEdited(i16),
 }
 
-/// The control.
+/// Registers of the control, and what has happened to them.
 pub(crate) struct Control {
     pub(crate) words: [u16; 20],
-    /// Every offset that stood in its register, in order; and the one of the register beside it.
+    /// Every offset that the register has had, in order, and every value of the second offset register.
     pub(crate) stood: Vec<i16>,
     pub(crate) beside: Vec<i16>,
     pub(crate) writes: usize,
-    /// What is applied of the offset stands in register 15; this control applies it at once, or never.
+    /// Register 15 contains the applied offset. The control applies an offset at once, or never.
     pub(crate) applies: bool,
-    /// The offset that a held write wants, from the moment at which the write is held.
+    /// Offset of a delayed write, as soon as it is delayed.
     pub(crate) held: Option<i16>,
-    /// What a held write changed the offset from and to, when it came.
+    /// Offset before and after a delayed write, when it arrived.
     pub(crate) late: Option<(i16, i16)>,
-    /// What it changed was read: with what is sent again and again it may have changed nothing, or been written over before.
+    /// The change by the delayed write was read. If values are written repeatedly, it may have changed nothing, or may
+    /// have been overwritten before.
     pub(crate) is_late_read: bool,
-    /// What has to stand there before a held write comes.
+    /// Offset that the register must have before a delayed write arrives.
     pub(crate) comes_over: Option<i16>,
-    /// By so much the scale moves before it is read.
+    /// Movement of the scale before it is read, counts.
     pub(crate) moves: u16,
-    /// The two offsets, as they stand in these registers.
+    /// Decodes the two offsets from the registers.
     pub(crate) offsets: fn(&[u16]) -> [i16; 2],
-    /// What the operator adds while nothing is answered, and when that is over.
+    /// Change by the operator while nothing is answered, and the end of that time.
     edit: Option<(i16, Moment)>,
     fate: Box<dyn Fn(usize) -> Fate + Send>,
 }
 
-/// A control that others look at as well.
+/// Control that several threads share.
 pub(crate) type Shared = Arc<Mutex<Control>>;
 
 impl Control {
-    /// One whose writes meet these fates, by their number.
+    /// Creates a control. `fate` returns the fate of each write by its number.
     pub(crate) fn of(fate: impl Fn(usize) -> Fate + Send + 'static) -> Shared {
         let mut words = [0; 20];
         words[0] = 250;
@@ -118,7 +120,7 @@ impl Control {
         }
     }
 
-    /// The operator changes what stands there by so much. That is no jump of ours.
+    /// Changes the register value by an edit of the operator. That is no jump of the gateway.
     pub(crate) fn edits(&mut self, change: i16) {
         self.words[10] = (self.offset() + change).cast_unsigned();
         self.stood = self.stood.iter().map(|stood| stood + change).collect();
@@ -128,7 +130,7 @@ impl Control {
         *self.stood.last().unwrap()
     }
 
-    /// Changes of the offset by more than a step, from and to.
+    /// Changes of the offset by more than one step, from and to.
     pub(crate) fn jumps(&self) -> Vec<(i16, i16)> {
         jumps(&self.stood)
     }
@@ -140,7 +142,7 @@ impl Control {
         }
     }
 
-    /// The operator's edit, for which answers wait. Whether it is over.
+    /// Makes the edit of the operator that is due. Returns whether there is none to wait for.
     fn is_edited(&mut self) -> bool {
         if let Some((change, until)) = self.edit {
             if Clock::wall().now() < until {
@@ -158,7 +160,7 @@ pub(crate) fn jumps(stood: &[i16]) -> Vec<(i16, i16)> {
     pairs.filter(|(from, to)| (to - from).abs() > STEP).collect()
 }
 
-/// Answers on a port of its own.
+/// Starts a server for this control on a separate port.
 pub(crate) fn serve(control: &Shared) -> SocketAddr {
     let control = control.clone();
     server::serve(move |question: &Question, stream: &mut TcpStream| answer(question, stream, &control))

@@ -1,4 +1,5 @@
-//! Corrected positions, as a display shows them: what is done and denied moves the Cz inside by a step at most.
+//! Corrected positions, as a display shows them. A write that is executed but reported as failed changes the Cz in the
+//! position by one step at most.
 
 use crate::late_writes::control::{Control, Fate, SCALE};
 use crate::late_writes::device::gateway::wait_until;
@@ -22,17 +23,17 @@ type = "i32"
 word_order = "msw-first"
 scale = 0.0001
 "#;
-/// Words that belong to the number: in the same request, and in one of their own.
+/// Words that belong to the number: in the same request, and in a separate one.
 const BESIDE: &str = "beside = [ { register = \"holding:12\", good = 1, degraded = 2, fault = 3 } ]\n";
 const APART: &str = "beside = [ { register = \"holding:14\", good = 1, degraded = 2, fault = 3 } ]\n";
 
-/// The offset in a corrected position, beside the position that was read last.
+/// Offset in a corrected position, from the position that was read last.
 fn inside(words: &[u16]) -> [i16; 2] {
     let shown = i32::from(words[10].cast_signed()) << 16 | i32::from(words[11]);
     [i16::try_from(shown - i32::from(words[SCALE])).unwrap(), 0]
 }
 
-/// Every other write meets this fate; of those with two requests that is every number.
+/// Gives every second write this fate. If the number has two requests, it is every number.
 fn denied(fate: Fate, more: &str) {
     let each = if more.contains("14") { 3 } else { 2 };
     let control = Control::of(move |write| if write % each == 1 { fate } else { Fate::Done });

@@ -1,4 +1,4 @@
-//! Writes that are done and denied, or lost; and what is told of them.
+//! Writes that are executed but reported as failed, or lost; and the reports about them.
 
 use crate::late_writes::control::{Control, Fate};
 use crate::late_writes::device::gateway::{events, reported, wait_until};
@@ -12,7 +12,8 @@ fn a_write_that_is_done_and_denied_or_lost_is_looked_for_and_the_axis_goes_on() 
     all_at_once(cases.map(|(fate, more)| move || denied(fate, more)));
 }
 
-/// Every other write meets this fate; of those that are lost every fourth, because what follows one is the same again, in a set twice.
+/// Gives every second write this fate. Of lost writes it is every fourth, because the same value follows, in a set
+/// twice.
 fn denied(fate: Fate, more: &str) {
     let each = if fate == Fate::Lost { 4 } else { 2 };
     let control = Control::of(move |write| if write % each == 1 { fate } else { Fate::Done });

@@ -1,5 +1,5 @@
-//! Writes that something on the way holds, denies or loses: the gateway over real sockets against a control of our own,
-//! which keeps every value that really came to stand in its register.
+//! Writes that something on the way delays, denies or loses. The gateway runs over real sockets with a control of the
+//! test, which records every value of its register.
 #![allow(clippy::unwrap_used, reason = "a test may stop where it stands")]
 
 use crate::support::device;

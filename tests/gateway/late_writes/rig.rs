@@ -1,4 +1,4 @@
-//! The machine of these tests, with the gateway in this process or as the program that a person starts.
+//! Machine of these tests, with the gateway in this process, or as the program that an operator starts.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -53,7 +53,7 @@ scale = 0.1
 "#;
 
 pub(crate) const LEDGER: &str = "share = \"ledger\"\n";
-/// Two of them in one request, with a heartbeat, a control word and a sequence.
+/// Two outputs in one request, with a heartbeat, a control word and a sequence.
 pub(crate) const SET: &str = r#"set = "block"
 refresh = "500ms"
 [axis.y]
@@ -80,17 +80,18 @@ control = "holding:13"
 sequence = "holding:14"
 "#;
 
-/// A machine with an offset, of which the output says more.
+/// Profile of a machine with an offset. `more` are further keys of the output.
 pub(crate) fn profile_of(control: &Shared, late: &str, more: &str) -> String {
     machine(control, late) + OUTPUT + more
 }
 
-/// A machine without an output.
+/// Profile of a machine without an output.
 pub(crate) fn machine(control: &Shared, late: &str) -> String {
     PROFILE.replace("ADDRESS", &serve(control).to_string()).replace("LATE", late)
 }
 
-/// Runs the gateway beside what `script` does with its state; the script's end stops it. What it told.
+/// Runs the gateway in parallel with `script`, which uses its state. The end of the script stops it. Returns its last
+/// status.
 pub(crate) fn beside(text: &str, script: impl FnOnce(&dyn Source) + Send + 'static) -> Status {
     let directory = tempfile::tempdir().unwrap();
     let options = Options { directory: Some(directory.path().to_owned()), ..Options::default() };
@@ -105,7 +106,7 @@ pub(crate) fn nobody_is_blamed(control: &Shared, status: &Status, what: &str) {
     }
 }
 
-/// Nobody is said to have done what a late write of ours did.
+/// Checks that no message blames another client for a late write of the gateway.
 #[track_caller]
 pub(crate) fn blames_nobody(name: &str, said: &[String]) {
     let blames =
@@ -115,7 +116,7 @@ pub(crate) fn blames_nobody(name: &str, said: &[String]) {
     }
 }
 
-/// Each on a thread of its own: they wait more than they work.
+/// Runs each test on a separate thread, because they wait most of the time.
 #[track_caller]
 pub(crate) fn all_at_once(tests: impl Iterator<Item = impl FnOnce() + Send + 'static>) {
     let threads: Vec<_> = tests.map(std::thread::spawn).collect();
@@ -123,12 +124,12 @@ pub(crate) fn all_at_once(tests: impl Iterator<Item = impl FnOnce() + Send + 'st
     assert_eq!(failed, 0, "of these failed, each for the reason that it gave");
 }
 
-/// The program on a profile, with a state directory that outlives it.
+/// The program with a profile, and a state directory that outlives it.
 pub(crate) struct Program {
     home: tempfile::TempDir,
     profile: PathBuf,
     pub(crate) running: Running,
-    /// What those said that were killed.
+    /// Output of the programs that were killed.
     said: Vec<String>,
 }
 
@@ -140,7 +141,7 @@ impl Program {
         Program { home, profile, running, said: Vec::new() }
     }
 
-    /// Kills it, and starts another one with the same state.
+    /// Kills the program, and starts another one with the same state.
     pub(crate) fn starts_again_after_a_kill(self) -> Program {
         let Program { home, profile, running, mut said } = self;
         said.extend(running.killed());
@@ -148,12 +149,12 @@ impl Program {
         Program { home, profile, running, said }
     }
 
-    /// Path of its document.
+    /// Path of its state document.
     pub(crate) fn document(&self) -> PathBuf {
         self.home.path().join("state/held.state.json")
     }
 
-    /// Looks now and then until it is so.
+    /// Checks the condition repeatedly until it is true.
     #[track_caller]
     pub(crate) fn waits_until(&mut self, what: &str, is_so: impl Fn() -> bool) {
         let clock = Clock::wall();
@@ -165,14 +166,14 @@ impl Program {
         }
     }
 
-    /// A person arms it.
+    /// Arms the axis, as an operator does.
     pub(crate) fn is_armed(&self) {
         let mut arm = isotherm(self.home.path());
         arm.arg("arm").arg(&self.profile).arg("--state").arg(self.home.path().join("state"));
         assert!(arm.status().unwrap().success());
     }
 
-    /// Asks it to stop. Everything that was said.
+    /// Stops the program. Returns everything that was printed.
     pub(crate) fn ends(self) -> Vec<String> {
         let Program { mut running, mut said, .. } = self;
         running.signal("TERM");
@@ -188,7 +189,7 @@ fn run(home: &tempfile::TempDir, profile: &Path) -> Running {
     Running::start(isotherm(home.path()).arg("run").arg(profile).arg("--state").arg(state))
 }
 
-/// Values of its offset that may still arrive, as this document has them.
+/// Values of its offset that may still arrive, from this document.
 pub(crate) fn promises(document: &Path) -> Vec<i64> {
     let text = std::fs::read_to_string(document).unwrap_or_default();
     let document: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();

@@ -1,4 +1,4 @@
-//! A register that an operator writes to as well.
+//! A register to which an operator also writes.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -10,7 +10,8 @@ use crate::late_writes::control::{Control, Fate};
 use crate::late_writes::device::gateway::{events, reported, wait_until};
 use crate::late_writes::rig::{LEDGER, all_at_once, beside, nobody_is_blamed, profile_of};
 
-/// Each write is done and denied, by a control whose register an operator shares: what ran away without end.
+/// Each write is executed but reported as failed, by a control with a shared register. An earlier version moved without
+/// end.
 #[test]
 fn a_shared_register_never_runs_away_and_the_operator_keeps_what_is_his() {
     all_at_once([6, 11].into_iter().map(|code| move || denied_beside_an_operator(code)));
@@ -43,7 +44,8 @@ fn an_edit_while_the_fate_of_a_write_is_unknown_is_a_question_and_the_answer_mak
         let writes = seen.lock().unwrap().writes;
         std::thread::sleep(Duration::from_millis(500));
         assert_eq!(seen.lock().unwrap().writes, writes, "nothing is written while it is in question");
-        // Two steps of ours had arrived when it was verified last, and three stand there: he makes it right.
+        // Two steps of the gateway had arrived at the last verification, and the register has three. The operator
+        // corrects it.
         seen.lock().unwrap().edits(-10);
         source.command(Command::Arm, None, &Arc::new(Asker::new(Way::Api, "a test"))).unwrap();
         wait_until(source, "it goes on", |status| status.axes[0].state == "active");

@@ -1,5 +1,6 @@
-//! The program is stopped by SIGSTOP at each place of an exchange, for longer than its readings live and longer than a
-//! write may be under way, and goes on: nothing that was decided before is written after.
+//! The program is stopped by SIGSTOP at each place of an exchange, and then continues. The pause is longer than its
+//! readings may be used, and longer than a write may be under way. Nothing that was decided before the pause is written
+//! after it.
 
 use std::net::TcpListener;
 use std::time::Duration;
@@ -14,17 +15,17 @@ use crate::support::tell;
 const MAX_AGE: Duration = Duration::from_secs(1);
 const LATE: Duration = Duration::from_secs(2);
 const STOPPED: Duration = Duration::from_millis(3500);
-/// What a program waits at most for a processor where the age of its readings says something.
+/// Longest wait of the program for a processor with which the age of its readings is known.
 const KEPT_WAITING: Duration = Duration::from_millis(100);
 const TIMES: Times =
     Times { timeout: Duration::from_millis(400), every: Duration::from_millis(500), max_age: MAX_AGE };
 
-/// When the device goes on.
+/// Time at which the device continues.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Then {
-    /// While the program stands still.
+    /// During the pause of the program.
     Meanwhile,
-    /// When the program goes on already.
+    /// When the program has already continued.
     Afterwards,
 }
 
@@ -35,7 +36,7 @@ fn profile(device: &Device, more: &str) -> String {
     text.replacen("timeout = ", &late, 1).replacen("quirks = { ", pauses, 1) + more
 }
 
-/// Every change rests on a temperature that was asked for after this place.
+/// Checks that every change is based on a temperature that was requested after this index. Returns the errors.
 fn rests_on_what_was_asked(seen: &[Seen], before: usize) -> Vec<String> {
     let mut wrong = Vec::new();
     for (place, one) in seen.iter().enumerate().skip(before) {
@@ -51,7 +52,7 @@ fn rests_on_what_was_asked(seen: &[Seen], before: usize) -> Vec<String> {
     wrong
 }
 
-/// Walks up, is stopped at this place, and is asked to walk down when it goes on.
+/// Moves up, is stopped at this place, and is requested to move down when it continues.
 fn stopped(place: Place, then: Then, more: &str) {
     let name = format!("{place:?}, {then:?}, {more:?}");
     let device = Device::listen(TcpListener::bind("127.0.0.1:0").unwrap(), Duration::ZERO);
@@ -68,7 +69,7 @@ fn stopped(place: Place, then: Then, more: &str) {
     if then == Then::Meanwhile {
         device.gate().open();
     }
-    // What has left is still on its way, and is answered as it was.
+    // A request that was sent is still on its way, and is answered with the old value.
     std::thread::sleep(Duration::from_millis(200));
     let asked = device.offset() - 4 * STEP;
     device.asks(asked);
@@ -88,7 +89,7 @@ fn stopped(place: Place, then: Then, more: &str) {
     let (old, others): (Vec<String>, Vec<String>) =
         device::acted_wrongly(&seen, MAX_AGE).into_iter().partition(is_old);
     wrong.extend(others);
-    // A program that waits for a processor may do so between its last look at the clock and the write.
+    // A program may have to wait for a processor between its last clock sample and the write.
     if starved.longest() < KEPT_WAITING {
         wrong.extend(old);
     } else if !old.is_empty() {
@@ -101,7 +102,8 @@ fn stopped(place: Place, then: Then, more: &str) {
     blames_nobody(&name, &said);
 }
 
-/// Every place, and when the device goes on there. What has come is carried out while `late` lasts.
+/// Every place, with the time at which the device continues there. A write that has arrived is executed before `late`
+/// is over.
 fn places() -> impl Iterator<Item = (Place, Then)> {
     use Then::{Afterwards, Meanwhile};
     let exchanges = [Of::Temperature, Of::Look, Of::Write, Of::ReadBack];

@@ -1,4 +1,4 @@
-//! A second gateway on another computer, with the same profile, at the same register.
+//! A second gateway on another computer, with the same profile, writes to the same register.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,17 +11,18 @@ use crate::support::tell;
 
 const REASON: &str = "a second gateway";
 
-/// The profile of a gateway on another computer. On one computer the second would refuse to start.
+/// Profile of a gateway on another computer. On the same computer the second one would refuse to start.
 fn elsewhere(text: &str) -> String {
     text.replace("127.0.0.1", "127.0.0.2")
 }
 
-/// Whether it has said that another gateway writes there.
+/// Returns whether it has reported that another gateway writes to the register.
 fn is_off(program: &mut Program) -> bool {
     program.running.so_far().iter().any(|line| line.contains(REASON))
 }
 
-/// Each goes off that finds steps of the other twice in a row. Once one is off, the other one may find no more of them, and goes on alone.
+/// A gateway that finds steps of the other twice in a row switches its axis off. After that, the other one may find no
+/// more of them, and continues alone.
 #[test]
 fn of_two_gateways_at_one_shared_register_one_or_both_go_off_and_say_why() {
     let control = Control::of(|_| Fate::Done);
@@ -32,7 +33,7 @@ fn of_two_gateways_at_one_shared_register_one_or_both_go_off_and_say_why() {
         program.running.hears("if all of that is your own value");
         program.is_armed();
     }
-    // The machine warms and cools until one of them has seen it.
+    // The machine warms and cools until one of them has detected the other.
     let bed = control.clone();
     let is_over = Arc::new(AtomicBool::new(false));
     let is_seen = is_over.clone();
@@ -42,7 +43,7 @@ fn of_two_gateways_at_one_shared_register_one_or_both_go_off_and_say_why() {
             std::thread::sleep(Duration::from_secs(6));
         }
     });
-    // A busy computer is slow, and is no failure.
+    // A busy computer is slow, which is no failure.
     for _ in 0..10 * PATIENCE.as_secs() {
         if both.iter_mut().any(is_off) {
             break;
@@ -76,7 +77,7 @@ fn of_two_gateways_at_one_whole_register_the_one_that_finds_the_others_step_goes
     second.running.hears("axis z: armed");
     std::thread::sleep(Duration::from_secs(3));
     let mut both = [first, second];
-    // On a busy computer one of them may have made all steps before the other looks. Then there are more steps.
+    // On a busy computer one of them may have made all steps before the other one reads. Then more steps follow.
     for (asked, stands) in [(520, 320), (500, 300)].into_iter().cycle().take(20) {
         control.lock().unwrap().words[0] = asked;
         let seen = control.clone();
@@ -90,7 +91,7 @@ fn of_two_gateways_at_one_whole_register_the_one_that_finds_the_others_step_goes
         let has_said = |lines: &&Vec<String>| lines.iter().any(|line| line.contains(words));
         said.iter().filter(has_said).count()
     };
-    // A gateway that finds several steps at once goes off, too, but does not name another gateway.
+    // A gateway that finds several steps at once switches its axis off as well, but does not name another gateway.
     if who_said(REASON) == 0 && who_said("somebody else wrote") > 0 {
         tell("two gateways at one register: void, one of them stood still while the other made its steps");
     } else {

@@ -1,5 +1,5 @@
-//! While a set waits for a late write of one member, the Cz of another member does not run ahead of its register: a request that turns
-//! round is followed at once.
+//! A set waits for a late write of one member. The Cz of another member must not run ahead of its register. If the
+//! request reverses its direction, it is followed at once.
 
 use std::time::Duration;
 
@@ -7,7 +7,7 @@ use crate::late_writes::control::{Control, Fate};
 use crate::late_writes::device::gateway::wait_until;
 use crate::late_writes::rig::{SET, beside, nobody_is_blamed, profile_of};
 
-/// The other member follows a sensor of its own.
+/// The other member follows its own sensor.
 const COLUMN: &str = "[signal.column]\ndevice = \"cnc\"\nregister = \"holding:1\"\ntype = \"i16\"\nscale = 0.1\nunit = \"degC\"\n\
                       max_age = \"3s\"\n[axis.y]";
 
@@ -15,8 +15,8 @@ fn temperature(tenths: i16) -> u16 {
     tenths.cast_unsigned()
 }
 
-/// The first axis is at 1 µm, the other one on its way, and a write of both is held for seven seconds of twenty. Meanwhile 28 µm are
-/// requested of the first one, and then -36.
+/// The first axis is at 1 µm, the other one is on its way. A write of both is delayed for seven seconds of twenty. In
+/// this time, 28 µm and then −36 µm are requested of the first axis.
 #[test]
 fn a_request_that_turns_round_while_its_set_waits_is_never_followed_the_old_way() {
     let control =

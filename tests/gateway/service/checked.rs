@@ -1,5 +1,5 @@
-//! `isotherm restart --keep` while the new program checks its profile, and after it has: the old gateway runs until then, and what was
-//! checked is what runs.
+//! `isotherm restart --keep` while the new program checks its profile, and after the check. The old gateway runs until
+//! then, and the checked profile is the one that runs.
 
 use std::fmt::Write;
 use std::os::unix::fs::{FileExt, PermissionsExt};
@@ -15,7 +15,7 @@ use crate::service::rig::Service;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_isotherm");
 const GAIN: &str = "gain = 1.0";
-/// Matrix, network and template beside the profile, for an axis and a device that drive nothing.
+/// Matrix, network and template next to the profile, for an axis and a device without outputs.
 const WITH_FILES: &str = r#"
 [device.own]
 template = "ours"
@@ -44,7 +44,8 @@ const NETWORK: &str = r#"{ "format": "isotherm-network", "version": 1, "type": "
   "layers": [{ "weights": [[0.5]], "bias": [0], "activation": "tanh" }] }"#;
 const HEARTBEAT: &str = "[heartbeat]\ndevice = \"cnc\"\nregister = \"holding:20\"\nevery = \"100ms\"\n";
 
-/// Puts a program in the place of the one that was started: its check, which `$real` makes, and what it does when it runs.
+/// Replaces the program file by a script: `check` runs instead of a check, with `$real` as the program, and `run`
+/// before each run.
 fn replace(service: &Service, check: &str, run: &str) {
     let text = format!(
         "#!/bin/sh\nreal={PROGRAM}\ncase \"$*\" in\n*--check-only*)\n{check}\nexit 0;;\nesac\n{run}\nexec \"$real\" \"$@\"\n"
@@ -54,7 +55,7 @@ fn replace(service: &Service, check: &str, run: &str) {
     std::fs::rename(&new, &service.program).unwrap();
 }
 
-/// Writes these files beside the profile.
+/// Writes these files next to the profile.
 fn write(service: &Service, files: &[(&str, &str)]) {
     for (name, text) in files {
         let path = service.home.path().join(name);
@@ -63,7 +64,7 @@ fn write(service: &Service, files: &[(&str, &str)]) {
     }
 }
 
-/// What stands in the event that some files are different, once it is there.
+/// Waits for the event about changed files. Returns the files that it names.
 fn differences(service: &mut Service) -> Vec<String> {
     service.gateway.hears("changed after the new program had checked the profile");
     let events = service.events("profile-differs");
@@ -101,7 +102,7 @@ fn what_was_checked_runs_when_its_files_are_spoiled_before_the_new_program_start
         differences(&mut service),
         ["devices/ours.toml", "n.json", "walker.local.toml", "walker.toml"]
     );
-    // Once more: everything is as it was checked.
+    // The second restart finds everything as it was checked.
     let (code, said) = service.restart(&[]);
     assert_eq!((code, service.events("profile-differs").len()), (Some(0), 1), "{said}");
     assert!(service.events("handover-refused").is_empty());
@@ -123,7 +124,7 @@ fn what_was_checked_runs_when_its_files_say_something_else_by_then() {
         found => Err(found.to_string()),
     });
     assert_eq!(differences(&mut service), ["walker.local.toml", "walker.toml"]);
-    // The next restart takes what is there.
+    // The next restart uses the present files.
     std::fs::remove_file(service.home.path().join("walker.local.toml")).unwrap();
     let (code, said) = service.restart(&[]);
     assert_eq!(code, Some(0), "{said}");
@@ -139,7 +140,7 @@ fn a_program_that_cannot_be_started_any_more_leaves_the_old_one_with_the_profile
     service.walks_to(30);
     for _ in 0..2 {
         service.rewrite(|text| text.replace(GAIN, "gain = 2.0"));
-        // It is still the same file, and nobody may execute it.
+        // It is still the same file, but no user may execute it.
         replace(&service, "\"$real\" \"$@\" || exit $?\nchmod a-x \"$0\"", "");
         let (code, said) = service.restart(&[]);
         assert_eq!(code, Some(0), "{said}");
@@ -180,7 +181,7 @@ fn a_program_of_an_older_version_reads_its_profile_from_disk_and_is_given_what_i
     let service = Service::start(|text| text);
     service.walks_to(30);
     service.rewrite(|text| text.replace(GAIN, "gain = 2.0"));
-    // It writes nothing for whoever runs its check.
+    // It writes nothing for the program that runs its check.
     let check =
         "\"$real\" \"$@\" > /dev/null || exit $?\nsed -i 's/gain = 2.0/gain = 3.0/' \"$HOME/walker.toml\"";
     replace(&service, check, "cat /proc/self/fd/0 > \"$HOME/handed\"");
@@ -230,7 +231,7 @@ fn a_program_of_a_newer_version_gets_back_what_it_has_written_whatever_that_is()
         (&seal["length"], &seal["sha256"]),
         (&Value::from(before), &Value::from(isotherm_profile::sha256(answer.as_bytes())))
     );
-    // This version does not know that form: it reads the file, and the axes resume as they were.
+    // This version does not know that form. It reads the file, and the axes resume as they were.
     service.gateway.hears("is read from disk");
     service.walks_to(60);
     let armed = service.events("armed");
@@ -252,7 +253,7 @@ fn a_program_that_is_replaced_after_its_check_does_not_take_over() {
     assert_eq!(service.events("started").len(), 1);
 }
 
-/// A large machine has more than ten seconds.
+/// A large machine needs more than ten seconds.
 #[test]
 fn a_check_has_the_time_that_the_verb_names() {
     let service = Service::start(|text| text);
@@ -287,7 +288,7 @@ fn said(restart: Child) -> (Option<i32>, String) {
     (output.status.code(), said)
 }
 
-/// It polls, compensates, beats and answers, in the state of before.
+/// Checks that the gateway still polls, compensates, sends heartbeats and answers, with its previous state.
 fn runs_on(service: &mut Service, offset: i16) {
     let beats = service.device.state().beats.len();
     service.walks_to(offset);
@@ -357,7 +358,7 @@ fn a_check_that_leaves_processes_behind_is_judged_by_its_own_end_and_one_that_ha
 fn a_machine_of_five_hundred_axes_with_a_large_model_restarts_as_it_was_checked() {
     let mut service = Service::start(|text| text);
     service.walks_to(30);
-    // A network may have as many blanks as it likes.
+    // A network may contain any number of blanks.
     let large = format!("{NETWORK}{}", " ".repeat(6_000_000));
     write(&service, &[("devices/ours.toml", TEMPLATE), ("n.json", &large)]);
     let many = |mut text: String| {
@@ -384,7 +385,7 @@ fn a_machine_of_five_hundred_axes_with_a_large_model_restarts_as_it_was_checked(
     assert_eq!(service.events("armed").iter().filter(|event| event["data"]["way"] == "restart").count(), 1);
 }
 
-/// What a script prints around a check is no part of its answer.
+/// The output of a script around a check is no part of its answer.
 #[test]
 fn a_script_that_prints_something_around_the_check_is_no_older_version_and_spoils_nothing() {
     let mut service = Service::start(|text| text);
@@ -399,7 +400,7 @@ fn a_script_that_prints_something_around_the_check_is_no_older_version_and_spoil
     assert_eq!(differences(&mut service), ["walker.toml"]);
 }
 
-/// The variables of the environment are a layer, too.
+/// The environment variables are a layer as well.
 #[test]
 fn a_layer_that_a_script_takes_from_the_environment_is_the_one_that_was_checked() {
     let mut service = Service::start(|text| text);
@@ -407,7 +408,7 @@ fn a_layer_that_a_script_takes_from_the_environment_is_the_one_that_was_checked(
     replace(&service, &format!("{set}5.0\n\"$real\" \"$@\" || exit $?"), &format!("{set}1.0"));
     let (code, said) = service.restart(&[]);
     assert_eq!(code, Some(0), "{said}");
-    // 5 µm.
+    // The limit is 5 µm.
     service.device.asks(300);
     until("it is at the limit that was checked", || match service.device.offset() {
         50 => Ok(()),
@@ -416,7 +417,7 @@ fn a_layer_that_a_script_takes_from_the_environment_is_the_one_that_was_checked(
     assert_eq!(differences(&mut service), ["environment ISOTHERM__AXIS__Z__LIMIT"]);
 }
 
-/// A process of the gateway that runs now keeps its profile in memory that only it can open.
+/// A running gateway keeps its profile in memory that only its own process can open.
 #[test]
 fn the_profile_that_runs_is_kept_in_sealed_memory_of_its_owner() {
     let service = Service::start(|text| text);

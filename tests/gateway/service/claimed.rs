@@ -1,4 +1,4 @@
-//! Two gateways of one computer: the second one is refused if it writes to a register of the first.
+//! Two gateways on one computer: the second one is refused if it writes to a register of the first.
 
 use std::net::TcpListener;
 use std::path::Path;
@@ -11,7 +11,7 @@ use crate::service::rig::{Service, TIMES};
 
 const RUNS: &str = "the gateway runs";
 
-/// A device, and a directory for those who write to it.
+/// Device, and a directory for the gateways that write to it.
 struct Cell {
     home: tempfile::TempDir,
     device: Device,
@@ -23,7 +23,7 @@ impl Cell {
         Cell { home: tempfile::tempdir().unwrap(), device }
     }
 
-    /// A gateway of this name, with a state directory and a profile of its own that was changed so.
+    /// Starts a gateway of this name, with its own state directory and changed profile.
     fn gateway(&self, name: &str, change: impl FnOnce(String) -> String, options: &[&str]) -> Running {
         let text = profile(self.device.address(), TIMES).replace("\"walker\"", &format!("\"{name}\""));
         let path = file(self.home.path(), &format!("{name}.toml"), &change(text));
@@ -36,7 +36,7 @@ impl Cell {
         gateway
     }
 
-    /// It does not start; what it says.
+    /// Checks that the gateway does not start. Returns what it prints.
     #[track_caller]
     fn is_refused(&self, name: &str, change: impl FnOnce(String) -> String) -> String {
         let mut gateway = self.gateway(name, change, &[]);

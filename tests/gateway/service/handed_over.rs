@@ -1,4 +1,5 @@
-//! What one program hands to the next in the same process, and what the next accepts: nothing that another process has made.
+//! Handover from one program to the next in the same process. The next one accepts nothing that another process has
+//! made.
 
 use std::fs::{File, Permissions};
 use std::io::Write;
@@ -13,9 +14,9 @@ use serde_json::{Value, json};
 use crate::service::process::{Running, until};
 use crate::service::rig::{Service, corrected};
 
-/// Becomes the program once the file that it is to have as standard input has been named.
+/// Shell that becomes the program when the file for its standard input has been named.
 const BECOMES: [&str; 3] = ["/bin/sh", "-c", "read -r file; exec \"$0\" \"$@\" < \"$file\""];
-/// Becomes the program, with memfd_create refused as an old kernel or a filter of system calls refuses it.
+/// Script that becomes the program, with memfd_create refused as by an old kernel or a filter of system calls.
 const WITHOUT_MEMFD: &str = r#"
 import ctypes, os, platform, struct, sys
 number = {"x86_64": 319, "aarch64": 279}[platform.machine()]
@@ -26,7 +27,7 @@ libc = ctypes.CDLL(None, use_errno=True)
 assert libc.prctl(38, 1, 0, 0, 0) == 0 and libc.prctl(22, 2, filter, 0, 0) == 0
 os.execv(sys.argv[1], sys.argv[1:])
 "#;
-/// What the environment could once arm.
+/// Handover that the environment could pass in an earlier version.
 const HANDOVER: &str = r#"{"by":"by maria","armed":{"z":39.0},"off":{}}"#;
 
 fn manual(text: &str) -> String {
@@ -37,7 +38,7 @@ fn digest(state: &Path) -> PathBuf {
     state.join("walker.handover")
 }
 
-/// What a gateway would hand over in the process of this number.
+/// Document that a gateway would hand over in the process with this number.
 fn document(process: u32) -> Value {
     let stat = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap();
     let started: u64 = stat.rsplit(')').next().unwrap().split_whitespace().nth(19).unwrap().parse().unwrap();
@@ -46,7 +47,8 @@ fn document(process: u32) -> Value {
     json!({ "process": { "id": process, "started": started, "boot": boot.trim() }, "handover": handover })
 }
 
-/// A gateway, to be armed by hand, to which somebody gives a memfd of these bytes with these seals, and this digest.
+/// Starts a gateway with manual arming, with a memfd of these bytes and seals. Its digest is written if
+/// `leaves_digest`.
 fn started_with(seals: SealFlags, bytes: impl Fn(u32) -> Vec<u8>, leaves_digest: bool) -> Service {
     let mut file = File::from(
         memfd_create("isotherm-handover", MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING).unwrap(),
@@ -69,7 +71,7 @@ fn started_with(seals: SealFlags, bytes: impl Fn(u32) -> Vec<u8>, leaves_digest:
 const ALL: SealFlags =
     SealFlags::SEAL.union(SealFlags::SHRINK).union(SealFlags::GROW).union(SealFlags::WRITE);
 
-/// The axis is off, the readout is left alone, and the event says why.
+/// Checks that the axis is off, the readout is not written, and the event contains the reason.
 #[track_caller]
 fn is_refused(service: &Service, why: &str) {
     service.device.asks(100);
@@ -110,7 +112,8 @@ fn a_handover_of_another_process_is_refused_and_one_that_can_be_changed() {
 #[test]
 fn a_handover_is_used_once() {
     let whole = |process| document(process).to_string().into_bytes();
-    // With all that a gateway has: whoever may write to its state directory as its user is not kept from it.
+    // The handover has everything that a gateway writes. A program that may write to the state directory as the same
+    // user can make one.
     let service = started_with(ALL, whole, true);
     until("it is armed", || match service.events("armed").as_slice() {
         [armed] if armed["data"]["way"] == "restart" && armed["data"]["from_um"] == 39.0 => Ok(()),
@@ -169,7 +172,7 @@ fn without_a_memfd_or_with_a_full_state_directory_the_old_gateway_goes_on_and_sa
     let mut service = Service::start_by(|text| text, &by, &[("PATH", path.as_str())], |_, _| ());
     goes_on(&mut service, "makes no sealed memfd (Operation not permitted)");
     let mut service = Service::start(|text| text);
-    // A file cannot take the place of a directory.
+    // A file cannot replace a directory.
     std::fs::create_dir(service.home.path().join("state/walker.handover.rehearsal")).unwrap();
     goes_on(&mut service, "walker.handover.rehearsal");
 }
@@ -187,14 +190,14 @@ fn goes_on(service: &mut Service, why: &str) {
     assert!(!service.gateway.has_ended());
 }
 
-/// With 1,300 axes the handover is longer than an argument of a program may be. `TEST_AXES=5000` takes more.
+/// With 1,300 axes the handover is longer than an argument of a program may be. `TEST_AXES=5000` sets another number.
 #[test]
 fn thousands_of_axes_that_are_off_stay_off() {
     use std::fmt::Write;
     let count = std::env::var("TEST_AXES").map_or(1300, |text| text.parse().unwrap());
     let many = |mut text: String| {
         for axis in 0..count {
-            // So long that they are more than an argument of a program may have.
+            // The names are so long that together they exceed an argument of a program.
             write!(
                 text,
                 "[axis.{name}]\nlimit = 20.0\nstep = 1.0\nrate = 10.0\nevery = \"10s\"\non_fault = {{ action = \"hold\" }}\n\

@@ -1,4 +1,4 @@
-//! The log where standard error is the journal.
+//! Log of a gateway whose standard error is the journal.
 
 use std::fs::File;
 use std::os::unix::fs::MetadataExt;
@@ -9,7 +9,7 @@ use crate::service::process::{file, isotherm};
 
 const WRONG: &str = "[machine]\nname = \"walker\"\nnane = \"walker\"\n";
 
-/// What a run says of a profile that is wrong, where the journal is the file that it is given, or another stream.
+/// Output of a run with a wrong profile. The journal is the file that it gets, or another stream.
 fn said(directory: &Path, is_the_journal: bool) -> String {
     let profile = file(directory, "wrong.toml", WRONG);
     let path = directory.join("stderr");

@@ -1,4 +1,4 @@
-//! A service manager as systemd is one: a socket that hears what a service tells.
+//! Service manager like systemd: a socket that receives the notifications of a service.
 
 use std::os::unix::net::UnixDatagram;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use crate::service::process::PATIENCE;
 pub(crate) struct Manager {
     said: Receiver<String>,
     pub(crate) path: PathBuf,
-    /// Each datagram, in the order in which they came.
+    /// Datagrams in the order of their arrival.
     pub(crate) heard: Vec<String>,
 }
 
@@ -21,7 +21,7 @@ impl Manager {
         let path = home.join("notify");
         let socket = UnixDatagram::bind(&path).unwrap();
         let (says, said) = channel();
-        // At once, as systemd does: ten may wait, and what comes then is lost.
+        // The thread receives at once, as systemd does. Ten datagrams may wait, and further ones are lost.
         std::thread::spawn(move || {
             let mut bytes = [0; 4096];
             while let Ok(length) = socket.recv(&mut bytes)
@@ -31,7 +31,7 @@ impl Manager {
         Manager { said, path, heard: Vec::new() }
     }
 
-    /// Waits for a datagram with this in it.
+    /// Waits for a datagram that contains this text.
     #[track_caller]
     pub(crate) fn hears(&mut self, text: &str) -> String {
         let clock = Clock::wall();
@@ -44,7 +44,7 @@ impl Manager {
         panic!("{text:?} was not told; heard: {:#?}", self.heard);
     }
 
-    /// What has been told and not been heard yet.
+    /// Datagrams that have arrived and were not returned yet.
     pub(crate) fn rest(&mut self) -> Vec<String> {
         std::iter::from_fn(|| self.next()).collect()
     }

@@ -1,4 +1,4 @@
-//! A gateway as a service: what it tells the service manager, and what its unit says.
+//! A gateway as a service: its notifications to the service manager, and its unit file.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 

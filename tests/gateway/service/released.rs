@@ -1,4 +1,4 @@
-//! `isotherm release`: a register that is no output's any more goes back to its base, and a person decides that.
+//! `isotherm release`: a register that no output uses any more returns to its base, after the operator has decided it.
 
 use std::fs::File;
 use std::path::PathBuf;
@@ -10,10 +10,10 @@ use crate::service::device::{STEP, What, profile};
 use crate::service::process::{Running, file, isotherm, until};
 use crate::service::rig::{Service, TIMES};
 
-/// Another unit of the same line, to which the output moves. The device does not distinguish them.
+/// Another unit of the same line, to which the output moves. The device does not distinguish the units.
 const OTHER: &str = "[device.other]\nbus = \"cell\"\nunit = 2\nevery = \"200ms\"\n[axis.z]";
 
-/// A gateway with 50 counts of ours in a register whose output has moved.
+/// Gateway with 50 counts of its own in a register whose output has moved.
 fn moved() -> Service {
     let service = Service::start(|text| text);
     service.walks_to(50);
@@ -27,7 +27,7 @@ fn moved() -> Service {
     service
 }
 
-/// What the register was written with since it was looked at last.
+/// Values written to the register since the last call, from and to.
 fn changes(service: &Service) -> Vec<(i16, i16)> {
     let seen = std::mem::take(&mut service.device.state().seen);
     let written = seen.iter().filter_map(|seen| match seen.what {
@@ -37,14 +37,14 @@ fn changes(service: &Service) -> Vec<(i16, i16)> {
     written.filter(|(from, to)| from != to).collect()
 }
 
-/// Exit code of the verb, and what it says.
+/// Runs the verb. Returns its exit code and its output.
 fn release(service: &Service, words: &[&str]) -> (Option<i32>, String) {
     let output = service.verb(&[&["release"], words].concat());
     let said = [output.stdout, output.stderr].map(|said| String::from_utf8(said).unwrap()).concat();
     (output.status.code(), said)
 }
 
-/// The same at a terminal, at which a person types this.
+/// Runs the verb at a terminal, where the operator types this text.
 fn at_a_terminal(service: &Service, typed: &str) -> (Option<i32>, String) {
     let end = rustix::pty::openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
     rustix::pty::grantpt(&end).unwrap();
@@ -93,7 +93,7 @@ fn a_person_who_says_no_changes_nothing_and_one_who_says_yes_has_the_register_ba
         count => Err(count.to_string()),
     });
     assert_eq!(process, service.gateway.id(), "it is the same process");
-    // Nothing more is written, whatever the axis asks for, and there is nothing to release again.
+    // Nothing more is written, whatever the axis requests, and nothing is left to release.
     service.device.asks(200);
     std::thread::sleep(Duration::from_secs(1));
     assert_eq!((changes(&service), service.device.offset()), (Vec::new(), 0));
@@ -139,7 +139,7 @@ fn a_register_that_another_gateway_writes_to_by_now_is_left_to_it_and_the_gatewa
         "{said}"
     );
     assert_eq!((service.gateway.id(), service.gateway.has_ended()), (process, false));
-    // It asks for nothing at a later start, either.
+    // A later start does not request it either.
     let (code, said) = service.restart(&[]);
     assert_eq!(code, Some(0), "{said}");
     assert!(!neighbour.has_ended());

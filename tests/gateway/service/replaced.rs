@@ -1,4 +1,4 @@
-//! `isotherm restart --keep`: another program in the place of the gateway that runs, and no register moves.
+//! `isotherm restart --keep`: another program replaces the running gateway, and no register moves.
 
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::time::Duration;
@@ -12,10 +12,10 @@ use crate::service::rig::{Service, copy, corrected};
 const WAY: &str = "step = 1.0";
 const QUICKLY: &str = "step = 20.0";
 
-/// The offset in counts: 40 µm.
+/// Offset in counts: 40 µm.
 const OFFSET: i16 = 400;
 
-/// What the register was written with since it was looked at last.
+/// Values written to the register since the last call, from and to.
 fn changes(service: &Service) -> Vec<(i16, i16)> {
     let seen = std::mem::take(&mut service.device.state().seen);
     let written = seen.iter().filter_map(|seen| match seen.what {
@@ -25,8 +25,8 @@ fn changes(service: &Service) -> Vec<(i16, i16)> {
     written.filter(|(from, to)| from != to).collect()
 }
 
-/// Stands at 40 µm, or at this many counts with it; what is restarted then has never another count in the register, and
-/// the axis goes on.
+/// Moves to 40 µm, which is `stands_at` counts, and restarts several times. The register never has another count, and
+/// the axis resumes.
 fn nothing_moves(change: impl FnOnce(String) -> String, stands_at: i16, by_hand: bool) {
     let mut service = Service::start(|text| change(text.replace(WAY, QUICKLY)));
     if by_hand {
@@ -52,7 +52,7 @@ fn nothing_moves(change: impl FnOnce(String) -> String, stands_at: i16, by_hand:
         assert!(service.manager.heard.iter().all(|told| !told.contains("STOPPING")), "it does not stop");
         assert_eq!((process, service.gateway.has_ended()), (service.gateway.id(), false));
         assert_eq!(service.events("started").len(), 1 + round, "{said}");
-        // Time for a few rounds, in which nothing is to be changed.
+        // Time for a few rounds, in which nothing may change.
         std::thread::sleep(Duration::from_secs(1));
         assert_eq!((changes(&service), service.device.offset()), (Vec::new(), stands_at), "{said}");
     }
@@ -108,7 +108,7 @@ fn an_axis_that_a_person_switched_off_stays_off() {
     assert_eq!((service.device.offset(), service.events("armed").len()), (50, 1));
 }
 
-/// Another profile takes over with this change, and no count is moved before a person arms.
+/// Lets another profile with this change take over. No count moves before the operator arms.
 fn waits_for_a_person(before: impl FnOnce(String) -> String, change: (&str, &str), words: &[&str]) {
     let service = Service::start(before);
     service.walks_to(50);
@@ -165,7 +165,7 @@ fn a_profile_that_is_wrong_leaves_the_old_gateway_running_and_is_an_event() {
 fn a_profile_in_which_no_name_can_be_read_is_an_event_of_the_gateway_that_runs_it() {
     let service = Service::start(|text| text);
     let whole = std::fs::read_to_string(&service.profile).unwrap();
-    // How many such events there are, once the profile is whole again.
+    // Number of such events, as soon as the profile is whole again.
     let told = || {
         std::fs::write(&service.profile, &whole).unwrap();
         let refused = service.events("command-refused");
@@ -174,7 +174,7 @@ fn a_profile_in_which_no_name_can_be_read_is_an_event_of_the_gateway_that_runs_i
         assert!(refused.iter().all(is_it), "{refused:#?}");
         refused.len()
     };
-    // Another profile without a name is none of its business.
+    // Another profile without a name does not concern this gateway.
     std::fs::write(service.home.path().join("other.toml"), "[machine\n").unwrap();
     let mut other = isotherm(service.home.path());
     other.args(["restart", "other.toml", "--keep", "--state"]).arg(service.home.path().join("state"));
@@ -213,7 +213,7 @@ fn another_machine_s_profile_does_not_take_the_place() {
     service.walks_to(30);
 }
 
-/// Puts a script, or the program itself, in the place of the program that was started.
+/// Replaces the program file by a script, or by the program itself.
 fn replace(service: &Service, script: Option<&str>) {
     let new = service.home.path().join("new");
     match script {
@@ -224,7 +224,7 @@ fn replace(service: &Service, script: Option<&str>) {
     std::fs::rename(&new, &service.program).unwrap();
 }
 
-/// A program whose check does the one, and which itself does the other.
+/// Script that runs `check` for a check, and `run` otherwise.
 fn program(check: &str, run: &str) -> String {
     format!("#!/bin/sh\ncase \"$*\" in *--check-only*) {check};; esac\n{run}\n")
 }

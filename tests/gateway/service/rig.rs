@@ -1,4 +1,4 @@
-//! A gateway as a service manager starts it, beside its device.
+//! Gateway as a service manager starts it, with its device.
 
 use std::ffi::OsStr;
 use std::net::TcpListener;
@@ -25,13 +25,14 @@ pub(crate) struct Service {
     pub(crate) gateway: Running,
 }
 
-/// By a process of its own: a program is busy, and cannot be started, while one that another test has just started still has it open
-/// for writing.
+/// Copies the program in a separate process. A program file cannot be started while another process, which another test
+/// has just started, still has it open for writing.
 pub(crate) fn copy(program: &str, to: &Path) {
     assert!(Command::new("cp").arg(program).arg(to).status().unwrap().success());
 }
 
-/// The position comes from the same register, 0.1 µm a count, so that position and Cz are the same.
+/// Profile with a corrected position. The position is in the same register with 0.1 µm per count, so that position and
+/// Cz are equal.
 pub(crate) fn corrected(text: &str) -> String {
     let position = "[signal.scale]\ndevice = \"cnc\"\nregister = \"holding:0\"\ntype = \"i16\"\nscale = 0.0001\nunit = \"mm\"\n\
                     max_age = \"2s\"\n[axis.z]";
@@ -43,13 +44,13 @@ pub(crate) fn corrected(text: &str) -> String {
 }
 
 impl Service {
-    /// Started with a profile that was changed so; and once it is ready.
+    /// Starts a gateway with a changed profile, and waits until it is ready.
     pub(crate) fn start(change: impl FnOnce(String) -> String) -> Service {
         Service::start_by(change, &[], &[], |_, _| ())
     }
 
-    /// The same by this command, which becomes the program that it gets as its arguments, with more of an environment. `meanwhile` is
-    /// given the process and the state directory before the gateway is waited for.
+    /// Starts it by this command, with further environment variables. The command becomes the program that it gets as
+    /// its arguments. `meanwhile` gets the process and the state directory before the gateway is waited for.
     pub(crate) fn start_by(
         change: impl FnOnce(String) -> String,
         by: &[&str],
@@ -61,7 +62,7 @@ impl Service {
         let text = profile(device.address(), TIMES).replace("100ms", "5ms");
         let path = file(home.path(), "walker.toml", &change(text));
         let mut manager = Manager::listen(home.path());
-        // A copy of its own, which can be replaced.
+        // Separate copy of the program, which can be replaced.
         let program = home.path().join("isotherm");
         copy(env!("CARGO_BIN_EXE_isotherm"), &program);
         let state = home.path().join("state");
@@ -76,27 +77,27 @@ impl Service {
         Service { home, device, profile: path, program, manager, gateway }
     }
 
-    /// What is changed so in its profile is there from now on.
+    /// Changes the profile on disk.
     pub(crate) fn rewrite(&self, change: impl FnOnce(String) -> String) {
         let text = std::fs::read_to_string(&self.profile).unwrap();
         std::fs::write(&self.profile, change(text)).unwrap();
     }
 
-    /// `isotherm restart --keep`: its exit code and what it says.
+    /// Runs `isotherm restart --keep`. Returns its exit code and its output.
     pub(crate) fn restart(&self, options: &[&str]) -> (Option<i32>, String) {
         let output = self.verb(&[&["restart", "--keep"], options].concat());
         let said = [output.stdout, output.stderr].map(|said| String::from_utf8(said).unwrap()).concat();
         (output.status.code(), said)
     }
 
-    /// The events of this kind, with their data.
+    /// Events of this kind, with their data.
     pub(crate) fn events(&self, kind: &str) -> Vec<serde_json::Value> {
         let said = String::from_utf8(self.verb(&["events", "--json"]).stdout).unwrap();
         let events = said.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
         events.filter(|event| event["kind"] == kind).collect()
     }
 
-    /// It is so warm that the axis goes there, in counts; waits until it has.
+    /// Sets the temperature so that the axis moves to this offset in counts, and waits until it is there.
     #[track_caller]
     pub(crate) fn walks_to(&self, offset: i16) {
         self.device.asks(offset);
@@ -106,7 +107,7 @@ impl Service {
         });
     }
 
-    /// A verb of this machine.
+    /// Runs a verb for this machine.
     pub(crate) fn verb(&self, words: &[&str]) -> Output {
         let mut command: Command = isotherm(self.home.path());
         let (verb, options) = words.split_first().unwrap();

@@ -1,4 +1,5 @@
-//! A disk that is slow while another program is to take over: the lines are polled and beat until it has taken state and ledger.
+//! Slow disk while another program is to take over: the lines poll and send heartbeats until the disk has stored the
+//! state and the ledger.
 
 use std::io::{self, BufRead, BufReader, Write};
 use std::net::TcpListener;
@@ -16,12 +17,12 @@ use crate::service::device::{Device, State, What, profile};
 use crate::service::process::file;
 use crate::service::rig::TIMES;
 
-/// A disk that, once it is slow, takes no document before the device was polled and has had a beat three times more.
+/// Disk that becomes slow. It then stores no document before the device has had three more polls and three more beats.
 struct SlowDisk {
     device: Device,
     is_slow: AtomicBool,
     taken: AtomicUsize,
-    /// Documents that were taken without that, because it took too long.
+    /// Documents that were stored without that, because it took too long.
     alone: AtomicUsize,
 }
 

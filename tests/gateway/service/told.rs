@@ -1,4 +1,4 @@
-//! What the service manager is told, from the start to the end.
+//! Notifications to the service manager, from the start to the end.
 
 use std::time::Duration;
 
@@ -14,7 +14,7 @@ fn a_gateway_is_ready_when_its_lines_were_tried_and_says_in_words_what_it_does()
     assert_eq!(service.verb(&["disarm"]).status.code(), Some(0));
     // On a busy computer an answer of the device may have been lost before.
     service.manager.hears("STATUS=z off\n");
-    // The first words may have come with or after the readiness.
+    // The first status may have come with the readiness or after it.
     let heard = service.manager.heard.join("");
     assert!(heard.contains("STATUS=z compensating\n"), "{heard}");
     let again = service.manager.rest();
@@ -40,12 +40,12 @@ fn a_stop_asks_for_the_time_that_its_fault_actions_take_until_they_are_over() {
     service.gateway.signal("TERM");
     let stopping = service.manager.hears("STOPPING=1");
     assert!(stopping.contains("STATUS=stopping: the fault actions run\n"), "{stopping}");
-    // Whether it comes to zero in time, on a computer that does not stand still meanwhile, is asked elsewhere.
+    // Another test checks that it reaches zero in time, on a computer that does not pause.
     let _ = service.gateway.ends_within(Duration::from_secs(60));
     let told = service.manager.rest();
     let span = |told: &String| told.trim().strip_prefix("EXTEND_TIMEOUT_USEC=")?.parse().ok();
     let spans: Vec<u64> = told.iter().filter_map(span).collect();
-    // Forty steps of 0.1 s, and 10 s to keep what is to be kept.
+    // Forty steps of 0.1 s, and 10 s to save the state.
     assert!(spans.len() >= 2, "asked for again and again: {told:?}");
     assert!(spans[0] > 14_000_000 && spans.windows(2).all(|pair| pair[1] < pair[0]), "{spans:?}");
     assert!(told.iter().all(|told| !told.contains("RELOADING")));

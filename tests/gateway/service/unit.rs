@@ -1,4 +1,4 @@
-//! The unit of the service, as systemd itself judges it.
+//! Unit file of the service, checked by systemd itself.
 
 use std::path::Path;
 use std::process::Command;
@@ -6,7 +6,7 @@ use std::process::Command;
 const UNIT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/packaging/isotherm@.service");
 
 fn analyze(words: &[&str]) -> (bool, String) {
-    // Of Debian's package systemd.
+    // The program is in Debian's package systemd.
     let output = Command::new("systemd-analyze").args(words).arg(UNIT).output().unwrap();
     let said = [output.stdout, output.stderr].map(|said| String::from_utf8(said).unwrap()).concat();
     (output.status.success(), said)
@@ -22,7 +22,7 @@ fn the_unit_is_no_more_exposed_than_3() {
 fn systemd_understands_every_line_of_the_unit() {
     let (_, said) = analyze(&["verify"]);
     let ours = said.lines().filter(|line| line.contains("isotherm@"));
-    // The program is where a package puts it.
+    // The unit names the path at which a package installs the program.
     let wrong: Vec<&str> =
         ours.filter(|line| !line.contains("/usr/bin/isotherm is not executable")).collect();
     assert!(wrong.is_empty(), "{said}");
@@ -43,7 +43,7 @@ fn each_protection_that_is_left_out_has_its_reason_in_the_manual() {
         found += 1;
         let (name, value) = directive.split_once('=').unwrap();
         let words = [name, value.trim_start_matches('~')];
-        // What it needs to do its work at all, and what is part of another line.
+        // Directives without which the program cannot work, and parts of other lines.
         let is_needed = ["DeviceAllow", "SupplementaryGroups"].contains(&name)
             || ["AF_UNIX", "AF_(INET|INET6)", "…", "@privileged"].contains(&words[1]);
         let is_told = words.iter().any(|word| !word.is_empty() && manual.contains(word));

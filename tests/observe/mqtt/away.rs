@@ -1,4 +1,5 @@
-//! The broker is killed and hangs under load: the machine is held as before, what waits is bounded, and what happened is told later.
+//! The broker is killed or hangs under load. The machine is compensated as before, queues are bounded, and events are
+//! published later.
 
 use std::time::Duration;
 
@@ -7,23 +8,23 @@ use super::machine::Machine;
 use super::process::until;
 use crate::support::tell;
 
-/// How long it is away; `tests/run long` has it away for a minute.
+/// Duration of the broker's absence; `tests/run long` uses one minute.
 pub(crate) fn away() -> Duration {
     let seconds = std::env::var("TEST_BROKER_AWAY_SECONDS").ok().and_then(|text| text.parse().ok());
     Duration::from_secs(seconds.unwrap_or(5))
 }
 
-/// Where more of the polls are late without publishing, the computer is too busy to compare.
+/// Share of late polls without publishing above which the computer is too busy for a comparison.
 const BUSY: f64 = 0.05;
 
-/// What may wait: a state, the events beside it, and what is kept for later.
+/// Maximum number of queued records: a state, its events, and records that are kept for later.
 const MOST_QUEUED: u64 = 3000;
 
 fn mqtt(broker: &Broker) -> String {
     format!("[mqtt]\nbroker = \"mqtt://127.0.0.1:{}\"\nevery = \"100ms\"\n", broker.port)
 }
 
-/// Late polls of both in a thousand are alike. What else the computer does makes both late.
+/// Asserts that both machines have about the same share of late polls. Other load of the computer delays both.
 #[track_caller]
 fn as_punctual(published: &Machine, plain: &Machine) {
     let [(late, all), (plain_late, plain_all)] = [published, plain].map(|machine| machine.late(10.0));
@@ -65,7 +66,7 @@ fn a_broker_that_is_killed_costs_the_machine_nothing_and_hears_later_what_happen
     assert!((1..MOST_QUEUED).contains(&queued), "{queued} messages wait");
     as_punctual(&machine, &plain);
 
-    // The reader listens before the gateway is there again.
+    // The reader subscribes before the gateway continues.
     machine.running.stands_still();
     broker.starts();
     let mut reader = broker.reads("isotherm/press/#", &[]);
@@ -82,7 +83,7 @@ fn a_broker_that_is_killed_costs_the_machine_nothing_and_hears_later_what_happen
         if missing.is_empty() { Ok(()) } else { Err(format!("{missing:?}")) }
     });
     let said = machine.verb("events", &["--json"]);
-    // The connection broke, and nothing listened afterwards: each cause is reported once.
+    // The connection broke, and then no broker listened. Each cause is reported once.
     let mut causes: Vec<&str> = said.lines().filter(|line| line.contains("\"broker-down\"")).collect();
     causes.iter_mut().for_each(|line| *line = line.split("\"text\"").last().unwrap());
     let count = causes.len();
@@ -110,7 +111,7 @@ fn a_broker_that_hangs_fills_no_memory_and_is_left_in_the_end() {
     });
     assert!(most < MOST_QUEUED, "{most} messages wait");
     as_punctual(&machine, &plain);
-    // It does not hold up the end either.
+    // A hanging broker does not delay the stop either.
     machine.running.signal("TERM");
     assert!(machine.running.ends_within(Duration::from_secs(30)).success(), "{:?}", machine.running.said);
     broker.process().goes_on();

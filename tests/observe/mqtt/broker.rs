@@ -1,4 +1,4 @@
-//! mosquitto, in a process of its own, and a reader of it.
+//! mosquitto as a separate process, with its clients.
 
 use std::cell::{Ref, RefCell};
 use std::path::{Path, PathBuf};
@@ -18,12 +18,12 @@ pub(crate) struct Broker {
 }
 
 impl Broker {
-    /// Everybody may do everything.
+    /// Starts a broker that allows everything without a password.
     pub(crate) fn open() -> Broker {
         Broker::with(|_, _| "allow_anonymous true\n".to_owned())
     }
 
-    /// One whose further lines of configuration are made for its directory and its reader.
+    /// Starts a broker with additional lines of configuration, made from its directory and port.
     pub(crate) fn with(lines: impl FnOnce(&Path, u16) -> String) -> Broker {
         let (home, port) = (tempfile::tempdir().unwrap(), free_port());
         let lines = lines(home.path(), port);
@@ -34,12 +34,12 @@ impl Broker {
         broker
     }
 
-    /// Its directory.
+    /// Directory of the broker.
     pub(crate) fn home(&self) -> &Path {
         self.home.path()
     }
 
-    /// Begins, or begins again at the same port.
+    /// Starts the broker, or starts it again at the same port.
     pub(crate) fn starts(&mut self) {
         let found = ["/usr/sbin/mosquitto", "/usr/local/sbin/mosquitto", "/usr/bin/mosquitto"];
         let program = found.iter().find(|path| Path::new(path).exists());
@@ -52,22 +52,23 @@ impl Broker {
         });
     }
 
-    /// Is killed.
+    /// Kills the broker.
     pub(crate) fn dies(&mut self) {
         self.running.replace(None).unwrap().killed();
     }
 
-    /// Stands still, and goes on.
+    /// Process of the broker, which a test can stop and continue.
     pub(crate) fn process(&self) -> Ref<'_, Running> {
         Ref::map(self.running.borrow(), |running| running.as_ref().unwrap())
     }
 
-    /// What it has written.
+    /// Output of the broker so far.
     pub(crate) fn so_far(&self) -> String {
         self.running.borrow_mut().as_mut().unwrap().so_far().join("\n")
     }
 
-    /// A reader of these topics, once it is one: a line a message, `RETAINED TOPIC PAYLOAD`.
+    /// Starts a subscriber of these topics, and waits until it is subscribed. It prints each message as `RETAINED TOPIC
+    /// PAYLOAD`.
     pub(crate) fn reads(&self, topics: &str, more: &[&str]) -> Running {
         let port = self.port.to_string();
         static READERS: AtomicUsize = AtomicUsize::new(0);
@@ -90,7 +91,7 @@ impl Broker {
         self.publishes(topic, &[&["-m", payload], more].concat());
     }
 
-    /// Publishes what `what` says as mosquitto_pub takes it.
+    /// Publishes with these options of mosquitto_pub.
     pub(crate) fn publishes(&self, topic: &str, what: &[&str]) {
         let port = self.port.to_string();
         let mut command = Command::new("mosquitto_pub");

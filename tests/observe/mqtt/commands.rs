@@ -1,4 +1,4 @@
-//! What arrives: a measured error where the profile takes some, nothing else, and nothing at all where it takes none.
+//! Received messages: the gateway accepts measured errors if the profile allows it, and nothing else.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -44,7 +44,7 @@ fn a_measured_error_is_learned_from_and_nothing_arms_disarms_or_moves() {
     assert!(refused <= 2, "{refused} refusals are reported");
 }
 
-/// Publishes a message at least once, as a sender does that has lost the answer: the same packet again, marked as that.
+/// Publishes a message twice, like a sender that has lost the answer: the second packet is marked as a repetition.
 fn publishes_twice(broker: &Broker, topic: &str, payload: &str) {
     let text = |text: &str| [&u16::try_from(text.len()).unwrap().to_be_bytes(), text.as_bytes()].concat();
     let packet = |kind: u8, body: &[u8]| {
@@ -61,7 +61,7 @@ fn publishes_twice(broker: &Broker, topic: &str, payload: &str) {
     for kind in [0x32, 0x3a] {
         stream.write_all(&packet(kind, &publish)).unwrap();
         stream.read_exact(&mut [0; 4]).unwrap();
-        // The gateway takes one a second, and on a busy computer seconds later.
+        // The gateway accepts one each second, on a busy computer after some seconds.
         std::thread::sleep(Duration::from_secs(4));
     }
 }
@@ -80,7 +80,7 @@ fn a_measured_error_that_the_broker_delivers_twice_counts_once_after_a_kill_too(
         um => Err(format!("{um:?}")),
     });
     let learned = probe(&machine)["correction_um"].clone();
-    // So far off that a second one has to agree.
+    // The error is so large that a second measurement must confirm it.
     for (payload, why) in [
         (r#"{"axis":"z","error_um":-25}"#, "counts once; send a `time` or an `id`"),
         (r#"{"axis":"z","error_um":-24,"id":"part-17/2"}"#, "the id part-17/2 was taken before"),
@@ -103,7 +103,7 @@ fn a_measured_error_that_the_broker_delivers_twice_counts_once_after_a_kill_too(
         self::events(&machine)
     );
     assert_ne!(once["correction_um"], learned);
-    // What was learned is kept at once: so is what it was learned from.
+    // The gateway saves the learned correction, together with its measurements, at once.
     std::thread::sleep(Duration::from_secs(10));
     machine = machine.dies_and_begins();
     machine.is_active();

@@ -1,4 +1,4 @@
-//! A machine of a hundred temperatures that change with every read, and a gateway that holds it.
+//! A machine with a hundred temperatures that change with every read, and its gateway.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -10,21 +10,21 @@ use serde_json::Value;
 use super::device::server::{Question, serve};
 use super::process::{Running, file, isotherm, until};
 
-/// What it has of signals.
+/// Number of signals.
 pub(crate) const SIGNALS: usize = 100;
-/// The register of its offset.
+/// Offset register.
 const OFFSET: u16 = 200;
 
-/// A gateway in a process of its own, with the machine that it holds.
+/// A gateway in a separate process, with its simulated machine.
 pub(crate) struct Machine {
     pub(crate) running: Running,
     pub(crate) profile: PathBuf,
     home: tempfile::TempDir,
-    /// While it is set, no temperature is answered.
+    /// If not zero, the device does not return temperatures.
     is_mute: Arc<AtomicU16>,
 }
 
-/// A profile of it, with `[mqtt]` where there is any.
+/// Makes the machine's profile, with this `[mqtt]`.
 fn profile(address: &str, mqtt: &str) -> String {
     let signals: String = (0..SIGNALS)
         .map(|place| {
@@ -75,19 +75,19 @@ scale = 0.1
 }
 
 impl Machine {
-    /// One with this `[mqtt]`.
+    /// Starts a machine with this `[mqtt]`.
     pub(crate) fn with(mqtt: &str) -> Machine {
         Machine::beside(mqtt, |_| ())
     }
 
-    /// The same, with files beside its profile.
+    /// Starts a machine with this `[mqtt]`, and with files next to its profile.
     pub(crate) fn beside(mqtt: &str, files: impl FnOnce(&Path)) -> Machine {
         let (profile, home, is_mute) = Machine::prepared(mqtt, files);
         let running = Running::start(isotherm(home.path()).arg("run").arg(&profile));
         Machine { running, profile, home, is_mute }
     }
 
-    /// Its profile, before anything runs.
+    /// Makes the profile and the device, before the gateway runs.
     pub(crate) fn prepared(
         mqtt: &str,
         files: impl FnOnce(&Path),
@@ -117,7 +117,7 @@ impl Machine {
         (profile, home, is_mute)
     }
 
-    /// Is killed, and begins anew with what is on disk.
+    /// Kills the gateway, and starts it again with its state on disk.
     pub(crate) fn dies_and_begins(self) -> Machine {
         let Machine { running, profile, home, is_mute } = self;
         running.killed();
@@ -125,25 +125,25 @@ impl Machine {
         Machine { running, profile, home, is_mute }
     }
 
-    /// Whether its temperatures are answered.
+    /// Sets whether the device returns temperatures.
     pub(crate) fn answers(&self, answers: bool) {
         self.is_mute.store(u16::from(!answers), Ordering::Relaxed);
     }
 
-    /// `isotherm VERB` of it.
+    /// Runs `isotherm VERB` for this machine, and returns its output.
     pub(crate) fn verb(&self, verb: &str, more: &[&str]) -> String {
         let mut command = isotherm(self.home.path());
         let done = command.arg(verb).arg(&self.profile).args(more).output().unwrap();
         format!("{}{}", String::from_utf8_lossy(&done.stdout), String::from_utf8_lossy(&done.stderr))
     }
 
-    /// Its state.
+    /// Status of the gateway.
     pub(crate) fn status(&self) -> Value {
         let said = self.verb("status", &["--json"]);
         serde_json::from_str(&said).unwrap_or_else(|_| panic!("{said}"))
     }
 
-    /// Waits until its axis follows the model.
+    /// Waits until the axis follows its model.
     pub(crate) fn is_active(&self) {
         until("the axis is active", || {
             let said = self.verb("status", &["--json"]);
@@ -152,7 +152,7 @@ impl Machine {
         });
     }
 
-    /// How often polls were late, by more than this many milliseconds, and how often there were any.
+    /// Number of polls that were late by more than `ms` milliseconds, and number of all polls.
     pub(crate) fn late(&self, ms: f64) -> (u64, u64) {
         let status = self.status();
         let mut counts = (0, 0);

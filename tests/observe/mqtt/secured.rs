@@ -1,4 +1,4 @@
-//! TLS, passwords and certificates: who is let in, and what is said to whoever is not.
+//! TLS, passwords and certificates: accepted clients, and the errors of rejected ones.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -11,7 +11,7 @@ use super::process::{file, isotherm};
 
 const YEARS: (i32, i32) = (2020, 2060);
 
-/// A broker inside TLS, for the name localhost, which knows the user gw7.
+/// Starts a broker with TLS, the host name localhost and the user gw7.
 fn secured(authority: &Authority, more: &str, server: &Signed) -> Broker {
     let (ca, server, more) = (authority.cert.clone(), server.clone(), more.to_owned());
     Broker::with(move |home, _| {

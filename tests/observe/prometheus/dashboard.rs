@@ -1,4 +1,4 @@
-//! The dashboard as Grafana takes it: what it asks, and whether it is whole.
+//! The Grafana dashboard: its queries, and its completeness.
 
 use std::collections::BTreeSet;
 
@@ -11,7 +11,7 @@ pub(crate) fn dashboard() -> Value {
     serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
 }
 
-/// What its panels ask, with the panel's title, every machine and axis chosen.
+/// Titles and queries of all panels, for all machines and axes.
 pub(crate) fn queries() -> Vec<(String, String)> {
     let dashboard = dashboard();
     let panels = dashboard["panels"].as_array().unwrap().iter();

@@ -1,4 +1,5 @@
-//! What `docker/fleet` mounts is there, and Prometheus takes its part of it. The compose file itself is not run: no registry.
+//! The files that `docker/fleet` mounts exist, and Prometheus accepts its configuration. The compose file itself is not
+//! run, because that needs a registry.
 
 use std::path::{Path, PathBuf};
 

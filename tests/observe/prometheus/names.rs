@@ -1,4 +1,4 @@
-//! The names of the metrics, by those who have an opinion of them: promtool, and the manual.
+//! Names of the metrics, checked by promtool and against the manual.
 
 use std::collections::BTreeSet;
 
@@ -6,7 +6,7 @@ use crate::prometheus::fake::{self, Door};
 use crate::prometheus::server::{chapter, promtool};
 use isotherm::observe::status::BrokerStatus;
 
-/// Of a gateway of which everything is known.
+/// Metrics of a gateway with all values.
 async fn everything() -> String {
     let door = Door::open(None).await;
     door.change(|status| {

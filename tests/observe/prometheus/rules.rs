@@ -1,10 +1,10 @@
-//! The alarms, as promtool tries them.
+//! Tests of the alarm rules with promtool.
 
 use std::collections::BTreeSet;
 
 use crate::prometheus::server::{chapter, packaging, promtool};
 
-/// What stands behind a word in a file of rules or of their tests.
+/// Values after a key in a file of rules or of their tests.
 fn named<'a>(text: &'a str, word: &str) -> BTreeSet<&'a str> {
     let behind = |part: &'a str| part.trim_start().split([',', ' ', '\n']).next().unwrap();
     text.split(word).skip(1).map(behind).collect()

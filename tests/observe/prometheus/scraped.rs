@@ -1,4 +1,4 @@
-//! A gateway on virtual devices, scraped over TLS as the manual says, with the token that may do nothing else.
+//! A gateway with virtual devices, scraped over TLS with the scrape token as the manual describes.
 
 use std::collections::BTreeSet;
 use std::os::unix::fs::PermissionsExt;
@@ -12,7 +12,7 @@ use crate::prometheus::server::{Prometheus, chapter, packaging, promtool};
 const ENVELOPE: &str = r#"{ "format": "isotherm-envelope", "version": 1, "covariance": [[25.0]],
     "inputs": [{ "signal": "bed", "mean": 20.0, "min": -40.0, "max": 80.0 }] }"#;
 
-/// One that runs, with its page over TLS at `localhost`.
+/// A running gateway with its page over TLS at `localhost`.
 struct Machine {
     home: tempfile::TempDir,
     profile: PathBuf,
@@ -51,7 +51,7 @@ impl Machine {
         Machine { home, profile, port, _devices: devices, gateway }
     }
 
-    /// Somebody has measured an error, and the axis has learned from it.
+    /// Reports a measured error, and waits until the axis has learned from it.
     fn is_probed(&self) {
         until("the axis learns from a measured error", || {
             let mut command = isotherm(self.home.path());
@@ -64,7 +64,7 @@ impl Machine {
         });
     }
 
-    /// The configuration that the manual shows, for this machine, and for a second one whose token is no token.
+    /// Configuration from the manual, for this machine and for a second target with an invalid token.
     fn configuration(&self) -> PathBuf {
         let at = |name: &str| self.home.path().join(name).display().to_string();
         let chapter = chapter();
@@ -90,12 +90,12 @@ impl Machine {
     }
 }
 
-/// What of this system is not known has no metric.
+/// Returns whether this system provides the value. Values that are not known have no metric.
 fn is_told_by_the_kernel(prometheus: &Prometheus) -> bool {
     !prometheus.values("count(isotherm_clock_synchronised)").is_empty()
 }
 
-/// Names in a text.
+/// Names of metrics in a text.
 fn metrics(text: &str) -> BTreeSet<&str> {
     let words = text.split(|letter: char| !(letter.is_ascii_lowercase() || letter == '_'));
     words.filter(|word| word.starts_with("isotherm_")).collect()

@@ -1,4 +1,4 @@
-//! Prometheus and promtool, as Debian has them.
+//! Prometheus and promtool from the Debian package.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -10,45 +10,45 @@ use serde_json::Value;
 
 use crate::prometheus::process::{Running, free_port, until};
 
-/// A directory of what packages contain.
+/// A directory of the packaging files.
 pub(crate) fn packaging(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("packaging").join(name)
 }
 
-/// What the manual says of it.
+/// Chapter of the manual about Prometheus.
 pub(crate) fn chapter() -> String {
     std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/prometheus.md")).unwrap()
 }
 
-/// The program that `tests/run tools` has unpacked; else one that is on the path.
+/// Program that `tests/run tools` has unpacked, or the one on the path.
 fn program(name: &str) -> Command {
     let tools = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap().join("tools");
     let unpacked = tools.join("prometheus/usr/bin").join(name);
     Command::new(if unpacked.is_file() { unpacked } else { name.into() })
 }
 
-/// Runs promtool beside the rules, with this on its stdin: its exit code, and all that it said.
+/// Runs promtool in the directory of the rules, with this standard input. Returns its exit code and its output.
 pub(crate) fn promtool(arguments: &[&str], stdin: &str) -> (i32, String) {
     let mut command = program("promtool");
     command.args(arguments).current_dir(packaging("prometheus"));
     let begun = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
     let mut begun =
         begun.unwrap_or_else(|error| panic!("no promtool ({error}): `tests/run tools` unpacks it"));
-    // It may end before it has read all.
+    // promtool may end before it has read all.
     let _ = begun.stdin.take().unwrap().write_all(stdin.as_bytes());
     let ended = begun.wait_with_output().unwrap();
     let said = [ended.stdout, ended.stderr].map(|said| String::from_utf8(said).unwrap()).concat();
     (ended.status.code().unwrap(), said)
 }
 
-/// One that runs.
+/// A running Prometheus.
 pub(crate) struct Prometheus {
     _running: Running,
     port: u16,
 }
 
 impl Prometheus {
-    /// Starts it with this configuration; its data lie in this directory.
+    /// Starts Prometheus with this configuration, and with its data in this directory.
     pub(crate) fn start(configuration: &Path, home: &Path) -> Prometheus {
         let port = free_port();
         let mut command = program("prometheus");
@@ -66,10 +66,10 @@ impl Prometheus {
         started
     }
 
-    /// The code and the body that come back; nothing while it does not listen yet.
+    /// Sends a request. Returns status code and body; `None` while Prometheus does not listen yet.
     fn get(&self, path: &str) -> Option<(u16, String)> {
         let mut stream = TcpStream::connect(("127.0.0.1", self.port)).ok()?;
-        // By this version of HTTP nothing comes in pieces.
+        // HTTP/1.0 has no chunked encoding.
         write!(stream, "GET {path} HTTP/1.0\r\nHost: localhost\r\n\r\n").ok()?;
         let mut text = String::new();
         stream.read_to_string(&mut text).ok()?;
@@ -84,7 +84,7 @@ impl Prometheus {
         answer["data"].take()
     }
 
-    /// The values that a query gives now.
+    /// Current values of a query.
     pub(crate) fn values(&self, query: &str) -> Vec<f64> {
         let data =
             self.data(&format!("/api/v1/query?query={}", utf8_percent_encode(query, NON_ALPHANUMERIC)));
@@ -92,7 +92,7 @@ impl Prometheus {
         found.map(|found| found["value"][1].as_str().unwrap().parse().unwrap()).collect()
     }
 
-    /// Every target: its health, and what the last scrape failed by.
+    /// Health and last scrape error of every target.
     pub(crate) fn targets(&self) -> Vec<(String, String)> {
         let data = self.data("/api/v1/targets");
         let of = |target: &Value, key: &str| target[key].as_str().unwrap().to_owned();
@@ -100,7 +100,7 @@ impl Prometheus {
         targets.map(|target| (of(target, "health"), of(target, "lastError"))).collect()
     }
 
-    /// Every alarm: its name, whether its rule could be worked out, and its state.
+    /// Name, evaluation health and state of every alarm.
     pub(crate) fn alarms(&self) -> Vec<[String; 3]> {
         let data = self.data("/api/v1/rules");
         let groups = data["groups"].as_array().unwrap().iter();

@@ -1,4 +1,4 @@
-//! Errors that were measured while a compensation acted.
+//! Errors that were measured while a compensation was active.
 
 use std::fmt::Write;
 
@@ -6,7 +6,8 @@ use serde_json::Value;
 
 use crate::end_to_end::plant::{HEADER, OUTPUT, PROFILE, READOUT, asked, day, identify, rows};
 
-/// The day as the gateway logs it while it compensates: its Cz, one µm a row, is in the error.
+/// Log of a day as the gateway writes it while it compensates. Its Cz, which changes by at most 1 µm per row, is part
+/// of the error.
 fn compensated(number: u32, dry: bool) -> String {
     let (mut header, mut cz) = (HEADER.to_vec(), 0.0_f64);
     header.extend(["z_permit", "z_from_um", "z_raw_um", "z_cz_um", "z_model", "z_state", "z_acted"]);
@@ -47,13 +48,13 @@ fn a_log_written_while_compensating_gives_the_model_of_the_bare_machine() {
     let while_active = reported(&profile, &of(&|number| compensated(number, false)), &[]);
     assert!(near(&gains(&while_active)), "{bare:?} {while_active}");
     assert!(while_active.contains("it was taken out again"), "{while_active}");
-    // What it decided in a dry run never acted.
+    // In a dry run, the decisions were never active.
     let dry = reported(&profile, &of(&|number| compensated(number, true)), &[]);
     assert!(near(&gains(&dry)) && !dry.contains("taken out"), "{dry}");
-    // Taken as it is, it is another machine.
+    // With its Cz, the log describes another machine.
     let as_is = reported(&profile, &of(&|number| compensated(number, false)), &["--cz", "none"]);
     assert!(!near(&gains(&as_is)), "{bare:?} {as_is}");
-    // Without its other columns nobody knows, and a readout moves nothing by itself.
+    // Without the other columns, the active Cz cannot be determined. A readout does not move the machine.
     let foreign = of(&|number| compensated(number, false).replace("z_permit", "permission"));
     let logged = of(&|number| compensated(number, false));
     let readout = format!("{PROFILE}{READOUT}");

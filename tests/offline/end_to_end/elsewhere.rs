@@ -1,4 +1,4 @@
-//! Logs as spreadsheets, loggers and people with a dial gauge have them.
+//! Logs from spreadsheets and loggers, and readings of a dial gauge.
 
 use std::fmt::Write;
 
@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use crate::end_to_end::plant::{HEADER, OUTPUT, PROFILE, READOUT, asked, day, identify, rows, written};
 
-/// A day's rows with times by the clock on a wall, each date as `stamp` has it.
+/// Rows of a day with times in local time; `stamp` formats date and time.
 fn dated(number: u32, stamp: impl Fn(u32, u32, u32) -> String) -> String {
     let mut text = HEADER.join(",") + "\n";
     for (minute, row) in (0..).zip(rows(number)) {
@@ -20,7 +20,7 @@ fn in_utc(number: u32) -> String {
     dated(number, |day, hour, minute| format!("2026-01-{day:02}T{:02}:{minute:02}:00Z", hour - 1))
 }
 
-/// As a German spreadsheet saves it, with the rows that somebody once clicked into.
+/// File of a German spreadsheet, with empty rows at its end.
 fn german(number: u32) -> String {
     let dotted = dated(number, |day, hour, minute| format!("{day:02}_01_2026 {hour:02}:{minute:02}:00"));
     let text = dotted.replace(',', ";").replace('.', ",").replace('_', ".");
@@ -47,7 +47,7 @@ fn a_german_spreadsheet_and_a_logger_s_dates_say_the_same_as_plain_csv() {
         };
         let plain = answer(&in_utc, &[]);
         let without_making = |mut document: Value| {
-            // When the block was made.
+            // Time at which the block was made.
             document.as_object_mut().unwrap().remove("made");
             document
         };
@@ -120,7 +120,7 @@ fn a_zone_that_is_none_is_refused_with_the_one_that_was_meant() {
     }
 }
 
-/// The recorded log without the error, and what somebody read from a gauge every ten minutes, not quite with the rows.
+/// Recorded log without the error, and gauge readings every ten minutes, whose times differ from those of the rows.
 fn with_gauge(number: u32) -> (String, String) {
     let log = in_utc(number).lines().map(|line| format!("{}\n", line.rsplit_once(',').unwrap().0)).collect();
     let mut gauge = "time;error_mm\n".to_owned();

@@ -1,4 +1,4 @@
-//! What a newcomer does with logs, and what `identify`, `select` and `report` answer.
+//! Typical use of `identify`, `select` and `report` with logs, and the results.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 

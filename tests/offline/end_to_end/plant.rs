@@ -1,4 +1,4 @@
-//! A plant of our own, its days as logs, and the verbs over them.
+//! A simulated machine, its days as logs, and runs of the verbs.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -60,7 +60,8 @@ pub(crate) const READOUT: &str = "[signal.scale]\ndevice = \"module\"\nregister 
 
 pub(crate) const HEADER: [&str; 6] = ["time", "bearing", "oil", "post", "spindle_rpm", "z_error_um"];
 
-/// A day, minute by minute: the bearing bends the machine after 25 minutes, the oil at once; the post hangs in the hall.
+/// Rows of a day, one per minute. The bearing deforms the machine with a lag of 25 minutes, the oil immediately. The
+/// sensor on the post measures the air of the hall.
 pub(crate) fn rows(day: u32) -> Vec<Vec<f64>> {
     let (mut bearing, mut bent, mut oil) = (0.0_f64, 0.0, 0.0);
     let of_minute = |minute: u32| {
@@ -91,7 +92,7 @@ pub(crate) fn day(number: u32) -> String {
     written(&HEADER, &rows(number))
 }
 
-/// Each value of a column through this.
+/// Log of a day with a function applied to every value of a column.
 pub(crate) fn with_column(number: u32, column: usize, change: impl Fn(f64) -> f64) -> String {
     let mut rows = rows(number);
     rows.iter_mut().for_each(|row| row[column] = change(row[column]));
@@ -104,7 +105,7 @@ pub(crate) struct Answer {
     pub(crate) said: String,
 }
 
-/// A verb over these logs.
+/// Runs a verb with these logs.
 pub(crate) fn asked(home: &Path, before: &[&str], logs: &[(&str, String)], after: &[&str]) -> Answer {
     let logs: Vec<_> = logs.iter().map(|(name, text)| file(home, name, text)).collect();
     let ended = isotherm(home).current_dir(home).args(before).args(logs).args(after).output().unwrap();

@@ -1,4 +1,4 @@
-//! What is found is told, to people and to programs.
+//! Results in reports for people and in documents for programs.
 
 use std::time::Duration;
 
@@ -56,7 +56,7 @@ fn the_document_of_a_model_has_what_its_report_says() {
     assert_eq!(document["envelope"]["inputs"].as_array().unwrap().len(), 3);
     assert_eq!(document["limits"]["limit_um"], 40.0);
     assert_eq!(document["drift"][0]["test"], "spindle");
-    // Each stand-in has the envelope of its own inputs, and the profile with all of it is taken.
+    // Each substitute has the envelope of its own inputs, and the profile with all of them is accepted.
     let stand_ins = document["fallbacks"].as_array().unwrap();
     assert_eq!(stand_ins.len(), 3);
     assert!(stand_ins.iter().all(|one| one["envelope"]["inputs"].as_array().unwrap().len() == 2));
@@ -157,7 +157,8 @@ fn ctrl_c_ends_what_computes_for_long_within_a_second() {
     assert!(!running.has_ended(), "it takes longer than this: {:?}", running.so_far());
     let before = spent_by(running.id());
     running.signal("INT");
-    // A second of each of two processors: on a busy computer that takes longer.
+    // The limit is two seconds of processor time, that is one second on two processors. On a busy computer, the elapsed
+    // time is longer.
     until("it ends", || {
         let spent = spent_by(running.id()).saturating_sub(before);
         if running.has_ended() {

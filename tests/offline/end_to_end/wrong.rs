@@ -1,12 +1,12 @@
-//! Wrong input gets a sentence that says what to do.
+//! Wrong input is rejected with a message that says what to do.
 
 use crate::end_to_end::plant::{HEADER, PROFILE, asked, day, identify, rows, with_column, written};
 use crate::end_to_end::process::{file, isotherm};
 
-/// Names and texts.
+/// Names and texts of logs.
 type Logs = Vec<(&'static str, String)>;
 
-/// All three verbs refuse the first log with the same sentence.
+/// Checks that all three verbs reject the first log with these words.
 #[track_caller]
 fn all_refuse(log: &str, words: &[&str]) {
     let home = tempfile::tempdir().unwrap();

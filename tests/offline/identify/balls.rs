@@ -1,17 +1,17 @@
-//! A ball array whose machine's drift is known gives that drift back.
+//! Ball arrays on machines with known drift: the terms must equal it.
 
 use isotherm_identify::balls::{Terms, log, terms};
 use isotherm_identify::dataset::{BadLog, Dataset, Split, every_column};
 use isotherm_identify::method::{Method, Settings};
 use proptest::prelude::*;
 
-/// What the coordinates of the balls move by, µm and µm/mm.
+/// Movement of the ball coordinates, µm and µm/mm.
 #[derive(Clone, Copy, Debug)]
 struct Truth {
     drift: [f64; 3],
     /// k along the array, A across it.
     slope: [f64; 3],
-    /// B, across.
+    /// B, across the array.
     spindle: [f64; 3],
 }
 
@@ -24,7 +24,7 @@ fn read(name: &str, text: &str) -> Result<Dataset, BadLog> {
     Dataset::read(&[path], &Split::default(), &|_| None, &every_column)
 }
 
-/// Five balls, 100 mm apart along one direction, in rounds of ten minutes, with one stylus or two.
+/// Five balls at a distance of 100 mm along one direction, in rounds of ten minutes, with one stylus or two.
 fn touches(along: usize, rounds: &[Truth], styli: &[f64]) -> String {
     let mut text = "time,ball,x_mm,y_mm,z_mm,stylus_mm\n".to_owned();
     let mut second = 0;
@@ -61,7 +61,7 @@ fn refused(text: &str) -> String {
     }
 }
 
-/// M6 of the reference values.
+/// Case M6 of the reference values.
 #[test]
 fn two_balls_100_mm_apart_and_3_5_um_give_0_035_um_per_mm() {
     let text = "time,ball,x_mm,y_mm,z_mm\n0,1,0,0,100\n30,2,0,0,200\n3600,1,0,0,100\n3630,2,0,0,200.0035\n";
@@ -101,7 +101,7 @@ fn what_one_touch_is_off_by_is_shared_by_the_balls_and_reported_as_what_is_left(
     let truth = Truth { slope: [0.0, 0.0, 0.05], ..STILL };
     let text = touches(2, &[STILL, truth], &[80.0]);
     let last = text.lines().last().unwrap().to_owned();
-    // The last ball 5 µm too high: a slope of 5 · 200/100000 µm/mm more.
+    // The last ball is 5 µm too high: the slope increases by 5 · 200/100000 µm/mm.
     let height: f64 = last.split(',').nth(4).unwrap().parse().unwrap();
     let off = text.replace(&last, &last.replace(&height.to_string(), &(height + 0.005).to_string()));
     let warm = &found(&off).rounds[1];
@@ -131,7 +131,7 @@ fn the_error_in_the_log_is_minus_the_drift_of_the_coordinates() {
 
 #[test]
 fn rounds_stand_in_the_recorded_rows_nearest_to_them_and_identify_takes_them() {
-    // z drifts by −4 µm per °C of the coordinates, so that e = +4 µm/°C and Cz = −4 µm/°C.
+    // The z coordinates drift by −4 µm per °C, so that e = +4 µm/°C and Cz = −4 µm/°C.
     let temperature = |minute: usize, day: f64| 20.0 + day * ((minute as f64 - 10.0) / 60.0).clamp(0.0, 3.0);
     let mut logs = Vec::new();
     for day in [1.0, 1.5, 2.0] {

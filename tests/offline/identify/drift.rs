@@ -1,9 +1,9 @@
-//! What `isotherm report` says of logs whose drift is known.
+//! Results of `isotherm report` for logs with known drift.
 
 use isotherm_identify::dataset::{Dataset, Split, every_column};
 use isotherm_identify::drift::{Drift, Test, drift};
 
-/// A log of minute rows.
+/// Log with one row per minute.
 fn log(columns: &str, minutes: usize, row: impl Fn(f64) -> String) -> String {
     let rows: String = (0..minutes).map(|minute| format!("{minute},{}\n", row(minute as f64))).collect();
     format!("time_min,{columns}\n{rows}")
@@ -26,7 +26,7 @@ fn near(one: f64, other: f64) -> bool {
 
 #[test]
 fn a_night_in_which_nothing_moves_is_an_etve_test() {
-    // Six hours: 1 µm/h, and 12 µm more within half an hour from the third hour on.
+    // Six hours with 1 µm/h, and 12 µm in addition within half an hour after the third hour.
     let text = log("hall_c,y_um", 361, |minute| {
         let step = ((minute - 180.0) / 30.0).clamp(0.0, 1.0);
         format!("{},{}", 20.0 + 0.01 * minute, minute / 60.0 + 12.0 * step)

@@ -1,4 +1,4 @@
-//! The products of a fleet's runs, kept machine by machine, added up and learnt from.
+//! Products of the runs of a fleet, stored for each machine, summed, and used for identification.
 
 use isotherm_identify::Learned;
 use isotherm_identify::fleet::{FleetTerm, RunProducts};
@@ -8,7 +8,7 @@ use isotherm_identify::setup::{Choice, ready};
 use super::rig::{self, choice, dataset, found, profile};
 use super::whitened::{days, logs};
 
-/// Of these days of a machine, through a file.
+/// Products of these days of a machine, after they have been written to a file and read.
 fn kept(machine: &str, days: &[String], choice: &Choice) -> RunProducts {
     let dataset = dataset(days).unwrap();
     let ready = ready(&profile(4), &dataset, choice).unwrap();
@@ -25,7 +25,7 @@ fn some(count: u64) -> Vec<String> {
 
 #[test]
 fn what_is_learnt_from_products_kept_day_by_day_is_what_identify_finds_in_the_records_to_the_last_bit() {
-    // One day, two, and so many that they are held out in folds.
+    // One day, two, and more, up to a number that is divided into folds.
     for count in [1, 2, 5, 10] {
         let days = some(count);
         let found = found(4, &days, &Settings::default());
@@ -36,7 +36,7 @@ fn what_is_learnt_from_products_kept_day_by_day_is_what_identify_finds_in_the_re
             Learned::Net { .. } => panic!("no network was asked for"),
         };
         assert!(gains.len() > 4, "{gains:?}");
-        // `identify` leaves out what is less than half a count of the register.
+        // `identify` removes terms with less than half a count of the register.
         assert!(fleet.terms.len() >= gains.len());
         for (place, term) in found.terms.iter().enumerate() {
             let same =
@@ -52,7 +52,7 @@ fn what_is_learnt_from_products_kept_day_by_day_is_what_identify_finds_in_the_re
     }
 }
 
-/// Each day kept for itself, as if it were another machine's.
+/// Products in which each day is stored separately, like that of another machine.
 fn merged(days: &[String]) -> RunProducts {
     let each =
         |(place, day): (usize, &String)| kept(&format!("mill-{place}"), std::slice::from_ref(day), &choice());
@@ -72,7 +72,7 @@ fn a_machine_is_judged_by_the_others_as_well_and_a_profile_takes_the_block() {
         [("mill-1", "day0"), ("mill-1", "day1"), ("mill-2", "day0"), ("mill-2", "day1")]
     );
     let model = fleet.learn();
-    // As if the first machine had no other run.
+    // Products as if the first machine had no other run.
     let mut without = kept("mill-1", &days[..1], &choice());
     without.add(&kept("mill-2", &days[2..], &choice())).unwrap();
     let (own, others) = (&model.runs[0], &without.learn().runs[0]);

@@ -1,4 +1,4 @@
-//! The error is there more seldom than the temperatures, and single cells are missing.
+//! Logs in which the error is measured less often than the temperatures, and single cells are missing.
 
 use isotherm_identify::method::Settings;
 use isotherm_identify::setup::ready;
@@ -8,7 +8,7 @@ use isotherm_identify::{Identified, identify};
 use super::rig::{self, Day, Machine, Part, dataset, found};
 use super::speed;
 
-/// Rows every ten seconds; s3 resembles s0.
+/// Days with a row every ten seconds. s3 is similar to s0.
 fn days() -> Vec<Day> {
     let parts =
         [Part { sensor: 0, gain: 3.0, constant: 1500.0 }, Part { sensor: 2, gain: -1.5, constant: 0.0 }];
@@ -34,7 +34,7 @@ fn logs(days: &[Day]) -> Vec<String> {
     days.iter().map(Day::log).collect()
 }
 
-/// Each sensor that is lost costs the same.
+/// Checks that the loss of each sensor has the same effect in both results.
 #[track_caller]
 fn alike(one: &Identified, other: &Identified) {
     assert_eq!((one.stand_ins.len(), other.stand_ins.len()), (4, 4));

@@ -1,4 +1,4 @@
-//! What takes the place of a sensor, and which sensors nothing replaces.
+//! Substitutes for lost sensors, and sensors without a substitute.
 
 use std::collections::BTreeSet;
 
@@ -47,7 +47,7 @@ fn what_is_written_of_a_model_of_few_sensors_needs_no_other_one() {
     rig::pasted(&rig::profile_with(4, &block.block), &block.files);
 }
 
-/// s1 resembles s0; s0 stands still for 30 minutes from each of these rows on, in the third day.
+/// Days in which s1 is similar to s0. In the third day, s0 is constant for 30 minutes from each of these rows on.
 fn frozen(count: u64, at: &[usize]) -> Vec<Day> {
     let mut all = days(count, 23, 0.2);
     for day in &mut all {
@@ -62,7 +62,7 @@ fn frozen(count: u64, at: &[usize]) -> Vec<Day> {
     all
 }
 
-/// Where it moves most: two places of a day that are an hour and more apart.
+/// Two rows of a day at which the sensor changes most, at least an hour apart.
 fn lively(day: &Day) -> [usize; 2] {
     let rows = &day.temperatures[0];
     let moves = |at: usize| (rows[at + 30] - rows[at]).abs();

@@ -1,4 +1,4 @@
-//! Errors measured at several positions: plants whose level and slope are known.
+//! Errors measured at several positions, on simulated machines with known constant part and slope.
 
 use std::path::Path;
 use std::time::Duration;
@@ -15,20 +15,21 @@ use isotherm_profile::Profile;
 
 use super::rig::{self, Machine, NO_MODEL, Part, dataset, profile_with};
 
-/// µm per mm and °C, after the time constant of the bank that fits.
+/// Slope in µm per mm and °C, and constant part in µm per °C. The time constant is one of the bank.
 const SLOPE: [Part; 1] = [Part { sensor: 0, gain: 0.012, constant: 1500.0 }];
 const LEVEL: [Part; 1] = [Part { sensor: 1, gain: -2.5, constant: 0.0 }];
-/// Where the slope adds nothing, mm.
+/// Position at which the slope has no effect, mm.
 const REFERENCE: f64 = -20.0;
 
 fn machine(parts: &[Part], noise: f64) -> Machine {
     Machine { sensors: 3, parts: parts.to_vec(), step: 60.0, rows: 480, noise }
 }
 
-/// Days of level + slope · (z − reference) + what is wrong with each place from the start, with z at each row.
+/// Days with the error level + slope · (z − reference), plus a constant error `cold` of each position, and with the
+/// column z.
 fn days(count: u64, noise: f64, place: impl Fn(usize) -> f64, cold: impl Fn(f64) -> f64) -> Vec<String> {
     let day = |seed: u64| {
-        // The same seed has the same temperatures: its error is the slope alone, µm per mm.
+        // The same seed gives the same temperatures. The error of this day is the slope alone, µm per mm.
         let slope = machine(&SLOPE, 0.0).day(seed).error;
         let mut day = machine(&LEVEL, noise).day(seed);
         for (row, (error, slope)) in day.error.iter_mut().zip(slope).enumerate() {
@@ -75,7 +76,7 @@ fn found(days: &[String], settings: &Settings) -> Result<Identified, String> {
     identify(&ready, settings, None, true, &|_, _| {})
 }
 
-/// The sum of the gains of a sensor, over its lags.
+/// Sum of the gains of a sensor over its lags.
 fn gain(terms: &[TermFound], signal: &str, slope: bool) -> f64 {
     terms.iter().filter(|term| term.signal == signal && term.slope == slope).map(|term| term.gain).sum()
 }
@@ -130,7 +131,7 @@ fn lags_leave_a_third_and_with_two_terms_they_are_the_two_that_the_days_were_mad
     let two = found(&days, &Settings { terms: Some(2), ..by_position() }).unwrap();
     let chosen: Vec<(&str, bool)> = two.terms.iter().map(|term| (term.signal.as_str(), term.slope)).collect();
     assert_eq!(chosen, [("s1", false), ("s0", true)]);
-    // Beside a slope that is not in yet, three minutes are as good as none.
+    // Before the slope is selected, a lag of three minutes fits as well as none.
     assert!(two.terms[0].lag_s <= 180.0 && (two.terms[1].lag_s - 1500.0).abs() < 1e-9, "{:?}", two.terms);
     assert_true(&two, "two terms");
 }

@@ -1,4 +1,4 @@
-//! A model that exists, towards which is learnt.
+//! Identification with an existing model as the prior.
 
 use std::time::Duration;
 

@@ -44,7 +44,7 @@ fn in_95_of_100_days_and_more_the_truth_lies_within_two_standard_errors() {
 
 #[test]
 fn a_standard_error_is_no_larger_than_the_noise_makes_it() {
-    // Of one campaign of four days it may be off by as much as four days can tell; of twenty it is not.
+    // In one campaign of four days, the standard error itself is uncertain; in twenty campaigns, it is not.
     let mut stated: [Vec<f64>; 4] = Default::default();
     let mut scatter = [0.0; 4];
     for seed in 0..20 {
@@ -71,7 +71,7 @@ fn m4_time_constants_are_found_though_they_are_not_in_the_bank() {
     for part in parts {
         let name = format!("s{}", part.sensor);
         let term = found.terms.iter().find(|term| term.signal == name).unwrap();
-        // The lag begins when its reference has settled, three minutes in: the machine is still cold then.
+        // The lag begins when its reference is determined, after three minutes. The machine is still cold then.
         assert!((term.lag_s / part.constant - 1.0).abs() < 0.03, "{term:?}");
         assert!((term.gain + part.gain).abs() < 0.05, "{term:?}");
         assert!(term.se.is_some_and(|se| se > 0.0 && se < 0.1), "the fits without one day differ: {term:?}");

@@ -1,4 +1,4 @@
-//! Days of a machine whose truth is known, as logs in a directory, and the profile that reads them.
+//! Days of a simulated machine with known parameters, as logs in a directory, and its profile.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use isotherm_profile::{Profile, ProfileError};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// What one sensor adds to the error, µm per °C, after its time constant in seconds.
+/// Contribution of one sensor to the error: µm per °C, through a lag with this time constant in seconds.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Part {
     pub(crate) sensor: usize,
@@ -18,19 +18,19 @@ pub(crate) struct Part {
     pub(crate) constant: f64,
 }
 
-/// A machine of some sensors; the rest of the day is chance.
+/// A machine with sensors; the other properties of a day are random.
 #[derive(Clone, Debug)]
 pub(crate) struct Machine {
     pub(crate) sensors: usize,
     pub(crate) parts: Vec<Part>,
-    /// Seconds between two rows.
+    /// Time between two rows, s.
     pub(crate) step: f64,
     pub(crate) rows: usize,
     /// Standard deviation of the probe, µm.
     pub(crate) noise: f64,
 }
 
-/// One day: a row of temperatures and an error for each time.
+/// One day, with temperatures and an error for each time.
 #[derive(Clone, Debug)]
 pub(crate) struct Day {
     pub(crate) times: Vec<f64>,
@@ -42,7 +42,7 @@ impl Machine {
     pub(crate) fn day(&self, seed: u64) -> Day {
         let mut chance = Pcg64Mcg::seed_from_u64(seed);
         let times: Vec<f64> = (0..self.rows).map(|row| row as f64 * self.step).collect();
-        // Each sensor warms towards its own ends, at its own pace, in three spells.
+        // Each sensor warms towards random values with its own time constant, in four periods.
         let temperatures: Vec<Vec<f64>> = (0..self.sensors)
             .map(|_| {
                 let pace: f64 = chance.random_range(900.0..5400.0);
@@ -66,7 +66,7 @@ impl Machine {
             let mut follower = input[0];
             for row in 0..self.rows {
                 if row > 0 && part.constant > 0.0 {
-                    // The exact solution for a straight line between two rows.
+                    // Exact solution for a straight line between two rows.
                     let share = self.step / part.constant;
                     let gone = 1.0 - (-share).exp();
                     let (before, now) = (input[row - 1], input[row]);
@@ -78,7 +78,7 @@ impl Machine {
             }
         }
         for value in &mut error {
-            // Four uniforms have nearly a normal law.
+            // The sum of four uniform random numbers is nearly normal.
             let sum: f64 = (0..4).map(|_| chance.random_range(-1.0..1.0)).sum();
             *value += self.noise * sum * (3.0_f64 / 4.0).sqrt();
         }
@@ -99,7 +99,7 @@ impl Day {
     }
 }
 
-/// A profile with these signals and this model.
+/// Profile with these signals and this model.
 pub(crate) fn profile_with(sensors: usize, model: &str) -> String {
     let mut text = "[machine]\nname = \"bench\"\nsettle = \"3min\"\n[bus.b]\ntype = \"modbus-tcp\"\n\
                     address = \"127.0.0.1:1502\"\ntimeout = \"300ms\"\n[device.m]\nbus = \"b\"\nunit = 1\n\
@@ -129,7 +129,7 @@ pub(crate) fn parsed(path: &Path, text: &str) -> Profile {
     isotherm_profile::parse(path, text, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 
-/// What the gateway makes of a profile with these files beside it.
+/// Loads a profile with these files next to it, as the gateway does.
 pub(crate) fn pasted(text: &str, files: &[(String, String)]) -> Profile {
     let directory = tempfile::tempdir().unwrap();
     for (name, content) in files {
@@ -147,7 +147,7 @@ pub(crate) fn pasted(text: &str, files: &[(String, String)]) -> Profile {
     loaded.profile
 }
 
-/// The logs of these days in a directory, in order.
+/// Writes the logs of these days to a directory, and returns their paths in order.
 pub(crate) fn logs(directory: &Path, days: &[String]) -> Vec<PathBuf> {
     let write = |(place, log): (usize, &String)| {
         let path = directory.join(format!("day{place}.csv"));
@@ -172,7 +172,7 @@ pub(crate) fn found(sensors: usize, days: &[String], settings: &Settings) -> Ide
     identify(&ready, settings, None, true, &|_, _| {}).unwrap()
 }
 
-/// What `identify` says of these days.
+/// Error message of `identify` for these days.
 pub(crate) fn refused(sensors: usize, days: &[String], choice: &Choice) -> String {
     match dataset(days) {
         Err(wrong) => wrong.to_string(),

@@ -1,4 +1,4 @@
-//! What is found is what runs.
+//! Comparison of the validated model with the model in the profile.
 
 use isotherm::cli::replay::replay;
 use isotherm_core::compensation::model::Outside;
@@ -18,8 +18,8 @@ fn machine(step: f64, rows: usize) -> Machine {
     Machine { sensors: 3, parts: parts.to_vec(), step, rows, noise: 0.3 }
 }
 
-/// The block that the other days give, pasted and replayed over the last day: the largest difference between its
-/// residual and that of the cross-validation, µm, and the rows compared.
+/// Identifies from all days but the last, loads the resulting block, and replays it over the last day. Returns the
+/// largest difference to the residual of the cross-validation in µm, and the number of compared rows.
 fn apart(machine: &Machine, count: u64, method: Method, resample: u64) -> (f64, usize) {
     let days: Vec<String> = (0..count).map(|day| machine.day(day).log()).collect();
     let choice = Choice { resample: std::time::Duration::from_secs(resample), ..Choice::default() };
@@ -61,7 +61,7 @@ fn apart(machine: &Machine, count: u64, method: Method, resample: u64) -> (f64, 
     let residual = held.residual(None);
     let (mut worst, mut rows) = (0.0_f64, 0);
     for (row, second) in held.seconds.iter().enumerate() {
-        // Rows that were averaged together have their mean time.
+        // A row that is the mean of several rows has their mean time.
         let window = (resample as f64 / 2.0).max(1e-6);
         let inside: Vec<f64> =
             replayed.iter().filter(|(time, _)| (time - second).abs() < window).map(|row| row.1).collect();

@@ -1,4 +1,4 @@
-//! The speed of a spindle as an input.
+//! Spindle speed as an input.
 
 use isotherm::cli::replay::replay;
 use isotherm_core::compensation::model::Outside;
@@ -13,7 +13,7 @@ use rand_pcg::Pcg64Mcg;
 use super::rig::{self, Day, dataset};
 use super::whitened;
 
-/// What warms with the square of the speed is in the error, and no sensor sees it.
+/// Day in which the square of the speed warms a part that no sensor measures.
 #[derive(Clone)]
 pub(crate) struct Turning {
     pub(crate) day: Day,
@@ -36,7 +36,7 @@ pub(crate) fn days(count: u64) -> Vec<Turning> {
     whitened::days(count, 9, 0.2).into_iter().zip(0..).map(turning).collect()
 }
 
-/// Without the speed in some rows.
+/// Log without the speed in some rows.
 pub(crate) fn log(day: &Turning, is_missing: impl Fn(usize) -> bool) -> String {
     let plain = day.day.log();
     let mut lines = plain.lines();
@@ -67,7 +67,7 @@ fn chosen(logs: &[String], choice: &Choice, settings: &Settings) -> Identified {
     identify(&ready, settings, None, true, &|_, _| {}).unwrap()
 }
 
-/// With the speed as an input.
+/// Identifies with the speed as an input.
 pub(crate) fn by(logs: &[String], settings: &Settings) -> Identified {
     chosen(logs, &Choice { speeds: true, ..rig::choice() }, settings)
 }

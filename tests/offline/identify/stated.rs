@@ -1,4 +1,4 @@
-//! What is stated about a gain is true on 200 campaigns whose truth is known.
+//! Coverage of the stated standard errors, in 200 campaigns with known gains.
 
 use isotherm_identify::method::{Method, Settings};
 use rand::{RngExt, SeedableRng};
@@ -6,7 +6,7 @@ use rand_pcg::Pcg64Mcg;
 
 use super::rig::{Machine, Part, found};
 
-/// Days with a disturbance that lasts: of the standard deviation `size`, µm, forgotten over `memory` rows.
+/// Days with a correlated disturbance. `size` is its standard deviation in µm, `memory` its correlation time in rows.
 fn campaign(days: u64, seed: u64, size: f64, memory: f64) -> Vec<String> {
     let parts = [Part { sensor: 0, gain: 3.0, constant: 0.0 }, Part { sensor: 2, gain: -1.5, constant: 0.0 }];
     let machine = Machine { sensors: 3, parts: parts.to_vec(), step: 60.0, rows: 480, noise: 0.1 };
@@ -25,8 +25,8 @@ fn campaign(days: u64, seed: u64, size: f64, memory: f64) -> Vec<String> {
     (0..days).map(day).collect()
 }
 
-/// Of 200 campaigns: how many have the true gain within the interval that is stated to hold it in 95 of 100, and how many
-/// times wider what is stated is, as its median, than what the gains really scatter by.
+/// Results of 200 campaigns for each gain. The first figure counts the true values within the stated 95 % interval. The
+/// second is the ratio of the median stated error to the scatter of the gains.
 fn inside(days: u64, size: f64, memory: f64) -> ([usize; 3], [f64; 3]) {
     let mut inside = [0; 3];
     let mut found_of: [Vec<(f64, f64)>; 3] = Default::default();
@@ -47,8 +47,8 @@ fn inside(days: u64, size: f64, memory: f64) -> ([usize; 3], [f64; 3]) {
     (inside, wide)
 }
 
-/// 95 of 100 of all of them; of each alone, as chance lets 200 draws differ (one-sided, 95 of 100). And no wider than
-/// Student's factor for so few days asks for.
+/// Checks that 95 % of all gains are inside. For a single gain, the limit allows for the chance of 200 draws
+/// (one-sided, 95 %). The errors must not be wider than Student's factor for so few days.
 #[track_caller]
 fn holds((inside, wide): ([usize; 3], [f64; 3]), widest: f64) {
     assert!(inside.iter().sum::<usize>() >= 570, "{inside:?} of 200 each");

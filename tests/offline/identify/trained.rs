@@ -1,4 +1,4 @@
-//! Networks and radial basis functions on a machine whose truth is no straight line; a difference with one sensor lost.
+//! Networks and radial basis functions on a non-linear machine; a difference after the loss of one sensor.
 
 use isotherm_core::compensation::model::Outside;
 use isotherm_identify::Identified;
@@ -11,7 +11,7 @@ fn machine() -> Machine {
     Machine { sensors: 3, parts: Vec::new(), step: 60.0, rows: 300, noise: 0.1 }
 }
 
-/// A joint that slips: 12 µm at most from one sensor, and two sensors that work against each other.
+/// Day with a joint that slips: at most 12 µm from one sensor, and a quadratic effect of another one.
 fn slipping(seed: u64) -> Day {
     let mut day = machine().day(seed);
     for (row, error) in day.error.iter_mut().enumerate() {
@@ -26,7 +26,7 @@ fn logs(days: &[Day]) -> Vec<String> {
 }
 
 fn by(method: Method) -> Settings {
-    // Least squares has none.
+    // Least squares has no lags.
     let lags = if method == Method::Ols { Vec::new() } else { vec![None] };
     Settings { method, lags, ..Settings::default() }
 }
@@ -59,7 +59,7 @@ fn a_run_that_is_left_out_never_enters_its_own_training_and_a_seed_gives_one_mod
         }
         let after = found(3, &logs(&days), &settings);
         days[2].error = kept;
-        // The same seed and the same other days: the same numbers, to the last bit.
+        // The same seed and the same other days give the same numbers, to the last bit.
         assert_eq!(cz(&before, 2), cz(&after, 2), "{method}");
         assert_ne!(cz(&before, 0), cz(&after, 0), "{method}");
         let other = found(3, &logs(&days), &Settings { seed: 2, ..settings });
@@ -85,7 +85,7 @@ fn a_network_has_an_envelope_and_linear_stand_ins_though_it_takes_only_lagged_in
 
 #[test]
 fn m2_each_sensor_of_a_difference_stands_in_for_the_other_with_machine_on_time() {
-    // The patent's case: B rises by 2e-5 °C/s from 23.4 °C, A with the root of the time; Kz = 2.4.
+    // Case of the patent: B rises by 2e-5 °C/s from 23.4 °C, A with the square root of time; Kz = 2.4.
     let day = |seed: u64| {
         let mut day = Machine { sensors: 2, noise: 0.0, ..machine() }.day(seed);
         for (row, time) in day.times.iter().enumerate() {
@@ -104,13 +104,14 @@ fn m2_each_sensor_of_a_difference_stands_in_for_the_other_with_machine_on_time()
     let (first, range) = of("s1");
     assert_eq!((first.signal.as_str(), first.formula), ("s0", "Kz * (A - (b*t + c))"));
     let [(_, gain), (_, slope), (_, constant)] = first.constants;
-    // Cz is measured from the mean of the first three minutes, which belongs to c: a tenth of a degree and less.
+    // Cz is relative to the mean of the first three minutes, which is part of c. The difference is at most a tenth of a
+    // degree.
     assert!((gain - 2.4).abs() < 1e-6 && (slope - 2e-5).abs() < 1e-9, "{first:?}");
     assert!((constant - 23.4).abs() < 0.3 && range < 0.2, "{first:?}: {range}");
     let (second, range) = of("s0");
     assert_eq!((second.signal.as_str(), second.formula), ("s1", "Kz * (K*sqrt(t) + c - B)"));
     assert!((second.constants[1].1 - 0.021).abs() < 1e-4, "{second:?}");
-    // A of another day is not this day's: what its spread leaves.
+    // A differs from day to day; the residual is due to its spread.
     assert!(range > 0.1 && range < 1.0, "{range}");
 
     let written = written(&found, "z", Outside::Warn);

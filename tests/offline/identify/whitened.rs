@@ -1,4 +1,4 @@
-//! What `whitened` does on machines whose truth is known.
+//! Method `whitened` on simulated machines with known parameters.
 
 use std::time::Duration;
 
@@ -13,14 +13,14 @@ use rand_pcg::Pcg64Mcg;
 
 use super::rig::{self, Day, Machine, Part, dataset, found};
 
-/// Four sensors, of which two count, one of them late.
+/// Machine with four sensors. Two of them affect the error, one of them with a lag.
 fn machine() -> Machine {
     let parts =
         [Part { sensor: 0, gain: 3.0, constant: 1500.0 }, Part { sensor: 2, gain: -1.5, constant: 0.0 }];
     Machine { sensors: 4, parts: parts.to_vec(), step: 60.0, rows: 420, noise: 0.1 }
 }
 
-/// What no temperature tells: a walk of so many µm²/h.
+/// Adds a random walk with this variance in µm² per hour, which no temperature explains.
 fn with_walk(mut day: Day, seed: u64, per_hour: f64) -> Day {
     let mut chance = Pcg64Mcg::seed_from_u64(7_000 + seed);
     let mut normal = || (0..12).map(|_| chance.random_range(-0.5..0.5)).sum::<f64>();
@@ -65,7 +65,7 @@ fn one_run_is_learnt_from_with_seven_tenths_and_told_what_that_is_worth() {
     let alone = found(4, &day, &Settings::default());
     let twice = found(4, &[day[0].clone(), day[0].clone()], &Settings::default());
     for (one, both) in alone.terms.iter().zip(&twice.terms) {
-        // The same run twice has the same products, and so the same ridge but for the share.
+        // The same run twice has the same products. Therefore the ridge differs only by the factor for one run.
         assert!((one.gain - 0.7 * both.gain).abs() < 1e-9, "{one:?} {both:?}");
     }
     let says_nothing = |found: &Identified| found.terms.iter().all(|term| term.se.is_none());
@@ -170,7 +170,7 @@ fn few_sensors_are_those_that_count() {
     assert!(ranges[2] < ranges[1] && ranges[1] < ranges[0], "{ranges:?}");
 }
 
-/// s0 and s1 see the same source, s2 one of its own.
+/// Days in which s1 and s3 measure the same source as s0, and s2 another one.
 pub(crate) fn alike(count: u64) -> Vec<String> {
     let mut all = days(count, 19, 0.2);
     for (place, day) in all.iter_mut().enumerate() {

@@ -1,4 +1,4 @@
-//! Wrong input gets a sentence that says what to do.
+//! Wrong input is rejected with a message that says what to do.
 
 use isotherm_identify::setup::Choice;
 
@@ -21,7 +21,7 @@ fn says(reported: &str, parts: &[&str]) {
     }
 }
 
-/// Every cell of a column through this.
+/// Log with a function applied to every cell of a column.
 fn cells(log: &str, column: usize, change: impl Fn(f64) -> f64) -> String {
     let mut lines = log.lines();
     let mut text = lines.next().unwrap().to_owned() + "\n";

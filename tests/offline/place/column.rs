@@ -1,4 +1,4 @@
-//! The column's FE input files, and the verb over them.
+//! FE input files of the column, and runs of the verb `place`.
 
 use std::path::Path;
 use std::sync::OnceLock;
@@ -11,24 +11,24 @@ use crate::place::process::{file, isotherm};
 use crate::bodies::Column;
 pub(crate) use crate::bodies::Warming;
 
-/// What the verb answered.
+/// Result of the verb.
 pub(crate) struct Answer {
     pub(crate) code: Option<i32>,
     pub(crate) out: String,
     pub(crate) said: String,
 }
 
-/// `isotherm place` with these arguments, in this directory.
+/// Runs `isotherm place` with these arguments in this directory.
 pub(crate) fn place(home: &Path, arguments: &[&str]) -> Answer {
     place_by("ccx", home, arguments)
 }
 
-/// The same, with this program in the place of `ccx`.
+/// Runs `isotherm place` with this program instead of `ccx`.
 pub(crate) fn place_by(ccx: &str, home: &Path, arguments: &[&str]) -> Answer {
     let path = std::env::var("PATH").unwrap_or_default();
     let path = ccx.rsplit_once('/').map_or(path.clone(), |(folder, _)| format!("{folder}:{path}"));
     let mut command = isotherm(home);
-    // It is for the one that stands in the place of CalculiX.
+    // The program that replaces CalculiX reads this variable.
     if let Ok(anew) = std::env::var("TEST_WRITES_FIGURES") {
         command.env("TEST_WRITES_FIGURES", anew);
     }
@@ -45,7 +45,7 @@ fn coarse() -> &'static Column {
     COLUMN.get_or_init(|| Column::new(120.0, Kind::Tet4))
 }
 
-/// A mesh that FE input files include, as text; and the files of these load cases, which end where their steps do.
+/// Writes a mesh that FE input files include, and the files of these load cases. Each file ends at the end of its step.
 pub(crate) fn write_inputs(home: &Path, cases: &[Warming]) {
     let column = coarse();
     let structure = write::mesh(&column.mesh) + &write::materials(&column.mesh, &column.materials);
@@ -56,7 +56,7 @@ pub(crate) fn write_inputs(home: &Path, cases: &[Warming]) {
     }
 }
 
-/// The mesh's text changed by hand.
+/// Replaces the text of the mesh.
 pub(crate) fn changed(home: &Path, change: impl FnOnce(String) -> String) {
     let path = home.join("structure.inc");
     let text = std::fs::read_to_string(&path).unwrap();

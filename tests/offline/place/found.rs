@@ -1,4 +1,4 @@
-//! What it finds, and what it writes.
+//! Results of `place`, and the files that it writes.
 
 use serde_json::Value;
 
@@ -37,7 +37,7 @@ fn one_placement_for_all_cases_beats_block_centres_and_every_placement_by_one_ca
             assert!(sensors.iter().all(|sensor| sensor["node"].is_u64() && sensor["xyz"].is_array()));
         }
     }
-    // Over all cases together nothing that serves one case comes near what serves all.
+    // Over all cases together, no placement for a single case is nearly as good as the common placement.
     let together = |row: &Value| {
         let each = row["rms_um"].as_array().unwrap();
         each.iter().map(|rms| number(rms).powi(2)).sum::<f64>().sqrt()
@@ -50,14 +50,14 @@ fn one_placement_for_all_cases_beats_block_centres_and_every_placement_by_one_ca
     let centres =
         ["air", "spindle", "motor"].map(|name| number(&found["cases"][name]["naive_centroid"]["rms_um"]));
     assert!(all < 0.5 * centres.iter().map(|rms| rms.powi(2)).sum::<f64>().sqrt(), "{all}: {centres:?}");
-    // More sensors by the cut that helps most: the blocks leave less at best.
+    // More sensors, by the best cut, reduce the lower bound of the error.
     let by_number = found["by_number"].as_array().unwrap();
     let numbers: Vec<u64> = by_number.iter().map(|entry| entry["sensors"].as_u64().unwrap()).collect();
     assert_eq!(numbers, (1..=12).collect::<Vec<u64>>());
     assert!(number(&by_number[11]["floor_um"]) < number(&by_number[7]["floor_um"]));
 }
 
-/// The patent knows one load case: given the same one, this leaves no more of it.
+/// The patent uses one load case. With the same case, this method has at most the same residual.
 #[test]
 fn placed_by_one_case_alone_it_is_at_least_as_good_as_the_patent_on_every_case() {
     let home = tempfile::tempdir().unwrap();
@@ -96,10 +96,10 @@ fn rows_come_in_the_order_in_which_the_file_names_the_guideway() {
         let lines: String = backwards.iter().map(|node| format!("{node},\n")).collect();
         format!("{head}*NSET, NSET=GUIDE\n{lines}*{tail}")
     });
-    // Where files name them differently, the first one's order counts: it is one structure nevertheless.
+    // If the files name the nodes in different orders, the order of the first file is used. It is the same structure.
     let after = found(&["air.inp", "forwards.inp"]);
     assert_eq!(nodes(&after), backwards);
-    // Rows 3·guide + component: those of the first node are now those of the last.
+    // Rows 3·guide + component: those of the first node are now those of the last one.
     let last = 3 * (guide() - 1);
     for component in 0..3 {
         let row = |found: &Value, at: usize| found["P"][at].as_array().unwrap().clone();
@@ -179,7 +179,7 @@ fn its_model_is_taken_by_a_profile_and_its_report_is_one_file() {
     assert!(page.len() < 1_000_000, "{} bytes", page.len());
 }
 
-/// From nothing to a profile's models and a plant, as `docs/placement.md` has it.
+/// The steps of `docs/placement.md`, from no files to the models of a profile and a simulated plant.
 #[test]
 fn the_example_leads_to_models_of_two_axes_with_a_rider_and_to_the_modes_of_its_plant() {
     let home = tempfile::tempdir().unwrap();
@@ -233,7 +233,7 @@ fn a_method_of_one_case_says_by_which_it_placed() {
 fn calculix_as_the_engine_gives_the_same_p_and_the_same_displacements() {
     let home = tempfile::tempdir().unwrap();
     write_inputs(home.path(), &CASES[1..2]);
-    // P, and behind it the displacements of the case.
+    // P, then the displacements of the case.
     let by = |engine: &str, program: &str| -> Vec<f64> {
         let found = place_by(program, home.path(), &["spindle.inp", "--json", "--engine", engine]);
         assert_eq!(found.code, Some(0), "{}", found.said);

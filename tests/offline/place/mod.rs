@@ -1,4 +1,4 @@
-//! `isotherm place` as a person starts it, on a column of our own.
+//! Tests of `isotherm place` as a user starts it, on the column of the test bodies.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 

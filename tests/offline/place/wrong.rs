@@ -1,4 +1,4 @@
-//! What a newcomer gets wrong ends with a sentence, never with numbers.
+//! Wrong input is rejected with a message, and gives no result.
 
 use std::path::Path;
 
@@ -42,7 +42,7 @@ fn a_cut_that_is_none_is_reported_with_what_would_be_one() {
 #[test]
 fn blocks_that_overlap_or_leave_nodes_out_are_reported_by_their_nodes() {
     let home = home();
-    // The first line of the first block stands in the second as well; then it stands in none.
+    // The first line of the first block is also in the second one; then it is in none.
     let line = |text: &str| {
         let at = text.find("*NSET, NSET=BLK1\n").unwrap() + "*NSET, NSET=BLK1\n".len();
         text[at..].lines().next().unwrap().to_owned()

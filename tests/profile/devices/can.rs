@@ -1,4 +1,4 @@
-//! Frames and objects as the devices send them, against what they mean.
+//! Decoding of frames and objects as the devices send them.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ const CAN: [(&str, &str); 6] = [
     ("tr-la-46-k", "node = 3\n"),
 ];
 
-/// A machine around one device on CAN.
+/// Loads a machine with one device on CAN.
 pub(crate) fn on_can(device: &str, rest: &str) -> Result<Loaded, Errors> {
     let text = format!(
         "[machine]\nname = \"bench\"\n[bus.field]\ntype = \"can\"\ninterface = \"vcan0\"\n\
@@ -26,7 +26,7 @@ pub(crate) fn on_can(device: &str, rest: &str) -> Result<Loaded, Errors> {
     parse(Path::new("machine.toml"), &text, &[], &[])
 }
 
-/// A device of one template, with one signal.
+/// Returns a profile with a device of one template and one signal.
 #[track_caller]
 fn signal(template: &str, channel: &str, more: &str) -> Profile {
     let (_, node) = CAN.iter().find(|(known, _)| *known == template).unwrap();
@@ -35,7 +35,7 @@ fn signal(template: &str, channel: &str, more: &str) -> Profile {
     on_can(&device, &rest).unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 
-/// What a frame or an object's bytes say of the signal with this name.
+/// Decodes the signal with this name from the bytes of a frame or an object.
 fn read(profile: &Profile, name: &str, id: u32, bytes: &[u8]) -> Result<f64, Reason> {
     let signal = profile.signals.iter().find(|signal| signal.name == name).unwrap();
     let words = match &signal.address {
@@ -52,7 +52,7 @@ fn read(profile: &Profile, name: &str, id: u32, bytes: &[u8]) -> Result<f64, Rea
     signal.encoding.decode(words.registers())
 }
 
-/// Whether the first signal is condemned where the others have these values.
+/// Returns whether `fault_when` of the first signal holds for these values of the others.
 fn condemned(profile: &Profile, values: &[(&str, f64)]) -> Option<bool> {
     let value = |id: isotherm_core::reading::SignalId| {
         values.iter().find(|(name, _)| *name == profile.signal(id).name).map(|(_, value)| *value)
@@ -108,7 +108,7 @@ fn an_axiomatic_scanner_is_set_up_watched_checked_and_its_emergencies_have_words
     assert_eq!(can.heartbeat.map(|span| span.as_secs()), Some(5));
 }
 
-/// The frame that its maker publishes.
+/// The frame is published by the manufacturer.
 #[test]
 fn a_canmod_decodes_its_published_frame_with_each_temperature_beside_its_status() {
     const FRAME: [u8; 8] = [0x99, 0x04, 0x60, 0x0a, 0x28, 0x19, 0x8e, 0xbe];
@@ -137,7 +137,7 @@ fn a_canmod_s_fine_frames_hold_22_bits_at_odd_places() {
         let raw = ((value + 16384.0) * 128.0) as u64;
         raw << 2 | status
     };
-    // The cold junction in the first 16 bits, then twice two bits of status and 22 of temperature.
+    // The cold junction is in the first 16 bits. Two bits of status and 22 of temperature follow, twice.
     let frame = (34_320 | place(23.5, 0) << 16 | place(-4.25, 2) << 40).to_le_bytes();
     for (first, second, junction, id) in
         [("TL", "TR", "cold_junction_top", 2), ("BL", "BR", "cold_junction_bottom", 3)]

@@ -1,11 +1,11 @@
-//! Raw registers as the devices send them, against what they mean: values, negatives, what stands for a broken sensor.
+//! Decoding of registers as the devices send them: values, negative values, sentinels of a broken sensor.
 
 use isotherm_core::reading::Reason;
 use isotherm_profile::Profile;
 
 use super::{profile, signal};
 
-/// The first signal of a profile, from its registers.
+/// Decodes the first signal of a profile from its registers.
 fn decode(profile: &Profile, words: &[u16]) -> Result<f64, Reason> {
     profile.signals[0].encoding.decode(words)
 }
@@ -20,7 +20,7 @@ fn reads(profile: &Profile, at: &str, cases: &[(&[u16], f64)]) {
     }
 }
 
-/// Which signal condemns the first one, and when.
+/// Returns whether `fault_when` of the first signal holds if the other signal has this value.
 fn condemned(profile: &Profile, by: f64) -> Option<bool> {
     profile.signals[0].fault_when.as_ref().unwrap().holds(&|_| Some(by))
 }
@@ -187,7 +187,7 @@ fn an_absolute_encoder_is_not_believed_while_it_says_so_itself() {
     assert!(check.mismatch(&[0, 4096]).unwrap().to_string().contains("reads 4096 instead of 8192"));
 }
 
-/// What is written to it is tested beside LinuxCNC.
+/// The values written to LinuxCNC are tested together with LinuxCNC.
 #[test]
 fn what_linuxcnc_applies_is_read_in_tenths_of_a_micrometre() {
     let device = "template = \"linuxcnc-eoffset\"";

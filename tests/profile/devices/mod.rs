@@ -1,4 +1,4 @@
-//! Device templates: what they decode, what they are told to be, and what is refused before arming.
+//! Device templates: decoding, settings, and mistakes that are reported before arming.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "these are tests")]
 
@@ -11,7 +11,7 @@ mod decoded;
 mod opcua;
 mod shipped;
 
-/// A machine around one device.
+/// Returns the text of a machine with one device.
 fn around(device: &str, rest: &str) -> String {
     format!(
         "[machine]\nname = \"bench\"\n[bus.cell]\ntype = \"modbus-tcp\"\naddress = \"127.0.0.1:1502\"\n\
@@ -28,7 +28,7 @@ fn profile(device: &str, rest: &str) -> Profile {
     taken(device, rest).unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 
-/// A device of one template, with one signal.
+/// Returns a profile with a device of one template and one signal.
 #[track_caller]
 fn signal(device: &str, channel: &str, more: &str) -> Profile {
     profile(device, &format!("[signal.s]\ndevice = \"d\"\nchannel = {channel}\n{more}"))

@@ -5,7 +5,7 @@ use std::path::Path;
 use isotherm_core::codec::{Address, DataType};
 use isotherm_profile::{Errors, Loaded, Writes, parse};
 
-/// A machine with such a server.
+/// Loads a machine with a server.
 pub(crate) fn on_opcua(device: &str, rest: &str) -> Result<Loaded, Errors> {
     let text = format!(
         "[machine]\nname = \"bench\"\n[bus.server]\ntype = \"opcua\"\naddress = \"opc.tcp://127.0.0.1:4840\"\n\

@@ -1,4 +1,4 @@
-//! Every shipped template: there, and whole.
+//! Completeness of every shipped template.
 
 use std::collections::BTreeSet;
 
@@ -51,7 +51,8 @@ fn every_shipped_template_is_taken_in_each_of_its_variants_and_names_its_source(
             devices.push(format!("template = \"{name}\""));
         }
         for device in devices {
-            // It hangs on one of these lines: as a Modbus unit, as a CANopen node, sending frames by itself, as a server.
+            // The device is accepted on one of these lines: as a Modbus unit, as a CANopen node, as a sender of frames,
+            // as a server.
             let node = format!("node = 5\n{device}");
             let lines = [taken(&device, ""), on_can(&node, ""), on_can(&device, ""), on_opcua(&device, "")];
             let refused: Vec<String> =

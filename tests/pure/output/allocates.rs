@@ -1,4 +1,4 @@
-//! A step asks no allocator for anything, whatever it is told.
+//! A step allocates no memory, whatever its input.
 
 use allocation_counter::measure;
 use isotherm_core::output::{Action, Fact, State, Who, step};

@@ -1,6 +1,6 @@
-//! What may still happen in a model of everything around one output.
+//! Events that may still happen in the model around one output.
 
-/// How often each thing may still happen.
+/// Number of times that each event may still happen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Budget {
     pub(crate) holds: u8,
@@ -15,20 +15,21 @@ pub(crate) struct Budget {
     pub(crate) stale: u8,
     pub(crate) offs: u8,
     pub(crate) targets: u8,
-    /// It is in one request with others, which leaves in between.
+    /// The output is in one request with others, which is sent in between.
     pub(crate) beats: u8,
-    /// Its interlock opens, and closes again.
+    /// The interlock opens and closes again.
     pub(crate) interlocks: u8,
     /// The line is so late that the last moment of a write has passed.
     pub(crate) late: u8,
-    /// The control applies a value later than it holds it.
+    /// The control applies a value later than the register holds it.
     pub(crate) lags: u8,
-    /// The decision goes to the target by one step a second, as the guard of an axis does. Without it the decision is the target.
+    /// Whether the decision approaches the target by one step per second, like the guard of an axis. Otherwise the
+    /// decision is the target.
     pub(crate) has_guard: bool,
 }
 
 impl Budget {
-    /// Nothing but what should happen.
+    /// No faults or edits.
     pub(crate) const NONE: Budget = Budget {
         holds: 0,
         losses: 0,
@@ -49,7 +50,7 @@ impl Budget {
         has_guard: false,
     };
 
-    /// Everything.
+    /// Every event once.
     pub(crate) const ALL: Budget = Budget {
         holds: 1,
         losses: 1,
@@ -70,7 +71,7 @@ impl Budget {
         has_guard: true,
     };
 
-    /// Everything that may happen has happened.
+    /// Returns whether no event is left.
     pub(crate) fn is_spent(self) -> bool {
         self == Budget { has_guard: self.has_guard, ..Budget::NONE }
     }

@@ -1,5 +1,5 @@
-//! The pure step from a decision to a register, searched exhaustively: link, device, operator, disk and kills do what
-//! they like, and the register never moves by more than a step.
+//! Exhaustive search of the pure step from a decision to a register. Line, device, operator, disk and kills behave
+//! arbitrarily, but the register never moves by more than a step.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 mod allocates;

@@ -1,4 +1,4 @@
-//! Everything that can happen next in a world.
+//! All events that can happen next in a world.
 
 use isotherm_core::output::{Action, ArmState, Condition, Fact, Input, Kept, NotSent, Settings, Verify};
 
@@ -6,10 +6,10 @@ use isotherm_core::quantity::Counts;
 
 use super::world::{Broken, NOW, World, holds};
 
-/// One thing that happened, for people.
+/// Name of an event, for messages.
 pub(crate) type Name = &'static str;
 
-/// Calls `to` with every world that can come next, and with what broke on the way there.
+/// Calls `to` with every possible next world, and with the violation on the way there.
 pub(crate) fn each(world: &World, settings: &Settings, to: &mut impl FnMut(Name, World, Broken)) {
     let mut go = |name: Name, change: &mut dyn FnMut(&mut World) -> Broken| {
         let mut next = world.clone();
@@ -118,7 +118,7 @@ fn writes(world: &World, settings: &Settings, go: &mut Go<'_>) {
             next.give(settings, Fact::Refused)
         });
     }
-    // An output that cannot be read has nothing else to believe.
+    // If the output cannot be read, only its answers are known.
     if left.ignored > 0 && settings.verify == Verify::Reading {
         go("write acknowledged and ignored", &mut |next| {
             (next.left.ignored, next.has_arrived) = (left.ignored - 1, true);
@@ -197,8 +197,8 @@ fn anywhere(world: &World, settings: &Settings, go: &mut Go<'_>) {
     let left = world.left;
     for (place, held) in world.held.iter().enumerate() {
         let Some(held) = held else { continue };
-        // Between the read that shows a restart and the moment when that is on disk, a late write from before it makes
-        // the operator's part unknown to whoever is killed right then.
+        // Between the read that shows a restart and its write to disk, a late write may arrive from before. If the
+        // process is killed then, the operator offset is unknown.
         if held.is_excused && world.is_restarted && world.lost.is_none() {
             continue;
         }
@@ -254,22 +254,24 @@ fn anywhere(world: &World, settings: &Settings, go: &mut Go<'_>) {
     }
 }
 
-/// Not where nobody can promise anything: between a read and the write after it, while a copy is held or has just
-/// arrived, between a write that was acknowledged and ignored and the next read, and between a restart and the moment
-/// when the zero is on disk.
+/// Returns whether the operator may edit the register. The operator may not when nothing can be promised:
+/// - between a read and the write after it;
+/// - while a copy is held, or directly after it arrived;
+/// - between a write that was acknowledged and ignored and the next read;
+/// - between a restart and the write of its zero to disk.
 fn may_edit(world: &World) -> bool {
     let is_writing = matches!(world.action(), Action::Write { .. });
     let is_held = world.held.iter().flatten().next().is_some();
     !(is_writing || is_held || world.has_arrived || world.is_restarted)
 }
 
-/// A value of ours that may still appear or is promised, or what stood before such a one.
+/// Returns whether a value of the gateway may still appear, or is promised, or was the value before such a one.
 fn is_of_ours(world: &World, settings: &Settings, value: Counts) -> bool {
     let kept = [world.gateway.map(|gateway| gateway.state().kept()), world.disk];
     let is_promised = kept.iter().flatten().any(|kept| kept.promises.iter().any(|one| one.value == value));
     let shown = world.shown(settings);
     let stood = shown.filter(|shown| shown.under_way > 0).and_then(|shown| shown.verified);
-    // Whoever dies before that is on disk knows of no more than what is.
+    // If the process dies before a value is on disk, only the values on disk are known.
     let is_open = |kept: &Kept| !kept.in_order && kept.promises.iter().any(|one| one.is_under_way);
     let on_disk = world.disk.filter(is_open).and_then(|kept| kept.account);
     let is_on_disk = on_disk.is_some_and(|account| account.base + account.share == value);

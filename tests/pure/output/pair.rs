@@ -1,4 +1,5 @@
-//! Two outputs of one axis: each goes its own way, and the guard of the axis stays near the one that is farthest behind.
+//! Two outputs of one axis. Each moves separately, and the guard of the axis stays near the one that is farthest
+//! behind.
 
 use std::collections::HashSet;
 use std::hash::{BuildHasher, BuildHasherDefault, DefaultHasher};
@@ -10,7 +11,7 @@ use super::budget::Budget;
 use super::moves::{self, Name};
 use super::world::{Broken, World, settings};
 
-/// The outputs, with the guard that they share in the first.
+/// Outputs. The guard that they share is stored in the first.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Pair([World; 2]);
 
@@ -19,7 +20,7 @@ impl Pair {
         Pair([World::new(settings, budget), World::new(settings, Budget { has_guard: true, ..Budget::NONE })])
     }
 
-    /// A second passes for both, and the axis decides.
+    /// Lets a second pass for both outputs, with a decision of the axis.
     fn second(&mut self, settings: &Settings) -> Broken {
         self.0.iter_mut().for_each(|world| world.pass(settings));
         let is_held = self.0.iter().any(|world| world.mode(settings, true) == Mode::Hold);
@@ -35,7 +36,7 @@ impl Pair {
         Ok(())
     }
 
-    /// One step towards the target, and no farther than one step from the output that is farthest behind.
+    /// Returns the decision: one step towards the target, and at most one step from the output that is farthest behind.
     fn decides(&self, settings: &Settings, guard: Counts, wanted: Counts) -> Counts {
         let change = wanted.clamp(-settings.limit, settings.limit) - guard;
         let decided = guard + change.clamp(-settings.step, settings.step);
@@ -51,7 +52,7 @@ impl Pair {
         }
     }
 
-    /// The axis resumes from the first of its outputs.
+    /// Makes the axis resume from the first of its outputs.
     fn resumes(&mut self) {
         self.0[1].guard = self.0[0].guard;
     }
@@ -86,7 +87,7 @@ impl Pair {
     }
 }
 
-/// Looks at no more than `most` pairs, breadth first. Returns how many, and the shortest way to something that must not be.
+/// Searches at most `most` pairs, breadth first. Returns their number, and the shortest way to a violation.
 fn search(settings: &Settings, budget: Budget, most: usize) -> (usize, Option<String>) {
     let hasher = BuildHasherDefault::<DefaultHasher>::default();
     let mut known: HashSet<u64, BuildHasherDefault<DefaultHasher>> = HashSet::default();

@@ -1,4 +1,4 @@
-//! One output with its register at hand: a test says what becomes of each write.
+//! Test rig with one output and its register. The test decides the result of each write.
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ pub(crate) struct Rig {
 }
 
 impl Rig {
-    /// Armed, after a stop in order, where the register holds what the disk says.
+    /// Creates an armed output after an orderly stop. The register holds the value that is on disk.
     pub(crate) fn new(settings: Settings, kept: Kept) -> Rig {
         let now = Moment::from_nanos(1_000_000_000_000);
         let stood = kept.account.map_or(kept.stood, |account| Some(account.base + account.share));
@@ -40,20 +40,20 @@ impl Rig {
         assert_eq!(self.settle(), None);
     }
 
-    /// The process is killed, and starts again at once.
+    /// Kills the process, and starts it again at once.
     pub(crate) fn kill(&mut self) {
         self.state = State::new(&self.settings, self.disk.as_ref(), self.now);
         self.arm();
     }
 
-    /// Each fact comes a millisecond after the one before.
+    /// Gives a fact, a millisecond after the last one.
     pub(crate) fn give(&mut self, fact: Fact) {
         self.now = self.now.after(Duration::from_millis(1));
         self.action = step(&mut self.state, &self.settings, fact, self.now);
         self.reported.extend(self.state.take_events().iter());
     }
 
-    /// Reads and keeps as often as it asks for that; the write that it asks for then.
+    /// Executes the requested reads and writes to disk. Returns the value of the write that is requested then.
     pub(crate) fn settle(&mut self) -> Option<i64> {
         loop {
             match self.action {
@@ -71,34 +71,34 @@ impl Rig {
         }
     }
 
-    /// Another decision; the write that it leads to.
+    /// Gives another decision. Returns the value of the write that it causes.
     pub(crate) fn want(&mut self, offset: i64) -> Option<i64> {
         let not_after = self.now.after(Duration::from_secs(1));
         self.give(Fact::Decided { offset: Counts(offset), target: None, not_after });
         self.settle()
     }
 
-    /// The same on the way to a target.
+    /// Gives another decision with a target. Returns the value of the write that it causes.
     pub(crate) fn want_towards(&mut self, offset: i64, target: i64) -> Option<i64> {
         let not_after = self.now.after(Duration::from_secs(1));
         self.give(Fact::Decided { offset: Counts(offset), target: Some(Counts(target)), not_after });
         self.settle()
     }
 
-    /// The write that it asks for is carried out and answered; the write that comes then.
+    /// Carries out the requested write and answers it. Returns the value of the next write.
     pub(crate) fn done(&mut self) -> Option<i64> {
         self.register = self.write();
         self.give(Fact::Done { left: self.now });
         self.settle()
     }
 
-    /// It is carried out, and the answer is lost.
+    /// Carries out the requested write and loses the answer.
     pub(crate) fn answer_lost(&mut self) {
         self.register = self.write();
         self.give(Fact::Unknown { left: self.now });
     }
 
-    /// Nobody knows what becomes of it; for now nothing.
+    /// Leaves the result of the requested write open, and does not carry it out now. Returns its value.
     pub(crate) fn held(&mut self) -> i64 {
         let value = self.write();
         self.give(Fact::Unknown { left: self.now });
@@ -111,7 +111,7 @@ impl Rig {
         value.0
     }
 
-    /// Walks to where this is wanted.
+    /// Moves the register to this offset, one decision for each write.
     pub(crate) fn go(&mut self, offset: i64) {
         while self.want(offset).is_some() {
             assert_eq!(self.done(), None, "one decision is one change");
@@ -120,7 +120,7 @@ impl Rig {
         assert_eq!(self.register, base.0 + offset);
     }
 
-    /// This many seconds pass, and the same is wanted all the time; the first write that it asks for.
+    /// Lets this number of seconds pass with the same decision. Returns the value of the first write.
     pub(crate) fn seconds(&mut self, count: u64, offset: i64) -> Option<i64> {
         for _ in 0..count {
             self.now = self.now.after(Duration::from_secs(1));
@@ -132,18 +132,18 @@ impl Rig {
         None
     }
 
-    /// Something told that looks like this.
+    /// Returns whether a matching event has been reported.
     pub(crate) fn has_reported(&self, is_meant: impl Fn(&Event) -> bool) -> bool {
         self.reported.iter().any(is_meant)
     }
 
-    /// The operator's part and ours, as the ledger has them.
+    /// Returns the operator offset and the gateway share in the ledger.
     pub(crate) fn parts(&self) -> (i64, i64) {
         let account = self.state.kept().account.unwrap();
         (account.base.0, account.share.0)
     }
 
-    /// Somebody was blamed for what we did ourselves.
+    /// Returns whether another client was blamed for a change by the gateway.
     pub(crate) fn blames_others(&self) -> bool {
         self.has_reported(|event| event.switches_off() || matches!(event, Event::OperatorChanged { .. }))
     }

@@ -1,4 +1,4 @@
-//! Each row of the tables in the module's documentation.
+//! Each row of the tables in the documentation of the module.
 
 use std::time::Duration;
 
@@ -30,14 +30,14 @@ fn standing(rig: &Rig) -> ArmState {
     rig.state.shown(&rig.settings).standing
 }
 
-/// A value is lately sent that never arrived, and nothing is under way.
+/// Creates an expired value that never arrived, with nothing under way.
 fn lately(rig: &mut Rig, offset: i64) -> i64 {
     assert!(rig.want(offset).is_some());
     rig.settings.remembered = Duration::from_secs(60);
     let value = rig.held();
     let stays = rig.register - rig.state.kept().account.map_or(0, |account| account.base.0);
     for _ in 0..6 {
-        // Of a register of our own what stands there is sent again, to show that it can be written.
+        // The value of a whole register is sent again, to show that it can be written.
         while let Some(again) = rig.seconds(1, stays) {
             assert_eq!((again, rig.done()), (rig.register, None));
         }
@@ -140,7 +140,7 @@ fn zero_is_a_restart_and_the_walk_begins_there() {
 #[test]
 fn zero_is_doubt_where_a_write_of_ours_would_make_it_and_something_is_his() {
     let mut rig = shared(-2, 0);
-    // His edit makes the sum of what was sent and what is his zero.
+    // The operator's edit makes the sum of the sent share and the operator offset zero.
     assert_eq!(rig.want(1), Some(-1));
     rig.held();
     rig.register = 0;
@@ -187,7 +187,7 @@ fn twice_a_change_of_just_the_size_of_a_refused_write_is_doubt() {
     let mut rig = shared(3, 0);
     for _ in 0..2 {
         assert!(rig.seconds(2, 2).is_some());
-        // It says that it refused, and carries it out.
+        // The device answers with a refusal, but carries out the write.
         let Action::Write { value, .. } = rig.action else { panic!("a write") };
         rig.register = value.0;
         rig.give(Fact::Refused);
@@ -445,7 +445,7 @@ fn what_was_sent_beside_another_part_of_the_operators_is_not_taken_for_a_share_b
     assert_eq!(rig.parts(), (103, 0), "no share of nearly a hundred");
 }
 
-/// The guard is on the other side of the register, which waits for it. Nor does a write go beyond the target.
+/// The guard is on the other side of the register, which waits for it. A write does not pass the target either.
 #[test]
 fn a_guard_that_is_ahead_never_takes_the_register_away_from_the_target() {
     let kept = Kept { in_order: true, ..Kept::default() };
@@ -456,7 +456,7 @@ fn a_guard_that_is_ahead_never_takes_the_register_away_from_the_target() {
     assert_eq!(rig.want_towards(-9, -2), None);
 }
 
-/// The zero of a restarted control is avoided by one count, which may lie beyond the target.
+/// The zero of a restarted control is avoided by one count, which may be beyond the target.
 #[test]
 fn where_the_target_is_a_zero_that_is_avoided_the_register_goes_one_count_beyond() {
     let mut rig = shared(1, 0);
@@ -464,8 +464,8 @@ fn where_the_target_is_a_zero_that_is_avoided_the_register_goes_one_count_beyond
     assert_eq!(rig.want_towards(-2, -2), Some(-1));
 }
 
-/// Seen on a machine: the register waited at 1 while the guard went to 28, and the target became -36. By one count a second they met
-/// at 15, fourteen counts in the wrong direction.
+/// Observed on a machine: the register waited at 1 while the guard went to 28, and the target became -36. Moving by one
+/// count per second, they met at 15, fourteen counts in the wrong direction.
 #[test]
 fn a_register_that_waited_goes_to_the_new_target_at_once() {
     let highest = |no_windup| {

@@ -1,4 +1,4 @@
-//! Breadth first: every world that can be reached, the shortest way to each.
+//! Breadth-first search of all reachable worlds, with the shortest way to each.
 
 use std::collections::{HashSet, VecDeque};
 use std::hash::{BuildHasher, BuildHasherDefault, DefaultHasher};
@@ -9,18 +9,18 @@ use super::budget::Budget;
 use super::moves::{self, Name};
 use super::world::World;
 
-/// What a search came to.
+/// Result of a search.
 #[derive(Debug)]
 pub(crate) struct Searched {
     pub(crate) states: usize,
     pub(crate) depth: usize,
-    /// Every world that can be reached was seen.
+    /// Whether every reachable world was visited.
     pub(crate) is_complete: bool,
-    /// Worlds in which everything that may happen has happened.
+    /// Number of worlds in which no event is left.
     pub(crate) spent: usize,
-    /// The longest time to rest when nothing failed any more, seconds.
+    /// Longest time until the register is correct after the last fault, s.
     pub(crate) longest: u64,
-    /// The shortest way to something that must not be.
+    /// Shortest way to a violation.
     pub(crate) broken: Option<Broken>,
 }
 
@@ -37,7 +37,7 @@ struct Seen {
     name: Name,
 }
 
-/// Looks at no more than `most` worlds, and from each `every`-th lets everything run out.
+/// Searches at most `most` worlds. For each `every`-th world, checks that it recovers without faults.
 pub(crate) fn search(settings: &Settings, budget: Budget, most: usize, every: u64) -> Searched {
     let hasher = BuildHasherDefault::<DefaultHasher>::default();
     let mut known: HashSet<u64, BuildHasherDefault<DefaultHasher>> = HashSet::default();
@@ -91,11 +91,11 @@ pub(crate) fn search(settings: &Settings, budget: Budget, most: usize, every: u6
     searched
 }
 
-/// One long way through a world in which everything may happen again and again; what broke on it, if anything did.
+/// Follows one long random way with unlimited events. Returns the violation, if there is one.
 pub(crate) fn walk(settings: &Settings, budget: Budget, steps: u64) -> Option<String> {
     let mut world = World::new(settings, budget);
     let mut lately: VecDeque<Name> = VecDeque::new();
-    // A linear congruential generator (Knuth's MMIX) is random enough to choose a way.
+    // A linear congruential generator (Knuth's MMIX) is random enough for this purpose.
     let mut random = 0x5eed_u64;
     let mut draw = |below: u64| {
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

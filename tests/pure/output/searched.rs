@@ -1,4 +1,4 @@
-//! The searches, and what they are expected to find.
+//! Searches with their expected results.
 
 use isotherm_core::quantity::Counts;
 use std::time::Duration;
@@ -29,13 +29,14 @@ fn holds(what: &str, settings: &Settings, budget: Budget) {
     assert!(searched.broken.is_none(), "{what}");
 }
 
-/// States of a search that must find nothing. More, and more steps of a walk:
-/// `SEARCH_STATES=2000000 WALK_STEPS=5000000 cargo nextest run --workspace --features full --test pure searched --no-capture`.
+/// Number of states of a search that must find nothing. For more states, and more steps of a walk:
+/// `SEARCH_STATES=2000000 WALK_STEPS=5000000 cargo nextest run --workspace --features full --test pure searched
+/// --no-capture`.
 const STATES: usize = 15_000;
-/// States of a search that must find something. It ends where it does.
+/// Largest number of states of a search that must find a violation, at which it ends.
 const MOST: usize = 200_000;
 
-/// A register without a sign, whose zero is at 5: an offset alone, without the bias, may lie outside of it.
+/// Unsigned register with a bias of 5. An offset without the bias may be outside of its range.
 fn biased(is_shared: bool) -> Settings {
     Settings { bias: Counts(5), range: (Counts(0), Counts(200)), ..settings(is_shared, 3, 3) }
 }
@@ -103,7 +104,7 @@ fn an_output_that_cannot_be_read_never_jumps() {
     holds("unread, refreshed", &refresh, repeats);
 }
 
-/// An interlock, a line that is too late, and an axis that holds while its output is in trouble.
+/// Includes an interlock, a line that is too late, and an axis that is frozen while its output is in trouble.
 #[test]
 fn an_output_with_an_interlock_never_jumps_and_resumes_from_its_register() {
     let none = Budget { has_guard: true, ..Budget::NONE };
@@ -118,7 +119,7 @@ fn an_output_with_an_interlock_never_jumps_and_resumes_from_its_register() {
     holds("shared, trouble", &settings(true, 3, 3), trouble);
 }
 
-/// The control says in another register what it applies, and applies it late.
+/// The control reports the applied value in another register, and applies it late.
 #[test]
 fn an_output_whose_control_applies_late_is_sent_nothing_new_before_that() {
     let applied = Some(AppliedSettings { tolerance: 0, settle: Duration::from_secs(1) });
@@ -131,7 +132,7 @@ fn an_output_whose_control_applies_late_is_sent_nothing_new_before_that() {
     holds("applied, refused", &applied, refused);
 }
 
-/// Without one of the rules, the shortest way to what it prevents.
+/// Checks that the search finds a violation without one of the rules.
 fn breaks(what: &str, settings: &Settings, budget: Budget, rules: Rules) {
     let searched = run(what, &Settings { rules, ..*settings }, budget, MOST);
     assert!(searched.broken.is_some(), "{what}: the search finds nothing");
@@ -174,7 +175,7 @@ fn without_the_sixth_rule_the_limit_and_the_operators_part_are_lost() {
 const GUARDED: Budget =
     Budget { holds: 2, losses: 1, targets: 2, pauses: 1, has_guard: true, ..Budget::NONE };
 
-/// An axis whose guard goes to the target by one step a second.
+/// The guard of the axis approaches the target by one step per second.
 #[test]
 fn a_register_behind_its_guard_never_moves_away_from_the_target() {
     holds("whole, behind a guard", &settings(false, 3, 3), GUARDED);

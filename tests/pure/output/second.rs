@@ -1,4 +1,4 @@
-//! Two gateways that write to one register, and an operator who is no gateway.
+//! Two gateways that write to one register, and an operator for comparison.
 
 use std::time::Duration;
 
@@ -14,7 +14,7 @@ fn gateway(is_shared: bool) -> Rig {
     Rig::new(settings(is_shared, 80, 4), Kept { in_order: true, account, stood, ..Kept::default() })
 }
 
-/// One of two has its turn, with what the other has left in the register. Whether it wrote.
+/// Executes the turn of one gateway, with the register value that the other one left. Returns whether it wrote.
 fn turn(rig: &mut Rig, register: &mut i64, offset: i64) -> bool {
     rig.register = *register;
     let is_written = rig.seconds(1, offset).is_some();
@@ -39,7 +39,7 @@ fn two_gateways_on_one_shared_register_notice_each_other_and_both_go_off() {
     let mut both = [gateway(true), gateway(true)];
     let mut register = 30;
     let mut writes = 0;
-    // Both follow the same drift of a count in a second, in turn.
+    // Both follow the same drift of one count per second, alternately.
     for offset in 1..30 {
         writes += both.iter_mut().filter_map(|one| turn(one, &mut register, offset).then_some(())).count();
     }
@@ -47,7 +47,7 @@ fn two_gateways_on_one_shared_register_notice_each_other_and_both_go_off() {
     assert_eq!(writes, 25, "twelve of one, thirteen of the other");
 }
 
-/// In one turn of four the other becomes the first, and in one turn of eight it decides nothing new.
+/// In a quarter of the turns the order of the two is exchanged, and in an eighth one of them decides nothing new.
 #[test]
 fn so_do_two_that_take_their_turns_as_it_comes() {
     let mut random = 0x5eed_u64;

@@ -1,5 +1,5 @@
-//! Sets, searched: whatever is lost on the way, the control takes no half set and no jump, the gateway knows what the control has taken,
-//! and the control takes a set again when nothing fails any more.
+//! Searches of sets. Whatever is lost, the control takes no incomplete set and no jump. The gateway knows what the
+//! control has taken, and the control takes sets again after the faults.
 
 use std::collections::HashSet;
 use std::hash::{BuildHasher, BuildHasherDefault, DefaultHasher};
@@ -8,9 +8,9 @@ use isotherm_core::output::{Alone, SetSettings, SetWords, Taking};
 
 use super::set_world::{Program, SetBudget, SetWorld, set_settings};
 
-/// Looks at no more than `most` worlds, breadth first, and from each fourth lets everything run out.
+/// Searches at most `most` worlds, breadth first. For each fourth world, checks that it recovers without faults.
 fn search(what: &str, settings: &SetSettings, program: Program, left: SetBudget) -> Result<(), String> {
-    // A set has many more ways to search than a register, and each costs more.
+    // A set has many more states than a register, and each is more expensive.
     let asked = std::env::var("SEARCH_STATES").ok().and_then(|most| most.parse::<usize>().ok());
     let most = asked.map_or(STATES, |most| most / 4);
     let hasher = BuildHasherDefault::<DefaultHasher>::default();

@@ -1,5 +1,5 @@
-//! A model of everything around a set of two outputs: registers, number, strobe, the program of the control, the link, the disk, and
-//! time in whole seconds.
+//! Model around a set of two outputs: registers, number, strobe, program of the control, line, disk, and time in whole
+//! seconds.
 
 use std::time::Duration;
 
@@ -14,7 +14,7 @@ use super::world::{NOW, settings};
 
 const SECOND: Duration = Duration::from_secs(1);
 
-/// How often each thing may still happen.
+/// Number of times that each event may still happen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub(crate) struct SetBudget {
     /// A request or its answer is lost.
@@ -31,12 +31,12 @@ pub(crate) struct SetBudget {
     pub(crate) stale: u8,
 }
 
-/// How a control decides whether it takes a set.
+/// Rule by which a control takes a set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Program {
-    /// When the strobe rises or the number changes, whatever number it is.
+    /// The control takes a set when the strobe rises or the number changes, whatever the number.
     Another,
-    /// Only the next number.
+    /// The control takes only the next number.
     NextOnly,
 }
 
@@ -47,14 +47,14 @@ struct Content {
     own: OwnWords,
 }
 
-/// A request that has left and may arrive later.
+/// Request that has been sent and may arrive later.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Request {
     Values(Content),
     Strobe(bool),
 }
 
-/// What was broken.
+/// Result of a check: the violated property.
 pub(crate) type Broken = Result<(), String>;
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -66,28 +66,29 @@ pub(crate) struct SetWorld {
     registers: Content,
     strobe: bool,
     acknowledge: bool,
-    /// The control takes only what has another number than this one.
+    /// Last number that the control took.
     number: u16,
     program: Program,
     taking: Taking,
     has_number: bool,
-    /// Values that the control works with.
+    /// Values that the control uses.
     taken: [Counts; 2],
-    /// The control restarted since the read that a write rests on: its value is no jump of the gateway's.
+    /// Whether the control restarted since the read before a write. A change of its value is then not a jump by the
+    /// gateway.
     is_excused: bool,
-    /// The register values are from such a write.
+    /// Whether the register values are from such a write.
     are_excused: bool,
     held: Option<(Request, u64)>,
-    /// Every pair of values that was sent as one, and the first one.
+    /// All pairs of values that were sent together, and the first one.
     pairs: Vec<[Counts; 2]>,
     wanted: Counts,
     guard: [Counts; 2],
-    /// Seconds for which the newest decision may still be carried out.
+    /// Seconds for which the latest decision may still be carried out.
     order: Option<u64>,
     pub(crate) left: SetBudget,
 }
 
-/// Settings of a set of two outputs whose control takes it in this way. Step 1.
+/// Creates the settings of a set of two outputs whose control takes it in this way. Step 1.
 pub(crate) fn set_settings(taking: Taking, has_number: bool, words: SetWords) -> SetSettings {
     SetSettings {
         members: vec![settings(false, 2, 2); 2],
@@ -142,7 +143,7 @@ impl SetWorld {
         (self.gateway, self.order, self.armed) = (Some(gateway), None, [false; 2]);
     }
 
-    /// Calls `to` with every world that can come next, and with what broke on the way there.
+    /// Calls `to` with every possible next world, and with the violation on the way there.
     pub(crate) fn each(&self, settings: &SetSettings, to: &mut impl FnMut(&'static str, SetWorld, Broken)) {
         let mut go = |name: &'static str, change: &mut dyn FnMut(&mut SetWorld) -> Broken| {
             let mut next = self.clone();
@@ -209,7 +210,7 @@ impl SetWorld {
                 if left.wires > 0 && self.action == SetAction::Acknowledge && self.acknowledge {
                     go("the wire of the acknowledge is broken", &mut |next| {
                         next.left.wires -= 1;
-                        // Until its time is over.
+                        // Lets the timeout pass.
                         (0..3).for_each(|_| next.pass(settings));
                         next.give(settings, &SetInput::Acknowledge(Some(false)))
                     });
@@ -229,7 +230,7 @@ impl SetWorld {
                 Ok(())
             });
         }
-        // Nobody can know of a restart that hides behind the gateway's own write, if the control takes nothing but the next number.
+        // A restart hidden by a write of the gateway cannot be detected if the control takes only the next number.
         let is_writing = !matches!(self.action, SetAction::Nothing { .. } | SetAction::Read);
         let is_hidden = self.program == Program::NextOnly && (is_writing || self.held.is_some());
         if left.restarts > 0 && !is_hidden {
@@ -247,7 +248,7 @@ impl SetWorld {
         }
     }
 
-    /// The request of the action, if it changes something.
+    /// Returns the request of the action, if it changes something.
     fn request(&self) -> Option<Request> {
         match &self.action {
             SetAction::Write { values, own, .. } => {
@@ -263,7 +264,7 @@ impl SetWorld {
         }
     }
 
-    /// The exchange is carried out and answered.
+    /// Carries out and answers the exchange.
     fn done(&mut self, settings: &SetSettings) -> Broken {
         let request = self.request();
         if let Some(request) = request {
@@ -292,7 +293,7 @@ impl SetWorld {
         self.give(settings, &input)
     }
 
-    /// The exchange is not answered.
+    /// Loses the answer of the exchange.
     fn fails(&mut self, settings: &SetSettings) -> Broken {
         self.is_allowed()?;
         let input = match &self.action {
@@ -307,7 +308,7 @@ impl SetWorld {
         self.give(settings, &input)
     }
 
-    /// A change rests on readings that are fresh.
+    /// Checks that a change is based on readings that are not too old.
     fn is_allowed(&self) -> Broken {
         let SetAction::Write { values, not_after, .. } = &self.action else { return Ok(()) };
         let changes = values.iter().any(|value| matches!(value, SetValue::New(_)));
@@ -317,7 +318,7 @@ impl SetWorld {
         Ok(())
     }
 
-    /// A request arrives at the control, and its program runs.
+    /// Lets a request arrive at the control, and runs the control's program.
     fn arrives(&mut self, request: Request) -> Broken {
         match request {
             Request::Values(content) => {
@@ -342,7 +343,7 @@ impl SetWorld {
                         self.takes()?;
                         self.acknowledge = true;
                     } else if self.program == Program::Another {
-                        // The control acknowledges what it has taken already.
+                        // The control acknowledges a set that it has taken already.
                         self.acknowledge = true;
                     }
                 }
@@ -363,7 +364,7 @@ impl SetWorld {
         }
     }
 
-    /// The control works with what its registers hold from now on.
+    /// Makes the control use its register values.
     fn takes(&mut self) -> Broken {
         let before = std::mem::replace(&mut self.taken, self.registers.values);
         self.number = self.registers.own.number.unwrap_or(self.number);
@@ -378,7 +379,7 @@ impl SetWorld {
         Ok(())
     }
 
-    /// Gives the gateway an input. If it asks for nothing then, its turn ends.
+    /// Gives the gateway an input. If it requests nothing then, its turn ends.
     fn give(&mut self, settings: &SetSettings, input: &SetInput) -> Broken {
         let Some(gateway) = &mut self.gateway else { return Ok(()) };
         self.action = gateway.step(settings, input, NOW);
@@ -396,7 +397,7 @@ impl SetWorld {
         self.knows(settings)
     }
 
-    /// The axes resume from their registers, and stop if another client wrote to one.
+    /// Processes the events: the axes resume from their registers, and are disarmed if another client wrote to one.
     fn events(&mut self, settings: &SetSettings) {
         let Some(gateway) = &mut self.gateway else { return };
         for (place, member) in gateway.members_mut().iter_mut().enumerate() {
@@ -410,7 +411,7 @@ impl SetWorld {
         }
     }
 
-    /// If the gateway says that the control has taken what the registers hold, that is so.
+    /// Checks that the control has taken the register values if the gateway assumes it.
     fn knows(&self, settings: &SetSettings) -> Broken {
         let Some(gateway) = &self.gateway else { return Ok(()) };
         let is_quiet = matches!(self.action, SetAction::Nothing { .. }) && self.held.is_none();
@@ -426,7 +427,7 @@ impl SetWorld {
         Err(format!("the control works with {:?}, and the gateway says {verified:?} is taken", self.taken))
     }
 
-    /// A second passes for everything but the gateway's own step.
+    /// Lets a second pass, without a step of the gateway.
     fn pass(&mut self, settings: &SetSettings) {
         let late = settings.members[0].late.as_secs();
         self.held = self.held.map(|(request, age)| (request, age + 1)).filter(|(_, age)| *age <= late);
@@ -435,7 +436,7 @@ impl SetWorld {
         self.gateway = self.gateway.as_ref().map(|one| one.moved(past, Moment::default()));
     }
 
-    /// The next second begins: with a decision, or with one that keeps the offset because the readings are stale.
+    /// Begins the next second with a decision. If the readings are stale, it keeps the offset.
     fn second(&mut self, settings: &SetSettings, is_fresh: bool) -> Broken {
         self.pass(settings);
         if is_fresh {
@@ -449,7 +450,7 @@ impl SetWorld {
         self.turn(settings, mode)
     }
 
-    /// The turn of the set begins. A person arms what another client has stopped, as soon as its register was read.
+    /// Begins the turn of the set. An output that another client has disarmed is armed again after the next read.
     fn turn(&mut self, settings: &SetSettings, mode: Mode) -> Broken {
         let Some(gateway) = &self.gateway else { return Ok(()) };
         for (place, (member, settings)) in gateway.members().iter().zip(&settings.members).enumerate() {
@@ -484,7 +485,7 @@ impl SetWorld {
         self.give(settings, &SetInput::Demand(SetDemand { members, control: 1, beat, is_leaving: false }))
     }
 
-    /// Two worlds that are equal then behave alike.
+    /// Returns the world in a form in which equal worlds behave equally.
     pub(crate) fn canonical(&self, settings: &SetSettings) -> SetWorld {
         let one = &settings.members[0];
         let oldest = NOW.before(one.late + one.remembered + one.every * 3);
@@ -495,7 +496,7 @@ impl SetWorld {
         SetWorld { gateway, pairs, ..self.clone() }
     }
 
-    /// From here on nothing fails: how many seconds until the control works with the targets, and stays so.
+    /// Returns the seconds until the control permanently uses the targets, if there are no more faults.
     pub(crate) fn runs_out(&self, settings: &SetSettings) -> Result<u64, String> {
         let mut world = self.clone();
         (world.held, world.left) = (None, SetBudget::default());

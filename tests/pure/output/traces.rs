@@ -1,4 +1,4 @@
-//! The shortest ways on which simpler rules made a register jump, or gave an operator what was ours.
+//! Shortest ways on which simpler rules made a register jump, or assigned a value of the gateway to the operator.
 
 use std::time::Duration;
 
@@ -8,12 +8,12 @@ use isotherm_core::quantity::Counts;
 use super::rig::Rig;
 use super::world::settings;
 
-/// Step 1, and late after 4 s.
+/// Whole register with step 1, and `late` 4 s.
 fn whole(stands: i64) -> Rig {
     Rig::new(settings(false, 5, 4), Kept { in_order: true, stood: Some(Counts(stands)), ..Kept::default() })
 }
 
-/// Step 2.
+/// Shared register with step 2.
 fn shared(base: i64, share: i64) -> Rig {
     let account = Some(Account { base: Counts(base), share: Counts(share), doubt: None });
     Rig::new(settings(true, 5, 4), Kept { in_order: true, account, ..Kept::default() })
@@ -205,7 +205,7 @@ fn nothing_under_way_is_sent_again_beyond_the_limit() {
     rig.settings.limit = Counts(2);
     assert_eq!(rig.want(-1), Some(4));
     rig.held();
-    // Two reads later his change cannot hide a step of ours.
+    // After two reads, the operator's change cannot hide a step of the gateway.
     assert_eq!(rig.want(1), None);
     rig.register = 8;
     for _ in 0..20 {
@@ -258,7 +258,7 @@ fn a_promise_that_grew_old_before_it_was_sent_is_made_anew_for_what_is_wanted_th
         not_after: rig.now.after(Duration::from_secs(1)),
     });
     assert_eq!((rig.settle(), rig.parts()), (Some(7), (5, 0)));
-    // One that is young enough is sent, so that a slow disk keeps nothing back for ever.
+    // A young decision is sent, so that a slow disk does not block it permanently.
     let mut rig = shared(5, 0);
     rig.give(Fact::Decided {
         offset: Counts(1),
@@ -299,7 +299,7 @@ fn an_edit_between_promise_and_write_is_seen() {
 fn the_time_of_a_copy_begins_when_it_has_left() {
     let mut rig = whole(0);
     assert_eq!(rig.want(-1), Some(-1));
-    // The computer stood still between the last look at the clock and the last byte.
+    // The computer was paused between the last clock sample and the last byte.
     rig.now = rig.now.after(Duration::from_secs(3));
     rig.held();
     assert_eq!(rig.seconds(3, 1), None);

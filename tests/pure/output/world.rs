@@ -1,4 +1,4 @@
-//! A model of everything around one output: the register, the operator, the link, the disk, and time in whole seconds.
+//! Model around one output: register, operator, line, disk, and time in whole seconds.
 
 use std::time::Duration;
 
@@ -10,23 +10,24 @@ use isotherm_core::quantity::{Counts, Moment};
 
 use super::budget::Budget;
 
-/// It is always this moment: what passes moves everything else into the past.
+/// Present time, which is constant. Passing time moves everything else into the past.
 pub(crate) const NOW: Moment = Moment::from_nanos(1_000_000_000_000);
 const SECOND: Duration = Duration::from_secs(1);
 
-/// A write that has left and may arrive later.
+/// Write that has been sent and may arrive later.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Held {
     pub(crate) value: Counts,
     pub(crate) age: u64,
-    /// The CNC restarted, or a person corrected the register, since the read that it rested on: nobody can promise
-    /// where it takes the register.
+    /// Whether the CNC restarted, or the operator corrected the register, since the read before the write. The
+    /// resulting value cannot be promised then.
     pub(crate) is_excused: bool,
-    /// The same for how far it moves it: until something else is written, which must be near to this one.
+    /// Whether its change may exceed a step for that reason. This ends with the next write, which must be near this
+    /// one.
     pub(crate) may_jump: bool,
 }
 
-/// What was broken.
+/// Result of a check: the violated property.
 pub(crate) type Broken = Result<(), String>;
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -37,29 +38,29 @@ pub(crate) struct World {
     pub(crate) interlock: Condition,
     pub(crate) disk: Option<Kept>,
     pub(crate) register: Counts,
-    /// The operator's part, as he would say it; the bias of a register that is ours alone.
+    /// Operator offset as the operator knows it. For a whole register, the bias.
     pub(crate) his: Counts,
-    /// His part before a restart of the CNC that the gateway has not read: a write brings it back.
+    /// Operator offset before a restart of the CNC that the gateway has not read. A write restores it.
     pub(crate) lost: Option<Counts>,
     pub(crate) held: [Option<Held>; 2],
     pub(crate) wanted: Counts,
     /// Target of the last decision.
     pub(crate) target: Counts,
-    /// What the axis did when it decided.
+    /// Mode of the axis at its decision.
     pub(crate) mode: Mode,
-    /// What the control applies, and seconds until it applies the register value.
+    /// Value that the control applies, and seconds until it applies the register value.
     pub(crate) applied: (Counts, u64),
-    /// What the guard of the axis decided last, if there is one.
+    /// Last decision of the guard, if there is a guard.
     pub(crate) guard: Option<Counts>,
-    /// Seconds for which the newest decision may still be carried out; `None` where there is none.
+    /// Seconds for which the latest decision may still be carried out. `None` without a decision.
     pub(crate) order: Option<u64>,
-    /// The register has changed without the gateway's doing since its last read.
+    /// Whether the register has changed since its last read, but not by the gateway.
     pub(crate) is_moved: bool,
-    /// A late write arrived since the last read.
+    /// Whether a late write has arrived since the last read.
     pub(crate) has_arrived: bool,
-    /// The CNC restarted, and that is not on disk yet.
+    /// Whether the CNC has restarted, and that is not on disk yet.
     pub(crate) is_restarted: bool,
-    /// Somebody else than the gateway has changed the register at some time.
+    /// Whether another client has ever changed the register.
     pub(crate) is_touched: bool,
     pub(crate) left: Budget,
 }
@@ -105,17 +106,17 @@ impl World {
         (self.order, self.armed) = (None, None);
     }
 
-    /// What the gateway asked for and nobody has done yet.
+    /// Returns the pending action of the gateway.
     pub(crate) fn action(&self) -> Action {
         self.gateway.map_or(Action::Nothing { until: NOW }, |gateway| gateway.action())
     }
 
-    /// State of the register, as the gateway knows it.
+    /// Returns the state of the register, as the gateway knows it.
     pub(crate) fn shown(&self, settings: &Settings) -> Option<isotherm_core::output::Shown> {
         self.gateway.map(|gateway| gateway.state().shown(settings))
     }
 
-    /// Gives the gateway an input. If it asks for nothing then, its turn ends.
+    /// Gives the gateway an input. If it requests nothing then, its turn ends.
     pub(crate) fn give(&mut self, settings: &Settings, input: impl Into<Input>) -> Broken {
         self.take(settings, input.into())?;
         if let Some(gateway) = self.gateway
@@ -130,7 +131,7 @@ impl World {
         self.arm_by_policy(settings)
     }
 
-    /// Gives the gateway an input. It says why it switches the axis off.
+    /// Gives the gateway an input. If it disarms the axis, it must report why.
     fn take(&mut self, settings: &Settings, input: Input) -> Broken {
         let Some(gateway) = &mut self.gateway else { return Ok(()) };
         let before = gateway.state().shown(settings).standing;
@@ -179,7 +180,7 @@ impl World {
         is_short.then_some(()).ok_or_else(|| "it waits longer than a write can be late".to_owned())
     }
 
-    /// When it is to be called again.
+    /// Returns the time of the next call.
     fn wakes(&self) -> Moment {
         match self.action() {
             Action::Nothing { until } => until,
@@ -187,7 +188,7 @@ impl World {
         }
     }
 
-    /// Demand on the output now.
+    /// Returns the present demand on the output.
     pub(crate) fn demand(&self, decision: Option<Demanded>) -> Input {
         Input::Demand(Demand {
             armed: self.armed,
@@ -198,7 +199,7 @@ impl World {
         })
     }
 
-    /// `arm = "auto"`: as soon as the register was read, where its value is inside the limit.
+    /// Arms as `arm = "auto"` does: after the first read of the register, if its value is within the limit.
     fn arm_by_policy(&mut self, settings: &Settings) -> Broken {
         let Some(shown) = self.shown(settings) else { return Ok(()) };
         let inside = |value: Counts| settings.is_shared || (value - settings.bias).abs() <= settings.limit;
@@ -212,7 +213,7 @@ impl World {
         Ok(())
     }
 
-    /// The write that the gateway asks for; a change must rest on a decision that still holds.
+    /// Returns the value of the requested write. A change must be based on a decision that is still valid.
     pub(crate) fn write(&self, settings: &Settings) -> Result<Option<Counts>, String> {
         let Action::Write { value, not_after, is_repeat } = self.action() else { return Ok(None) };
         if self.interlock != Condition::Met {
@@ -234,7 +235,7 @@ impl World {
         Ok(Some(value))
     }
 
-    /// A control that says what it applies is sent nothing new before it applies the register value.
+    /// Checks that no new value is sent before the control applies the register value.
     fn is_applied(&self, settings: &Settings, value: Counts) -> Broken {
         let Some(seen) = self.shown(settings).and_then(|shown| shown.verified) else { return Ok(()) };
         if settings.applied.is_none() || self.applied.0 == seen.value || self.is_moved || self.has_arrived {
@@ -246,7 +247,7 @@ impl World {
         ))
     }
 
-    /// R11: from what the gateway has seen in the register towards the target, and not beyond it.
+    /// Checks rule R11: a value is between the known register value and the target.
     fn leads_to_target(&self, settings: &Settings, value: Counts) -> Broken {
         let Some(shown) = self.shown(settings) else { return Ok(()) };
         let Some(seen) = shown.verified else { return Ok(()) };
@@ -262,7 +263,8 @@ impl World {
         Err(format!("{value} leads away from the target {target}: the register holds {}", seen.value))
     }
 
-    /// What is decided now: the target, or one step nearer to it. While the register waits, the guard stays within one step of it.
+    /// Returns the decision: the target, or one step nearer to it. While the register waits, the guard stays within one
+    /// step of it.
     fn decides(&mut self, settings: &Settings) -> Counts {
         let Some(guard) = self.guard else { return self.wanted };
         let shown = self.shown(settings);
@@ -276,7 +278,7 @@ impl World {
         decided
     }
 
-    /// An axis that is armed begins where its register is.
+    /// Starts an armed axis from its register value.
     fn takes_over(&mut self, settings: &Settings) {
         let Some(shown) = self.shown(settings) else { return };
         let centre = shown.account.map_or(settings.bias, |account| account.base);
@@ -284,7 +286,7 @@ impl World {
         self.guard = self.guard.map(|_| stands.clamp(-settings.limit, settings.limit));
     }
 
-    /// A write of ours takes effect.
+    /// Delivers a write of the gateway to the register.
     pub(crate) fn deliver(
         &mut self,
         settings: &Settings,
@@ -316,7 +318,7 @@ impl World {
         Ok(())
     }
 
-    /// What the gateway says is on disk from now on. Times are for people, and not compared.
+    /// Stores the state that the gateway writes to disk. Times are only for messages, and are cleared.
     pub(crate) fn keep(&mut self, settings: &Settings, kept: Option<Kept>) {
         let Some(kept) = kept else { return };
         let mut promises = Slots::default();
@@ -327,7 +329,7 @@ impl World {
         self.notices_restart(settings);
     }
 
-    /// A second passes for everything but the gateway's own step.
+    /// Lets a second pass, without a step of the gateway.
     pub(crate) fn pass(&mut self, settings: &Settings) {
         for slot in &mut self.held {
             *slot = slot.map(|held| Held { age: held.age + 1, ..held });
@@ -343,7 +345,7 @@ impl World {
         }
     }
 
-    /// Two worlds that are equal then behave alike.
+    /// Returns the world in a form in which equal worlds behave equally.
     pub(crate) fn canonical(&self, settings: &Settings) -> World {
         let span = settings.late + settings.remembered + settings.every * 3;
         let oldest = NOW.before(span);
@@ -358,7 +360,7 @@ impl World {
         true
     }
 
-    /// The set that it is in is read, and sent with what was read.
+    /// Reads the set that contains the output, and sends it with the value that was read.
     pub(crate) fn goes_along(&mut self, settings: &Settings) -> Broken {
         self.answer_read(settings)?;
         match self.action() {
@@ -369,14 +371,14 @@ impl World {
         }
     }
 
-    /// The register changed without anybody's write of ours.
+    /// Records a change of the register that is not by the gateway.
     pub(crate) fn is_moved_by_others(&mut self) {
         (self.is_moved, self.is_touched) = (true, true);
         let held = self.held.iter_mut().flatten();
         held.for_each(|held| (held.is_excused, held.may_jump) = (true, true));
     }
 
-    /// What stands in the end, when nothing fails any more.
+    /// Returns whether the register holds its final value.
     pub(crate) fn is_at_rest(&self, settings: &Settings) -> bool {
         let offset = self.wanted.clamp(-settings.limit, settings.limit);
         let sum = (self.his + offset).clamp(settings.range.0, settings.range.1);
@@ -384,7 +386,7 @@ impl World {
         self.register == sum || (is_avoided && (self.register - sum).abs() == Counts(1))
     }
 
-    /// From here on nothing fails: how many seconds until the register is what it should be, and stays so.
+    /// Returns the seconds until the register permanently holds the correct value, if there are no more faults.
     pub(crate) fn runs_out(&self, settings: &Settings) -> Result<u64, String> {
         let mut world = self.clone();
         world.held = [None; 2];
@@ -417,7 +419,7 @@ impl World {
         Ok(rested)
     }
 
-    /// Does what is asked for as it should be done, persons included. Whether there was anything.
+    /// Executes the pending action correctly, including those of the operator. Returns whether there was one.
     fn serve(&mut self, settings: &Settings) -> Result<bool, String> {
         if self.gateway.is_none() {
             self.start(settings);
@@ -445,7 +447,7 @@ impl World {
         Ok(())
     }
 
-    /// The restart has been read, and is on disk.
+    /// Records that the restart was read and is on disk.
     fn notices_restart(&mut self, settings: &Settings) {
         let known = self.gateway.and_then(|gateway| gateway.state().kept().account);
         let is_kept = known == self.disk.and_then(|kept| kept.account);
@@ -454,8 +456,8 @@ impl World {
         self.is_restarted |= self.lost.is_some();
     }
 
-    /// Where only a person can decide, he makes the register right and arms when it is shown so. Whether he did anything.
-    /// `at_once`: he does not wait until it is.
+    /// Executes the operator's part if only the operator can decide: corrects the register, and arms when it is shown
+    /// correctly. Returns whether anything was done. `at_once` means without waiting until it is shown.
     pub(crate) fn persons_turn(&mut self, settings: &Settings, at_once: bool) -> Result<bool, String> {
         let Some(shown) = self.shown(settings) else { return Ok(false) };
         let stands = shown.verified.map(|seen| seen.value);
@@ -492,7 +494,7 @@ impl World {
         Ok(is_due)
     }
 
-    /// The next second begins: with a decision, or without one where the readings are stale.
+    /// Begins the next second with a decision, or without one if the readings are stale.
     pub(crate) fn second(&mut self, settings: &Settings, is_fresh: bool) -> Broken {
         self.pass(settings);
         if self.gateway.is_none() {
@@ -504,14 +506,14 @@ impl World {
         }
         let decision = match mode {
             Mode::Follow => Some((self.decides(settings), self.wanted)),
-            // Without a guard nothing is decided while readings are stale.
+            // Without a guard, nothing is decided while the readings are stale.
             Mode::Hold | Mode::Finish => self.guard.map(|guard| (guard, guard)),
         };
         self.decided(settings, decision, (mode, is_fresh))
     }
 
-    /// An axis that decides has resumed from the register value: its Cz is within two steps of it, as a late write can have moved the
-    /// register by one step since.
+    /// Checks that a deciding axis has resumed from the register value: its Cz is within two steps of it. A late write
+    /// may have moved the register by one step since.
     fn guard_is_near(&self, settings: &Settings) -> Broken {
         let (Some(guard), Some(gateway)) = (self.guard, self.gateway) else {
             return Ok(());
@@ -529,7 +531,7 @@ impl World {
         Err(format!("the axis decides from {guard}, and the register holds {held}"))
     }
 
-    /// The axis has decided, or not.
+    /// Passes the decision of the axis to the gateway, if there is one.
     pub(crate) fn decided(
         &mut self,
         settings: &Settings,
@@ -542,7 +544,7 @@ impl World {
         let until = |left| NOW.after(SECOND * u32::try_from(left).unwrap());
         let not_after = self.order.map_or(NOW.before(SECOND), until);
         let trouble = self.gateway.and_then(|gateway| gateway.trouble());
-        // What an axis holds while its register does not take it is sent again.
+        // An offset that the register did not take is sent again, even if the axis holds it.
         let is_untaken = matches!(trouble, Some(Trouble::Untaken | Trouble::StillUntaken));
         self.mode = if is_untaken { Mode::Finish } else { mode };
         self.target = decision.map_or(self.target, |(_, target)| target);
@@ -560,7 +562,8 @@ impl World {
         Ok(())
     }
 
-    /// What the axis does: it holds while its readings are stale, and while its output is in trouble or locked.
+    /// Returns the mode of the axis. It holds its offset while its readings are stale, and while its output is in
+    /// trouble or locked.
     pub(crate) fn mode(&self, settings: &Settings, is_fresh: bool) -> Mode {
         let health = self.gateway.and_then(|gateway| gateway.health(settings, self.interlock));
         match health {
@@ -571,13 +574,13 @@ impl World {
     }
 }
 
-/// Whether the register's type has this count.
+/// Returns whether the register's type contains this count.
 pub(crate) fn holds(settings: &Settings, value: Counts) -> bool {
     let (lowest, highest) = settings.range;
     (lowest..=highest).contains(&value)
 }
 
-/// Step 1 for a whole register; a shared one steps by 2, so that nothing has to be sent that is zero.
+/// Creates settings with step 1 for a whole register. A shared one has step 2, so that a zero can be skipped.
 pub(crate) fn settings(is_shared: bool, limit: i64, late: u64) -> Settings {
     Settings {
         step: Counts(if is_shared { 2 } else { 1 }),

@@ -1,8 +1,8 @@
-//! Doc comments of Rust text.
+//! Doc comments of Rust source text.
 
 use crate::lexer;
 
-/// The doc comments of a text. Each is its lines, with their numbers and without their marks.
+/// Doc comments of a text. Each is a list of lines with their numbers, without the comment marks.
 pub(super) fn doc_comments(text: &str) -> Vec<Vec<(usize, &str)>> {
     let mut blocks: Vec<Vec<(usize, &str)>> = Vec::new();
     let mut last = ("", 0);

@@ -3,7 +3,7 @@
 use super::sentences::Text;
 use crate::lexer::{Kind, Piece};
 
-/// The texts of a string literal: a line break, `\n` or a real one, ends a text. A line that ends with `\` continues.
+/// Texts of a string literal. A line break in the source or `\n` ends a text. A line that ends with `\` continues.
 pub(super) fn texts(source: &str, piece: &Piece) -> Vec<Text> {
     let literal = &source[piece.range.clone()];
     match piece.kind {
@@ -17,7 +17,7 @@ pub(super) fn texts(source: &str, piece: &Piece) -> Vec<Text> {
     }
 }
 
-/// The literal without so many bytes before and after its content.
+/// Content of a literal, without this number of bytes before and after it.
 fn inside(literal: &str, before: usize, after: usize) -> &str {
     literal.get(before..literal.len().saturating_sub(after)).unwrap_or_default()
 }

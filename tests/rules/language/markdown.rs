@@ -1,8 +1,8 @@
-//! Texts in Markdown: headings, paragraphs, items of lists, cells of tables. Code blocks are left out.
+//! Texts in Markdown: headings, paragraphs, list items, table cells. Code blocks are skipped.
 
 use super::sentences::Text;
 
-/// The texts of a document. Each is its lines, with their numbers.
+/// Texts of a document. Each is a list of lines with their numbers.
 pub(super) fn texts(document: &str) -> Vec<Text> {
     let mut texts: Vec<Text> = Vec::new();
     let mut paragraph: Text = Vec::new();
@@ -34,7 +34,7 @@ pub(super) fn texts(document: &str) -> Vec<Text> {
     texts
 }
 
-/// Text of an item of a list, on its first line.
+/// Text of a list item on its first line; `None` for any other line.
 fn item(line: &str) -> Option<&str> {
     let number = line.trim_start_matches(|c: char| c.is_ascii_digit());
     let rest = match line.strip_prefix(['-', '*', '+']) {
@@ -45,7 +45,7 @@ fn item(line: &str) -> Option<&str> {
     rest.starts_with([' ', '\t']).then(|| rest.trim_start())
 }
 
-/// Cells of a row of a table. A `|` in code, or after a backslash, divides nothing.
+/// Cells of a table row. A `|` in code or after a backslash is not a separator.
 fn cells(row: &str) -> Vec<String> {
     let mut cells = vec![String::new()];
     let (mut is_code, mut before) = (false, ' ');

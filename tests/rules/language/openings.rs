@@ -1,4 +1,4 @@
-//! Openings of doc comments. The first sentence names its subject.
+//! Openings of doc comments. The first sentence must name its subject.
 
 use super::Finding;
 use super::comments::doc_comments;
@@ -9,7 +9,7 @@ const CONDITION: &str = "begin with the subject, and write `if`, `when` or `beca
 const TWO: &str = "begin with the fact; its reason or effect is a second sentence";
 const SAME: &str = "say what it does, then from what it differs";
 
-/// Openings that do not name a subject, and what to write instead.
+/// Openings that do not name a subject, and the advice for each.
 const OPENINGS: [(&str, &str); 17] = [
     ("what", SUBJECT),
     ("whose", SUBJECT),
@@ -30,7 +30,7 @@ const OPENINGS: [(&str, &str); 17] = [
     ("the same with", SAME),
 ];
 
-/// Every doc comment of the project that begins with one of the openings.
+/// Findings: every doc comment of the project with one of these openings.
 pub(super) fn findings() -> Vec<Finding> {
     let mut found = Vec::new();
     for file in files() {
@@ -47,7 +47,7 @@ pub(super) fn findings() -> Vec<Finding> {
     found
 }
 
-/// Line, opening and what to write instead; `None` if the comment begins in another way.
+/// Line, opening and advice; `None` if the comment begins in another way.
 fn opening(block: &[(usize, &str)]) -> Option<(usize, &'static str, &'static str)> {
     let (line, said) = block.iter().find(|(_, said)| !said.trim().is_empty())?;
     let said = said.trim().trim_start_matches(['*', '_']).to_lowercase();

@@ -6,7 +6,7 @@ use crate::{files, root};
 const BROKEN: &str = "write the sentence again: a renaming has broken it";
 const REGISTER: &str = "write `register value`, `holds` or `is`";
 
-/// Phrases, and what to write instead.
+/// Phrases, and the advice for each.
 const PHRASES: [(&str, &str); 27] = [
     ("a person says", "write `the operator confirms`"),
     ("access for is", BROKEN),
@@ -37,11 +37,11 @@ const PHRASES: [(&str, &str); 27] = [
     ("without a word", "write `without a warning`"),
 ];
 
-/// This list itself, the budgets, and texts that the project did not write.
+/// Files that are not checked: this list, the budgets, and texts that the project did not write.
 const SKIPPED: [&str; 4] =
     ["Cargo.lock", "LICENSE", "tests/rules/budget/", "tests/rules/language/phrases.rs"];
 
-/// Every place where one of the phrases occurs.
+/// Findings: every place with one of the phrases.
 pub(super) fn findings() -> Vec<Finding> {
     let mut found = Vec::new();
     for file in files() {
@@ -61,9 +61,9 @@ pub(super) fn findings() -> Vec<Finding> {
     found
 }
 
-/// The words of a text in lower case. A name with underscores is one word.
+/// Words of a text in lower case. A name with underscores is one word.
 struct Words {
-    /// One blank before each word, and one at the end.
+    /// The words, with one space before each and one at the end.
     joined: String,
     /// Position in `joined` at which each line begins.
     lines: Vec<usize>,
@@ -83,7 +83,7 @@ impl Words {
         words
     }
 
-    /// Numbers of the lines on which a phrase begins. A phrase may cross the end of a line.
+    /// Numbers of the lines on which a phrase begins. A phrase may continue on the next line.
     fn lines_with(&self, phrase: &str) -> Vec<usize> {
         let phrase: String =
             phrase.split(|c: char| !c.is_alphanumeric()).map(|word| format!(" {word}")).collect();

@@ -1,16 +1,16 @@
-//! Sentences, their lengths, and where they end.
+//! Sentences: their ends and their lengths.
 
 use super::comments::doc_comments;
 use super::{Finding, literals, markdown};
 use crate::{files, lexer, root, source};
 
-/// Most words that a sentence may have.
+/// Maximum number of words in a sentence.
 const MOST: usize = 25;
 
-/// Words that end with a full stop and end no sentence.
+/// Abbreviations with a full stop that does not end a sentence.
 const ABBREVIATIONS: [&str; 8] = ["approx.", "ca.", "cf.", "e.g.", "i.e.", "incl.", "resp.", "vs."];
 
-/// Words that end no sentence if a number follows.
+/// Abbreviations that do not end a sentence if a number follows.
 const BEFORE_A_NUMBER: [&str; 8] = ["ch.", "fig.", "no.", "nos.", "p.", "pp.", "sec.", "vol."];
 
 const OPENERS: [char; 7] = ['(', '[', '"', '\'', '*', '_', '“'];
@@ -26,8 +26,8 @@ struct Sentence {
     begin: String,
 }
 
-/// Every sentence with too many words in README and its neighbours, in the manual and in messages. Messages are string
-/// literals, and the doc comments in `src/cli`, which `--help` prints.
+/// Findings: every sentence with too many words in the Markdown files at the top, in the manual, and in messages.
+/// Messages are string literals, and the doc comments in `src/cli`, which `--help` prints.
 pub(super) fn findings() -> Vec<Finding> {
     let mut found = Vec::new();
     for file in files() {
@@ -49,7 +49,7 @@ pub(super) fn findings() -> Vec<Finding> {
     found
 }
 
-/// The texts of a doc comment, which is Markdown.
+/// Texts of a doc comment, which is Markdown.
 fn help(block: &[(usize, &str)]) -> Vec<Text> {
     let lines: Vec<&str> = block.iter().map(|(_, said)| *said).collect();
     let mut texts = markdown::texts(&lines.join("\n"));
@@ -88,7 +88,7 @@ fn sentences(text: &[(usize, String)]) -> Vec<Sentence> {
     found
 }
 
-/// Words and signs between blanks, with their lines. Code between backticks is one token, also across a line end.
+/// Words and signs between spaces, with their lines. Code between backticks is one token, also across a line break.
 fn tokens(text: &[(usize, String)]) -> Vec<(usize, String)> {
     let is_mark = |token: &str| token.starts_with('`');
     let mut marks_left =
@@ -117,7 +117,7 @@ fn tokens(text: &[(usize, String)]) -> Vec<(usize, String)> {
     found
 }
 
-/// Divides a line into runs of backticks, of blanks, and of other characters.
+/// Divides a line into runs of backticks, of spaces, and of other characters.
 fn runs(line: &str) -> impl Iterator<Item = &str> {
     let kind = |c: char| if c == '`' { 1 } else { u8::from(c.is_whitespace()) * 2 };
     let mut rest = line;
@@ -130,12 +130,12 @@ fn runs(line: &str) -> impl Iterator<Item = &str> {
     })
 }
 
-/// Code and the value of a message count as one word each.
+/// Returns whether a token counts as a word. Code and the value in a message count as one word each.
 fn is_word(token: &str) -> bool {
     token.contains(|c: char| c.is_alphanumeric() || c == '{' || c == '`')
 }
 
-/// Whether a sentence ends with this token. `next` is the token after it.
+/// Returns whether a sentence ends with this token. `next` is the token after it.
 fn ends(token: &str, next: &str) -> bool {
     let bare = token.trim_end_matches(CLOSERS);
     if !bare.ends_with(['.', '!', '?']) || bare.ends_with("..") {
@@ -155,7 +155,7 @@ fn ends(token: &str, next: &str) -> bool {
 mod tests {
     use super::*;
 
-    /// Words of each sentence of a text on one line.
+    /// Number of words in each sentence of a text on one line.
     fn lengths(text: &str) -> Vec<usize> {
         sentences(&[(1, text.to_owned())]).iter().map(|sentence| sentence.words).collect()
     }

@@ -1,4 +1,4 @@
-//! FE input files: sets of four thousand million nodes, includes without end.
+//! FE input files: sets with four thousand million nodes, and endless includes.
 
 use std::fmt::Write;
 

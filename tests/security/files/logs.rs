@@ -1,4 +1,4 @@
-//! Logs: files without an end, rows without number, cells without a limit.
+//! Logs: endless files, very many rows, and very large cells.
 
 use std::fmt::Write;
 use std::fs::File;
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use super::rig::{Home, isotherm, size};
 
-/// Each verb that reads logs, without the log.
+/// Verbs that read logs, without the log.
 const READERS: [&[&str]; 4] = [
     &["report"],
     &["select", "--error", "z_error_um"],
@@ -95,7 +95,7 @@ fn a_hundred_thousand_columns_are_refused() {
     isotherm(&["report"], &path).is_refused(size(&path), &["100001 columns", "at most 10000"]);
 }
 
-/// `rows` rows of one time and one value.
+/// Writes `rows` rows with the same time and value.
 fn equal_rows(home: &Home, rows: usize) -> PathBuf {
     let path = home.path("equal.csv");
     let mut file = BufWriter::new(File::create(&path).unwrap());
@@ -105,7 +105,7 @@ fn equal_rows(home: &Home, rows: usize) -> PathBuf {
     path
 }
 
-/// A log of a day: a hundred temperatures, an error.
+/// Writes a log of one day with 98 temperatures and an error.
 fn wide(home: &Home, name: &str, rows: usize) -> PathBuf {
     let path = home.path(name);
     let mut file = BufWriter::new(File::create(&path).unwrap());
@@ -125,7 +125,7 @@ fn wide(home: &Home, name: &str, rows: usize) -> PathBuf {
     path
 }
 
-/// `most`: MB of memory, where that is less than what a file of its size may take.
+/// Asserts that all verbs stay within the limits. `most` is a stricter memory limit in MB.
 fn keeps_within(path: &Path, most: f64) {
     for verb in READERS {
         let seen = isotherm(verb, path);
@@ -143,7 +143,7 @@ fn many_equal_rows_and_many_columns_are_read_within_the_limits() {
     keeps_within(&wide(&home, "wide.csv", 10_000), f64::INFINITY);
 }
 
-/// As large as they were when they brought the program down. `tests/run long` says so.
+/// Files of the size that once crashed the program. `tests/run long` enables this test.
 #[test]
 fn sixty_million_equal_rows_and_a_million_of_a_hundred_columns_are_too() {
     if std::env::var_os("TEST_LARGE_FILES").is_none() {

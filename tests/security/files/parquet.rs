@@ -1,4 +1,4 @@
-//! Parquet: files that made its reader panic, and small ones that are huge.
+//! Parquet: files that caused panics in its reader, and small files with huge content.
 
 use std::path::{Path, PathBuf};
 
@@ -21,7 +21,7 @@ fn every_parquet_file_that_was_kept_is_refused_or_read() {
         let seen = isotherm(&["report"], &path);
         seen.is_within(size(&path));
         assert_eq!(seen.code, 1, "{name}: {}", seen.said);
-        // What is wrong with the good ones is that they have no displacement.
+        // The good files lack a displacement, which is their only error.
         assert!(name.starts_with("good") || seen.said.contains(name), "{name}: {}", seen.said);
     }
 }
@@ -32,7 +32,7 @@ fn what_is_wrong_with_a_parquet_file_is_said_in_a_sentence() {
     for (name, words) in [
         ("corpus/parquet/negative_length.parquet", ["column", "negative"]),
         ("corpus/parquet/no_dictionary.parquet", ["column", "a page has no head, or one that is damaged"]),
-        // Its pages look well, and the reader panics on what is in them.
+        // Its pages look valid, but the reader panics on their content.
         (
             "corpus/parquet/reader_panics.parquet",
             ["it is not a readable Parquet file", "its reader failed on it"],

@@ -31,7 +31,7 @@ fn as_many_unknown_keys_as_a_profile_can_hold_are_counted_and_fifty_told() {
     refused.is_refused(size(&path), &["keys.toml:22:1", "unknown key `k0`", &counted]);
     assert_eq!(refused.said.matches("unknown key").count(), 50, "{}", refused.said.len());
     isotherm(&["check", "--json"], &path).is_refused(size(&path), &["unknown key `k0`"]);
-    // All of them in one line.
+    // All keys in one line.
     let keys: Vec<String> = (0..250_000).map(|key| format!("k{key}=1")).collect();
     let path = home.write("line.toml", format!("{MACHINE}inputs = {{ {} }}\n", keys.join(", ")));
     isotherm(&["check"], &path).is_refused(size(&path), &["line.toml:22:"]);
@@ -46,7 +46,7 @@ fn a_million_terms_and_unknown_signals_by_the_thousand_are_refused() {
     isotherm(&["check"], &path).is_refused(size(&path), &["million.toml", "larger than 4 MB"]);
     let path = home.write("terms.toml", format!("{linear}{}]\n", term("bed").repeat(80_000)));
     isotherm(&["check"], &path).is_refused(size(&path), &["terms.toml:23:", "80000 entries: at most 10000"]);
-    // Each term names a signal that there is not, among as many that there are.
+    // Each term names a signal that does not exist, among many that do.
     let mut text = linear.clone();
     (0..10_000).for_each(|place| text.push_str(&term(&format!("sensor{place:05}x"))));
     text.push_str("]\n");

@@ -1,39 +1,40 @@
-//! Runs the program on a file beside a gateway that holds a machine, and measures what it takes, also of that one's time.
+//! Runs the program on a file while a gateway compensates a machine. Measures what the program uses, and whether the
+//! gateway is on time.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::rig::{Beside, Machine};
 
-/// A directory for the files of one attack, and a machine that is held on time as long as it lasts.
+/// A directory for the files of one attack. A machine must be compensated on time while it exists.
 pub(crate) struct Home {
     _beside: Beside,
     files: tempfile::TempDir,
 }
 
-/// What came of it.
+/// Result of a run.
 pub(crate) struct Seen {
     pub(crate) code: i64,
     pub(crate) seconds: f64,
-    /// Until its first word, or its end without one.
+    /// Seconds until its first output, or until its end without any.
     pub(crate) silent: f64,
-    /// The most memory that it had at once, MB.
+    /// Peak memory in MB.
     pub(crate) peak: f64,
     pub(crate) said: String,
 }
 
-/// What the program may take beside ten times its input, MB.
+/// Memory in MB that the program may use in addition to ten times its input.
 const BESIDE: f64 = 200.0;
-/// It is 10 s where nothing else runs and the program is optimised; here neither is so.
+/// Longest run in seconds. It is 10 s for an optimised program on an idle computer; neither applies here.
 const LONGEST: f64 = 60.0;
-/// Whoever waits hears something within so many seconds.
+/// Longest time in seconds without output.
 const LONGEST_SILENT: f64 = 10.0;
-/// What it may say, in bytes.
+/// Maximum output, in bytes.
 const MOST_SAID: usize = 100_000;
-/// A line of it, in characters: a quotation of 200 and the sentence around it, or a list.
+/// Longest line of output, in characters: a quotation of 200 with its sentence, or a list.
 const LONGEST_LINE: usize = 2_100;
 
-/// Tells how a program ended, how long that took and how much memory; no more than 6 GB, lest it take the computer with it.
+/// Runs a program, and prints its result, duration and memory. A limit of 6 GB protects the computer.
 const MEASURED: &str = "
 import json, resource, subprocess, sys, threading, time
 def bounded():
@@ -77,7 +78,7 @@ impl Home {
     }
 }
 
-/// A verb, with a file behind it.
+/// Runs a verb with a file as its last argument.
 pub(crate) fn isotherm(arguments: &[&str], file: &Path) -> Seen {
     let output = Command::new("python3")
         .args(["-c", MEASURED, env!("CARGO_BIN_EXE_isotherm")])
@@ -98,7 +99,8 @@ pub(crate) fn isotherm(arguments: &[&str], file: &Path) -> Seen {
 }
 
 impl Seen {
-    /// Whatever it thought of the file, it kept within what a file may take. `input`: its bytes.
+    /// Asserts that the run stayed within the limits for this file, regardless of its result. `input` is the size of
+    /// the file in bytes.
     pub(crate) fn is_within(&self, input: u64) -> &Seen {
         let beginning: String = self.said.chars().take(2000).collect();
         let most = 10.0 * input as f64 / 1e6 + BESIDE;
@@ -112,7 +114,7 @@ impl Seen {
         self
     }
 
-    /// It was refused in a sentence with these words.
+    /// Asserts that the file was rejected with a sentence that contains these words.
     pub(crate) fn is_refused(&self, input: u64, words: &[&str]) {
         let beginning: String = self.is_within(input).said.chars().take(2000).collect();
         assert!([1, 64].contains(&self.code), "exit code {}: {beginning}", self.code);
@@ -122,7 +124,7 @@ impl Seen {
     }
 }
 
-/// How large a file is.
+/// Size of a file in bytes.
 pub(crate) fn size(file: &Path) -> u64 {
     std::fs::metadata(file).unwrap().len()
 }

@@ -1,37 +1,37 @@
-//! Places of an exchange, at one of which a device waits until it may go on.
+//! Places in an exchange at which a device can be made to wait.
 
 use std::sync::{Condvar, Mutex, MutexGuard};
 use std::time::Duration;
 
-/// Where in which exchange.
+/// Place in an exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Place(pub(crate) Of, pub(crate) At);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Of {
-    /// It is accepted, and nothing has been asked on it.
+    /// The connection was accepted, and nothing was requested on it.
     Connection,
     Temperature,
-    /// The read of the offset before a write.
+    /// Read of the offset before a write.
     Look,
     Write,
-    /// The read of the offset after a write.
+    /// Read of the offset after a write.
     ReadBack,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum At {
-    /// The question has come, and nothing is done yet.
+    /// The request has arrived, and nothing was done.
     Come,
-    /// It is done, and nothing is answered yet.
+    /// The request was executed, and nothing was answered.
     CarriedOut,
-    /// Half of the answer's bytes are sent.
+    /// Half of the bytes of the answer were sent.
     Half,
-    /// All of them are.
+    /// The whole answer was sent.
     Answered,
 }
 
-/// Open, until it is closed at one place.
+/// Gate that is open until it is closed at one place.
 #[derive(Debug, Default)]
 pub(crate) struct Gate {
     state: Mutex<State>,
@@ -43,7 +43,7 @@ enum State {
     #[default]
     Open,
     Closed(Place),
-    /// Somebody waits there; all others pass.
+    /// A thread waits there; all others pass.
     Reached,
 }
 
@@ -52,7 +52,7 @@ impl Gate {
         self.state.lock().unwrap()
     }
 
-    /// The next who comes to this place waits there.
+    /// Makes the next thread that reaches this place wait there.
     pub(crate) fn close(&self, place: Place) {
         *self.state() = State::Closed(place);
     }
@@ -61,14 +61,14 @@ impl Gate {
         *self.state() == State::Closed(place)
     }
 
-    /// Waits until somebody waits there; whether somebody does.
+    /// Waits until a thread waits there. Returns whether one does.
     pub(crate) fn is_reached(&self, most: Duration) -> bool {
         let state = self.state();
         let waits = |state: &mut State| *state != State::Reached;
         *self.changed.wait_timeout_while(state, most, waits).unwrap().0 == State::Reached
     }
 
-    /// Whoever waits goes on.
+    /// Lets the waiting thread continue.
     pub(crate) fn open(&self) {
         *self.state() = State::Open;
         self.changed.notify_all();

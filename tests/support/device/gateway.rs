@@ -1,4 +1,4 @@
-//! The gateway in this process, beside a script that looks at it.
+//! Gateway in this process, in parallel with a script that observes it.
 
 #![allow(dead_code, reason = "each of the tests uses its part")]
 
@@ -9,7 +9,8 @@ use isotherm::clock::Clock;
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::{Source, Status};
 
-/// Runs it beside what `script` does with its state; the script's end stops it. What it told.
+/// Runs the gateway in parallel with `script`, which uses its state. The end of the script stops it. Returns its last
+/// status.
 pub(crate) fn beside(
     text: &str,
     options: Options,
@@ -31,7 +32,7 @@ pub(crate) fn beside(
     })
 }
 
-/// Looks again and again until this is found.
+/// Checks the status repeatedly until the condition is true.
 #[track_caller]
 pub(crate) fn wait_until(source: &dyn Source, what: &str, found: impl Fn(&Status) -> bool) {
     let clock = Clock::wall();
@@ -47,12 +48,12 @@ pub(crate) fn wait_until(source: &dyn Source, what: &str, found: impl Fn(&Status
     }
 }
 
-/// What it has told.
+/// Texts of the events.
 pub(crate) fn events(status: &Status) -> Vec<&str> {
     status.events.iter().map(|event| event.text.as_str()).collect()
 }
 
-/// How often it has told this.
+/// Number of events of this kind.
 pub(crate) fn reported(status: &Status, kind: &str) -> u64 {
     status.event_counts.get(kind).copied().unwrap_or_default()
 }

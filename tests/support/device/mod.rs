@@ -1,7 +1,7 @@
-//! A Modbus TCP device that keeps what reaches it: every read and every write, with its moment and its connection.
+//! Modbus TCP device that records every read and every write, with its time and its connection.
 //!
-//! `holding:0` is a temperature, `holding:10` an offset. [`PROFILE`] asks for as many counts of offset as the temperature
-//! has, so that whoever sets the one knows where the other has to go.
+//! `holding:0` is a temperature, `holding:10` an offset. [`PROFILE`] requests as many counts of offset as the
+//! temperature has. A test that sets the temperature therefore knows the target of the offset.
 
 #![allow(dead_code, reason = "each of the tests uses its part")]
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
@@ -23,25 +23,25 @@ use server::Question;
 
 /// Counts of one step of the axis.
 pub(crate) const STEP: i16 = 10;
-/// How long the gateway is silent before each of its questions: time enough to act between two of them.
+/// Pause of the gateway before each of its requests. It leaves time to act between two of them.
 const PAUSE: &str = "100ms";
 
 const TEMPERATURE: u16 = 0;
 const OFFSET: u16 = 10;
 const HEARTBEAT: u16 = 20;
 
-/// The times of a machine.
+/// Times of a machine.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Times {
-    /// No answer is waited for longer.
+    /// Timeout of a request.
     pub(crate) timeout: Duration,
-    /// The period of the reading and of the axis; long enough for four questions, each after its pause.
+    /// Period of the reading and of the axis. It is long enough for four requests, each after its pause.
     pub(crate) every: Duration,
-    /// No reading that is older may be acted upon.
+    /// Largest age of a reading that may be used.
     pub(crate) max_age: Duration,
 }
 
-/// A machine of this one device: an axis that walks one step a period.
+/// Profile of a machine with only this device, whose axis moves one step in each period.
 pub(crate) fn profile(address: SocketAddr, times: Times) -> String {
     let spans = [("MAX_AGE", times.max_age), ("TIMEOUT", times.timeout), ("EVERY", times.every)];
     let text = PROFILE.replace("ADDRESS", &address.to_string()).replace("PAUSE", PAUSE);
@@ -87,18 +87,18 @@ type = "i16"
 scale = 0.1
 "#;
 
-/// What has reached the device.
+/// Request that has reached the device.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Seen {
     pub(crate) at: Moment,
-    /// Connections are numbered as they were accepted.
+    /// Number of the connection, in the order of acceptance.
     pub(crate) connection: usize,
     pub(crate) what: What,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum What {
-    /// The temperature was asked for; `None` as long as that is not answered.
+    /// The temperature was requested. `None` while that is not answered.
     Asked { answered: Option<i16> },
     /// The offset was read.
     Looked,
@@ -106,14 +106,14 @@ pub(crate) enum What {
     Wrote { from: i16, to: i16 },
 }
 
-/// The device, shared with the threads that answer.
+/// Device, shared with the threads that answer.
 #[derive(Clone)]
 pub(crate) struct Device(Arc<Inner>);
 
 struct Inner {
     clock: Clock,
     address: SocketAddr,
-    /// How long it thinks before it answers.
+    /// Delay before each answer.
     delay: Duration,
     state: Mutex<State>,
     changed: Condvar,
@@ -127,21 +127,21 @@ pub(crate) struct State {
     pub(crate) seen: Vec<Seen>,
     hangs_up: bool,
     is_down: bool,
-    /// Temperatures are not answered for now.
+    /// Temperatures are not answered at present.
     holds: bool,
-    /// How many wait for that.
+    /// Number of requests that wait for that.
     pub(crate) held: usize,
-    /// When the heartbeat came, where the profile has one.
+    /// Times of the heartbeats, if the profile has one.
     pub(crate) beats: Vec<Moment>,
 }
 
 impl Device {
-    /// Answers whoever connects here, until the process ends.
+    /// Serves all clients of this listener until the process ends.
     pub(crate) fn listen(listener: TcpListener, delay: Duration) -> Device {
         Device::by(Clock::wall(), listener, delay)
     }
 
-    /// The same; what it sees has its moments by this clock.
+    /// Serves all clients. The times of what it records are by this clock.
     pub(crate) fn by(clock: Clock, listener: TcpListener, delay: Duration) -> Device {
         let device = Device(Arc::new(Inner {
             clock,
@@ -167,7 +167,7 @@ impl Device {
         self.0.address
     }
 
-    /// The moment now, by the clock of everything that was seen.
+    /// Present time, by the clock of all recorded requests.
     pub(crate) fn now(&self) -> Moment {
         self.0.clock.now()
     }
@@ -176,33 +176,33 @@ impl Device {
         self.0.state.lock().unwrap()
     }
 
-    /// From now on it is so warm that the axis is to go to this offset, in counts.
+    /// Sets the temperature so that the axis moves to this offset, in counts.
     pub(crate) fn asks(&self, offset: i16) {
         self.state().temperature = offset;
     }
 
-    /// Where the offset stands.
+    /// Present offset.
     pub(crate) fn offset(&self) -> i16 {
         self.state().offset()
     }
 
-    /// Somebody else puts this into the register of the offset.
+    /// Writes this value to the register of the offset, like another client.
     pub(crate) fn puts(&self, offset: i16) {
         self.state().offset = offset;
     }
 
-    /// From now on whoever asks for the temperature waits.
+    /// Delays all requests of the temperature from now on.
     pub(crate) fn hold(&self) {
         self.state().holds = true;
     }
 
-    /// Those who wait are answered.
+    /// Answers the delayed requests.
     pub(crate) fn release(&self) {
         self.state().holds = false;
         self.0.changed.notify_all();
     }
 
-    /// Waits until `found` finds something, looking again at each request; `None` where that takes longer than `most`.
+    /// Waits until `found` returns a value. It is called again at each request. Returns `None` after `most`.
     pub(crate) fn wait<T>(&self, most: Duration, found: impl Fn(&State) -> Option<T>) -> Option<T> {
         let until = self.now().after(most);
         let mut state = self.state();
@@ -218,23 +218,23 @@ impl Device {
         }
     }
 
-    /// Whoever connects or asks finds the connection closed, until it is up again.
+    /// Closes the connection of every client that connects or sends a request, until it is up again.
     pub(crate) fn is_down(&self, is_down: bool) {
         self.state().is_down = is_down;
     }
 
-    /// Whoever asks next finds the connection closed.
+    /// Closes the connection of the next request.
     pub(crate) fn hangs_up(&self) {
         self.state().hangs_up = true;
     }
 
-    /// Where it can be made to wait in the middle of an exchange.
+    /// Gate that makes the device wait in the middle of an exchange.
     pub(crate) fn gate(&self) -> &Gate {
         &self.0.gate
     }
 
     fn answer(&self, question: &Question, stream: &mut TcpStream) -> Result<()> {
-        // A write has arrived before a busy computer let this thread take it.
+        // A write had arrived before a busy computer let this thread take it.
         let at = if question.is_read() { self.now() } else { self.now().before(question.waited) };
         let hangs_up = {
             let mut state = self.state();
@@ -285,7 +285,7 @@ impl Device {
                 self.0.changed.notify_all();
                 return pdu.to_vec();
             }
-            // There is no such register.
+            // This register does not exist.
             _ => return vec![pdu[0] | 0x80, 2],
         };
         [&[3, 2][..], &value.to_be_bytes()].concat()
@@ -324,32 +324,33 @@ impl Device {
 }
 
 impl State {
-    /// Where the offset stands.
+    /// Present offset.
     pub(crate) fn offset(&self) -> i16 {
         self.offset
     }
 
-    /// How often the offset was written.
+    /// Number of writes to the offset.
     pub(crate) fn writes(&self) -> usize {
         self.seen.iter().filter(|seen| matches!(seen.what, What::Wrote { .. })).count()
     }
 
-    /// The axis walks, and what comes next is a write: temperature and offset were read, the offset last.
+    /// Returns whether a write comes next while the axis moves: temperature and offset were read, the offset last.
     pub(crate) fn is_about_to_write(&self) -> bool {
         let last = self.seen.last_chunk::<2>().map(|last| last.map(|seen| seen.what));
         matches!(last, Some([What::Asked { .. }, What::Looked]))
     }
 }
 
-/// A write may be that much longer under way than its question was.
+/// Additional time for which a write may be under way, compared with its request.
 const UNDER_WAY: Duration = Duration::from_millis(100);
 
-/// Writes that no reading asks for which was younger than this when they arrived, and those of more than a step.
+/// Returns writes that were not requested by a reading younger than `max_age` at their arrival, and writes of more than
+/// one step.
 pub(crate) fn acted_wrongly(seen: &[Seen], max_age: Duration) -> Vec<String> {
     let mut wrong = Vec::new();
     for (place, one) in seen.iter().enumerate() {
         let What::Wrote { from, to } = one.what else { continue };
-        // The same again moves nothing.
+        // A repeated value moves nothing.
         if from == to {
             continue;
         }

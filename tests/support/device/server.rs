@@ -1,4 +1,4 @@
-//! A Modbus server on a socket: whoever uses it says what becomes of each question, and of its connection.
+//! Modbus server on a socket. The caller decides about each request and each connection.
 
 use std::io::{Error, ErrorKind, Read, Result};
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -8,15 +8,15 @@ use isotherm_core::codec::checksum;
 
 use crate::support::starved;
 
-/// What was asked, and on which connection: they are numbered as they were accepted.
+/// Request, with the number of its connection in the order of acceptance.
 #[derive(Clone, Debug)]
 pub(crate) struct Question {
     pub(crate) connection: usize,
     pub(crate) unit: u8,
     pub(crate) pdu: Vec<u8>,
-    /// Of Modbus TCP; nothing of RTU.
+    /// Transaction of Modbus TCP. `None` for RTU.
     transaction: Option<[u8; 2]>,
-    /// How long this thread waited for a processor before it took it.
+    /// Time for which this thread waited for a processor before it took the request.
     pub(crate) waited: Duration,
 }
 
@@ -29,17 +29,17 @@ impl Question {
         self.pdu[0] == 3
     }
 
-    /// Its first register.
+    /// First register of the request.
     pub(crate) fn from(&self) -> u16 {
         self.word(1)
     }
 
-    /// How many registers are read.
+    /// Number of registers of a read.
     pub(crate) fn count(&self) -> u16 {
         self.word(3)
     }
 
-    /// What is to be written.
+    /// Values of a write.
     pub(crate) fn words(&self) -> Vec<u16> {
         match self.pdu[0] {
             6 => vec![self.word(3)],
@@ -47,7 +47,7 @@ impl Question {
         }
     }
 
-    /// What a read of this bank is answered.
+    /// Answer to a read of these registers.
     pub(crate) fn read(&self, bank: &[u16]) -> Vec<u8> {
         let from = usize::from(self.from());
         let words = &bank[from..from + usize::from(self.count())];
@@ -56,17 +56,17 @@ impl Question {
         pdu
     }
 
-    /// What a write that was carried out is answered.
+    /// Answer to a write that was executed.
     pub(crate) fn done(&self) -> Vec<u8> {
         self.pdu[..5].to_vec()
     }
 
-    /// An exception.
+    /// Exception with this code.
     pub(crate) fn denied(&self, code: u8) -> Vec<u8> {
         vec![self.pdu[0] | 0x80, code]
     }
 
-    /// This answer as it goes over the line.
+    /// Frame of this answer on the line.
     pub(crate) fn answer(&self, pdu: &[u8]) -> Vec<u8> {
         match self.transaction {
             Some(transaction) => {
@@ -81,7 +81,7 @@ impl Question {
         }
     }
 
-    /// The first question of RTU among these bytes, which it takes out of them; `None` where it has not come as a whole.
+    /// Takes the first RTU request out of these bytes. Returns `None` if it is not complete.
     pub(crate) fn of_rtu(bytes: &mut Vec<u8>, connection: usize) -> Option<Question> {
         let length = match *bytes.get(1)? {
             16 => 9 + usize::from(*bytes.get(6)?),
@@ -98,13 +98,13 @@ impl Question {
     }
 }
 
-/// The connection is to end.
+/// Error that ends the connection.
 pub(crate) fn hang_up<T>() -> Result<T> {
     Err(Error::from(ErrorKind::ConnectionReset))
 }
 
-/// Answers whoever connects to this listener, until the process ends: `begins` hears of each connection, `answer` of each
-/// question. An error of either ends the connection.
+/// Serves all clients of this listener until the process ends. `begins` is called for each connection, `answer` for
+/// each request. An error of either ends the connection.
 pub(crate) fn listen<B, A>(listener: TcpListener, begins: B, answer: A)
 where
     B: Fn(usize) -> Result<()> + Clone + Send + 'static,
@@ -118,8 +118,8 @@ where
     });
 }
 
-/// The same on a port of its own, for whom all connections are alike. It answers at 127.0.0.2 too: a gateway that reaches it there
-/// stands for one on another computer.
+/// Serves all connections alike, on a separate port. It also answers at 127.0.0.2: a gateway that reaches it there
+/// represents one on another computer.
 pub(crate) fn serve<A>(answer: A) -> SocketAddr
 where
     A: Fn(&Question, &mut TcpStream) -> Result<()> + Clone + Send + 'static,

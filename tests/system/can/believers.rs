@@ -1,4 +1,5 @@
-//! What is never taken for the answer of an SDO: one that was there before its question, a wrong one, a late one.
+//! Frames that must not be accepted as the reply to an SDO request. They are received before the request, are wrong, or
+//! are late.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -25,30 +26,30 @@ const TIMEOUT: Duration = Duration::from_millis(60);
 const PATIENCE: Duration = Duration::from_secs(60);
 const MILLI: Duration = Duration::from_millis(1);
 const IDLE: Duration = Duration::from_millis(50);
-/// 21.5 and 77.7 °C.
+/// Correct and wrong values of the nodes: 21.5 and 77.7 °C.
 const TRUTH: [u8; 2] = [215, 0];
 const LIE: [u8; 2] = [9, 3];
-/// Two bytes, expedited.
+/// Command byte of an expedited reply with two bytes.
 const READ: u8 = 0x4b;
 const OBJECT: (u16, u8) = (0x2100, 1);
-/// Questions after which a lie that became an answer is shown no more.
+/// Number of requests after which a wrong value that counted as a reply is no longer displayed.
 const EXCUSED: u32 = 3;
 
-/// What a node says to a question, each with its delay.
+/// Wrong replies of a node to a request, each with its delay.
 type Answers = fn(&Question) -> Vec<(Duration, CanFrame)>;
 
 struct Case {
     name: &'static str,
-    /// To every second question; where it is none, to each, beside the right answer.
+    /// Wrong replies. They answer every second request, or, with `is_beside`, follow the correct reply to each request.
     answers: Answers,
-    /// To the question for a segment.
+    /// Reply to a request for a segment.
     segment: [u8; 8],
-    /// The right answer comes as well, and first.
+    /// Whether the correct reply is sent first.
     is_beside: bool,
-    /// How many nodes, and how often each is tried: a hundred attempts.
+    /// Number of nodes, and attempts with each node; together a hundred attempts.
     nodes: u32,
     tries: u32,
-    /// ms
+    /// Period of the requests, ms.
     every: u32,
 }
 
@@ -79,7 +80,7 @@ impl Question {
         vec![(span, self.frame(&self.data(READ, &LIE)))]
     }
 
-    /// The same question about another object.
+    /// The same request for another object.
     fn other(&self, index: u16, sub: u8) -> Question {
         Question { node: self.node, index: self.index ^ index, sub: self.sub ^ sub }
     }
@@ -101,7 +102,7 @@ const fn segmented(name: &'static str, answers: Answers, segment: [u8; 8]) -> Ca
     Case { segment, ..wrong(name, answers) }
 }
 
-/// By one node alone: what it says unasked would be heard in vain while another is asked.
+/// A case with one node only: its unsolicited frames would have no effect while another node is queried.
 const fn beside_it(name: &'static str, answers: Answers) -> Case {
     Case { is_beside: true, nodes: 1, tries: 100, every: 60, ..wrong(name, answers) }
 }
@@ -158,32 +159,32 @@ const LATE: [Case; 4] = [
     wrong("after 5 timeouts", |asked| asked.lie_after(TIMEOUT.mul_f64(5.0))),
 ];
 
-/// The nodes of one interface.
+/// Simulated nodes of one interface.
 #[derive(Default)]
 struct Nodes {
     source: OnceLock<Arc<dyn Source>>,
-    /// Questions, attempts and right answers of each.
+    /// Requests, attempts and correct replies of each node.
     counts: Mutex<BTreeMap<u32, [u32; 3]>>,
     believed: AtomicU32,
-    /// Questions until what is shown is again of its node's making only.
+    /// Number of requests until every displayed value comes from a regular reply again.
     excused: AtomicU32,
     behave: AtomicBool,
     is_over: AtomicBool,
 }
 
 impl Nodes {
-    /// Speaks for all nodes until it is over.
+    /// Simulates all nodes until the end of the case.
     fn live(&self, socket: &CanSocket, case: &Case) {
         let clock = Clock::wall();
         let mut pending: Vec<(Moment, CanFrame)> = Vec::new();
         while !self.is_over.load(Ordering::SeqCst) {
-            // Whoever looks oftener keeps a small computer busy with that alone.
+            // A shorter interval would occupy a small computer.
             let next = pending.first().map_or(IDLE, |(due, _)| due.since(clock.now()).clamp(MILLI, IDLE));
             let heard = socket.read_frame_timeout(next);
             let now = clock.now();
             if let Ok(heard) = heard {
                 if case.is_beside {
-                    // After a question nothing is ahead of it.
+                    // After a request, no frame may precede it.
                     pending.clear();
                 }
                 let answers = self.answers(&heard, case);
@@ -201,13 +202,13 @@ impl Nodes {
         }
     }
 
-    /// A lie that must come before the next question. Where that came first after all, on a busy computer, the attempt is
-    /// none: the lie has become an answer, which nobody can tell.
+    /// Sends a wrong value that must arrive before the next request. If the request came first, on a busy computer, the
+    /// attempt does not count: the wrong value is then a reply that cannot be distinguished.
     fn lies_before(&self, socket: &CanSocket, lie: &CanFrame) {
         let excused = self.excused.load(Ordering::SeqCst);
         let mut is_in_time = !is_asked(socket);
         if is_in_time {
-            // Before it can be shown.
+            // It must be set before the value can be displayed.
             self.excused.store(EXCUSED, Ordering::SeqCst);
             let _ = socket.write_frame(lie);
             is_in_time = !is_asked(socket);
@@ -233,14 +234,14 @@ impl Nodes {
         match (data[0], (question.index, question.sub)) {
             (0x60 | 0x70, _) => vec![(Duration::ZERO, question.frame(&case.segment))],
             (0x40, OBJECT) => self.reads(&question, case),
-            // What is asked to find out whether it is still at an older question.
+            // A request that tests whether the node still processes an older request.
             (0x40, _) => question.says(0x43, &[0; 4]),
             _ => Vec::new(),
         }
     }
 
     fn reads(&self, question: &Question, case: &Case) -> Vec<(Duration, CanFrame)> {
-        // What came of the attempt before.
+        // Result of the attempt before.
         let is_open = {
             let [questions, tries, _] = self.count(question.node);
             tries > 0 && (case.is_beside || questions % 2 == 1)
@@ -273,13 +274,13 @@ impl Nodes {
     }
 }
 
-/// Whether a question waits: what is said now would come after it.
+/// Returns whether a request waits in the socket, so that a frame sent now would follow it.
 fn is_asked(socket: &CanSocket) -> bool {
     let mut polled = [PollFd::new(socket, PollFlags::IN)];
     poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })).unwrap() > 0
 }
 
-/// What is shown of this node and stands on no right answer.
+/// Displayed value of this node that no correct reply contained.
 fn lie(status: &Status, node: u32) -> Option<f64> {
     let signal = status.signals.iter().find(|signal| signal.name == format!("s{node}")).unwrap();
     signal.value.filter(|value| (value - 21.5).abs() > 0.01)
@@ -302,7 +303,8 @@ fn profile(interface: &Interface, case: &Case) -> isotherm_profile::Profile {
     load(&text, interface)
 }
 
-/// A case on an interface of its own: attempts, how many were believed, and what else is wrong.
+/// Runs a case on its own interface. Returns the number of attempts, the number of accepted wrong values, and a
+/// description of other errors.
 fn run(case: &Case, interface: &Interface) -> (u32, u32, String) {
     let nodes = Arc::new(Nodes::default());
     let socket = CanSocket::open(interface.name()).unwrap();
@@ -322,7 +324,7 @@ fn run(case: &Case, interface: &Interface) -> (u32, u32, String) {
     })
 }
 
-/// Looks on until every node was tried and then is believed again.
+/// Observes the status until every node was tried, and then is accepted again.
 fn watch(source: &dyn Source, nodes: &Nodes, (number, tries): (u32, u32)) -> String {
     let (clock, mut wrong) = (Clock::wall(), BTreeMap::new());
     let mut look = |until: &dyn Fn(&Status) -> bool| {
@@ -368,7 +370,7 @@ fn watch(source: &dyn Source, nodes: &Nodes, (number, tries): (u32, u32)) -> Str
 
 fn none_is_believed(letter: char, cases: &[Case]) {
     let mut failed = Vec::new();
-    // So many at a time as a small computer serves.
+    // A small computer can serve this number of cases in parallel.
     for (round, cases) in cases.chunks(5).enumerate() {
         let ended: Vec<_> = std::thread::scope(|scope| {
             let running = cases.iter().enumerate().map(|(number, case)| {
@@ -396,8 +398,8 @@ fn an_sdo_answer_that_was_there_before_its_question_is_no_reading() {
 
 const OF_NODE_1: Question = Question { node: 1, index: OBJECT.0, sub: OBJECT.1 };
 
-/// Whether the node, on a busy computer, came to its lie after the question itself had passed: then that is an answer, which
-/// nobody can tell. What has passed is in the order of the line.
+/// Returns whether the node, on a busy computer, sent its wrong value after the request. The value is then a reply that
+/// cannot be distinguished. The frames are in the order of the line.
 fn was_late_itself(line: &CanSocket) -> bool {
     line.set_nonblocking(true).unwrap();
     let lie = OF_NODE_1.lie_after(Duration::ZERO)[0].1;
@@ -411,8 +413,8 @@ fn was_late_itself(line: &CanSocket) -> bool {
     is_late
 }
 
-/// The computer stands still while it comes: it waits in the kernel when the question leaves, and whoever listens has
-/// not had a turn to take it from there.
+/// The process stops while the frame arrives. The frame waits in the kernel when the request is sent, and the listener
+/// has not read it yet.
 #[test]
 fn an_sdo_answer_that_waits_in_the_kernel_before_its_question_is_no_reading() {
     let interface = Interface::new("early0");
@@ -432,7 +434,7 @@ fn an_sdo_answer_that_waits_in_the_kernel_before_its_question_is_no_reading() {
             let Ok(heard) = node.read_frame_timeout(IDLE) else { continue };
             let Ok([0x40, low, high, sub, ..]) = <[u8; 8]>::try_from(heard.data()) else { continue };
             let asked = Question { node: 1, index: u16::from_le_bytes([low, high]), sub };
-            // What is asked to find out whether it is still at an older question is answered, with a lie behind that.
+            // The node answers a request that tests for an older request, and sends a wrong value after it.
             let answers = match (asked.index, asked.sub) {
                 OBJECT => asked.says(READ, &TRUTH),
                 _ => [asked.says(0x43, &[0; 4]), OF_NODE_1.lie_after(Duration::ZERO)].concat(),

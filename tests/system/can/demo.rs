@@ -1,4 +1,4 @@
-//! The lathe with thermocouples and encoder on CAN and its control on Modbus, as a person would run it.
+//! Demo of the lathe with thermocouples and encoder on CAN and its control on Modbus, as a user would run it.
 
 use std::process::{Command, Output};
 
@@ -29,7 +29,8 @@ fn range(report: &Value, key: &str) -> f64 {
     report[key].as_f64().unwrap()
 }
 
-/// Both are one machine on one day: the plant drifts alike, and what is left differs by what the modules round.
+/// Both runs simulate one machine on one day. The drift is equal, and the residual errors differ by the rounding of the
+/// modules.
 #[test]
 fn the_lathe_on_can_keeps_what_the_lathe_on_modbus_keeps() {
     let (can, modbus) =
@@ -44,7 +45,7 @@ fn the_lathe_on_can_keeps_what_the_lathe_on_modbus_keeps() {
     assert!((after - range(&modbus, "compensated_range_um")).abs() < 0.5, "{after} µm");
 }
 
-/// Frames go through the kernel, and nothing answers them: time stands until they have been taken.
+/// Frames pass through the kernel without an acknowledgement. The virtual time stops until they have been received.
 #[test]
 fn a_seed_is_the_same_day_again_on_can() {
     let day = on_can("5min", "7");

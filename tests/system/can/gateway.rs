@@ -1,5 +1,5 @@
-//! The gateway on a real kernel CAN: nodes that are reset, silent or wrong, frames that are too short, an interface that
-//! comes and goes.
+//! The gateway on CAN of a real kernel. Nodes are reset, silent or wrong, frames are too short, and an interface
+//! disappears and returns.
 
 use std::time::Duration;
 
@@ -75,13 +75,13 @@ type = "i16"
 scale = 0.1
 "#;
 
-/// The profile with a patience that nodes on a busy computer do not exhaust.
+/// Profile with timeouts that nodes on a busy computer do not exceed.
 fn patient() -> String {
     let text = PROFILE.replace("\"150ms\"", "\"1s\"").replace("\"400ms\"", "\"4s\"");
     text.replace("max_age = \"1s\"", "max_age = \"5s\"")
 }
 
-/// The thermocouples: 25.0 °C, and a second frame.
+/// Thermocouple module: 25.0 °C, and a second frame.
 pub(crate) fn module() -> State {
     State {
         number: 5,
@@ -104,7 +104,7 @@ pub(crate) fn cnc() -> State {
     State { number: 9, objects: objects.into(), ..State::default() }
 }
 
-/// A sensor that only sends: 24.0 °C.
+/// Sensor that only sends: 24.0 °C.
 pub(crate) fn sender() -> State {
     State { is_operational: true, pdos: [(0x18FF_0105, vec![7, 0, 240])].into(), ..State::default() }
 }
@@ -113,7 +113,7 @@ fn is_active(status: &Status) -> bool {
     status.axes[0].state == "active" && status.axes[0].cz_um > 4.9
 }
 
-/// A gateway beside a module, a sender and a control, each on this interface.
+/// A gateway with a module, a sender and a control on an interface.
 struct Cell {
     interface: Interface,
     module: Node,
@@ -139,15 +139,15 @@ impl Cell {
         i16::from_le_bytes([bytes[0], bytes[1]])
     }
 
-    /// What the module was told. A heartbeat that passes the start on its way looks as if that had been lost: it may come
-    /// twice.
+    /// Log of the module. A heartbeat that passes the start command on the bus looks as if the command was lost.
+    /// Therefore the command may occur twice.
     fn heard(&self) -> Vec<String> {
         let mut log = self.module.state().log.clone();
         log.dedup();
         log
     }
 
-    /// The values that the control was written, in order.
+    /// Values written to the control, in order.
     fn written(&self) -> Vec<i16> {
         let log = self.cnc.state().log.clone();
         let values = log.iter().filter_map(|line| line.strip_prefix("2000:01="));
@@ -164,14 +164,14 @@ fn a_node_is_set_up_then_started_then_believed_and_what_it_says_is_written_to_an
         assert_eq!(signal(&status, "serial").value, Some(123_456_789.0));
         wait_until(source, "the offset is written", |_| cell.offset() == 50);
         let log = cell.heard();
-        // A node that boots up beside the gateway is set up again, also in the middle of being set up.
+        // A node that boots while the gateway runs is configured again, also during its configuration.
         let before: Vec<&String> = log.iter().take_while(|word| *word != "start").collect();
         let is_set = |setting: &str| before.iter().any(|word| *word == setting);
         assert!(is_set("1800:05=1400") && is_set("1017:00=6400"), "{log:?}");
         assert_eq!(log.last().map(String::as_str), Some("start"), "{log:?}");
         let (lost, reset) = (count(&status, "device-lost"), count(&status, "node-reset"));
         assert_eq!((lost, reset), (0, 0), "{:#?}", events(&status));
-        // Something else in the same place is not taken for a temperature.
+        // A status code in the same bytes is not read as a temperature.
         cell.module.state().pdos.insert(0x185, vec![0x00, 0xfe, 0, 0]);
         let status = wait_until(source, "it is open", |status| signal(status, "bed").value.is_none());
         assert_eq!(signal(&status, "bed").quality, "open-circuit");
@@ -183,7 +183,7 @@ fn a_node_that_is_reset_is_set_up_and_started_again_within_a_heartbeat_and_the_a
     Cell::new("reset", module()).run(|cell, source| {
         wait_until(source, "the axis follows", |status| is_active(status) && cell.offset() == 50);
         cell.module.state().log.clear();
-        // The first conversion takes its time.
+        // The first conversion takes time.
         cell.module.state().first_after = Duration::from_secs(3);
         cell.module.reset();
         wait_until(source, "it does without", |status| status.axes[0].state == "degraded");
@@ -223,7 +223,7 @@ fn a_node_that_never_was_there_is_missed_like_one_that_is_there_no_more() {
         let state = status.devices.iter().find(|device| device.name == "module").unwrap().state;
         assert_eq!(state, "lost");
         assert!(!status.axes[0].armed, "what has not been verified is not armed with");
-        // A sensor without a heartbeat is missed when its values are too old.
+        // A sensor without a heartbeat counts as lost when its values are too old.
         cell.sender.state().is_mute = true;
         let status = wait_until(source, "both are missed", |status| count(status, "device-lost") == 2);
         reported(&status, "device sender");
@@ -254,7 +254,7 @@ fn answers_to_another_question_are_not_taken_and_a_refusal_is_reported_in_words(
         cell.module.state().refuses = Some(((0x1018, 4), 0x0800_0022));
         let status = wait_until(source, "it is refused", |status| signal(status, "serial").value.is_none());
         assert_eq!(signal(&status, "serial").quality, "refused");
-        // The node is there, and its process data comes.
+        // The node is present, and its process data arrive.
         let status = wait_until(source, "the axis follows", is_active);
         assert_eq!(count(&status, "device-lost"), 0, "{:#?}", events(&status));
     });
@@ -310,7 +310,8 @@ fn an_interface_that_goes_down_is_reported_once_and_everything_on_it_returns_whe
             signal(status, "bed").quality == "link-down" && signal(status, "room").quality == "link-down"
         });
         std::thread::sleep(Duration::from_secs(3));
-        // Who hangs on it is not lost besides. Once it is up, a node of a busy computer may take longer than a node may.
+        // The nodes on it are not reported as lost in addition. After it is up, a node on a busy computer may take
+        // longer than a real one.
         assert_eq!(count(&source.status(), "device-lost"), 0, "{:#?}", events(&source.status()));
         cell.interface.up();
         let status = wait_until(source, "it follows again", is_active);
@@ -320,7 +321,7 @@ fn an_interface_that_goes_down_is_reported_once_and_everything_on_it_returns_whe
             "{:#?}",
             events(&status)
         );
-        // It is written again, too.
+        // The gateway also writes to it again.
         cell.module.state().pdos.insert(0x185, vec![255, 0]);
         wait_until(source, "the offset is written", |_| cell.offset() == 55);
     });
@@ -368,7 +369,7 @@ fn error_frames_are_reported_when_they_begin_and_counted() {
 fn a_full_queue_is_reported_once_and_what_waits_in_it_arrives() {
     Cell::new("full", module()).run(|cell, source| {
         wait_until(source, "the axis follows", |status| is_active(status) && cell.offset() == 50);
-        // As a bus on which hardly anything gets through.
+        // A bus on which hardly any frame is sent.
         let name = cell.interface.name();
         let slow = format!("tc qdisc add dev {name} root tbf rate 2kbit burst 40 limit 80");
         let load = "insmod /usr/lib/uml/modules/$(uname -r)/kernel/net/sched/sch_tbf.ko";
@@ -408,7 +409,7 @@ fn in_a_dry_run_a_node_is_started_and_read_but_nothing_is_set_or_written() {
     });
 }
 
-/// Two displays in one frame, and an offset that is read back elsewhere.
+/// Two displays in one frame, and an offset that is read back from another object.
 const SHOWN: &str = r#"
 [device.scale]
 bus = "can"

@@ -1,5 +1,5 @@
-//! The virtual machine's nodes on a real kernel CAN: with the gateway, at any speed; alone; on an interface that comes and
-//! goes.
+//! Nodes of the virtual machine on CAN of a real kernel. They run with the gateway at any speed, alone, and on an
+//! interface that disappears and returns.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
@@ -16,7 +16,7 @@ use isotherm_profile::Profile;
 
 use crate::can::rig::{Interface, count, events, hear, load};
 
-/// The surface grinder on CAN: a node and a sender for the temperatures, an encoder, a display, a control.
+/// Surface grinder on CAN: a node and a sender for the temperatures, an encoder, a display, and a control.
 const PROFILE: &str = r#"
 [machine]
 name = "grinder-can"
@@ -100,17 +100,17 @@ type = "i32"
 scale = 0.1
 "#;
 
-/// A run on virtual time.
+/// Result of a run on virtual time.
 struct Run {
     summary: Summary,
     written: Vec<Seen>,
-    /// The axis's state at the end of each second.
+    /// State of the axis at the end of each second.
     states: Vec<&'static str>,
     status: Status,
 }
 
 impl Run {
-    /// As fast as it goes.
+    /// Runs the profile at full speed.
     fn of(interface: &Interface, faults: &str, seconds: u64) -> Run {
         Run::with(load(PROFILE, interface), faults, seconds)
     }
@@ -148,7 +148,7 @@ impl Run {
         })
     }
 
-    /// The offsets that came to the control, tenths of a micrometre.
+    /// Offsets that the control received, in units of 0.1 µm.
     fn offsets(&self) -> Vec<i32> {
         let of_control = self.written.iter().filter(|seen| seen.device.0 == 4 && seen.is_write());
         of_control
@@ -163,7 +163,7 @@ impl Run {
     }
 }
 
-/// The same machine, ten times slower: what warms up in hours is not missed by it.
+/// The same machine, ten times slower. It still covers the warm-up of several hours.
 fn slowly(interface: &Interface) -> Profile {
     let slow = PROFILE.replace("value = 1000 }", "value = 10000 }").replace("\"3s\"", "\"30s\"");
     load(&slow.replace("bus = \"can\"", "bus = \"can\"\nevery = \"10s\""), interface)
@@ -198,7 +198,7 @@ fn a_node_that_is_reset_in_the_middle_of_a_run_is_started_again_and_the_axis_mak
     let reported = events(&run.status);
     assert_eq!(count(&run.status, "node-reset"), 1, "{reported:#?}");
     assert_eq!(run.states[890..899], ["active"; 9], "{reported:#?}");
-    // Within a heartbeat of three seconds; the axis decides every ten.
+    // Within a heartbeat of three seconds; the axis decides every ten seconds.
     assert_eq!(run.states[915..], ["active"; 285], "{:?} {reported:#?}", &run.states[895..930]);
     assert_eq!(count(&run.status, "device-lost"), 0, "{reported:#?}");
     run.no_step_is_larger_than_one_micrometre();
@@ -217,7 +217,7 @@ fn a_node_that_is_silent_for_a_while_is_missed_and_followed_again() {
     run.no_step_is_larger_than_one_micrometre();
 }
 
-/// A virtual machine on the wall's time, beside what a test does with it.
+/// Runs a virtual machine on real time, in parallel to a test.
 fn alone(interface: &Interface, faults: &str, test: impl AsyncFnOnce(&VirtualMachine)) {
     let profile = load(PROFILE, interface);
     let setup = Setup { faults: FaultScript::parse(faults, &profile).unwrap(), ..Setup::default() };
@@ -237,7 +237,7 @@ fn standard(raw: u16) -> CanId {
     CanId::of_11_bits(raw)
 }
 
-/// The next frame, or trouble; errors of the link on the way are passed over.
+/// Next frame, or an error of the bus. Errors of the link are ignored.
 async fn heard(socket: &Socket) -> Heard {
     let heard = async {
         loop {
@@ -271,7 +271,7 @@ fn a_node_is_heard_again_after_its_interface_was_down_and_after_there_was_a_new_
         interface.appears();
         let socket = open();
         heard(&socket).await;
-        // It hears on the new one, too.
+        // It also receives on the new interface.
         let socket = Socket::open(interface.name(), &[exactly(standard(0x585))]).unwrap();
         tell(&socket, 0x605, [0x40, 0x10, 0x61, 1, 0, 0, 0, 0]).await;
         let answer = Frame::short(standard(0x585), [0x4b, 0x10, 0x61, 1, 10, 0, 0, 0]);
@@ -361,7 +361,7 @@ fn a_machine_whose_interface_is_missing_says_how_to_make_one() {
     let clock = Clock::wall();
     let started = VirtualMachine::start(&profile, Setup::default(), &clock);
     let error = runtime.block_on(started).unwrap_err();
-    // With what the system says, where that is told apart.
+    // With the error of the operating system, which is a separate cause.
     let mut reported = error.to_string();
     let mut cause = std::error::Error::source(&error);
     while let Some(error) = cause {

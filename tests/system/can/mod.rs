@@ -1,4 +1,4 @@
-//! CAN on a real kernel: `tests/vcan/run` builds these tests and runs them where there is a virtual interface.
+//! Tests on CAN of a real kernel. `tests/vcan/run` builds them, and runs them with a virtual interface.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -11,7 +11,7 @@ mod rig;
 mod utils;
 mod verbs;
 
-/// The interface that the tests run on, made by `tests/vcan/run`.
+/// Interface for the tests, which `tests/vcan/run` creates.
 pub(crate) fn interface() -> String {
     std::env::var("ISOTHERM_VCAN").unwrap_or_else(|_| {
         panic!(

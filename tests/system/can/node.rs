@@ -1,4 +1,4 @@
-//! A CANopen node of the tests: it does what it is told, wrongly where it is told so, and writes down what it was sent.
+//! Simulated CANopen node. It executes commands, optionally with errors, and logs what it receives.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -15,40 +15,40 @@ pub(crate) struct Node {
     thread: Option<JoinHandle<()>>,
 }
 
-/// What it is, and what came of it.
+/// Settings and log of a node.
 #[derive(Default)]
 pub(crate) struct State {
     pub(crate) number: u8,
-    /// It sends its process data.
+    /// Whether it sends process data.
     pub(crate) is_operational: bool,
-    /// Each frame by its identifier; one above 0x7FF has 29 bits.
+    /// Data of each process data frame, by identifier. An identifier above 0x7FF has 29 bits.
     pub(crate) pdos: BTreeMap<u32, Vec<u8>>,
-    /// Says that it lives, with this period.
+    /// Period of the heartbeat; `None` for no heartbeat.
     pub(crate) heartbeat: Option<Duration>,
     pub(crate) objects: BTreeMap<(u16, u8), Vec<u8>>,
-    /// A frame with this identifier puts its first bytes into the object.
+    /// A frame with this identifier stores its first bytes in the object.
     pub(crate) received: Option<(u16, (u16, u8))>,
-    /// Every answer comes after one to another index.
+    /// Whether a reply for another index precedes every reply.
     pub(crate) speaks_of_others: bool,
-    /// This object is refused, with this code.
+    /// Object that is refused, and the abort code.
     pub(crate) refuses: Option<((u16, u8), u32)>,
-    /// From its start to its first process data.
+    /// Time from its start to its first process data.
     pub(crate) first_after: Duration,
-    /// It says and hears nothing.
+    /// Whether it neither sends nor receives.
     pub(crate) is_mute: bool,
-    /// `start`, `1800:05=6400`, in order.
+    /// Log, in order: `start`, `1800:05=6400`.
     pub(crate) log: Vec<String>,
     pub(crate) wants_boot: bool,
     pub(crate) is_over: bool,
 }
 
-/// The period of its process data.
+/// Period of the process data.
 const PERIOD: Duration = Duration::from_millis(20);
-/// Looks around this often for what the test has changed.
+/// Interval at which the node checks for changes by the test.
 const IDLE: Duration = Duration::from_millis(10);
 
 impl Node {
-    /// Comes up on this interface, as its state says.
+    /// Starts a node on this interface, with this state.
     pub(crate) fn new(interface: &str, state: State) -> Node {
         let socket = CanSocket::open(interface).unwrap();
         socket.set_nonblocking(false).unwrap();
@@ -62,7 +62,7 @@ impl Node {
         self.state.lock().unwrap()
     }
 
-    /// Resets, as after a dip of its supply: it has forgotten its state and says that it has come up.
+    /// Resets the node, as after a power failure. It loses its state, and sends a boot-up message.
     pub(crate) fn reset(&self) {
         let mut state = self.state();
         state.is_operational = false;
@@ -70,7 +70,7 @@ impl Node {
         state.log.push("reset".to_owned());
     }
 
-    /// How often the log says this.
+    /// Number of occurrences in the log.
     pub(crate) fn times(&self, what: &str) -> usize {
         self.state().log.iter().filter(|line| *line == what).count()
     }
@@ -94,7 +94,7 @@ pub(crate) fn frame(id: u32, data: &[u8]) -> CanFrame {
 }
 
 impl State {
-    /// When it has something to send by itself.
+    /// Time of the next frame that it sends without a request.
     fn next(&self, beat_at: Moment, send_at: Moment) -> Option<Moment> {
         let boot = self.wants_boot.then(Moment::default);
         let beat = self.heartbeat.map(|_| beat_at);
@@ -106,7 +106,7 @@ fn live(socket: &CanSocket, state: &Mutex<State>) {
     let clock = Clock::wall();
     let (mut beat_at, mut send_at) = (clock.now(), clock.now());
     loop {
-        // Whoever looks oftener keeps a small computer busy with that alone.
+        // A shorter interval would occupy a small computer.
         let due = state.lock().unwrap().next(beat_at, send_at).map_or(IDLE, |due| due.since(clock.now()));
         let heard = socket.read_frame_timeout(due.clamp(Duration::from_millis(1), IDLE));
         let mut state = state.lock().unwrap();
@@ -117,7 +117,7 @@ fn live(socket: &CanSocket, state: &Mutex<State>) {
             continue;
         }
         let now = clock.now();
-        // What cannot be sent is not: the interface may be down.
+        // Errors are ignored, because the interface may be down.
         let send = |frame: CanFrame| drop(socket.write_frame(&frame));
         let number = u32::from(state.number);
         if std::mem::take(&mut state.wants_boot) {
@@ -178,7 +178,7 @@ fn sdo(state: &mut State, data: &[u8]) -> Vec<CanFrame> {
     let refused = refused.or(known.is_none().then_some(0x0602_0000));
     let mut answers = Vec::new();
     if state.speaks_of_others {
-        // As a late answer to an older question would look.
+        // Like a late reply to an older request.
         answers.push(answer(0x43, object.0 ^ 0x0100, &[0x11; 4]));
         answers.push(answer(0x60, object.0 ^ 0x0100, &[]));
     }

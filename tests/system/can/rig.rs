@@ -1,4 +1,4 @@
-//! A gateway on a CAN interface of its own, beside what a test does with it.
+//! A gateway on its own CAN interface, in parallel to a test.
 
 use std::path::Path;
 use std::process::Command;
@@ -11,10 +11,10 @@ use isotherm::fieldbus::error::Fault;
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::{SignalStatus, Source, Status};
 
-/// How long anything may take before a test gives up: a kernel in a kernel on a busy computer takes its time.
+/// Timeout of a test. A user-mode kernel on a busy computer is slow.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// The next that comes.
+/// Waits for the next frame or error.
 pub(crate) async fn hear(socket: &Socket) -> Result<Heard, Fault> {
     loop {
         if let Some(heard) = socket.hear_now()? {
@@ -24,20 +24,20 @@ pub(crate) async fn hear(socket: &Socket) -> Result<Heard, Fault> {
     }
 }
 
-/// A virtual interface that lives as long as this.
+/// A virtual interface, until it is dropped.
 pub(crate) struct Interface(String);
 
 impl Interface {
-    /// Makes one, which is up.
+    /// Creates an interface that is up.
     pub(crate) fn new(name: &str) -> Interface {
-        // Only where the runner has made a place for it.
+        // Only if the runner has prepared a place for it.
         crate::can::interface();
         let interface = Interface::absent(name);
         interface.appears();
         interface
     }
 
-    /// The name of one that is not there.
+    /// Name of an interface that does not exist.
     pub(crate) fn absent(name: &str) -> Interface {
         crate::can::interface();
         let interface = Interface(name.to_owned());
@@ -66,7 +66,7 @@ impl Interface {
         shell(&format!("ip link set dev {} down", self.0));
     }
 
-    /// Sends a frame, written as cansend wants it.
+    /// Sends a frame in the notation of cansend.
     pub(crate) fn send(&self, frame: &str) {
         shell(&format!("cansend {} {frame}", self.0));
     }
@@ -84,14 +84,14 @@ pub(crate) fn shell(command: &str) {
     assert!(ended.status.success(), "{command}: {}", String::from_utf8_lossy(&ended.stderr));
 }
 
-/// The profile in this text, with its interface.
+/// Loads the profile in this text, with its interface.
 pub(crate) fn load(text: &str, interface: &Interface) -> isotherm_profile::Profile {
     let text = text.replace("INTERFACE", interface.name());
     let loaded = isotherm_profile::parse(Path::new("can.toml"), &text, &[], &[]);
     loaded.unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 
-/// Runs a gateway beside a script; the script's end stops it.
+/// Runs a gateway in parallel to a script, until the script ends.
 pub(crate) fn beside(
     profile: isotherm_profile::Profile,
     dry_run: bool,
@@ -100,7 +100,7 @@ pub(crate) fn beside(
     with_source(profile, dry_run, move |source| script(source.as_ref()));
 }
 
-/// The same for a script whose devices look at the gateway, too.
+/// Runs a gateway in parallel to a script whose devices query the gateway too.
 pub(crate) fn with_source(
     profile: isotherm_profile::Profile,
     dry_run: bool,
@@ -120,7 +120,7 @@ pub(crate) fn with_source(
     });
 }
 
-/// Looks every few milliseconds until it is so.
+/// Checks the status every few milliseconds until the condition is true.
 #[track_caller]
 pub(crate) fn wait_until(source: &dyn Source, what: &str, found: impl Fn(&Status) -> bool) -> Status {
     let clock = Clock::wall();
@@ -137,12 +137,12 @@ pub(crate) fn wait_until(source: &dyn Source, what: &str, found: impl Fn(&Status
     }
 }
 
-/// What was told, oldest first.
+/// Texts of the reported events, oldest first.
 pub(crate) fn events(status: &Status) -> Vec<&str> {
     status.events.iter().map(|event| event.text.as_str()).collect()
 }
 
-/// How often this kind of event was told.
+/// Number of reported events of this kind.
 pub(crate) fn count(status: &Status, kind: &str) -> u64 {
     status.event_counts.get(kind).copied().unwrap_or_default()
 }
@@ -151,7 +151,7 @@ pub(crate) fn signal<'a>(status: &'a Status, name: &str) -> &'a SignalStatus {
     status.signals.iter().find(|signal| signal.name == name).unwrap()
 }
 
-/// The event that has this in it.
+/// Text of the reported event that contains this part.
 #[track_caller]
 pub(crate) fn reported<'a>(status: &'a Status, part: &str) -> &'a str {
     let events = events(status);

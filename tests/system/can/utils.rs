@@ -1,4 +1,5 @@
-//! can-utils and we agree: what cansend and cangen send is what we hear, what we send is what candump prints.
+//! Comparison with can-utils: the program receives what cansend and cangen send, and candump prints what the program
+//! sends.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, ChildStdout, Command, Stdio};
@@ -12,31 +13,32 @@ use isotherm_core::reading::Reason;
 use crate::can::interface;
 use crate::can::rig::{Interface, beside, hear, load, signal, wait_until};
 
-/// How long anything may take before a test gives up.
+/// Timeout of a test.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Runs a program of can-utils to its end.
+/// Runs a program of can-utils until it ends.
 fn can_utils(program: &str, arguments: &[&str]) {
     let ended = Command::new(program).args(arguments).output();
     let ended = ended.unwrap_or_else(|error| panic!("{program}: {error}: apt-get install can-utils"));
     assert!(ended.status.success(), "{program} {arguments:?}: {}", String::from_utf8_lossy(&ended.stderr));
 }
 
-/// candump as it prints; killed when it is dropped.
+/// A running candump; killed when it is dropped.
 struct Candump {
     child: Child,
     lines: BufReader<ChildStdout>,
 }
 
 impl Candump {
-    /// Starts it, and returns when it hears.
+    /// Starts candump, and returns when it receives frames.
     fn start(interface: &str, options: &[&str]) -> Candump {
         let mut command = Command::new("candump");
         command.args(["-T", "60000"]).args(options).arg(interface).stdout(Stdio::piped());
         let mut child = command.spawn().unwrap_or_else(|error| panic!("candump: {error}"));
         let lines = BufReader::new(child.stdout.take().unwrap());
         let mut candump = Candump { child, lines };
-        // It does not say when it is ready: frames are sent until it has heard one, then a last one to know by.
+        // candump does not report when it is ready. Therefore frames are sent until it has received one, then a last
+        // one as a mark.
         let ready = AtomicBool::new(false);
         std::thread::scope(|scope| {
             scope.spawn(|| {
@@ -56,7 +58,7 @@ impl Candump {
         candump
     }
 
-    /// The next line.
+    /// Next line.
     fn line(&mut self) -> String {
         let mut line = String::new();
         self.lines.read_line(&mut line).unwrap();
@@ -72,7 +74,7 @@ impl Drop for Candump {
     }
 }
 
-/// Every frame with data.
+/// Filter for all data frames.
 fn everything() -> Vec<CanMatch> {
     let (short, long) = (CanId::standard(0).unwrap(), CanId::extended(0).unwrap());
     vec![CanMatch { id: short, mask: 0 }, CanMatch { id: long, mask: 0 }]
@@ -82,7 +84,7 @@ fn open(wanted: &[CanMatch]) -> Socket {
     Socket::open(&interface(), wanted).unwrap()
 }
 
-/// The next frame.
+/// Next frame.
 async fn heard(socket: &Socket) -> Frame {
     match tokio::time::timeout(PATIENCE, hear(socket))
         .await
@@ -125,7 +127,7 @@ async fn a_frame_from_cansend_is_heard_as_it_was_sent() {
             "1F334455#1122334455667788",
             Frame::classic(extended(0x1f33_4455), &[0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88]),
         ),
-        // The same number in 29 bits is another identifier.
+        // The same number with 29 bits is another identifier.
         ("00000123#01", Frame::classic(extended(0x123), &[1])),
         ("123##1", Frame::fd(standard(0x123), &[])),
         ("213##311223344", Frame::fd(standard(0x213), &[0x11, 0x22, 0x33, 0x44])),
@@ -166,7 +168,7 @@ async fn candump_prints_what_we_send_word_for_word() {
         ),
     ] {
         sent(&socket, &frame.unwrap()).await;
-        // It moves its columns when it has met a long identifier.
+        // candump moves its columns after it has received a long identifier.
         let printed: Vec<String> = candump.line().split_whitespace().map(str::to_owned).collect();
         assert_eq!(printed.join(" "), format!("{name} {line}"));
     }
@@ -188,8 +190,8 @@ async fn every_length_that_can_fd_has_goes_both_ways() {
     }
 }
 
-/// A frame of candump's log, `(1700000000.000000) vcan0 123##1AABB`, as ours are written: without the flags of CAN FD,
-/// which say how the bits were sent. `None`: a request for data.
+/// Frame in candump's log, `(1700000000.000000) vcan0 123##1AABB`, in the notation of this test: without the CAN FD
+/// flags, which describe the transmission of the bits. `None` for a remote frame.
 fn logged(line: &str) -> Option<String> {
     let text = line.split(' ').nth(2).unwrap_or_else(|| panic!("{line:?}"));
     let (id, data) = text.split_once('#').unwrap();
@@ -200,7 +202,7 @@ fn logged(line: &str) -> Option<String> {
     }
 }
 
-/// Random identifiers of both lengths, classic and FD, of any length, requests for data among them.
+/// Random identifiers of both lengths, classic and FD, of any length, including remote frames.
 #[tokio::test]
 async fn we_hear_of_cangen_what_candump_hears_to_the_last_byte() {
     const FRAMES: usize = 2000;
@@ -227,10 +229,11 @@ async fn we_hear_of_cangen_what_candump_hears_to_the_last_byte() {
     assert_eq!((socket.lost(), socket.hear_now().unwrap()), (0, None));
 }
 
-/// As fast as it goes, and nothing is lost; what we do not want does not reach us.
+/// At full speed, no frame is lost, and the filter keeps unwanted frames from the program.
 #[tokio::test]
 async fn a_flood_of_cangen_is_survived_and_the_kernel_keeps_it_from_who_does_not_want_it() {
-    // Nothing is read before the last was sent: as many as the receive buffer has room for by Linux 6.12 as well.
+    // Nothing is read before the last frame was sent. The receive buffer has room for this number of frames, also on
+    // Linux 6.12.
     const FRAMES: usize = 8_000;
     let wanted = CanMatch::exactly(standard(0x185));
     let (all, one) = (open(&everything()), open(&[wanted]));
@@ -252,7 +255,7 @@ async fn a_flood_of_cangen_is_survived_and_the_kernel_keeps_it_from_who_does_not
     assert_eq!((all.lost(), one.lost()), (0, 0));
 }
 
-/// What a CANmod.temp documents as its test vector: cold junction and four thermocouples, each with its status.
+/// Test vector in the documentation of a CANmod.temp: cold junction and four thermocouples, each with its status.
 #[tokio::test]
 async fn the_vector_of_the_canmod_decodes_to_its_temperatures() {
     let socket = open(&[CanMatch::exactly(standard(1))]);
@@ -281,7 +284,7 @@ async fn a_longer_frame_than_needed_is_read_and_a_shorter_one_is_bad() {
     assert_eq!(read, [minus_two, minus_two, minus_two, Err(Reason::ShortFrame)]);
 }
 
-/// Two modules by their templates, and a display that shows the position of an encoder, corrected by a constant.
+/// Two modules by their templates, and a display with the position of an encoder plus a constant.
 const MACHINE: &str = r#"
 [machine]
 name = "utils"
@@ -361,14 +364,14 @@ frame = { id = 0x20C, start = 0, length = 32, order = "little", signed = true, f
 scale = 0.001
 "#;
 
-/// What cansend sends is what the gateway believes, and not what it should not; what the gateway sends candump prints.
+/// The gateway accepts the correct values that cansend sends, and no others. candump prints what the gateway sends.
 #[test]
 fn the_gateway_decodes_what_cansend_sends_and_candump_reads_the_corrected_position() {
     let field = Interface::new("utils");
     let mut candump = Candump::start(field.name(), &[]);
     beside(load(MACHINE, &field), false, |source| {
         let status = wait_until(source, "the gateway listens", |status| {
-            // −512 is an open circuit, not −32 °C; 25 °C beside it.
+            // −512 is an open circuit, not −32 °C. The next value is 25 °C.
             for frame in ["185#00FE9001", "001#9904600A28198EBE", "1FF#40E20100"] {
                 can_utils("cansend", &["utils", frame]);
             }

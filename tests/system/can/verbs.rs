@@ -1,4 +1,4 @@
-//! The verbs that look at a CAN line.
+//! Verbs that access a CAN line.
 
 use std::path::PathBuf;
 use std::process::{Command, Output};
@@ -7,7 +7,7 @@ use crate::can::gateway::{PROFILE, cnc, module, sender};
 use crate::can::node::Node;
 use crate::can::rig::Interface;
 
-/// The profile in a file of its own, which is removed when this is dropped.
+/// A profile in a temporary directory, which is removed when this value is dropped.
 struct File(tempfile::TempDir);
 
 impl File {

@@ -1,4 +1,5 @@
-//! The mill, a thermometer whose temperature a test sets, and the gateway as the program that a person starts.
+//! Test bench: the mill, a thermometer with an adjustable temperature, and the gateway as the program that a user
+//! starts.
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
@@ -11,7 +12,8 @@ use crate::linuxcnc::mill::Mill;
 use crate::linuxcnc::modbus;
 use crate::linuxcnc::process::{Running, file, free_port, isotherm, until};
 
-/// As many micrometres are wanted as it is warm: a tenth of a degree is a count. Ten decisions a second.
+/// Profile in which the target in µm equals the temperature: 0.1 °C is one count. The axis decides ten times per
+/// second.
 const PROFILE: &str = r#"
 [machine]
 name = "mill"
@@ -69,7 +71,7 @@ when = "taking == 1"
 listen = "PAGE"
 "#;
 
-/// What the thermometer does.
+/// State of the thermometer.
 #[derive(Default)]
 struct Bed {
     counts: AtomicI16,
@@ -77,9 +79,9 @@ struct Bed {
     is_broken: AtomicBool,
 }
 
-/// All of it.
+/// Mill, thermometer and gateway.
 pub(crate) struct Bench {
-    // The gateway goes before the mill does.
+    // The gateway is dropped before the mill.
     pub(crate) gateway: Option<Running>,
     pub(crate) mill: Mill,
     home: tempfile::TempDir,
@@ -89,14 +91,14 @@ pub(crate) struct Bench {
 }
 
 impl Bench {
-    /// A mill that stands, and a gateway that is armed and follows.
+    /// Starts a mill at standstill, and a gateway with an armed and active axis.
     pub(crate) fn start() -> Bench {
         let mill = Mill::start();
         let port = mill.port;
         Bench::by(mill, port)
     }
 
-    /// The same, with the control reached at another port.
+    /// Starts the bench, with the control at another port.
     pub(crate) fn by(mill: Mill, control: u16) -> Bench {
         let bed = Arc::new(Bed::default());
         let asked = bed.clone();
@@ -123,12 +125,12 @@ impl Bench {
         self.follows("is active");
     }
 
-    /// Kills it (SIGKILL).
+    /// Kills the gateway with SIGKILL.
     pub(crate) fn gateway_is_killed(&mut self) {
         self.said.extend(self.gateway.take().unwrap().killed());
     }
 
-    /// Asks it to stop, and waits until it has.
+    /// Stops the gateway, and waits for its end.
     pub(crate) fn gateway_stops(&mut self) {
         let mut gateway = self.gateway.take().unwrap();
         gateway.signal("TERM");
@@ -137,7 +139,7 @@ impl Bench {
         assert!(exit.success(), "{exit}: {:#?}", self.said);
     }
 
-    /// From now on this is wanted, µm.
+    /// Sets the target in µm.
     pub(crate) fn wants(&self, um: f64) {
         #[allow(clippy::cast_possible_truncation, reason = "tenths of a micrometre")]
         self.bed.counts.store((10.0 * um).round() as i16, Ordering::SeqCst);
@@ -151,7 +153,7 @@ impl Bench {
         self.bed.is_broken.store(broken, Ordering::SeqCst);
     }
 
-    /// Waits until Z has this on top of its program, and the register says so.
+    /// Waits until Z has this offset in addition to its program, and the register has the same value.
     #[track_caller]
     pub(crate) fn arrives_at(&mut self, um: f64) {
         let port = self.mill.port;
@@ -179,7 +181,7 @@ impl Bench {
         });
     }
 
-    /// What the page shows.
+    /// Status on the page.
     pub(crate) fn status(&self) -> Result<serde_json::Value, String> {
         let mut stream = TcpStream::connect(self.page).map_err(|error| error.to_string())?;
         let request = format!("GET /api/status HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\r\n", self.page);
@@ -190,13 +192,13 @@ impl Bench {
         serde_json::from_str(body).map_err(|error| format!("{error}: {text}"))
     }
 
-    /// Everything that gateways have said so far.
+    /// Output of all gateways so far.
     pub(crate) fn said(&mut self) -> Vec<String> {
         let now = self.gateway.iter_mut().flat_map(|gateway| gateway.so_far().to_vec());
         self.said.iter().cloned().chain(now.collect::<Vec<_>>()).collect()
     }
 
-    /// Nobody is said to have touched anything.
+    /// Checks that no change by another client was reported.
     #[track_caller]
     pub(crate) fn blames_nobody(&mut self) {
         let said = self.said();
@@ -216,7 +218,7 @@ fn answer(bed: &Bed, question: &Question, stream: &mut TcpStream) -> std::io::Re
     stream.write_all(&question.answer(&pdu))
 }
 
-/// A way to the component, on which a write can be made to wait while others go on.
+/// Proxy to the component. It can delay a write while others pass.
 pub(crate) struct Way {
     pub(crate) port: u16,
     held: Arc<Mutex<Held>>,
@@ -226,9 +228,9 @@ pub(crate) struct Way {
 enum Held {
     #[default]
     Nothing,
-    /// The next write is to wait.
+    /// The next write will be delayed.
     Next,
-    /// It waits.
+    /// A write is being delayed.
     One,
 }
 
@@ -249,7 +251,7 @@ impl Way {
         way
     }
 
-    /// Keeps the next write until it is let go.
+    /// Delays the next write until it is released, and waits for it.
     #[track_caller]
     pub(crate) fn holds_a_write(&self) {
         *self.held.lock().unwrap() = Held::Next;
@@ -277,7 +279,7 @@ fn waits(held: &Mutex<Held>, bytes: &[u8]) {
     }
 }
 
-/// Hands on what comes, however late; a sender that has gone does not take back what he sent.
+/// Forwards bytes, however late they are. They are forwarded even if the sender has closed its connection.
 fn passes(mut from: TcpStream, mut to: TcpStream, waits: impl Fn(&[u8])) {
     let mut bytes = [0; 512];
     while let Ok(count @ 1..) = from.read(&mut bytes) {

@@ -1,4 +1,4 @@
-//! Thermometer, line and component fail.
+//! Failures of thermometer, line and component.
 
 use std::time::Duration;
 
@@ -41,7 +41,8 @@ fn a_wire_that_breaks_is_no_temperature() {
     bench.blames_nobody();
 }
 
-/// A box on the way keeps a write for seconds and hands it on when others have been taken: the component refuses it.
+/// A network device delays a write for seconds, and forwards it after the component has accepted others. The component
+/// rejects it.
 #[test]
 fn a_write_that_comes_late_is_refused_and_moves_nothing() {
     let mill = Mill::start();

@@ -1,4 +1,4 @@
-//! What the chapter lets a person type at a control, at this one.
+//! Commands that the chapter of the manual gives for a control, executed on this one.
 
 use std::path::Path;
 use std::process::Command;
@@ -10,7 +10,7 @@ fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// The commands of a chapter that run here.
+/// Commands of a chapter that run here.
 fn commands(chapter: &str) -> Vec<String> {
     let mut command = Command::new(root().join("tests/verbs/manual/commands"));
     let output = command.args([chapter, "tests/linuxcnc/run"]).output().unwrap();
@@ -18,12 +18,12 @@ fn commands(chapter: &str) -> Vec<String> {
     String::from_utf8(output.stdout).unwrap().lines().map(str::to_owned).collect()
 }
 
-/// The one that begins so.
+/// Command that begins with this text.
 fn command<'a>(all: &'a [String], begin: &str) -> &'a str {
     all.iter().find(|command| command.starts_with(begin)).unwrap_or_else(|| panic!("no `{begin}` in {all:?}"))
 }
 
-/// Whether it was done, and what it said.
+/// Executes a command. Returns whether it succeeded, and its output.
 fn said(line: &str) -> (bool, String) {
     let output = Command::new("sh").args(["-c", line]).current_dir(root()).output().unwrap();
     let said =
@@ -31,7 +31,7 @@ fn said(line: &str) -> (bool, String) {
     (output.status.success(), said)
 }
 
-/// `[3]:   1` by its number.
+/// Value with this number in an output like `[3]:   1`.
 fn value(said: &str, number: usize) -> Result<String, String> {
     let line = said.lines().find_map(|line| line.trim().strip_prefix(&format!("[{number}]:")));
     line.map(|value| value.trim().to_owned()).ok_or_else(|| format!("no [{number}] in {said}"))
@@ -41,7 +41,7 @@ fn value(said: &str, number: usize) -> Result<String, String> {
 fn what_the_chapter_reads_and_moves_by_hand_is_as_it_says() {
     let all = commands("docs/linuxcnc/README.md");
     let mut mill = Mill::start();
-    // The control of the chapter is `mill`, at the usual port.
+    // In the chapter, the control is `mill` at the usual port.
     let here = |begin: &str| {
         let line = command(&all, begin).replace("-p 1502 ", &format!("-p {} ", mill.port));
         line.split(' ')
@@ -101,7 +101,7 @@ fn the_demo_holds_the_machine_with_a_real_control_in_the_loop() {
     let home = tempfile::tempdir().unwrap();
     let all = commands("docs/machines.md");
     let words = command(&all, "isotherm demo ").split(' ').skip(1);
-    // A fifth of its time. On a busy computer the control does not follow at eighty times the speed of the clock.
+    // A fifth of the chapter's time. On a busy computer, the control cannot follow at eighty times real time.
     let words: Vec<_> = words.map(|word| if word == "1h" { "12min" } else { word }).collect();
     let is_compensated = |speed: &str| {
         let mut demo = isotherm(home.path());

@@ -1,4 +1,4 @@
-//! LinuxCNC without a screen, told what to do line by line.
+//! LinuxCNC without a screen, controlled line by line.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -7,7 +7,7 @@ use crate::linuxcnc::process::{PATIENCE, Running, free_port};
 use crate::linuxcnc::samples::Samples;
 use crate::support::starved::Starved;
 
-/// What the sampler records, in its order.
+/// Columns that the sampler records, in its order.
 const COLUMNS: [&str; 6] = [
     "axis.z.eoffset",
     "axis.z.eoffset-request",
@@ -23,19 +23,19 @@ pub(crate) struct Mill {
     pub(crate) port: u16,
     directory: tempfile::TempDir,
     recordings: usize,
-    /// What the servo thread waits for a processor while it is recorded.
+    /// Wait of the servo thread for a processor during the recording.
     starved: Vec<Starved>,
 }
 
 impl Mill {
-    /// On, homed, in teleop mode, at X0 Y0 Z0.
+    /// Starts a mill that is on, homed, in teleop mode, at X0 Y0 Z0.
     pub(crate) fn start() -> Mill {
         let port = free_port();
         let directory = tempfile::tempdir().unwrap();
         Mill { running: runs(port), port, directory, recordings: 0, starved: Vec::new() }
     }
 
-    /// LinuxCNC is ended and started again.
+    /// Ends LinuxCNC, and starts it again.
     #[track_caller]
     pub(crate) fn restarts(&mut self) {
         self.running.signal("TERM");
@@ -43,7 +43,7 @@ impl Mill {
         self.running = runs(self.port);
     }
 
-    /// Sends LinuxCNC a line and returns its answer.
+    /// Sends a line to LinuxCNC, and returns its answer.
     #[track_caller]
     pub(crate) fn command(&mut self, line: &str) -> String {
         use std::io::Write;
@@ -53,7 +53,7 @@ impl Mill {
         answer.trim_start_matches("ok").trim().to_owned()
     }
 
-    /// The value of a pin.
+    /// Value of a pin.
     #[track_caller]
     pub(crate) fn pin(&mut self, name: &str) -> f64 {
         let answer = self.command(&format!("get {name}"));
@@ -64,13 +64,13 @@ impl Mill {
         }
     }
 
-    /// What Z has on top of its program, µm.
+    /// Offset of Z in addition to its program, µm.
     #[track_caller]
     pub(crate) fn offset_um(&mut self) -> f64 {
         1000.0 * self.pin("axis.z.eoffset")
     }
 
-    /// Records every servo period from now on.
+    /// Starts to record every servo period.
     pub(crate) fn records(&mut self) {
         self.recordings += 1;
         self.starved = realtime().map(Starved::of).collect();
@@ -93,7 +93,7 @@ impl Mill {
     }
 }
 
-/// The processes that run the servo thread.
+/// Processes that run the servo thread.
 fn realtime() -> impl Iterator<Item = u32> {
     let processes = std::fs::read_dir("/proc").into_iter().flatten().flatten();
     let numbers = processes.filter_map(|process| process.file_name().to_str()?.parse::<u32>().ok());

@@ -1,9 +1,9 @@
-//! isotherm beside a real CNC: LinuxCNC, without a screen, moves a simulated mill with its own planner, and the component
-//! of `profiles/linuxcnc` takes the offsets. `tests/linuxcnc/run` gives it namespaces of its own.
+//! isotherm with a real CNC. LinuxCNC, without a screen, moves a simulated mill with its own planner. The component in
+//! `profiles/linuxcnc` accepts the offsets. `tests/linuxcnc/run` provides the namespaces.
 //!
-//! Each servo period of a scenario is recorded: what the offset is, what it is asked to be, where the program and where
-//! the joint is. Whatever happens, neither the offset nor a joint that nobody else moves goes further than a step in one of
-//! them.
+//! Each servo period of a scenario is recorded: the offset, the requested offset, and the positions of the program and
+//! the joint. In any scenario, neither the offset nor a joint without other motion moves by more than one step per
+//! period.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 

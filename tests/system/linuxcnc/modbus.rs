@@ -1,17 +1,17 @@
-//! A few questions to the component, past the gateway.
+//! Direct requests to the component, without the gateway.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::time::Duration;
 
-/// Words of the block.
+/// Indexes of the words in the block.
 pub(crate) const HEARTBEAT: usize = 0;
 pub(crate) const CONTROL: usize = 1;
 const SEQUENCE: usize = 3;
 const Z: usize = 8;
 const COMPLEMENT: usize = 10;
 
-/// Sends these bytes of a request, and gives those of its answer.
+/// Sends the bytes of a request, and returns those of its reply.
 fn ask(port: u16, pdu: &[u8]) -> Vec<u8> {
     let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
@@ -30,28 +30,28 @@ fn read(port: u16, function: u8, from: u8, count: u8) -> Vec<u16> {
     answer[2..].chunks(2).map(|two| u16::from_be_bytes([two[0], two[1]])).collect()
 }
 
-/// The block of the gateway, as it was taken last.
+/// Last accepted block of the gateway.
 pub(crate) fn block(port: u16) -> Vec<u16> {
     read(port, 3, 0, 11)
 }
 
-/// Number of the block that was taken last.
+/// Number of the last accepted block.
 pub(crate) fn sequence(port: u16) -> u16 {
     block(port)[SEQUENCE]
 }
 
-/// How many writes were refused.
+/// Number of rejected writes.
 pub(crate) fn refused(port: u16) -> u16 {
     read(port, 4, 27, 1)[0]
 }
 
-/// The counts of Z in a block, tenths of a micrometre.
+/// Counts of Z in a block, in units of 0.1 µm.
 pub(crate) fn z(block: &[u16]) -> i32 {
     let [high, low] = [block[Z], block[Z + 1]].map(u16::to_be_bytes);
     i32::from_be_bytes([high[0], high[1], low[0], low[1]])
 }
 
-/// Somebody else writes a whole block, with the next number and the right check word.
+/// Writes a whole block as another client, with the next number and a correct check word.
 pub(crate) fn writes(port: u16, counts: i32) -> Vec<u8> {
     let mut block = block(port);
     let [high_1, high_0, low_1, low_0] = counts.to_be_bytes();

@@ -1,4 +1,4 @@
-//! What the mill did in each of its servo periods.
+//! Recorded servo periods of the mill.
 
 use std::time::Duration;
 
@@ -6,27 +6,27 @@ use crate::support::tell;
 
 /// A nanometre, in millimetres.
 const NANOMETRE: f64 = 1e-6;
-/// A step of the axis: a micrometre, and what is left of floating point.
+/// Maximum step of the axis in mm: 1 µm, and the error of floating point.
 const STEP: f64 = 1e-3 + 1e-9;
 
-/// One servo period, all in millimetres.
+/// One servo period, in millimetres.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sample {
-    /// What the component asks for.
+    /// Offset that the component requests.
     pub(crate) request: f64,
-    /// What the planner has made of it so far.
+    /// Offset that the planner has reached.
     pub(crate) offset: f64,
-    /// Where the program is, without the offset.
+    /// Position of the program, without the offset.
     pub(crate) programmed: f64,
-    /// Where the joint is told to be.
+    /// Commanded position of the joint.
     pub(crate) joint: f64,
     pub(crate) following_error: f64,
 }
 
-/// A servo thread that waits so long for a processor may pass over a decision of the axis.
+/// Wait of a servo thread for a processor after which it may miss a decision of the axis.
 const STARVED: Duration = Duration::from_millis(50);
 
-/// A scenario, period by period; and the longest wait of the servo thread for a processor meanwhile.
+/// Servo periods of a scenario, and the longest wait of the servo thread for a processor.
 #[derive(Clone, Debug)]
 pub(crate) struct Samples(pub(crate) Vec<Sample>, pub(crate) Duration);
 
@@ -55,7 +55,7 @@ impl Samples {
         Samples(samples.collect(), Duration::ZERO)
     }
 
-    /// What the joint has on top of the program is what is asked for, to a nanometre, in every period.
+    /// Checks that in every period, the joint has this offset in addition to the program, within a nanometre.
     #[track_caller]
     pub(crate) fn stand_at(&self, um: f64) {
         assert!(self.0.len() > 50, "{} periods", self.0.len());
@@ -65,11 +65,11 @@ impl Samples {
         }
     }
 
-    /// Nothing is added to the program, and nothing asked for, that is more than a step further than a period before.
+    /// Checks that neither the offset nor the requested offset changes by more than a step from one period to the next.
     #[track_caller]
     pub(crate) fn never_jump(&self) {
         self.moves_of("the offset", |one| one.offset);
-        // The component does not stand still with the servo thread.
+        // The component continues to run while the servo thread waits.
         let jumps = |pair: &[Sample]| (pair[1].request - pair[0].request).abs() > STEP;
         if self.1 >= STARVED && self.0.windows(2).any(jumps) {
             return tell(&format!("the request of a mill: void, its servo thread waited {:?}", self.1));
@@ -77,8 +77,8 @@ impl Samples {
         self.moves_of("the request", |one| one.request);
     }
 
-    /// Nothing moves the joint further than a step in one period, while no program runs; also where the machine is
-    /// switched off, and the planner calls the place its own at which it stands.
+    /// Checks that the joint moves by at most a step per period, while no program runs. The check includes the time in
+    /// which the machine is switched off, and the planner takes over the current position.
     #[track_caller]
     pub(crate) fn joint_never_jumps(&self) {
         self.moves_of("the joint", |one| one.joint);
@@ -92,7 +92,7 @@ impl Samples {
         }
     }
 
-    /// The largest of this, without its sign.
+    /// Largest absolute value.
     pub(crate) fn largest(&self, of: impl Fn(&Sample) -> f64) -> f64 {
         self.0.iter().map(|one| of(one).abs()).fold(0.0, f64::max)
     }

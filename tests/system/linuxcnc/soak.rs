@@ -1,4 +1,4 @@
-//! A part is cut while the offset moves ten times a second.
+//! Cutting of a part while the offset changes ten times per second.
 
 use std::time::Duration;
 
@@ -7,7 +7,7 @@ use isotherm::clock::Clock;
 use crate::linuxcnc::bench::Bench;
 use crate::linuxcnc::samples::Samples;
 
-/// Cuts for so long, and moves Z by this meanwhile.
+/// Cuts for this time, and moves Z by this offset meanwhile.
 fn cuts(span: Duration, offset: impl Fn(f64) -> f64) -> Samples {
     let mut bench = Bench::start();
     bench.mill.command("run part.ngc");
@@ -30,7 +30,7 @@ fn cuts(span: Duration, offset: impl Fn(f64) -> f64) -> Samples {
     samples
 }
 
-/// Seconds; `tests/run long` asks for more.
+/// Duration; `tests/run long` sets a longer one.
 fn span() -> Duration {
     let asked = std::env::var("TEST_SOAKS_FOR").ok().and_then(|text| text.parse().ok());
     Duration::from_secs(asked.unwrap_or(14))
@@ -40,7 +40,7 @@ fn span() -> Duration {
 fn while_a_part_is_cut_no_move_is_above_a_step_and_nothing_follows_worse() {
     // The part takes 40 s.
     let plain = cuts(span().min(Duration::from_secs(40)), |_| 0.0);
-    // To and fro by 30 µm, as fast as the axis goes: a step in each of ten decisions a second.
+    // Offsets of ±30 µm, as fast as the axis can move: a step in each of ten decisions per second.
     let moved = cuts(span(), |now| if now % 12.0 < 6.0 { 30.0 } else { -30.0 });
     moved.never_jump();
     let most = |samples: &Samples| samples.largest(|one| one.following_error);

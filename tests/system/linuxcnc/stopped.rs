@@ -1,4 +1,5 @@
-//! The machine is switched off, stopped and started; the gateway is killed, stopped and started.
+//! Scenarios in which the machine is switched off, stopped and started, and in which the gateway is killed, stopped and
+//! started.
 
 use std::time::Duration;
 
@@ -7,7 +8,8 @@ use crate::linuxcnc::modbus;
 use crate::linuxcnc::process::until;
 use crate::linuxcnc::samples::Samples;
 
-/// The machine goes, stands without its offset, comes back, and walks in again.
+/// Switches the machine off, waits until its offset is zero, switches it on, and waits until the offset is reached
+/// again.
 fn comes_back(goes: &[&str], comes: &[&str]) -> Samples {
     let mut bench = Bench::start();
     bench.wants(20.0);
@@ -45,7 +47,7 @@ fn after_an_emergency_stop_the_offset_walks_in_again() {
     comes_back(&["estop"], &["reset", "on"]).joint_never_jumps();
 }
 
-/// Homing is a new beginning: the place at which the mill stands is zero from then on.
+/// Homing is a new start: the position at homing becomes zero.
 #[test]
 fn a_machine_that_is_not_homed_waits() {
     let mut bench = Bench::start();
@@ -61,7 +63,7 @@ fn a_machine_that_is_not_homed_waits() {
             other => Err(format!("{other:?}")),
         }
     });
-    // What was on its way when it was told.
+    // Offsets that were under way when the gateway read the state.
     std::thread::sleep(Duration::from_secs(3));
     bench.mill.records();
     std::thread::sleep(Duration::from_millis(1500));
@@ -131,7 +133,7 @@ fn a_gateway_that_is_asked_to_stop_takes_the_offset_out_and_its_control_word_bac
     assert!(said.iter().any(|line| line.contains("mill_z holds 0.0")), "{said:#?}");
 }
 
-/// Nobody is left to count the heartbeat: the control holds, and then takes the offset out by itself.
+/// Without a heartbeat, the control first keeps the offset, and then reduces it to zero by itself.
 #[test]
 fn an_offset_that_nobody_looks_after_is_taken_out_slowly() {
     let mut bench = Bench::start();

@@ -1,4 +1,4 @@
-//! Where the joint comes to stand, and what the page says of it.
+//! Position of the joint, and its display on the page.
 
 use std::time::Duration;
 
@@ -17,7 +17,7 @@ fn on_every_plateau_joint_page_and_register_agree_to_a_nanometre() {
         let walk = bench.mill.recorded();
         walk.never_jump();
         walk.joint_never_jumps();
-        // On a busy computer there are few servo periods in that time.
+        // On a busy computer, there are few servo periods in that time.
         let mut stands = (0..100).map(|_| {
             bench.mill.records();
             std::thread::sleep(Duration::from_millis(300));

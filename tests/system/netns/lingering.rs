@@ -1,4 +1,4 @@
-//! What must not be: connections whose last bytes the kernel still delivers after they were closed.
+//! Counterexample: connections whose last bytes the kernel still delivers after they were closed.
 
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use isotherm::fieldbus::wire::Boxed;
 use isotherm::gateway::Dialer;
 use tokio::net::TcpStream;
 
-/// Opens connections as any program does that leaves them to the kernel.
+/// Opens connections in the usual way, without measures against late delivery by the kernel.
 pub(crate) fn dialer() -> Dialer {
     Arc::new(|bus| Some(Box::new(Lingering(bus.address.clone()))))
 }

@@ -1,7 +1,7 @@
-//! The way to the device is cut between a read and a write, and restored: what the gateway has given up meanwhile must
-//! never arrive. By itself the kernel would deliver it, seconds later and after newer writes.
+//! Network path to the device that is cut between a read and a write, and restored. Writes that the gateway has given
+//! up meanwhile must never arrive. By default, the kernel would deliver them seconds later, after newer writes.
 //!
-//! Wants network namespaces: tests/netns/run.
+//! The tests need network namespaces: tests/netns/run.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use std::path::Path;
@@ -19,32 +19,35 @@ mod way;
 use device::{Device, STEP, Seen, State, Times, What};
 use way::Way;
 
-/// How long the ways are cut, s.
+/// Times of the profile. After the shortest cut, the gateway usually writes on a new connection before the kernel
+/// retransmits the given-up write. The kernel doubles the interval of its retransmissions. The first one after this cut
+/// follows 12.6 s after the first transmission.
 const CUTS: [u64; 3] = [8, 20, 40];
-/// An answer is waited for so long that after the shortest cut there mostly is a new connection, and it is written, before
-/// the kernel next sends again what was given up: twice as long after each time, 12.6 s after the first.
+/// Times of the profile. After the shortest cut, the gateway usually writes on a new connection before the kernel
+/// retransmits the given-up write. The kernel doubles its interval each time; the interval is 12.6 s after the first
+/// cut.
 const TIMES: Times = Times {
     timeout: Duration::from_millis(700),
     every: Duration::from_millis(800),
     max_age: Duration::from_secs(2),
 };
-/// How long anything else may take.
+/// Timeout of a test.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// Where the axis is to walk to: farther than it comes.
+/// Target of the axis, which it does not reach.
 const FAR: i16 = 20_000;
-/// Steps that are walked before the cut, and after all is over.
+/// Number of steps before the cut, and at the end.
 const STEPS: usize = 5;
 
-/// What was wrong with the writes that arrived.
+/// Errors in the writes that arrived.
 #[derive(Debug, Default)]
 struct Found {
-    /// They rest on readings that were too old when they arrived; how old, s.
+    /// Ages of readings that were too old when the write that depends on them arrived, s.
     late: Vec<f64>,
-    /// They came after writes of a newer connection, or went back to an older value.
+    /// Number of writes that arrived after writes of a newer connection, or returned to an older value.
     disordered: usize,
-    /// The register moved by more than a step; by how much, µm.
+    /// Changes of the register by more than a step, µm.
     jumps: Vec<f64>,
-    /// All that arrived.
+    /// Number of all writes that arrived.
     writes: usize,
 }
 
@@ -55,11 +58,12 @@ impl Found {
         for (place, one) in seen.iter().enumerate() {
             let What::Wrote { from, to } = one.what else { continue };
             found.writes += 1;
-            // The gateway has one connection at a time: a write rests at most on what was read until the next was made.
+            // The gateway has one connection at a time. A write depends at most on the reads before the next
+            // connection.
             let readings = seen[..place].iter().filter(|seen| matches!(seen.what, What::Asked { .. }));
             let reading = readings.filter(|seen| seen.connection <= one.connection).map(|seen| seen.at).max();
             let age = reading.map_or(Duration::MAX, |asked| one.at.since(asked));
-            // What stands there once more rests on no reading.
+            // A write of the current value depends on no reading.
             if to != from && age > TIMES.max_age + TIMES.timeout {
                 found.late.push(age.as_secs_f64());
             }
@@ -77,7 +81,7 @@ impl Found {
     }
 }
 
-/// One gateway and its device at the ends of a way.
+/// A gateway and its device at the ends of a path.
 struct Lane {
     name: String,
     way: Way,
@@ -92,7 +96,7 @@ impl Lane {
         Lane { name, way, device }
     }
 
-    /// Runs the gateway beside what `script` does; the script's end stops it.
+    /// Runs the gateway in parallel to `script`, until the script ends.
     fn beside<T: Send + 'static>(self, dialer: Dialer, script: impl FnOnce(Lane) -> T + Send + 'static) -> T {
         let text = device::profile(self.device.address(), TIMES);
         let loaded = isotherm_profile::parse(Path::new("walker.toml"), &text, &[], &[]);
@@ -108,7 +112,7 @@ impl Lane {
         })
     }
 
-    /// Waits until the offset was written this often from now on.
+    /// Waits until the offset was written this number of times from now on.
     #[track_caller]
     fn walks(&self, steps: usize) {
         let wanted = self.device.state().writes() + steps;
@@ -116,7 +120,7 @@ impl Lane {
         assert!(walked.is_some(), "{}: the axis does not walk", self.name);
     }
 
-    /// Cuts the way while a write is being made ready; the last that passed before it.
+    /// Cuts the path while the gateway prepares a write. Returns the last request that passed before it.
     fn cut_before_a_write(&self) -> Seen {
         for _ in 0..100 {
             let about = |state: &State| state.is_about_to_write().then_some(state.seen.len());
@@ -128,14 +132,14 @@ impl Lane {
             if now.len() == seen {
                 return now[seen - 1];
             }
-            // It was too slow for this one.
+            // The cut came too late for this write.
             self.way.restore();
             self.walks(1);
         }
         panic!("{}: the way was never cut in time", self.name);
     }
 
-    /// Walks, is cut, and has its way again; the last that passed before the cut.
+    /// Walks, cuts the path for this time, and restores it. Returns the last request that passed before the cut.
     fn is_cut_for(&self, span: Duration) -> Seen {
         self.walks(STEPS);
         let last = self.cut_before_a_write();
@@ -144,7 +148,7 @@ impl Lane {
         last
     }
 
-    /// What was wrong with all that arrived.
+    /// Errors in all writes that arrived.
     fn found(&self) -> Found {
         let seen = self.device.state().seen.clone();
         let found = Found::in_what(&seen);
@@ -153,8 +157,8 @@ impl Lane {
     }
 }
 
-/// The gateway with the kernel's linger: until what was given up has arrived. Where that came after newer writes, the
-/// axis may well not walk on.
+/// Runs the gateway with late delivery by the kernel, until a given-up write has arrived. If it arrived after newer
+/// writes, the axis may not continue.
 fn lingering(number: u8, span: Duration, tell: Sender<()>) -> Found {
     let lane = Lane::new(number, format!("cut for {} s, lingering", span.as_secs()));
     lane.beside(lingering::dialer(), move |lane| {
@@ -170,7 +174,7 @@ fn lingering(number: u8, span: Duration, tell: Sender<()>) -> Found {
     })
 }
 
-/// The gateway as it is: for as long as its twin had to wait, and until it walks again.
+/// Runs the normal gateway, until its counterexample has received the write, and until the axis walks again.
 fn as_it_is(number: u8, span: Duration, twin: Receiver<()>) -> Found {
     let lane = Lane::new(number, format!("cut for {} s", span.as_secs()));
     lane.beside(Options::default().dialer, move |lane| {
@@ -181,7 +185,7 @@ fn as_it_is(number: u8, span: Duration, twin: Receiver<()>) -> Found {
         lane.walks(STEPS);
         let newest = lane.device.state().seen.iter().map(|seen| seen.connection).max();
         assert!(newest > Some(last.connection), "{}: its connection was not given up", lane.name);
-        // What came with the new connection is among it.
+        // These writes include those of the new connection.
         if found.is_nothing() { lane.found() } else { found }
     })
 }

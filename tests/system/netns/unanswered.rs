@@ -1,4 +1,4 @@
-//! A name that nobody answers for: one question for it is under way, however often a message to it is tried.
+//! Name without an answer of the name server: only one query is under way, however often a message is tried.
 
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use std::time::Duration;
 use isotherm::observe::notify::{Post, Server};
 use isotherm_profile::{ALARM, Notify, Url};
 
-/// Where this computer keeps whom it asks for names: behind a link, in a place that may be missing here.
+/// File with the name servers of this computer. It may be a link to a missing file.
 fn settings() -> PathBuf {
     let place = PathBuf::from("/etc/resolv.conf");
     let place = std::fs::read_link(&place).map_or(place, |behind| Path::new("/etc").join(behind));
@@ -21,11 +21,11 @@ fn settings() -> PathBuf {
     place
 }
 
-/// Whoever is asked for a name in this namespace, and says nothing. How many questions have come.
+/// Name server in this namespace that never answers. Returns the number of received queries.
 fn nobody_answers(home: &Path) -> Arc<AtomicUsize> {
     let socket = UdpSocket::bind("127.0.0.1:53").unwrap();
     let asks_here = home.join("resolv.conf");
-    // What is asked is asked once, and waited for longer than this test takes.
+    // The resolver sends one query, and its timeout is longer than the test.
     std::fs::write(&asks_here, "nameserver 127.0.0.1\noptions timeout:30 attempts:1\n").unwrap();
     let bound = Command::new("mount").arg("--bind").arg(&asks_here).arg(settings()).status().unwrap();
     assert!(bound.success(), "{} cannot be another one here", settings().display());
@@ -58,7 +58,7 @@ fn a_name_that_nobody_answers_for_is_asked_for_once_however_often_a_message_is_t
         }
     });
     runtime.shutdown_background();
-    // For its address of either kind.
+    // One query for each kind of address.
     let count = count.load(Ordering::SeqCst);
     assert!(count <= 2, "{count} questions");
 }

@@ -1,11 +1,11 @@
-//! A way from this network namespace to another, through a bridge in a third:
+//! Network path from this network namespace to another, through a bridge in a third one:
 //!
 //! ```text
 //! here ──veth── [ bridge ] ──veth── there
 //! ```
 //!
-//! It is cut where it does not show at either end: the bridge forwards nothing, but every interface keeps its carrier,
-//! its address, its route and its neighbour. Packets are lost, nobody is told, and TCP goes on trying.
+//! A cut is not visible at either end: the bridge forwards nothing, but every interface keeps its carrier, its address,
+//! its route and its neighbour. Packets are lost without an error, and TCP continues to retransmit.
 
 use std::fs::File;
 use std::net::TcpListener;
@@ -19,15 +19,15 @@ pub(crate) struct Way {
 }
 
 impl Way {
-    /// Lays one, with addresses of its own.
+    /// Makes a path with its own addresses.
     pub(crate) fn lay(number: u8) -> Way {
-        // Nothing of this is to be made in the network of the computer itself.
+        // None of this may be created in the network of the computer itself.
         let is_apart = std::env::var_os("ISOTHERM_NETNS").is_some();
         assert!(is_apart, "this is no network namespace for tests: start tests/netns/run");
         let way = Way { number };
         let [middle, there] = [way.middle(), way.there()];
         let (near, far) = (format!("10.77.{number}.1"), format!("10.77.{number}.2"));
-        // Known beforehand, so that a cut does not make a neighbour be looked for again.
+        // The link addresses are fixed, so that a cut causes no new search for a neighbour.
         let (near_link, far_link) =
             (format!("02:00:00:00:{number:02x}:01"), format!("02:00:00:00:{number:02x}:02"));
         for line in [
@@ -51,7 +51,7 @@ impl Way {
         way
     }
 
-    /// A socket at the far end that takes connections. It stays there, whoever uses it.
+    /// Listening socket at the far end. It remains in that namespace, regardless of the thread that uses it.
     pub(crate) fn listen(&self) -> TcpListener {
         let (namespace, address) =
             (format!("/run/netns/{}", self.there()), format!("10.77.{}.2:502", self.number));
@@ -63,12 +63,12 @@ impl Way {
         there.join().unwrap()
     }
 
-    /// From now on nothing passes.
+    /// Cuts the path.
     pub(crate) fn cut(&self) {
         ip(&format!("-n {} link set bridge down", self.middle()));
     }
 
-    /// From now on everything passes again.
+    /// Restores the path.
     pub(crate) fn restore(&self) {
         ip(&format!("-n {} link set bridge up", self.middle()));
     }

@@ -1,5 +1,5 @@
-//! What a block finds in the shop beside the profile and its devices, by the word behind `with=`: a gateway with a page, a control, a
-//! line, sensors, a mesh. It stays there until the chapter ends.
+//! Environment of a block, selected by the word after `with=`: a gateway with a page, a control, a line, sensors or a
+//! mesh. It exists until the chapter ends.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -11,19 +11,19 @@ use super::server;
 use super::shop::Shop;
 use super::tree::{PROBE, Tree};
 
-/// What is there.
+/// Environment of a block.
 #[derive(Default)]
 pub(crate) struct Beside {
-    /// What the manual writes, and what it is here.
+    /// Texts of the manual, and their replacements here.
     here: Vec<(&'static str, String)>,
-    /// What a person types while a command of the block runs.
+    /// Input for a command of the block.
     pub(crate) typed: &'static str,
     _goes_on: Option<Running>,
     _tree: Option<Tree>,
 }
 
 impl Beside {
-    /// The one of this word. With a feature that the program lacks there is none.
+    /// Makes the environment for this word. `None` if the program lacks the feature for it.
     pub(crate) fn of(word: &str, chapter: &Chapter, shop: &mut Shop) -> Option<Beside> {
         match word {
             "page" => Some(page(shop)),
@@ -37,18 +37,18 @@ impl Beside {
         }
     }
 
-    /// The command with the addresses that are those of here.
+    /// Replaces the addresses of the manual in a command.
     pub(crate) fn here(&self, command: &str) -> String {
         self.here.iter().fold(command.to_owned(), |command, (theirs, ours)| command.replace(theirs, ours))
     }
 
-    /// What is printed, with the addresses of the manual.
+    /// Replaces the actual addresses in the output by those of the manual.
     pub(crate) fn there(&self, said: &str) -> String {
         self.here.iter().fold(said.to_owned(), |said, (theirs, ours)| said.replace(ours, theirs))
     }
 }
 
-/// A gateway whose page asks for one of two tokens.
+/// A gateway with a page that requires one of two tokens.
 fn page(shop: &mut Shop) -> Beside {
     for token in ["operator.token", "viewer.token"] {
         let (said, code) = shop.run(&format!("isotherm token --out {token}"));
@@ -56,15 +56,15 @@ fn page(shop: &mut Shop) -> Beside {
     }
     let web = "[web]\nlisten = \"127.0.0.1:8080\"\ntoken_file = \"operator.token\"\nviewer_token_file = \"viewer.token\"\n";
     shop.write_profile(&(shop.profile.clone() + web));
-    // On a port that is free: the one of the manual may be somebody else's.
+    // The port is free; another program may have the port of the manual.
     let gateway = shop.begun("isotherm run my-machine.toml --listen 127.0.0.1:0", "page http://");
     Beside { _goes_on: Some(gateway), ..Beside::default() }
 }
 
-/// A gateway that waits to be armed, and a person at the dial gauge.
+/// A gateway that waits to be armed, and the input of an operator at the dial gauge.
 fn gauge(shop: &mut Shop) -> Beside {
     let by_hand = shop.profile.replacen("[machine]\n", "[machine]\narm = \"manual\"\n", 1);
-    // Whoever checks the sign has waited until the axis stands still.
+    // During a check of the sign, the axis must not move.
     let still = by_hand.replacen("gain = -4.0", "gain = -0.001", 1);
     assert!(by_hand != shop.profile && still != by_hand);
     shop.write_profile(&still);
@@ -72,7 +72,7 @@ fn gauge(shop: &mut Shop) -> Beside {
     Beside { typed: "\nplus\n", _goes_on: Some(gateway), ..Beside::default() }
 }
 
-/// Two units on a line: one lacks the register that is asked for, of the other units a gateway says that nobody is there.
+/// Two units on a line. One lacks the requested register. For other units, a gateway reports that they do not exist.
 fn line() -> Beside {
     let mut bank = vec![0; 102];
     (bank[0], bank[101], bank[100]) = (251, 0x86a0, 1);
@@ -87,7 +87,7 @@ fn line() -> Beside {
     Beside { here: vec![("192.168.0.10:502", address.to_string())], ..Beside::default() }
 }
 
-/// Python with what `tests/run tools` has put there.
+/// Python from the environment of `tests/run tools`.
 fn python(script: &str) -> Command {
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap();
     let python = target.join("tools/venv/bin/python");
@@ -97,7 +97,7 @@ fn python(script: &str) -> Command {
     command
 }
 
-/// A control that is a server of OPC UA, with a certificate, and the chapter's own profile, secured.
+/// A control with an OPC UA server and a certificate, and the chapter's profile with security.
 fn control(chapter: &Chapter, shop: &mut Shop) -> Beside {
     let made = shop.home().join("of-the-control");
     std::fs::create_dir(&made).unwrap();
@@ -111,7 +111,7 @@ fn control(chapter: &Chapter, shop: &mut Shop) -> Beside {
     let whole = blocks.iter().find(|block| block.language == "toml" && block.is("whole")).unwrap();
     let secured = "\"sign-and-encrypt\"\ncert = \"own.der\"\nkey = \"own.pem\"\ntrusted = \"trusted\"";
     let profile = whole.text.replace("opc.tcp://192.168.214.241:4840", &address).replace("\"none\"", secured);
-    // A handshake takes this computer longer than a control where it is busy.
+    // A handshake takes longer on a busy computer than with a real control.
     let patient = "[bus.nck]\ntimeout = \"5s\"\n";
     let profile = profile.replacen("[bus.nck]\n", patient, 1).replace("every = \"1s\"", "every = \"10s\"");
     shop.write_profile(&profile);
@@ -121,7 +121,7 @@ fn control(chapter: &Chapter, shop: &mut Shop) -> Beside {
     Beside { here, typed: "yes\n", _goes_on: Some(server), _tree: None }
 }
 
-/// The sensors that the chapter's part of a profile names.
+/// Sensors that the chapter's part of a profile names.
 fn sensors(chapter: &Chapter, shop: &mut Shop) -> Beside {
     let tree = Tree::new();
     tree.measures(PROBE, 20_750);
@@ -136,8 +136,8 @@ fn sensors(chapter: &Chapter, shop: &mut Shop) -> Beside {
     Beside { here: vec![("--bus /sys", format!("--bus {root}"))], _tree: Some(tree), ..Beside::default() }
 }
 
-/// The chapter's files for Gmsh and for `place`; their names stand in its prose, in this order. The mesh is coarser than the chapter's,
-/// and soon solved.
+/// Files of the chapter for Gmsh and for `place`. The text of the chapter names them in this order. The mesh is coarser
+/// than in the chapter, so that it is solved faster.
 fn mesh(chapter: &Chapter, shop: &Shop) -> Beside {
     let blocks = chapter.blocks();
     let all = |language: &'static str| blocks.iter().filter(move |block| block.language == language);
@@ -152,7 +152,7 @@ fn mesh(chapter: &Chapter, shop: &Shop) -> Beside {
     Beside::default()
 }
 
-/// What of the source a command names.
+/// Files of the source that a command names.
 fn source(shop: &Shop) -> Beside {
     let link = |name: &str| std::os::unix::fs::symlink(root().join(name), shop.home().join(name)).unwrap();
     link("tests");

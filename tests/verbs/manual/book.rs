@@ -1,17 +1,17 @@
-//! README and the manual as they are read: chapters, and what stands in fences.
+//! README and the manual: chapters and fenced blocks.
 
 use std::path::{Path, PathBuf};
 
 /// One text of the manual.
 pub(crate) struct Chapter {
-    /// Where it lies: `docs/can.md`.
+    /// Path, for example `docs/can.md`.
     pub(crate) path: PathBuf,
     pub(crate) text: String,
 }
 
-/// What stands between two fences, and what is said of it behind the first: ```` ```toml,part ````.
+/// Text between two fences, with the marks after the first one: ```` ```toml,part ````.
 pub(crate) struct Block {
-    /// `docs/can.md:12`.
+    /// Place, for example `docs/can.md:12`.
     pub(crate) place: String,
     pub(crate) language: String,
     pub(crate) marks: Vec<String>,
@@ -23,12 +23,12 @@ impl Block {
         self.marks.iter().any(|known| known == mark)
     }
 
-    /// Its commands run in another test, or in none.
+    /// Returns whether its commands run in another test, or in none.
     pub(crate) fn is_run_elsewhere(&self) -> bool {
         self.says("by-hand").is_some() || self.says("by").is_some()
     }
 
-    /// What a mark says behind its `=`.
+    /// Value of a mark after its `=`.
     pub(crate) fn says(&self, mark: &str) -> Option<&str> {
         self.marks.iter().find_map(|known| known.strip_prefix(mark)?.strip_prefix('='))
     }
@@ -91,7 +91,7 @@ impl Chapter {
         blocks
     }
 
-    /// The text without what stands in fences.
+    /// Text without fenced blocks.
     pub(crate) fn prose(&self) -> String {
         let mut is_open = false;
         let kept = self.text.lines().map(|line| {

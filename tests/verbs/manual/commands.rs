@@ -1,4 +1,5 @@
-//! Each command of README and manual runs, in a directory of its own with virtual devices; what cannot run is listed here.
+//! Every command of README and manual runs in a separate directory with virtual devices. Commands that cannot run are
+//! listed here.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,7 +13,7 @@ use super::beside::Beside;
 use super::book::{Block, Chapter, chapters, read, root};
 use super::shop::Shop;
 
-/// Blocks that no test can run, by chapter, with what stands behind `by-hand=`. Another one is a line here, or it runs.
+/// Blocks that no test can run, by chapter, with their value of `by-hand=`. Every other block must run.
 const BY_HAND: [(&str, &str); 4] = [
     ("docs/fleet.md", "a container engine"),
     ("docs/fleet.md", "a broker"),
@@ -20,14 +21,14 @@ const BY_HAND: [(&str, &str); 4] = [
     ("docs/installing.md", "a registry of images"),
 ];
 
-/// So many chapters run at once.
+/// Number of chapters that run at once.
 const AT_ONCE: usize = 4;
 
 fn is_of_a_shell(block: &Block) -> bool {
     ["sh", "console"].contains(&block.language.as_str())
 }
 
-/// The commands of a block, each with the lines that it prints, as the block shows them.
+/// Commands of a block, each with the output that the block shows.
 fn commands(block: &Block) -> Vec<(String, Vec<String>)> {
     let mut found: Vec<(String, Vec<String>)> = Vec::new();
     let mut goes_on = false;
@@ -52,12 +53,12 @@ fn commands(block: &Block) -> Vec<(String, Vec<String>)> {
     found
 }
 
-/// As a person types it who has the program on his path.
+/// The command as a user with an installed program would type it.
 fn typed(command: &str) -> String {
     command.replace("cargo run --release -- ", "isotherm ")
 }
 
-/// The words of a command of ours, as a shell gives them to it.
+/// Arguments of an `isotherm` command, split as by a shell.
 fn words(command: &str) -> Vec<String> {
     let spoken = command.split(" #").next().unwrap().split(" > ").next().unwrap();
     spoken.split_whitespace().map(|word| word.trim_matches('"').to_owned()).collect()
@@ -77,11 +78,11 @@ fn what_no_test_can_run_is_listed_with_the_reason() {
     assert_eq!(found, listed);
 }
 
-/// What stands beside the script of a test, with its name.
+/// Contents of all files next to the script of a test.
 fn sources_of(script: &str) -> Vec<String> {
     let folder = Path::new(script).parent().filter(|folder| folder.parent() != Some(Path::new("")));
     let Some(folder) = folder else { return vec![read(script)] };
-    // What a script of a kernel or a control of its own runs lies in `tests/system`.
+    // Scripts that run on a separate kernel or control are in `tests/system`.
     let folders = [folder.to_owned(), Path::new("tests/system").join(folder.file_name().unwrap())];
     let entries = folders.iter().filter_map(|folder| std::fs::read_dir(root().join(folder)).ok()).flatten();
     let files = entries.map(|entry| entry.unwrap().path());
@@ -113,7 +114,7 @@ fn what_another_test_runs_it_takes_from_the_chapter() {
         let sources = sources_of(&script);
         let takes = |text: &String| text.contains("manual/commands") && text.contains(&chapter);
         assert!(sources.iter().any(takes), "{script} takes nothing from {chapter}");
-        // Whoever is root has had `tests/run` install them: the script names what is missing.
+        // For root, `tests/run` installs the packages that the script lists as missing.
         let packages = typed.iter().filter_map(|command| command.strip_prefix("apt-get install "));
         for package in packages.flat_map(str::split_whitespace).filter(|word| !word.starts_with('-')) {
             assert!(
@@ -124,7 +125,7 @@ fn what_another_test_runs_it_takes_from_the_chapter() {
     }
 }
 
-/// In blocks, run or not, and within sentences.
+/// Checks commands in all blocks, run or not, and within sentences.
 #[test]
 fn every_command_of_ours_has_arguments_that_the_program_takes() {
     let (mut refused, mut count) = (Vec::new(), 0);
@@ -139,7 +140,7 @@ fn every_command_of_ours_has_arguments_that_the_program_takes() {
         let quoted = prose.split('`').skip(1).step_by(2).map(|quoted| quoted.replace('\n', " "));
         all.extend(quoted.map(|quoted| (chapter.path.display().to_string(), quoted)));
         for (place, command) in all.iter().filter(|(_, command)| command.starts_with("isotherm ")) {
-            // "identify --balls" alone speaks of the option.
+            // "identify --balls" alone is the name of an option.
             if let Err(error) = Arguments::try_parse_from(words(command))
                 && !matches!(error.kind(), clap::error::ErrorKind::MissingRequiredArgument)
             {
@@ -153,7 +154,7 @@ fn every_command_of_ours_has_arguments_that_the_program_takes() {
 
 #[test]
 fn every_command_runs_and_prints_what_is_shown() {
-    // Most of them wait more than they compute.
+    // Most chapters wait more than they compute.
     let (left, wrong) = (Mutex::new(chapters()), Mutex::new(Vec::new()));
     let one = || {
         while let Some(chapter) = { left.lock().unwrap().pop() } {
@@ -207,19 +208,19 @@ fn mistakes_of(chapter: &Chapter) -> Vec<String> {
     wrong
 }
 
-/// Without what is said of it.
+/// The command without its comment.
 fn bare(command: &str) -> &str {
     command.split(" #").next().unwrap().trim_end()
 }
 
-/// A day in some seconds, with its page on a port that is free.
+/// The command, with more speed and a free port if it is a demo.
 fn hurried(command: &str) -> String {
     let is_demo = command.split_whitespace().nth(1) == Some("demo");
     let plain = bare(command);
     if is_demo { format!("{plain} --speed 6000 --listen 127.0.0.1:0") } else { plain.to_owned() }
 }
 
-/// Whether the lines are printed, in this order; the first one that is not.
+/// Checks that the lines are printed in this order. The error is the first line that is missing.
 fn is_in<'s>(shown: &'s [String], said: &str, but_for_figures: bool) -> Result<(), &'s str> {
     let form = |line: &str| if but_for_figures { without_figures(line) } else { line.trim_end().to_owned() };
     let mut lines = said.lines().map(form);
@@ -231,7 +232,7 @@ fn is_in<'s>(shown: &'s [String], said: &str, but_for_figures: bool) -> Result<(
     Ok(())
 }
 
-/// "12 rows over 1m 40s" is "# rows over #".
+/// Replaces figures: "12 rows over 1m 40s" becomes "# rows over #".
 fn without_figures(line: &str) -> String {
     let mut words: Vec<&str> = Vec::new();
     for word in line.split_whitespace() {

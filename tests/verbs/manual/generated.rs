@@ -1,4 +1,4 @@
-//! The chapters that nobody writes: every key of a profile from its schema, every template from its file.
+//! Generated chapters: every key of a profile from its schema, every template from its file.
 
 use std::fmt::Write;
 
@@ -8,13 +8,13 @@ use serde_json::Value;
 
 use super::book::{read, root};
 
-/// The place of the profile itself.
+/// Place of the profile itself.
 const WHOLE: &str = "";
 
-/// What a person sets to make the chapters anew.
+/// Environment variable that makes the tests write the chapters.
 const ANEW: &str = "TEST_WRITES_MANUAL";
 
-/// The committed chapter is what is generated; with `TEST_WRITES_MANUAL=1` it becomes that.
+/// Asserts that the committed chapter equals the generated one. With `TEST_WRITES_MANUAL=1` it writes the chapter.
 #[track_caller]
 fn is_committed(path: &str, generated: &str) {
     if std::env::var_os(ANEW).is_some() {
@@ -48,11 +48,11 @@ fn no_key_of_the_schema_is_missing_from_the_reference() {
             count += 1;
         }
     }
-    // The schema counts them itself: whatever has properties, wherever it stands.
+    // The schema itself is counted: every object with properties, at any place.
     assert_eq!(count, properties(schema()));
 }
 
-/// How many keys stand anywhere in the schema.
+/// Number of keys in the whole schema.
 fn properties(value: &Value) -> usize {
     match value {
         Value::Object(object) => object.iter().fold(0, |sum, (key, inner)| match inner {
@@ -66,14 +66,14 @@ fn properties(value: &Value) -> usize {
     }
 }
 
-/// A word that the reference gives a place of its own: `#output`.
+/// Name and content of a definition that has its own heading in the reference: `#output`.
 fn definition(value: &Value) -> Option<(&str, &'static Value)> {
     let name = value["$ref"].as_str()?.strip_prefix("#/$defs/")?;
     let found = schema()["$defs"].get(name).unwrap_or_else(|| panic!("no {name}"));
     Some((name, found))
 }
 
-/// Every table that has keys of its own, by the place it has in a profile: the profile itself, then what it leads to.
+/// Every table with keys of its own, with its place in a profile. The profile itself comes first.
 fn tables() -> Vec<(String, &'static Value)> {
     let mut found: Vec<(String, &Value)> = vec![(WHOLE.to_owned(), schema())];
     let mut seen = Vec::new();
@@ -96,7 +96,7 @@ fn leads_to(
     found: &mut Vec<(String, &'static Value)>,
 ) {
     if let Some((_, defined)) = definition(value) {
-        // Told once, at its first place.
+        // A definition is described once, at its first place.
         if !seen.iter().any(|known| std::ptr::eq(*known, defined)) {
             seen.push(defined);
             leads_to(place, defined, seen, found);
@@ -158,7 +158,7 @@ fn cell(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ").replace('|', "\\|")
 }
 
-/// What a value may be: `text`, `number`, `"a"` or `"b"`, a list, a table with a place of its own.
+/// Type of a value: `text`, `number`, `"a"` or `"b"`, a list, or a link to another table.
 fn kind(value: &Value, place_of: &dyn Fn(&Value) -> Option<String>) -> String {
     if let Some((name, defined)) = definition(value) {
         return match name {
@@ -205,7 +205,7 @@ fn kind(value: &Value, place_of: &dyn Fn(&Value) -> Option<String>) -> String {
     }
 }
 
-/// The anchor that GitHub and mdBook make of a heading.
+/// Anchor of a heading in GitHub and mdBook.
 pub(crate) fn anchor(heading: &str) -> String {
     let heading = heading.to_lowercase();
     let kept = heading.chars().filter_map(|c| match c {
@@ -258,7 +258,7 @@ fn templates() -> String {
     text
 }
 
-/// What stands above the first key of a template's file: sentences, or a layout with its columns.
+/// Comment at the top of a template's file: sentences, or a layout with columns.
 fn heading_comment(file: &str) -> String {
     let lines = file.lines().take_while(|line| line.starts_with('#'));
     let lines: Vec<&str> = lines.map(|line| line[1..].strip_prefix(' ').unwrap_or(&line[1..])).collect();
@@ -283,7 +283,7 @@ fn line(template: &toml::Table) -> &'static str {
     }
 }
 
-/// What a template leaves to the profile.
+/// Keys that a profile must set for a template.
 fn asks(template: &toml::Table) -> String {
     let mut asked: Vec<String> = Vec::new();
     if template.contains_key("variant") {
@@ -306,7 +306,7 @@ fn asks(template: &toml::Table) -> String {
     asked.join(", ")
 }
 
-/// `1 … 8` of a group that counts, or its name.
+/// Name of a group, or `1 … 8` for a numbered group.
 fn channels(name: &str, group: &toml::Value) -> String {
     let number = |key: &str| group.get(key).and_then(toml::Value::as_integer);
     match (group.get("name").and_then(toml::Value::as_str), number("count")) {
@@ -319,7 +319,7 @@ fn channels(name: &str, group: &toml::Value) -> String {
     }
 }
 
-/// Languages of the page: code, name in itself, chapter of the shop sheet.
+/// Languages of the page: code, own name, and chapter of the shop sheet.
 const LANGUAGES: [(&str, &str, &str); 4] = [
     ("en", "English", "shop-sheet.md"),
     ("de", "Deutsch", "shop-sheet-de.md"),
@@ -334,7 +334,7 @@ fn the_shop_sheet_says_in_each_language_of_the_page_what_the_page_says() {
     }
 }
 
-/// The states in the words of the page, and what to do in those of `docs/shop-sheet.json`.
+/// Makes the shop sheet: the states in the words of the page, and the actions of `docs/shop-sheet.json`.
 fn shop_sheet(language: &str) -> String {
     let page: Value =
         serde_json::from_str(&read(format!("src/observe/page/languages/{language}.json"))).unwrap();
@@ -343,7 +343,7 @@ fn shop_sheet(language: &str) -> String {
     let of_page = |key: &str| text(&page[key]);
     let own = |key: &str| {
         let said = text(sheet[language].pointer(key).unwrap_or(&Value::Null));
-        // A button in braces is called as on the page.
+        // A button in braces gets its name on the page.
         let buttons = ["arm", "disarm", "zero", "cancel", "acknowledge"];
         buttons.iter().fold(said, |said, key| said.replace(&format!("{{{key}}}"), &of_page(key)))
     };

@@ -1,11 +1,11 @@
-//! Every link leads to a file, a heading or a picture that is there, and the summary to every chapter.
+//! Every link leads to an existing file, heading or picture, and the summary lists every chapter.
 
 use std::path::{Component, Path, PathBuf};
 
 use super::book::{Chapter, chapters, read, root};
 use super::generated::anchor;
 
-/// `[text](target)` of a line, without those of the web.
+/// Targets of the links `[text](target)`, without web addresses.
 fn targets(prose: &str) -> Vec<String> {
     let opened = prose.split("](").skip(1).filter_map(|rest| rest.split_once(')'));
     let targets = opened.map(|(target, _)| target.to_owned());
@@ -19,7 +19,7 @@ fn headings(text: &str) -> Vec<String> {
     lines.map(|line| anchor(line.trim_start_matches('#').trim())).collect()
 }
 
-/// `docs/../README.md` is `README.md`.
+/// Simplifies a path: `docs/../README.md` becomes `README.md`.
 fn plain(path: &Path) -> PathBuf {
     let mut plain = PathBuf::new();
     for part in path.components() {

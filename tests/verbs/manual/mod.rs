@@ -1,4 +1,4 @@
-//! README and the manual say what is so: each profile in them is taken, each command runs, each link leads somewhere.
+//! Tests of README and the manual: each profile is accepted, each command runs, each link works.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 

@@ -1,4 +1,4 @@
-//! Each TOML block is taken: a whole profile as it stands, a part of one within `base.toml`.
+//! Every TOML block is accepted: a whole profile as it is, a part of one within `base.toml`.
 
 use std::path::Path;
 
@@ -11,12 +11,12 @@ use crate::support::encode as onnx;
 use super::book::{Block, chapters, read};
 use super::certificates::{Authority, signs_itself};
 
-/// What a fragment refers to and does not say itself.
+/// Profile with everything that the parts refer to.
 fn base() -> Table {
     read("tests/verbs/manual/base.toml").parse().unwrap()
 }
 
-/// Files that fragments name beside themselves.
+/// Files that the parts name.
 fn beside() -> Vec<(&'static str, Vec<u8>)> {
     const DBC: &str = "VERSION \"\"\n\nBU_: Module\n\nBO_ 256 Top: 8 Module\n SG_ TL_Temp : 0|16@1- (0.0625,0) [0|0] \"degC\" Module\n";
     const MATRIX: &str = r#"{ "format": "isotherm-matrix", "version": 1, "blocks": ["base", "front", "back"], "guide_mm": [0, 400],
@@ -46,7 +46,7 @@ fn taken(text: &str) -> Result<Loaded, Errors> {
     parse_with(Path::new("manual.toml"), text, &files, &[], &[])
 }
 
-/// What stands in the block lies over the base: tables within tables, anything else in its place.
+/// Merges a block into the base. Tables are merged, other values are replaced.
 fn laid_over(base: &mut Table, part: Table) {
     for (key, value) in part {
         match (base.get_mut(&key), value) {
@@ -58,11 +58,11 @@ fn laid_over(base: &mut Table, part: Table) {
     }
 }
 
-/// A block as a whole profile.
+/// Completes a block to a whole profile.
 pub(crate) fn completed(block: &Block) -> String {
     let part: Table = block.text.parse().unwrap_or_else(|error| panic!("{}: {error}", block.place));
     let mut whole = base();
-    // What the base has by the same name, and the block says anew, is not mixed from both.
+    // With this mark, tables of the base with the same name are removed before merging.
     for (table, new) in part.iter().filter(|_| block.is("anew")) {
         if let (Some(Value::Table(old)), Value::Table(new)) = (whole.get_mut(table), new) {
             old.retain(|name, _| !new.contains_key(name));
@@ -92,7 +92,7 @@ fn every_profile_and_every_part_of_one_is_taken() {
             counted[1] += 1;
             let shipped = read("profiles/column-hmc.plant.toml");
             let mut plant: Table = shipped.parse().unwrap();
-            // The column of the chapter has three of its five surfaces by other names than the shipped one.
+            // The column of the chapter has other names than the shipped one for three of its five surfaces.
             let names = [("air_high", "front"), ("air_low", "back"), ("inside", "sides")];
             if let Some(Value::Table(sinks)) = plant["structure"].get_mut("sinks") {
                 sinks.retain(|name, _| names.iter().all(|(known, _)| *known != name));
@@ -128,7 +128,7 @@ fn every_profile_and_every_part_of_one_is_taken() {
     );
 }
 
-/// A word that a profile does not have is not passed over within the base.
+/// An unknown key is also rejected within the base.
 #[test]
 fn a_part_with_a_key_that_does_not_exist_is_refused() {
     let block = toml_blocks().into_iter().find(|block| block.is("part")).unwrap();
@@ -142,7 +142,7 @@ fn the_base_of_the_parts_is_a_profile_itself() {
     taken(&toml::to_string(&base()).unwrap()).unwrap_or_else(|why| panic!("{why}"));
 }
 
-/// The profile that the manual explains, on its serial line, is what the chapter on serial lines shows of it.
+/// The profile of the manual, on its serial line, has the preview that the chapter on serial lines shows.
 #[test]
 fn the_serial_lines_are_explained_as_check_explains_them() {
     let whole = toml_blocks().into_iter().find(|block| block.marks.is_empty()).unwrap();

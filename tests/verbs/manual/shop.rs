@@ -1,4 +1,5 @@
-//! The directory in which a chapter's commands run: the manual's profile, logs of three cold starts, its devices as virtual ones.
+//! Directory in which the commands of a chapter run: the manual's profile, logs of three cold starts, and its devices
+//! as virtual ones.
 
 use std::fmt::Write;
 use std::io::{Read, Write as _};
@@ -9,24 +10,24 @@ use std::time::Duration;
 use super::book::{Chapter, chapters};
 use super::process::{Running, file, free_port, isotherm, until};
 
-/// The machine of the manual, without its hardware.
+/// The machine of the manual with virtual devices.
 pub(crate) struct Shop {
     home: tempfile::TempDir,
     pub(crate) profile: String,
-    /// Where the page of the gateway or demo is that goes on.
+    /// Address of the page of the running gateway or demo.
     page: Option<String>,
-    /// What a person types at the next commands.
+    /// Input for the next commands.
     pub(crate) typed: &'static str,
-    /// What goes on beside, until the block ends.
+    /// Programs that run until the block ends.
     beside: Vec<Running>,
-    /// The devices, where the chapter does not start them itself.
+    /// Virtual devices, if the chapter does not start them itself.
     _devices: Option<Running>,
 }
 
 impl Shop {
     pub(crate) fn of(chapter: &Chapter) -> Shop {
         let home = tempfile::tempdir().unwrap();
-        // On a port of its own, and once a second: a test does not wait ten seconds for a step.
+        // The profile has a separate port, and a period of one second instead of ten, to save time.
         let profile = whole_profile()
             .replace("127.0.0.1:15020", &format!("127.0.0.1:{}", free_port()))
             .replace("every    = \"10s\"", "every    = \"1s\" ");
@@ -48,7 +49,7 @@ impl Shop {
         self.home.path()
     }
 
-    /// The line in a shell, whose `isotherm` is the one that is tested.
+    /// Shell command for a line, with the tested `isotherm` first on the path.
     fn shell(&self, line: &str) -> Command {
         let mut command = isotherm(self.home());
         let program = Path::new(command.get_program()).parent().unwrap().to_owned();
@@ -59,7 +60,7 @@ impl Shop {
         command
     }
 
-    /// What has begun when it says this, and goes on.
+    /// Starts a program that continues to run, and waits until it prints `word`.
     pub(crate) fn begun(&mut self, line: &str, word: &str) -> Running {
         let mut running = Running::start(&mut self.shell(line));
         running.hears(word);
@@ -68,7 +69,7 @@ impl Shop {
         running
     }
 
-    /// Runs a line until it ends, or until it has begun where it goes on; what it printed, and its exit code.
+    /// Runs a line until it ends, or until it has started if it continues to run. Returns its output and its exit code.
     pub(crate) fn run(&mut self, line: &str) -> (String, i32) {
         let line = self.today(line);
         let line = self.page.as_ref().map_or(line.clone(), |page| line.replace("127.0.0.1:8080", page));
@@ -83,20 +84,20 @@ impl Shop {
             self.beside.push(running);
             return (String::new(), 0);
         }
-        // In one, as on a terminal.
+        // Both streams use one pipe, as on a terminal.
         let (mut hears, says) = std::io::pipe().unwrap();
         let mut command = self.shell(&line);
         command.stdin(Stdio::piped()).stdout(says.try_clone().unwrap()).stderr(says);
         let mut child = command.spawn().unwrap();
         drop(command);
-        // Whoever asks for nothing may have ended by then.
+        // A command that reads no input may have ended already.
         let _ = child.stdin.take().unwrap().write_all(self.typed.as_bytes());
         let mut said = String::new();
         hears.read_to_string(&mut said).unwrap();
         (said, child.wait().unwrap().code().unwrap_or(-1))
     }
 
-    /// Ends what goes on, the last first, as Ctrl-C does; a gateway has decided some times by then.
+    /// Ends the running programs, the last first, as Ctrl-C does. A gateway has then decided several times.
     pub(crate) fn end_of_block(&mut self) {
         if self.home().join("state").is_dir() {
             until("the gateway has decided", || match self.rows() {
@@ -110,7 +111,7 @@ impl Shop {
         }
     }
 
-    /// Today's log in `state`.
+    /// Name of today's log in `state`.
     fn log(&self) -> Option<String> {
         let names = std::fs::read_dir(self.home().join("state")).ok()?;
         let mut names = names.map(|entry| entry.unwrap().file_name().into_string().unwrap());
@@ -123,7 +124,7 @@ impl Shop {
         text.map_or(0, |text| text.lines().count().saturating_sub(1))
     }
 
-    /// The log that the manual names is of another day.
+    /// Replaces the log of the manual, which has another date.
     fn today(&self, line: &str) -> String {
         let (Some(begin), Some(log)) = (line.find("my-machine-2"), self.log()) else {
             return line.to_owned();
@@ -132,12 +133,12 @@ impl Shop {
         format!("{}{log}{}", &line[..begin], &line[end..])
     }
 
-    /// From now on the machine's profile is this one.
+    /// Replaces the profile of the machine.
     pub(crate) fn write_profile(&self, text: &str) {
         file(self.home(), "my-machine.toml", text);
     }
 
-    /// The profile with the mistakes that README makes.
+    /// Writes the profile with the mistakes of README.
     pub(crate) fn make_mistakes(&self) {
         let wrong =
             self.profile.replace("deadband", "dedband").replace("{ signal = \"bed\"", "{ signal = \"bad\"");
@@ -146,13 +147,13 @@ impl Shop {
     }
 }
 
-/// The one whole profile of the manual.
+/// The only whole profile of the manual.
 fn whole_profile() -> String {
     let blocks = chapters().into_iter().flat_map(|chapter| chapter.blocks());
     blocks.filter(|block| block.language == "toml").find(|block| block.marks.is_empty()).unwrap().text
 }
 
-/// Eight hours in which the bed warms by some degrees, and the error follows by −4 µm/°C, minute by minute.
+/// Log of eight hours, minute by minute: the bed warms by some degrees, and the error follows with −4 µm/°C.
 fn cold_start(day: usize) -> String {
     let mut log = "time_min,bed,column,head,z_error_um\n".to_owned();
     let rise = 4.0 + day as f64;
@@ -167,7 +168,7 @@ fn cold_start(day: usize) -> String {
     log
 }
 
-/// Five balls along x, touched every half hour, on a machine that goes up and grows.
+/// Touches of five balls along x, every half hour, on a machine that rises and expands.
 fn touches() -> String {
     let mut touches = "time_min,ball,x_mm,y_mm,z_mm\n".to_owned();
     for round in 0..16 {

@@ -1,4 +1,4 @@
-//! What the manual lists is all that there is: verbs, machines, kinds of faults, messages, addresses of the API.
+//! The lists of the manual are complete: verbs, machines, kinds of faults, messages, and addresses of the API.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use isotherm_profile::parse;
 use super::book::{read, root};
 use super::process::isotherm;
 
-/// What stands between backticks in the first cell of each row.
+/// Texts between backticks in the first cell of each row.
 fn firsts(text: &str) -> Vec<String> {
     let rows = text.lines().filter(|line| line.starts_with("| "));
     let cells = rows.filter_map(|row| row.split('|').nth(1));
@@ -68,7 +68,7 @@ fn the_machines_are_those_that_are_shipped() {
     assert_eq!(told, shipped);
 }
 
-/// Every message of the chapter stands in the source, as it is said.
+/// Every message of the chapter occurs in the source.
 #[test]
 fn a_message_that_troubleshooting_explains_is_one_that_the_program_says() {
     let chapter = read("docs/troubleshooting.md");
@@ -80,13 +80,13 @@ fn a_message_that_troubleshooting_explains_is_one_that_the_program_says() {
     for folder in ["src", "crates"] {
         gather(&root().join(folder), &mut source);
     }
-    // A string that goes on behind a backslash is one line.
+    // A string that continues after a backslash is joined to one line.
     let source = source.split_whitespace().filter(|word| *word != "\\").collect::<Vec<_>>().join(" ");
     let mut count = 0;
     let mut unsaid = Vec::new();
     for message in messages {
         count += 1;
-        // "…" stands for what differs.
+        // "…" stands for a variable part.
         for part in message.split('…').map(str::trim).filter(|part| part.len() > 2) {
             if !source.contains(part) {
                 unsaid.push(part);
@@ -123,7 +123,7 @@ fn the_api_is_told_with_every_address() {
     }
 }
 
-/// What `[[notify]]` can name is what events are called, and each of them.
+/// The words of `[[notify]]` are exactly the kinds of events.
 #[test]
 fn what_can_be_posted_is_every_kind_of_event() {
     use isotherm_profile::{ALARM, ALARM_OVER, AXIS_OFF, CLOCK, TRIGGERS, UNVERIFIED};

@@ -1,23 +1,23 @@
-//! Where a value is: in registers, in a CANopen object, in CAN frames, in a node of an OPC UA server, or in a sensor of this
-//! computer. Registers have two notations that people use: `input:0` (protocol, zero-based) and `30001` (Modicon, one-based).
+//! Addresses of values: registers, CANopen objects, CAN frames, nodes of an OPC UA server, sensors of this computer.
+//! Registers have two notations: `input:0` (protocol address, zero-based) and `30001` (Modicon number, one-based).
 
 use std::fmt;
 use std::str::FromStr;
 
 use super::{Field, Node, Object, PcSensor};
 
-/// Where a value is on a line of any kind.
+/// Address of a value on a line of any kind.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Address {
-    /// In Modbus registers, from this one on; or in this bit.
+    /// Modbus registers that begin with this one, or one coil or discrete input.
     Modbus(Register),
-    /// In a CANopen object, read and written by SDO.
+    /// CANopen object, read and written by SDO.
     Object(Object),
-    /// In CAN frames, which nobody is asked for.
+    /// Field of CAN frames that a node sends without a request.
     Frame(Field),
-    /// In a node of an OPC UA server.
+    /// Node of an OPC UA server.
     Node(Node),
-    /// In a sensor of this computer.
+    /// Sensor of this computer.
     Sensor(PcSensor),
 }
 
@@ -34,10 +34,10 @@ pub enum Table {
     Holding,
 }
 
-/// A place in one table, as the protocol counts it: from zero.
+/// Register, coil or discrete input of a Modbus device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Register {
-    /// Which table.
+    /// Table that contains it.
     pub table: Table,
     /// Zero-based protocol address.
     pub offset: u16,
@@ -46,7 +46,7 @@ pub struct Register {
 impl Table {
     const ALL: [Table; 4] = [Table::Coil, Table::Discrete, Table::Input, Table::Holding];
 
-    /// The word of the profile for it.
+    /// Name in the profile.
     pub const fn name(self) -> &'static str {
         match self {
             Table::Coil => "coil",
@@ -56,17 +56,17 @@ impl Table {
         }
     }
 
-    /// Its cells are single bits.
+    /// Returns whether the cells of the table are single bits.
     pub const fn is_bits(self) -> bool {
         matches!(self, Table::Coil | Table::Discrete)
     }
 
-    /// A master may write to it.
+    /// Returns whether a Modbus client can write to the table.
     pub const fn is_writable(self) -> bool {
         matches!(self, Table::Coil | Table::Holding)
     }
 
-    /// The function code that reads it.
+    /// Function code for reading the table.
     pub const fn read_function(self) -> u8 {
         match self {
             Table::Coil => 1,
@@ -76,7 +76,7 @@ impl Table {
         }
     }
 
-    /// The first digit of its Modicon numbers.
+    /// First digit of the Modicon numbers of the table.
     const fn digit(self) -> u32 {
         match self {
             Table::Coil => 0,
@@ -88,34 +88,34 @@ impl Table {
 }
 
 impl Address {
-    /// The register that it is, or begins with.
+    /// First register of the value. `None` for any other kind of address.
     pub const fn register(&self) -> Option<Register> {
         if let Address::Modbus(register) = self { Some(*register) } else { None }
     }
 
-    /// The node that it is.
+    /// Node of the value. `None` for any other kind of address.
     pub const fn node(&self) -> Option<&Node> {
         if let Address::Node(node) = self { Some(node) } else { None }
     }
 
-    /// The sensor of this computer that it is.
+    /// Sensor of this computer. `None` for any other kind of address.
     pub const fn sensor(&self) -> Option<&PcSensor> {
         if let Address::Sensor(sensor) = self { Some(sensor) } else { None }
     }
 
-    /// What is there comes by itself, in frames: nobody asks for it.
+    /// Returns whether the value arrives in CAN frames, without a request.
     pub const fn is_in_frames(&self) -> bool {
         matches!(self, Address::Frame(_))
     }
 
-    /// What is there is a single bit.
+    /// Returns whether the value is a coil or discrete input.
     pub fn is_bit(&self) -> bool {
         self.register().is_some_and(|register| register.table.is_bits())
     }
 }
 
 impl Register {
-    /// The one-based Modicon number: five digits, six above 9999.
+    /// Returns the one-based Modicon number: five digits, or six above 9999.
     pub fn modicon(self) -> String {
         let (digit, number) = (self.table.digit(), u32::from(self.offset) + 1);
         if number > 9999 { format!("{digit}{number:05}") } else { format!("{digit}{number:04}") }
@@ -126,7 +126,7 @@ impl FromStr for Register {
     type Err = String;
 
     /// # Errors
-    /// A sentence that says what is allowed.
+    /// A sentence with the allowed notations.
     fn from_str(text: &str) -> Result<Register, String> {
         if let Some((table, offset)) = text.split_once(':') {
             let table =
@@ -173,8 +173,8 @@ impl fmt::Display for Register {
     }
 }
 
-/// For people: `holding:104 (40105)`, `object 6150:01`, `0x20c, 32 bits from 0 up (Intel), signed`,
-/// `node ns=2;i=5`, `sensor w1:28-0316a2794f01`.
+/// Formats the address for messages: `holding:104 (40105)`, `object 6150:01`, `0x20c, 32 bits from 0 up (Intel),
+/// signed`, `node ns=2;i=5`, `sensor w1:28-0316a2794f01`.
 impl fmt::Display for Address {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -1,35 +1,35 @@
-//! Bits of a CAN frame ↔ numbers: any first bit, any length up to 64, in both byte orders.
+//! Conversion between bits of a CAN frame and numbers: any first bit, up to 64 bits, both byte orders.
 //!
-//! Bits are numbered as in a DBC file: bit `n` is bit `n % 8` of byte `n / 8`, 0 the least significant. An Intel value
-//! begins at its least significant bit and runs upwards; a Motorola value begins at its most significant bit, runs down
-//! to bit 0 of that byte and goes on at bit 7 of the next.
+//! Bits are numbered as in a DBC file: bit `n` is bit `n % 8` of byte `n / 8`, and bit 0 is the least significant. An
+//! Intel value begins at its least significant bit and runs upwards. A Motorola value begins at its most significant
+//! bit and runs down to bit 0 of that byte. It continues at bit 7 of the next byte.
 
 use std::fmt;
 
 use super::{DataType, Encoded};
 use crate::reading::Reason;
 
-/// Which end of a value comes first in a frame.
+/// Byte order of a value: which end is first in the frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ByteOrder {
-    /// The least significant bit; `@1` of a DBC file.
+    /// Least significant byte first; `@1` in a DBC file.
     Intel,
-    /// The most significant bit; `@0` of a DBC file.
+    /// Most significant byte first; `@0` in a DBC file.
     Motorola,
 }
 
-/// What the bits of a value are.
+/// Interpretation of the bits of a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum BitKind {
-    /// A whole number from zero.
+    /// Unsigned integer.
     Unsigned,
-    /// A whole number in two's complement.
+    /// Signed integer in two's complement.
     Signed,
-    /// IEEE 754, 32 or 64 bits.
+    /// IEEE 754 float of 32 or 64 bits.
     Float,
 }
 
-/// A value inside a frame.
+/// Position and interpretation of a value in a CAN frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct BitField {
     start: u16,
@@ -39,11 +39,11 @@ pub struct BitField {
 }
 
 impl BitField {
-    /// Most bytes of a frame, CAN FD.
+    /// Largest length of a frame in bytes (CAN FD).
     pub const LONGEST_FRAME: usize = 64;
 
-    /// A field; `None` where its length is none of its kind's (1 to 64; a float has 32 or 64) or it ends outside of 64
-    /// bytes.
+    /// Creates a field. Returns `None` if the length does not suit the kind, or if the field ends after byte 64.
+    /// Integers have 1 to 64 bits, floats 32 or 64.
     pub fn new(start: u16, length: u16, order: ByteOrder, kind: BitKind) -> Option<BitField> {
         let fits_kind = match kind {
             BitKind::Float => matches!(length, 32 | 64),
@@ -53,17 +53,17 @@ impl BitField {
         (fits_kind && field.bytes() <= BitField::LONGEST_FRAME).then_some(field)
     }
 
-    /// How many bytes a frame must have to hold it.
+    /// Returns the number of bytes that a frame must have to contain the field.
     pub fn bytes(&self) -> usize {
         let (start, length) = (usize::from(self.start), usize::from(self.length));
         match self.order {
             ByteOrder::Intel => (start + length).div_ceil(8),
-            // What lies left of the first bit in its byte counts as if it were taken.
+            // Bits to the left of the first bit in its byte count as used.
             ByteOrder::Motorola => start / 8 + (7 - start % 8 + length).div_ceil(8),
         }
     }
 
-    /// The type of its value: the usual word where it has one, else as many bits as it has.
+    /// Returns the type of the value: the named type of this width, or one with exactly this number of bits.
     pub fn data_type(&self) -> DataType {
         match (self.kind, self.length) {
             (BitKind::Float, 32) => DataType::F32,
@@ -74,10 +74,10 @@ impl BitField {
         }
     }
 
-    /// Its bits in a frame, the least significant first; longer frames are fine.
+    /// Reads the bits from a frame, least significant bit first. The frame may be longer than the field requires.
     ///
     /// # Errors
-    /// The frame is too short to hold it.
+    /// [`Reason::ShortFrame`] if the frame is too short for the field.
     pub fn bits(&self, frame: &[u8]) -> Result<u64, Reason> {
         if frame.len() < self.bytes() {
             return Err(Reason::ShortFrame);
@@ -85,19 +85,19 @@ impl BitField {
         Ok(self.places().fold(0, |bits, (rank, byte, bit)| bits | u64::from(frame[byte] >> bit & 1) << rank))
     }
 
-    /// Its value in a frame as registers, the most significant first, for an [`Encoding`](super::Encoding) of its
-    /// [`data_type`](BitField::data_type).
+    /// Reads the value from a frame as registers, most significant first. Decode them with an
+    /// [`Encoding`](super::Encoding) of the field's [`data_type`](BitField::data_type).
     ///
     /// # Errors
-    /// The frame is too short to hold it.
+    /// [`Reason::ShortFrame`] if the frame is too short for the field.
     pub fn registers(&self, frame: &[u8]) -> Result<Encoded, Reason> {
         Ok(self.data_type().encode(self.bits(frame)?))
     }
 
-    /// Puts bits into a frame, of which it has as many as the field; nothing else in the frame changes.
+    /// Writes the lowest bits of `bits` into the field of a frame. The other bits of the frame do not change.
     ///
     /// # Errors
-    /// The frame is too short to hold it.
+    /// [`Reason::ShortFrame`] if the frame is too short for the field.
     pub fn insert(&self, frame: &mut [u8], bits: u64) -> Result<(), Reason> {
         if frame.len() < self.bytes() {
             return Err(Reason::ShortFrame);
@@ -109,18 +109,18 @@ impl BitField {
         Ok(())
     }
 
-    /// Whether the two share a bit.
+    /// Returns whether the two fields have a bit in common.
     pub fn overlaps(&self, other: &BitField) -> bool {
         self.places().any(|(_, byte, bit)| other.places().any(|(_, b, i)| (byte, bit) == (b, i)))
     }
 
-    /// Each of its bits: its rank in the value, its byte, its place in there.
+    /// Iterates over the bits of the field: rank in the value, index of the byte, position in the byte.
     fn places(&self) -> impl Iterator<Item = (usize, usize, usize)> {
         let (start, length, order) = (usize::from(self.start), usize::from(self.length), self.order);
         (0..length).map(move |step| match order {
             ByteOrder::Intel => (step, (start + step) / 8, (start + step) % 8),
             ByteOrder::Motorola => {
-                // From the left end of the first byte.
+                // Bits are counted here from the most significant bit of byte 0.
                 let from_left = start / 8 * 8 + 7 - start % 8 + step;
                 (length - 1 - step, from_left / 8, 7 - from_left % 8)
             }
@@ -128,7 +128,7 @@ impl BitField {
     }
 }
 
-/// `22 bits from 18 up (Intel), unsigned`.
+/// Formats the field, for example as `22 bits from 18 up (Intel), unsigned`.
 impl fmt::Display for BitField {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let BitField { start, length, .. } = *self;

@@ -2,23 +2,23 @@
 
 use std::fmt;
 
-/// An identifier of 11 or of 29 bits. Those of 11 bits come first.
+/// CAN identifier of 11 or 29 bits. All identifiers of 11 bits sort before those of 29 bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CanId {
     is_extended: bool,
     raw: u32,
 }
 
-/// Which frames: those whose identifier is `id` in the bits of `mask`.
+/// Filter of CAN frames: an identifier matches if it equals `id` in the bits of `mask`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CanMatch {
-    /// What the identifier is.
+    /// Identifier to compare with.
     pub id: CanId,
-    /// Which bits of it count; all of them but for a J1939 group from any sender.
+    /// Bits that are compared. These are all bits, except for a J1939 parameter group.
     pub mask: u32,
 }
 
-/// One data frame, classic or CAN FD.
+/// CAN data frame, classic or CAN FD.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Frame {
     id: CanId,
@@ -28,48 +28,49 @@ pub struct Frame {
 }
 
 impl CanId {
-    /// The largest identifier of 11 bits.
+    /// Largest identifier of 11 bits.
     pub const LARGEST_STANDARD: u32 = 0x7ff;
-    /// The largest identifier of 29 bits.
+    /// Largest identifier of 29 bits.
     pub const LARGEST_EXTENDED: u32 = 0x1fff_ffff;
 
-    /// An identifier of 11 bits; `None` above 0x7FF.
+    /// Creates an identifier of 11 bits. Returns `None` above 0x7FF.
     pub const fn standard(raw: u32) -> Option<CanId> {
         if raw > CanId::LARGEST_STANDARD { None } else { Some(CanId { is_extended: false, raw }) }
     }
 
-    /// An identifier of 29 bits; `None` above 0x1FFF_FFFF.
+    /// Creates an identifier of 29 bits. Returns `None` above 0x1FFF_FFFF.
     pub const fn extended(raw: u32) -> Option<CanId> {
         if raw > CanId::LARGEST_EXTENDED { None } else { Some(CanId { is_extended: true, raw }) }
     }
 
-    /// An identifier of 11 bits, of the lowest 11 of a number: nothing above 0x7FF comes out.
+    /// Creates an identifier from the lowest 11 bits of a number.
     pub const fn of_11_bits(number: u16) -> CanId {
         CanId { is_extended: false, raw: number as u32 & CanId::LARGEST_STANDARD }
     }
 
-    /// Its number.
+    /// Number of the identifier.
     pub const fn raw(self) -> u32 {
         self.raw
     }
 
-    /// It has 29 bits.
+    /// Returns whether the identifier has 29 bits.
     pub const fn is_extended(self) -> bool {
         self.is_extended
     }
 }
 
 impl CanMatch {
-    /// Frames with this identifier and no other.
+    /// Matches one identifier only.
     pub const fn exactly(id: CanId) -> CanMatch {
         let mask = if id.is_extended { CanId::LARGEST_EXTENDED } else { CanId::LARGEST_STANDARD };
         CanMatch { id, mask }
     }
 
-    /// Frames of the J1939 parameter group of this identifier, whatever their priority, from one sender or from any.
-    /// A group that is sent to a destination is taken whomever it is sent to.
+    /// Matches the J1939 parameter group of this identifier at any priority, from one sender or from any. A group with
+    /// a destination matches for each destination. Returns `None` if the identifier would not fit 29 bits.
     pub const fn parameter_group(id: u32, source: Option<u8>) -> Option<CanMatch> {
-        // Data page and format; the eight bits below belong to the group from format 240 on, else they are whom it is for.
+        // Data page and format. From format 240 on, the next eight bits belong to the group; below, they are the
+        // destination.
         let is_broadcast = id >> 16 & 0xff >= 240;
         let group = if is_broadcast { 0x03ff_ff00 } else { 0x03ff_0000 };
         let (mask, source) = match source {
@@ -82,30 +83,30 @@ impl CanMatch {
         }
     }
 
-    /// Whether these frames are among them.
+    /// Returns whether the filter matches this identifier.
     pub const fn takes(self, id: CanId) -> bool {
         self.id.is_extended == id.is_extended && (self.id.raw ^ id.raw) & self.mask == 0
     }
 
-    /// Whether some identifier is among both.
+    /// Returns whether an identifier exists that both filters match.
     pub const fn meets(self, other: CanMatch) -> bool {
         self.id.is_extended == other.id.is_extended
             && (self.id.raw ^ other.id.raw) & self.mask & other.mask == 0
     }
 
-    /// One identifier and no other.
+    /// Returns whether the filter matches exactly one identifier.
     pub fn is_exact(self) -> bool {
         self == CanMatch::exactly(self.id)
     }
 }
 
 impl Frame {
-    /// A frame of up to eight bytes.
+    /// Creates a classic frame. Returns `None` for more than eight bytes.
     pub fn classic(id: CanId, bytes: &[u8]) -> Option<Frame> {
         if bytes.len() > 8 { None } else { Frame::of(id, false, bytes) }
     }
 
-    /// A frame whose length is known where it is written, which must be eight bytes at most.
+    /// Creates a classic frame of a length known at compile time. More than eight bytes do not compile.
     pub fn short<const N: usize>(id: CanId, bytes: [u8; N]) -> Frame {
         const { assert!(N <= 8, "a classic frame has eight bytes at most") };
         let mut data = [0; 64];
@@ -113,12 +114,13 @@ impl Frame {
         Frame { id, is_fd: false, len: N, data }
     }
 
-    /// A CAN FD frame of up to 64 bytes; the length is one that a frame can have: to 8, 12, 16, 20, 24, 32, 48, 64.
+    /// Creates a CAN FD frame. Returns `None` for a length that no such frame has. Allowed are 0 to 8, 12, 16, 20, 24,
+    /// 32, 48 and 64 bytes.
     pub fn fd(id: CanId, bytes: &[u8]) -> Option<Frame> {
         if Frame::fd_length(bytes.len()) == Some(bytes.len()) { Frame::of(id, true, bytes) } else { None }
     }
 
-    /// The shortest length of a CAN FD frame that holds this many bytes.
+    /// Returns the shortest length of a CAN FD frame for this number of bytes. `None` above 64.
     pub fn fd_length(bytes: usize) -> Option<usize> {
         const LENGTHS: [usize; 7] = [12, 16, 20, 24, 32, 48, 64];
         if bytes <= 8 { Some(bytes) } else { LENGTHS.into_iter().find(|length| *length >= bytes) }
@@ -130,35 +132,35 @@ impl Frame {
         Some(Frame { id, is_fd, len: bytes.len(), data })
     }
 
-    /// Its identifier.
+    /// Identifier of the frame.
     pub const fn id(&self) -> CanId {
         self.id
     }
 
-    /// It is a CAN FD frame.
+    /// Returns whether the frame is a CAN FD frame.
     pub const fn is_fd(&self) -> bool {
         self.is_fd
     }
 
-    /// Its bytes.
+    /// Data bytes of the frame.
     pub fn data(&self) -> &[u8] {
         &self.data[..self.len]
     }
 
-    /// Its bytes, to be changed in place.
+    /// Data bytes of the frame, mutable.
     pub fn data_mut(&mut self) -> &mut [u8] {
         &mut self.data[..self.len]
     }
 }
 
-/// `0x185`, `0x18fef100`: three digits of an identifier of 11 bits, eight of one of 29.
+/// Formats the identifier as `0x185` or `0x18fef100`: three digits for 11 bits, eight for 29 bits.
 impl fmt::Display for CanId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.is_extended { write!(f, "0x{:08x}", self.raw) } else { write!(f, "0x{:03x}", self.raw) }
     }
 }
 
-/// The identifier, and the mask where it leaves bits out.
+/// Formats the identifier, and the mask unless all bits are compared.
 impl fmt::Display for CanMatch {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.id)?;
@@ -166,7 +168,7 @@ impl fmt::Display for CanMatch {
     }
 }
 
-/// As candump writes it: `185#11223344`, `18FEF100##01122`.
+/// Formats the frame as candump does: `185#11223344`, `18FEF100##01122`.
 impl fmt::Display for Frame {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let raw = self.id.raw;

@@ -1,6 +1,6 @@
-//! The checksum of an RTU frame.
+//! Checksum of a Modbus RTU frame.
 
-/// CRC-16/MODBUS: polynomial 0x8005 reflected, begun with ones; sent low byte first.
+/// Computes CRC-16/MODBUS: polynomial 0x8005 reflected, initial value 0xFFFF. The low byte is sent first.
 pub fn checksum(bytes: &[u8]) -> u16 {
     bytes.iter().fold(0xffff, |sum, byte| {
         (0..8)

@@ -1,70 +1,72 @@
-//! The last check before a value leaves: what the control makes of the registers that it is about to be sent.
+//! The last check before a write: the correction that the control would apply for the registers.
 
 use std::fmt;
 
 use super::Encoding;
 use crate::quantity::Micron;
 
-/// How a control reads the registers of one output.
+/// View of a control on the registers of one output.
 ///
-/// The gateway turns µm into registers by the settings of the merged profile. This view turns the registers back into µm by
-/// what the profile file itself states, below every layer. [`ControlView::admit`] compares the two right before a request
-/// is made of the registers.
+/// The gateway converts µm into registers by the settings of the merged profile. This view converts the registers back
+/// into µm by the settings of the profile file itself, without any layer above it. [`ControlView::admit`] compares the
+/// two directly before the registers are put into a request.
 ///
 /// The check protects against:
-/// - registers that do not hold the value: a count that wrapped or was cut to the range of its type, words in a wrong order;
+/// - registers that do not hold the value: a count that wrapped or was limited to the range of its type, or a wrong
+///   word order;
 /// - arithmetic that carries a value further than half a count past the limit;
-/// - a scale, bias, diameter or limit that is not the one of the profile file, whatever changed it;
-/// - a share of an operator's register, or a corrected position, that is further than the limit from the operator's part or
-///   from the position.
+/// - a scale, bias, diameter or limit that differs from the profile file, whatever changed it;
+/// - a gateway share, or a corrected position, that is further than the limit from the operator offset or the position.
 ///
-/// It cannot protect against a profile that states a wrong scale itself, or a control that is set otherwise: the gateway
-/// knows no other statement than the profile's. A control that reports what it applies (`read_back`) shows that.
+/// The check cannot protect against a wrong scale in the profile file, or against other settings in the control: the
+/// gateway has no other source. A control that reports the applied value (`read_back`) reveals both.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ControlView {
-    /// How the control reads the registers.
+    /// Encoding that the control uses for the registers.
     pub encoding: Encoding,
     /// Size of a correction of 1 µm, in the unit of the value.
     pub per_micron: f64,
-    /// The largest correction.
+    /// Largest absolute correction.
     pub limit: Micron,
 }
 
-/// Why registers must not be sent.
+/// Reason why registers must not be sent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Inadmissible {
-    /// They hold no number.
+    /// The registers hold NaN, infinity or a sentinel, or their number is wrong.
     NoNumber,
     /// The control would apply more than the limit.
     Beyond {
-        /// The correction that it would apply.
+        /// Correction that the control would apply.
         correction: Micron,
-        /// The limit.
+        /// Limit of the correction.
         limit: Micron,
     },
-    /// The control would apply another correction than the gateway means.
+    /// The control would apply another correction than intended.
     Unlike {
-        /// The correction that it would apply.
+        /// Correction that the control would apply.
         correction: Micron,
-        /// The correction that was meant.
+        /// Intended correction.
         meant: Micron,
     },
 }
 
 impl ControlView {
-    /// The value that the control reads in these registers, in the unit of the output; `None` if they hold no number.
+    /// Returns the value that the control reads in the registers, in the unit of the output. `None` if they hold no
+    /// number.
     pub fn value(&self, registers: &[u16]) -> Option<f64> {
         self.encoding.decode(registers).ok()
     }
 
-    /// Whether these registers may be sent.
+    /// Checks whether the registers may be sent.
     ///
-    /// `meant` is the correction that the gateway means by them. `centre` is the value without a correction: zero, the
-    /// operator's part, or the position. `held` is the correction that the register holds now: a value beyond the limit
-    /// passes if it is no further away than that, because a register beyond the limit is walked back in steps.
+    /// - `meant` is the intended correction.
+    /// - `centre` is the value without a correction: zero, the operator offset, or the position.
+    /// - `held` is the correction in the register now. A correction beyond the limit passes if it is not larger than
+    ///   this one, because a register beyond the limit returns in steps.
     ///
     /// # Errors
-    /// Why they must not be sent.
+    /// The reason why the registers must not be sent.
     pub fn admit(
         &self,
         registers: &[u16],
@@ -85,12 +87,13 @@ impl ControlView {
         Ok(())
     }
 
-    /// The correction that this much of the value is; `None` if it is no number.
+    /// Converts a difference of the value into a correction. `None` if the result is NaN or infinite.
     pub fn micron(&self, value: f64) -> Option<Micron> {
         Micron::new(value / self.per_micron)
     }
 
-    /// How far the registers may be from what was meant because they hold whole counts, or floats of so many bits.
+    /// Returns the allowed deviation from the intended correction, µm. It covers half a count, or the rounding of
+    /// floats.
     fn slack(&self, size: f64) -> f64 {
         let data_type = self.encoding.data_type;
         let (count, digits) = match data_type.integer_range() {

@@ -1,59 +1,60 @@
-//! Counters of linear scales: what the position is when the count rolls over, and when somebody has set it anew.
+//! Counters of linear scales: the position after a rollover, and the detection of a new reference.
 //!
-//! A counter of 16 or 32 bits begins again after its last count; the difference of two counts, taken modulo that
-//! length, is the motion in between. A difference that the axis cannot have travelled is no motion: either a garbled
-//! value, which the next one contradicts, or a counter that was referenced, preset or restarted, which the next one
-//! confirms. Pure: the moment of each reading is an argument.
+//! A counter of 16 or 32 bits starts again after its last count. The difference of two counts, modulo that length, is
+//! the motion in between. A difference larger than the axis can travel is no motion. It is either a corrupted value,
+//! which the next one contradicts, or a counter that was referenced, preset or restarted, which the next one confirms.
+//! The functions are pure: the time of each reading is an argument.
 
 use std::time::Duration;
 
 use super::{DataType, Encoding};
 use crate::quantity::Moment;
 
-/// How the counts of a signal are understood.
+/// Settings of a counting signal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Counter {
-    /// The fastest motion of the axis, in the signal's unit per second.
+    /// Largest speed of the axis, in the signal's unit per second.
     pub max_speed: f64,
-    /// Two readings that follow each other may be this much further apart in time than their moments say.
+    /// Largest error of the interval between two consecutive readings. The interval may be this much longer than their
+    /// times say.
     pub slack: Duration,
 }
 
-/// What a signal that counts has been through.
+/// State of a counting signal: last count, position, and a value that waits for confirmation.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Tracked {
     last: Option<Seen>,
-    /// A value that the axis cannot have travelled to; believed when the next one agrees with it.
+    /// Value out of reach of the axis. Accepted if the next value agrees with it.
     leapt: Option<Seen>,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Seen {
-    /// As the counter shows it, nearest to zero.
+    /// Count in the register, mapped to the range around zero.
     count: i64,
-    /// With the rollovers since the first reading.
+    /// Count that includes the rollovers since the first reading.
     position: i64,
     at: Moment,
 }
 
-/// What a new value means, in the signal's unit.
+/// Result for a new value, in the signal's unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Motion {
-    /// The axis is here.
+    /// The axis is at this position.
     To(f64),
-    /// The axis cannot have travelled there; the next value decides.
+    /// The axis cannot have reached this value; the next value decides.
     Doubtful,
-    /// The counter was set anew: what was `from` is `to` now, and nothing moved.
+    /// The counter has a new reference: its value changed from `from` to `to`, and the axis did not move.
     Rereferenced {
-        /// The last position under the old reference.
+        /// Last position under the old reference.
         from: f64,
-        /// The position under the new one.
+        /// Position under the new reference.
         to: f64,
     },
 }
 
 impl Counter {
-    /// The counts after which a counter of this type begins again; `None` where it is no counter's type.
+    /// Number of counts of a counter of this type before it starts again. `None` if the type cannot be a counter.
     pub fn modulus(data_type: DataType) -> Option<i64> {
         match data_type {
             DataType::U16 | DataType::I16 => Some(1 << 16),
@@ -63,7 +64,8 @@ impl Counter {
         }
     }
 
-    /// How long the axis needs at least for half the counter's length: a longer gap hides how often it rolled over.
+    /// Returns the least time in which the axis moves half the counter's length. After a longer gap the number of
+    /// rollovers is unknown.
     pub fn half_way(&self, encoding: &Encoding) -> Option<Duration> {
         let half = Counter::modulus(encoding.data_type)? / 2;
         #[allow(clippy::cast_precision_loss, reason = "at most 2^31")]
@@ -72,7 +74,7 @@ impl Counter {
 }
 
 impl Tracked {
-    /// Takes the value that stands in the register, scaled.
+    /// Processes the scaled register value of a new reading.
     pub fn take(&mut self, counter: &Counter, encoding: &Encoding, value: f64, at: Moment) -> Motion {
         let Some(modulus) = Counter::modulus(encoding.data_type) else { return Motion::To(value) };
         #[allow(clippy::cast_possible_truncation, reason = "a count of at most 32 bits")]
@@ -93,7 +95,7 @@ impl Tracked {
         };
         let (can, lost_count, moved) = travelled(last);
         let rereferenced = if can {
-            // Out of sight for so long that it may have gone round: what it shows is all that is known.
+            // The gap was long enough for more than one rollover, so only the present count is known.
             lost_count
         } else {
             let confirmed = self.leapt.is_some_and(|leapt| travelled(leapt).0);
@@ -115,7 +117,7 @@ impl Tracked {
     }
 }
 
-/// The same count, between −modulus/2 and modulus/2 − 1.
+/// Maps a count to the range from −modulus/2 to modulus/2 − 1.
 fn nearest_to_zero(count: i64, modulus: i64) -> i64 {
     (count + modulus / 2).rem_euclid(modulus) - modulus / 2
 }
@@ -123,7 +125,7 @@ fn nearest_to_zero(count: i64, modulus: i64) -> i64 {
 fn scaled(encoding: &Encoding, count: i64) -> f64 {
     #[allow(clippy::cast_precision_loss, reason = "some rollovers of 32 bits")]
     let count = count as f64;
-    // As the codec does it: a counter that never rolled over shows the very same number.
+    // Same arithmetic as the codec: a counter that never rolled over gives exactly the decoded value.
     encoding.scale.scaled(count) + encoding.offset
 }
 

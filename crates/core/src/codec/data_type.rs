@@ -1,14 +1,14 @@
-//! The types of values: how many registers and bits each takes, and what counts it holds.
+//! Types of values: their numbers of registers and bits, and their ranges of counts.
 
 use super::Encoded;
 
-/// The largest number that six digits show.
+/// Largest number on a display of six digits.
 const SIX_DIGITS: i128 = 999_999;
 
-/// How a number lies in registers.
+/// Representation of a number in registers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum DataType {
-    /// One coil or discrete input; in a register: zero or not zero.
+    /// One coil or discrete input. In a register, zero is false and any other value is true.
     Bool,
     /// Unsigned 16 bits.
     U16,
@@ -26,18 +26,19 @@ pub enum DataType {
     F32,
     /// IEEE 754, 64 bits.
     F64,
-    /// One bit of a register, 0 the least significant.
+    /// One bit of a register; bit 0 is the least significant.
     Bit(u8),
-    /// A digit display's two registers: sign, number of decimals (0 to 5) and 24 bits of magnitude, for six digits.
+    /// Two registers of a digit display: sign, number of decimals (0 to 5) and 24 bits of magnitude, for six digits.
     Decimal24(u8),
-    /// As many bits as this, 1 to 64, unsigned: of a CAN frame or a CANopen object. Those with a word of their own have it.
+    /// Unsigned integer of 1 to 64 bits in a CAN frame or CANopen object. Widths with a type of their own use that
+    /// type.
     Unsigned(u8),
-    /// The same in two's complement.
+    /// Signed integer in two's complement, otherwise as [`DataType::Unsigned`].
     Signed(u8),
 }
 
 impl DataType {
-    /// Every type.
+    /// Types that a profile names without a number of bits.
     pub const ALL: [DataType; 9] = [
         DataType::Bool,
         DataType::U16,
@@ -50,7 +51,7 @@ impl DataType {
         DataType::F64,
     ];
 
-    /// How many registers a value takes.
+    /// Number of registers of a value.
     pub const fn registers(self) -> u16 {
         match self {
             DataType::Bool | DataType::Bit(_) | DataType::U16 | DataType::I16 => 1,
@@ -60,7 +61,7 @@ impl DataType {
         }
     }
 
-    /// How many bits a value has.
+    /// Number of bits of a value.
     pub const fn width(self) -> u8 {
         match self {
             DataType::Bool | DataType::Bit(_) => 1,
@@ -71,7 +72,7 @@ impl DataType {
         }
     }
 
-    /// A whole number from zero with this many bits, by its word where it has one.
+    /// Returns the unsigned type of this width: a named type, or [`DataType::Unsigned`].
     pub const fn unsigned(bits: u8) -> DataType {
         match bits {
             16 => DataType::U16,
@@ -81,7 +82,7 @@ impl DataType {
         }
     }
 
-    /// A whole number in two's complement with this many bits, by its word where it has one.
+    /// Returns the signed type of this width: a named type, or [`DataType::Signed`].
     pub const fn signed(bits: u8) -> DataType {
         match bits {
             16 => DataType::I16,
@@ -91,7 +92,7 @@ impl DataType {
         }
     }
 
-    /// These bits as registers, the most significant first.
+    /// Splits bits into registers, most significant first.
     pub fn encode(self, bits: u64) -> Encoded {
         let len = usize::from(self.registers());
         let mut registers = [0u16; 4];
@@ -102,7 +103,7 @@ impl DataType {
         Encoded { registers, len, saturated: false }
     }
 
-    /// The word of the profile for it.
+    /// Name in the profile.
     pub const fn name(self) -> &'static str {
         match self {
             DataType::Bool | DataType::Bit(_) => "bool",
@@ -124,7 +125,7 @@ impl DataType {
         }
     }
 
-    /// Smallest and largest raw count of an integer type; `None` for floating point.
+    /// Smallest and largest raw count of an integer type. `None` for floating point.
     pub const fn integer_range(self) -> Option<(i128, i128)> {
         Some(match self {
             DataType::Bool | DataType::Bit(_) => (0, 1),
@@ -143,7 +144,7 @@ impl DataType {
 }
 
 impl DataType {
-    /// The bits of a raw count that is in range.
+    /// Encodes a raw count, which must be in range, as bits.
     pub(super) fn bits_of(self, raw: i128) -> u64 {
         match self {
             DataType::Bit(bit) => to_bits(raw) << bit,
@@ -164,7 +165,7 @@ fn to_bits(raw: i128) -> u64 {
     u64::from_le_bytes(low)
 }
 
-/// The raw count in these bits.
+/// Decodes bits into a raw count.
 pub(super) fn integer_of(data_type: DataType, bits: u64) -> i128 {
     let beyond = 64 - u32::from(data_type.width());
     match data_type {
@@ -174,7 +175,7 @@ pub(super) fn integer_of(data_type: DataType, bits: u64) -> i128 {
             let magnitude = i128::from(bits & 0x00ff_ffff);
             if bits >> 28 & 1 == 1 { -magnitude } else { magnitude }
         }
-        // The sign is in the highest bit, and comes down from there.
+        // Shifting left and arithmetically right extends the sign bit.
         DataType::I16 | DataType::I32 | DataType::I64 | DataType::Signed(_) => {
             i128::from((bits << beyond).cast_signed() >> beyond)
         }

@@ -1,34 +1,35 @@
-//! A value inside CAN frames: in which, where in there, and what must stand beside it.
+//! Fields of CAN frames: which frames, which bits, and the multiplexer values that select them.
 
 use std::fmt;
 
 use super::{BitField, CanMatch, Encoded};
 use crate::reading::Reason;
 
-/// A value inside frames.
+/// Value in CAN frames.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Field {
-    /// The frames it is in.
+    /// Frames that contain the value.
     pub frames: CanMatch,
-    /// They are CAN FD frames; a classic one that is long enough does as well.
+    /// Whether the frames are CAN FD frames. A classic frame of sufficient length is accepted too.
     pub is_fd: bool,
-    /// Where in there.
+    /// Bits of the value in the frame.
     pub bits: BitField,
-    /// Only in frames for which all of these hold.
+    /// Conditions on the frame. A frame contains the field only if all of them hold.
     pub multiplex: Vec<Selector>,
 }
 
-/// A value that says what else is in a frame.
+/// Multiplexer: a value in a frame that selects which fields the frame contains.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Selector {
-    /// Where it is.
+    /// Bits of the multiplexer.
     pub bits: BitField,
-    /// The smallest and the largest of the values at which the frame holds the field.
+    /// Ranges of values, smallest and largest, for which the frame contains the field.
     pub values: Vec<(u64, u64)>,
 }
 
 impl Field {
-    /// Its value in a frame as registers, the most significant first; `None` where the frame holds another value there.
+    /// Reads the value from a frame as registers, most significant first. Returns `None` if the frame does not contain
+    /// the field.
     pub fn read(&self, frame: &[u8]) -> Option<Result<Encoded, Reason>> {
         for selector in &self.multiplex {
             match selector.bits.bits(frame) {
@@ -47,7 +48,7 @@ impl Selector {
     }
 }
 
-/// `0x185, 16 bits from 0 up (Intel), signed`.
+/// Formats the field, for example as `0x185, 16 bits from 0 up (Intel), signed`.
 impl fmt::Display for Field {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}, {}", self.frames, self.bits)?;
@@ -55,7 +56,7 @@ impl fmt::Display for Field {
     }
 }
 
-/// `where bits 0..3 are 2 or 5 to 7`.
+/// Formats the condition, for example as `where 4 bits from 0 up (Intel), unsigned is 2 or 5 to 7`.
 impl fmt::Display for Selector {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let value = |(from, to): &(u64, u64)| match from == to {

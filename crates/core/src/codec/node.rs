@@ -1,4 +1,4 @@
-//! Nodes of an OPC UA server: how a profile names them, and what they hold ↔ registers.
+//! Nodes of an OPC UA server: their notation in a profile, and conversion between their values and registers.
 //!
 //! The notation is that of OPC UA, Part 6, 5.3.1.10 and 5.3.1.11: `ns=2;s=/Nck/State`, `ns=3;i=1005`, `i=2258`,
 //! `nsu=http://plc.example/data;s=/Nck/State`.
@@ -9,29 +9,30 @@ use std::str::FromStr;
 use super::{DataType, Encoded};
 use crate::reading::Reason;
 
-/// Which node of a server. Prints as a profile has it.
+/// Identifier of a node, with its namespace. Prints in the notation of the profile.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct NodeId {
-    /// Namespace.
+    /// Namespace of the node.
     pub namespace: Namespace,
-    /// Which node in there.
+    /// Identifier within the namespace.
     pub identifier: Identifier,
 }
 
 /// Namespace of a node.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Namespace {
-    /// `ns=`: its index in the array of the server, which may change when the server restarts. 0 is OPC UA's own.
+    /// `ns=`: index in the namespace array of the server. The index may change when the server restarts. Index 0 is the
+    /// namespace of OPC UA itself.
     Index(u16),
-    /// `nsu=`: its URI. Each connection asks the server for the index.
+    /// `nsu=`: URI of the namespace. The gateway queries the index at each connection.
     Uri(String),
 }
 
 impl Namespace {
-    /// URI of the namespace that has the index 0 at every server.
+    /// URI of the namespace that has index 0 on every server.
     const OF_OPC_UA: &str = "http://opcfoundation.org/UA/";
 
-    /// Reads the namespace at the beginning of a node. Returns it with the rest of the text.
+    /// Parses the namespace at the beginning of a node identifier. Returns it with the rest of the text.
     fn parse(text: &str) -> Result<(Namespace, &str), String> {
         let (by_uri, by_index) = (text.strip_prefix("nsu="), text.strip_prefix("ns="));
         let Some(rest) = by_uri.or(by_index) else { return Ok((Namespace::Index(0), text)) };
@@ -51,7 +52,7 @@ impl Namespace {
     }
 }
 
-/// A URI without the escapes of the notation. `None` if there is another one.
+/// Decodes the escapes `%25` and `%3B` in a URI. Returns `None` if it contains another escape.
 fn unescaped(text: &str) -> Option<String> {
     let mut parts = text.split('%');
     let mut uri = parts.next()?.to_owned();
@@ -67,47 +68,47 @@ fn unescaped(text: &str) -> Option<String> {
     Some(uri)
 }
 
-/// What tells a node from the others in its namespace.
+/// Identifier of a node within its namespace.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Identifier {
-    /// `i=`
+    /// `i=`: number.
     Number(u32),
-    /// `s=`
+    /// `s=`: text.
     Text(String),
-    /// `g=`, five groups of hexadecimal digits, in small letters.
+    /// `g=`: GUID, five groups of hexadecimal digits in lower case.
     Guid(String),
-    /// `b=`, in Base64, of which each node has one form alone.
+    /// `b=`: bytes in Base64. Only the canonical form is accepted, so each node has one notation.
     Opaque(String),
 }
 
-/// One node and what its value is taken for.
+/// Node with the type that its value is expected to have.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Node {
-    /// Which.
+    /// Identifier of the node.
     pub id: NodeId,
-    /// Its own type; `None`: whatever number it has, taken as `f64`.
+    /// Type of the value. If `None`, any number is accepted and converted to `f64`.
     pub data_type: Option<DataType>,
 }
 
-/// A number as a server sends it: its type, and its bits as [`DataType::encode`] takes them.
+/// Number as a server sends it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Scalar {
-    /// Its type.
+    /// Type of the number.
     pub data_type: DataType,
-    /// Its bits.
+    /// Bits of the number, as [`DataType::encode`] takes them.
     pub bits: u64,
 }
 
 impl Node {
-    /// How its value lies in the registers that [`Node::registers`] gives.
+    /// Type of the value in the registers that [`Node::registers`] returns.
     pub fn taken_as(&self) -> DataType {
         self.data_type.unwrap_or(DataType::F64)
     }
 
-    /// What the server has sent, as registers with the most significant first.
+    /// Converts a value from the server into registers, most significant first.
     ///
     /// # Errors
-    /// The node has another type than the profile says.
+    /// [`Reason::WrongType`] if the type differs from the one in the profile.
     pub fn registers(&self, found: Scalar) -> Result<Encoded, Reason> {
         match self.data_type {
             None => Ok(DataType::F64.encode(found.value().to_bits())),
@@ -116,19 +117,19 @@ impl Node {
         }
     }
 
-    /// A whole number that its type holds, as such registers.
+    /// Encodes an integer as registers of the node's type. The type must be able to hold it.
     pub fn word(&self, number: u16) -> Encoded {
         self.taken_as().encode(u64::from(number))
     }
 
-    /// The number that such registers are, in the node's own type.
+    /// Converts registers into a number of the node's type.
     pub fn scalar(&self, registers: &[u16]) -> Scalar {
         Scalar { data_type: self.taken_as(), bits: Encoded::of(registers).bits() }
     }
 }
 
 impl Scalar {
-    /// The number itself. One of 64 bits beyond 2^53 loses its last digits.
+    /// Converts the number to a float. Integers beyond 2^53 lose their last digits.
     #[allow(clippy::cast_precision_loss)]
     fn value(self) -> f64 {
         match self.data_type {
@@ -142,7 +143,7 @@ impl FromStr for NodeId {
     type Err = String;
 
     /// # Errors
-    /// A sentence that says what is wrong.
+    /// A sentence with the mistake.
     fn from_str(text: &str) -> Result<NodeId, String> {
         let (namespace, rest) = Namespace::parse(text)?;
         let (kind, name) = rest
@@ -182,7 +183,7 @@ fn is_base64(text: &str) -> bool {
         && digits.bytes().all(is_digit)
 }
 
-/// What is filled up behind the last byte is zero, as in the one form that a server sends.
+/// Returns whether the unused bits of the last Base64 digit are zero, as in the canonical form that a server sends.
 fn ends_in_whole_bytes(base64: &str) -> bool {
     const DIGITS: &[u8] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let digits = base64.trim_end_matches('=');

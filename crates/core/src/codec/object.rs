@@ -1,20 +1,20 @@
-//! CANopen objects: where they are in a node's dictionary, and their bytes ↔ registers.
+//! CANopen objects: their place in the object dictionary, and conversion between their bytes and registers.
 
 use std::fmt;
 
 use super::{DataType, Encoded};
 
-/// An entry of a node's object dictionary. Prints as a profile has it: `7130:01`.
+/// Entry of a node's object dictionary. Prints in the notation of the profile: `7130:01`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Entry {
-    /// The object.
+    /// Index of the object.
     pub index: u16,
-    /// The place in it.
+    /// Sub-index of the entry.
     pub sub: u8,
 }
 
 impl Entry {
-    /// The entry at this index and sub-index.
+    /// Creates the entry of this index and sub-index.
     pub const fn new(index: u16, sub: u8) -> Entry {
         Entry { index, sub }
     }
@@ -26,27 +26,28 @@ impl fmt::Display for Entry {
     }
 }
 
-/// One CANopen object.
+/// CANopen object with the type of its value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Object {
-    /// Where in the node's dictionary.
+    /// Entry in the node's object dictionary.
     pub entry: Entry,
-    /// How its value lies there; always whole bytes.
+    /// Type of the value, always whole bytes.
     pub data_type: DataType,
 }
 
 impl Object {
-    /// The object at this index and sub-index, with a value of this type.
+    /// Creates the object of this index and sub-index, with a value of this type.
     pub const fn new(index: u16, sub: u8, data_type: DataType) -> Object {
         Object { entry: Entry::new(index, sub), data_type }
     }
 
-    /// How many bytes it has.
+    /// Number of bytes of the value.
     pub const fn size(&self) -> usize {
         self.data_type.width().div_ceil(8) as usize
     }
 
-    /// Its value as registers, the most significant first; `None` where it is not its size.
+    /// Converts bytes from the node into registers, most significant first. Returns `None` if the number of bytes
+    /// differs from [`Object::size`].
     pub fn registers(&self, bytes: &[u8]) -> Option<Encoded> {
         if bytes.len() != self.size() || bytes.len() > 8 {
             return None;
@@ -56,13 +57,13 @@ impl Object {
         Some(self.data_type.encode(u64::from_le_bytes(eight)))
     }
 
-    /// The bytes of such registers, as they go over the line.
+    /// Converts registers, most significant first, into the bytes of an SDO transfer.
     pub fn bytes(&self, registers: &[u16]) -> Vec<u8> {
         Encoded::of(registers).bits().to_le_bytes()[..self.size().min(8)].to_vec()
     }
 }
 
-/// `7130:01`.
+/// Formats the entry, for example as `7130:01`.
 impl fmt::Display for Object {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.entry.fmt(f)

@@ -1,49 +1,50 @@
-//! Temperature sensors that the kernel of this computer reads: how a profile names them.
+//! Temperature sensors that the kernel of this computer reads, and their notation in a profile.
 //!
-//! `hwmon:coretemp/Package id 0`, `iio:mcp9808`, `w1:28-0316a2794f01`. They go by what the chip is called, by what its
-//! channel is labelled or by what is burnt into the sensor: the numbers of `hwmon3` and `iio:device0` are given at each start
-//! of the computer in the order in which drivers are loaded.
+//! Examples are `hwmon:coretemp/Package id 0`, `iio:mcp9808`, `w1:28-0316a2794f01`. A sensor is named by the name of
+//! its chip, the label of its channel, or its ROM ID. Numbers such as those of `hwmon3` and `iio:device0` identify
+//! nothing: the kernel assigns them at each boot, in the order in which drivers load.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// The families of 1-Wire sensors whose temperature the kernel knows how to read.
+/// Families of 1-Wire temperature sensors that the kernel supports.
 const FAMILIES: [&str; 5] = ["10", "22", "28", "3b", "42"];
-/// The one among them that is no DS18B20 or relative of it: a thermocouple's, without a value of its own at power-on.
+/// Family of the thermocouple converter. It is not related to the DS18B20, and has no fixed value at power-on.
 const THERMOCOUPLE: &str = "3b";
 
-/// A temperature sensor of this computer. Prints as a profile has it.
+/// Temperature sensor of this computer. Prints in the notation of the profile.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum PcSensor {
-    /// A temperature of a chip that monitors hardware (the kernel's hwmon).
+    /// Temperature of a chip that monitors hardware (hwmon of the kernel).
     Hwmon(Channel),
-    /// A temperature of an industrial I/O device (the kernel's IIO).
+    /// Temperature of an industrial I/O device (IIO of the kernel).
     Iio(Channel),
-    /// A 1-Wire sensor, by its ROM id, which no other has: `28-0316a2794f01`.
+    /// 1-Wire sensor with this ROM ID, which is unique: `28-0316a2794f01`.
     OneWire(String),
 }
 
-/// One channel of a chip.
+/// Channel of a chip.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Channel {
-    /// What the kernel calls the chip.
+    /// Name of the chip in the kernel.
     pub chip: String,
-    /// The device that the chip is, as `1-0048` on an I2C bus; needed where several chips have one name.
+    /// Device name of the chip, for example `1-0048` on an I2C bus. Required if several chips have the same name.
     pub device: Option<String>,
-    /// The channel's label, or what the driver calls it, as `temp1`; `None`: the chip has only one.
+    /// Label of the channel, or its name in the driver, for example `temp1`. `None` if the chip has only one.
     pub channel: Option<String>,
 }
 
 impl PcSensor {
-    /// What hwmon calls every 1-Wire sensor. It tells a wrong checksum from no other error.
+    /// Name of every 1-Wire sensor in hwmon, which does not distinguish a wrong checksum from other errors.
     pub const ONE_WIRE_IN_HWMON: &str = "w1_slave_temp";
 
-    /// It is a DS18B20 or a relative of it: it measures from −55 to 125 °C, and shows 85 °C after power-on, until it has measured.
+    /// Returns whether the sensor is a DS18B20 or related to it. Such a sensor measures from −55 to 125 °C. It shows 85
+    /// °C after power-on until its first measurement.
     pub fn is_ds18b20(&self) -> bool {
         matches!(self, PcSensor::OneWire(id) if !id.starts_with(THERMOCOUPLE))
     }
 
-    /// Where the kernel has it, below the directory of its sensors: for people.
+    /// Returns where the kernel has the sensor, for messages. `root` is the directory of the sensors.
     pub fn sought_in(&self, root: &str) -> String {
         let root = root.trim_end_matches('/');
         match self {
@@ -54,7 +55,8 @@ impl PcSensor {
     }
 }
 
-/// For people: the chip with the name `coretemp`, the channel `Package id 0`.
+/// Formats the channel for messages, for example as "the chip with the name `coretemp`, its temperature `Package id
+/// 0`".
 impl fmt::Display for Channel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "the chip with the name `{}`", self.chip)?;
@@ -85,7 +87,7 @@ impl FromStr for PcSensor {
     type Err = String;
 
     /// # Errors
-    /// A sentence that says what is wrong, and behind `; ` what to write.
+    /// A sentence with the mistake and, after `; `, the correct notation.
     fn from_str(text: &str) -> Result<PcSensor, String> {
         const FORMS: &str = "write \"w1:28-0316a2794f01\", \"hwmon:NAME/LABEL\" or \"iio:NAME/LABEL\"";
         if text.starts_with('/') {
@@ -130,7 +132,7 @@ fn is_rom_id(text: &str) -> bool {
     text.split_once('-').is_some_and(|(family, serial)| is_hex(family, 2) && is_hex(serial, 12))
 }
 
-/// `coretemp@coretemp.0/Package id 0`.
+/// Parses a channel such as `coretemp@coretemp.0/Package id 0`.
 fn channel(text: &str, kind: &str) -> Result<Channel, String> {
     let (chip, label) = match text.split_once('/') {
         Some((chip, label)) => (chip, Some(label)),
@@ -158,7 +160,7 @@ fn channel(text: &str, kind: &str) -> Result<Channel, String> {
     Ok(Channel { chip: chip.to_owned(), device: owned(device), channel: owned(label) })
 }
 
-/// `3`, `hwmon3`, `device0`, `iio:device0`.
+/// Returns whether a name is only a number that the kernel assigns: `3`, `hwmon3`, `device0`, `iio:device0`.
 fn is_number(name: &str) -> bool {
     let rest =
         ["hwmon", "iio:device", "iio_device", "device"].iter().find_map(|kind| name.strip_prefix(kind));

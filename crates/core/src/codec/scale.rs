@@ -1,6 +1,6 @@
-//! Engineering units per count.
+//! Scales: engineering units per count.
 
-/// A scale, and whether a unit is a whole number of counts; that is worked out once, because it takes two divisions.
+/// Scale of a value. It stores whether one unit is a whole number of counts, because finding out takes two divisions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale {
     per_count: f64,
@@ -8,10 +8,10 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// One unit per count.
+    /// Scale of one unit per count.
     pub const ONE: Scale = Scale { per_count: 1.0, counts_per_unit: Some(1.0) };
 
-    /// From units per count; never zero.
+    /// Creates a scale from units per count, which must not be zero.
     pub fn of(per_count: f64) -> Scale {
         let counts = (1.0 / per_count).round();
         let is_whole = counts.abs() >= 1.0 && super::same(1.0 / counts, per_count);
@@ -23,8 +23,8 @@ impl Scale {
         self.per_count
     }
 
-    /// `raw · scale`, where a scale such as 0.1 is taken for the tenth that is meant: 229 counts are 22.9, not
-    /// 22.900000000000002.
+    /// Returns `raw · scale`. If one unit is a whole number of counts, it divides instead. With scale 0.1, 229 counts
+    /// are then 22.9, not 22.900000000000002.
     pub(super) fn scaled(self, raw: f64) -> f64 {
         match self.counts_per_unit {
             Some(counts) => raw / counts,

@@ -149,7 +149,7 @@ fn a_bit_of_a_register_is_read_alone() {
     assert_eq!((bit(15).decode(&[0x8000]), bit(15).encode(1.0).registers()), (Ok(1.0), [0x8000].as_slice()));
 }
 
-/// DM36B06: high nibble the sign, next nibble the decimals, then 24 bits.
+/// Source: DM36B06. The high nibble is the sign, the next nibble the number of decimals, then 24 bits of magnitude.
 #[test]
 fn a_digit_display_is_given_sign_decimals_and_magnitude() {
     let display =

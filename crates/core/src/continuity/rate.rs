@@ -4,69 +4,72 @@ use std::time::Duration;
 
 use crate::quantity::Moment;
 
-/// Two polls close together must not make noise look fast: the time between two values counts as at least this, seconds.
+/// Least interval between two values in the calculation, seconds. Noise between two polls in quick succession would
+/// otherwise be too fast.
 const LEAST_SECONDS: f64 = 1.0;
 
-/// Why a value is implausible.
+/// Reason why a value is implausible.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RateFault {
     /// Change faster than `max_rate`.
     TooFast,
-    /// Difference from the last value before a break that is larger than `max_rate` allows for the time without a value.
+    /// The difference from the last value before a break exceeds `max_rate` times the time without a value.
     Jumped,
 }
 
-/// Compares each value of a signal with its last good one, and the first value after a break of its device's continuity with the last
-/// one before.
+/// Filter of implausible values of one signal. It compares each value with the last good one. It compares the first
+/// value after a break of continuity with the last one before it.
 ///
-/// While contact lasts, the allowed change grows with the time since the last good value. Over a break it grows only while no value
-/// comes: another device does not become plausible by waiting. It is accepted when it comes within that change, or when
-/// [`RateFilter::forget`] is called because a person has confirmed the device.
+/// While contact lasts, the allowed change grows with the time since the last good value. Over a break it grows only
+/// while no value arrives: a replaced device does not become plausible by waiting. The signal is accepted again when a
+/// value is within the allowed change. It is also accepted after [`RateFilter::forget`], when the operator has
+/// confirmed the device.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RateFilter {
     /// Last good value.
     good: Option<(f64, Moment)>,
     /// Last value, good or not.
     last: Option<(f64, Moment)>,
-    /// Breaks of the device's continuity before the last value.
+    /// Number of breaks of continuity at the last value.
     breaks: u64,
-    /// Time without a value before `last`, where that is the time of the start.
+    /// Time without a value before `last`, if `last` has the time of the start.
     away: Duration,
     jump: Option<Jump>,
 }
 
-/// A value that differs too much from the last one before a break.
+/// Rejected difference from the last value before a break.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Jump {
     /// Last value before the break.
     before: f64,
-    /// Largest difference from it that is accepted.
+    /// Largest accepted difference from it.
     allowed: f64,
 }
 
 impl RateFilter {
-    /// Begins with what [`RateFilter::before_stop`] has left in a former run, this long before the start. The first value is compared
-    /// with it as after a break.
+    /// Creates a filter with the result of [`RateFilter::before_stop`] in a former run. `away` is the time without a
+    /// value before the start. The first value is compared as after a break.
     pub fn after_start(before: f64, start: Moment, away: Duration) -> RateFilter {
         RateFilter { last: Some((before, start)), breaks: u64::MAX, away, ..RateFilter::default() }
     }
 
-    /// Returns the value with which the first one after a stop is to be compared, and for how long none has come: the last good
-    /// one, or the one before a jump that lasts. Waiting makes a jump no more plausible than it is.
+    /// Returns the value with which the first one after a stop is to be compared, and the time since then. This is the
+    /// last good value, or the last one before a jump that is not resolved. Waiting does not make a jump plausible.
+    /// Returns `None` without any value.
     pub fn before_stop(&self, now: Moment, rate: f64) -> Option<(f64, Duration)> {
         if let Some(Jump { before, allowed }) = self.jump {
             return Some((before, Duration::try_from_secs_f64(allowed / rate).unwrap_or(Duration::MAX)));
         }
-        // Without a good value none has come since the start.
+        // Without a good value, `last` is the value from the former run.
         let (value, taken) = self.good.or(self.last)?;
         Some((value, now.since(taken).saturating_add(self.away)))
     }
 
-    /// Judges a value taken at this time, with `max_rate` per second and the number of breaks of the device so far. A plausible value
-    /// becomes the last good one.
+    /// Checks a value of this time against `rate`, the `max_rate` per second. `breaks` is the number of breaks of
+    /// continuity so far. A plausible value becomes the last good one.
     ///
     /// # Errors
-    /// The value is implausible. The last good value stays.
+    /// The reason why the value is implausible. The last good value stays.
     pub fn judge(&mut self, value: f64, at: Moment, rate: Option<f64>, breaks: u64) -> Result<(), RateFault> {
         let is_first = std::mem::replace(&mut self.breaks, breaks) != breaks;
         let last = self.last.replace((value, at));
@@ -94,12 +97,12 @@ impl RateFilter {
         Ok(())
     }
 
-    /// Returns whether a value was rejected because it jumped over a break, and none has been accepted since.
+    /// Returns whether a value was rejected because of a jump over a break, and none has been accepted since.
     pub fn has_jumped(&self) -> bool {
         self.jump.is_some()
     }
 
-    /// Forgets all values: the next one is accepted.
+    /// Forgets all values. The next value is accepted.
     pub fn forget(&mut self) {
         (self.good, self.last, self.jump) = (None, None, None);
     }

@@ -94,7 +94,7 @@ fn continuity_has_lasted_as_long_as_nothing_broke_it_since_the_checks_passed() {
 
 #[test]
 fn one_lost_answer_is_no_break_and_silence_is_one() {
-    // Moments of the misses after an answer at 0 s, and whether continuity is broken then.
+    // Times of the unanswered requests after an answer at 0 s, and whether continuity is broken then.
     let table: [(&[f64], bool); 6] = [
         (&[1.0], false),
         (&[5.0], false),
@@ -155,11 +155,11 @@ fn a_value_after_a_break_does_not_become_plausible_by_waiting() {
     let mut filter = RateFilter::default();
     let rate = Some(0.1);
     assert_eq!(filter.judge(25.1, at(0.0), rate, 0), Ok(()));
-    // Whole degrees instead of tenths.
+    // Whole degrees are read instead of tenths.
     for second in 20..2000 {
         assert_eq!(filter.judge(2.5, at(f64::from(second)), rate, 1), Err(RateFault::Jumped), "{second} s");
     }
-    // Another break a second later widens what is allowed by a second.
+    // Another break a second later increases the allowed change by that of one second.
     assert_eq!(filter.judge(2.5, at(2000.0), rate, 2), Err(RateFault::Jumped));
     // Two degrees in twenty-one seconds are plausible.
     assert_eq!(filter.judge(27.1, at(2001.0), rate, 2), Ok(()));
@@ -171,9 +171,9 @@ fn a_device_that_is_off_for_a_night_may_return_with_any_plausible_value() {
     let mut filter = RateFilter::default();
     let rate = Some(0.01);
     assert_eq!(filter.judge(35.0, at(0.0), rate, 0), Ok(()));
-    // Its first value after a reset is none.
+    // The first value after a reset is 0, which is invalid.
     assert_eq!(filter.judge(0.0, at(5.0), rate, 1), Err(RateFault::Jumped));
-    // Off until the morning, and seventeen degrees colder.
+    // The device is off until the morning, and seventeen degrees colder.
     assert_eq!(filter.judge(18.0, at(36_000.0), rate, 2), Ok(()));
 }
 
@@ -242,7 +242,7 @@ fn a_difference_says_what_was_expected_and_what_was_found() {
 
 #[test]
 fn the_first_value_after_a_start_must_fit_to_the_last_good_one_of_the_run_before() {
-    // Time since the last good value of 20.0, first value, and whether it is plausible at 0.1 a second.
+    // Time since the last good value of 20.0, first value, and whether it is plausible at 0.1 per second.
     let table =
         [(0.0, 20.05, true), (0.0, 20.5, false), (10.0, 20.9, true), (10.0, 2.0, false), (3600.0, 2.0, true)];
     for (away, value, is_plausible) in table {
@@ -264,14 +264,14 @@ fn what_a_jump_is_compared_with_survives_any_number_of_starts() {
     let minute = Duration::from_secs(60);
     let mut filter = RateFilter::after_start(20.0, at(0.0), minute);
     for start in 1..10 {
-        // No value comes in this run.
+        // No value arrives in this run.
         let (value, away) = filter.before_stop(at(5.0), 0.1).unwrap();
         assert_eq!((value, away), (20.0, minute + Duration::from_secs(5 * start)));
         filter = RateFilter::after_start(value, at(0.0), away);
     }
     let allowed = 0.1 * (60.0 + 45.0);
     for _ in 0..10 {
-        // Each value of this run has jumped, for an hour.
+        // Every value of this run jumps, for an hour.
         (0..60).for_each(|minute| {
             let judged = filter.judge(20.0 + allowed + 1.0, at(60.0 * f64::from(minute)), Some(0.1), 0);
             assert_eq!(judged, Err(RateFault::Jumped));

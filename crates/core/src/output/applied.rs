@@ -1,7 +1,7 @@
-//! Applied value: a control says in another register what it applies of an offset. That verifies the write.
+//! Applied value: a control reports in another register which offset it applies. That verifies the write.
 //!
-//! The register that is written is compared as every other is. After each change of it the control has `settle` to apply the
-//! value. Until it does, nothing else is sent, and after that the axis holds.
+//! The written register itself is compared like any other. After each change, the control has the time `settle` to
+//! apply the value. Until it does, nothing else is sent. If it does not, the axis is frozen.
 
 use std::time::Duration;
 
@@ -12,21 +12,21 @@ use super::standing::Seen;
 use super::state::RETRY;
 use crate::quantity::{Counts, Moment, shifted};
 
-/// Applied value of one output.
+/// Knowledge about the applied value of one output.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Applied {
-    /// Register value, and when it was first known.
+    /// Register value, and the time when it was first known.
     value: Option<Seen>,
-    /// When the control was asked last since then.
+    /// Time of the last read of the applied value since then.
     read_at: Option<Moment>,
     shown: Shown,
 }
 
-/// Whether a control applies the register value.
+/// Whether the control applies the register value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Shown {
-    /// The control has not said that it applies the value.
+    /// The control has not reported that it applies the value.
     #[default]
     NotYet,
     /// The control applies the value.
@@ -36,7 +36,7 @@ enum Shown {
 shifted!(Applied: value, read_at);
 
 impl Applied {
-    /// The register holds this value. After a change the control is asked again.
+    /// Records the register value. After a change the applied value is read again.
     pub(super) fn register_is(&mut self, value: Counts, now: Moment) {
         if self.value.is_none_or(|known| known.value != value) {
             *self = Applied { value: Some(Seen { value, asked: now }), ..Applied::default() };
@@ -48,7 +48,7 @@ impl Applied {
         self.shown == Shown::Applied
     }
 
-    /// The control said what it applies. Returns whether that is the register value.
+    /// Records the applied value. Returns whether it equals the register value within the tolerance.
     pub(super) fn read(&mut self, found: Option<i64>, asked: Moment, settings: &AppliedSettings) -> bool {
         self.read_at = Some(asked);
         let held = self.value.map(|known| known.value.0.saturating_mul(1000));
@@ -58,18 +58,19 @@ impl Applied {
         fits
     }
 
-    /// The control did not answer.
+    /// Records that the control did not answer.
     pub(super) fn no_answer(&mut self, asked: Moment) {
         self.read_at = Some(asked);
     }
 
-    /// Returns whether the control has had its time when it was asked at `asked`.
+    /// Returns whether the settling time was over when the applied value was read at `asked`.
     pub(super) fn is_over(&self, asked: Moment, settings: &AppliedSettings) -> bool {
         self.value.is_some_and(|known| asked >= known.asked.after(settings.settle))
     }
 
-    /// When the control is asked next: at once after a change, soon, and each time after twice as long, until it must have
-    /// settled. Then each second while it does not apply the value, else with the axis.
+    /// Returns the time of the next read of the applied value. The first read follows a change directly. The next ones
+    /// follow soon, each after twice the time, until the settling time is over. Then it is read every second if the
+    /// control does not apply the value, and otherwise with the period of the axis.
     pub(super) fn due(&self, settings: &AppliedSettings, every: Duration) -> Moment {
         let Some(Seen { asked: since, .. }) = self.value else { return Moment::END };
         let over = since.after(settings.settle);
@@ -84,7 +85,7 @@ impl Applied {
         }
     }
 
-    /// Moves every moment by `to`.
+    /// Maps every moment.
     pub(super) fn moved(self, to: impl Fn(Moment) -> Moment) -> Applied {
         Applied {
             value: self.value.map(|known| Seen { asked: to(known.asked), ..known }),

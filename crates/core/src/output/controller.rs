@@ -1,18 +1,22 @@
-//! Controller of one output: everything that decides what is sent to its register, when, and what the results mean.
+//! Controller of one output. It decides what is sent to the register, when it is sent, and what the results mean.
 //!
-//! [`step`](super::step) decides about the register. The controller decides around it: which decision of the axis the register
-//! step gets, when the axis resumes from the register value, what a failure means, and what the interlock, the applied value and
-//! the set of the output allow. The caller gives inputs and executes actions. It decides nothing.
+//! [`step`](super::step) decides about the register. The controller decides about everything around it:
+//! - which decision of the axis the register step receives;
+//! - when the axis resumes from the register value;
+//! - what a failure means;
+//! - what the interlock, the applied value and the set of the output allow.
+//!
+//! The caller gives inputs and executes actions. It decides nothing.
 //!
 //! ```text
 //! Demand ─► action ─► exchange ─► result ─► action ─► … ─► Nothing ─► TurnEnds
 //! ```
 //!
-//! # How it follows its axis
-//! | state | what happens | next |
+//! # How the output follows its axis
+//! | state | event | next |
 //! |---|---|---|
-//! | any | the axis holds, and the register does not hold its offset | `TakeOver`, once for each register value |
-//! | any | own write arrived late, control restarted, interlock closed, failure over, disk keeps again | `TakeOver` |
+//! | any | the axis holds its offset, and the register value differs | `TakeOver`, once for each register value |
+//! | any | own write arrived late, control restarted, interlock closed, failure over, disk works again | `TakeOver` |
 //! | any but `TakeOver` | the last moment of a decision of the model passed | `Late` |
 //! | any but `TakeOver` | the last moment of a fault action passed | `TakeOver` |
 //! | any but `TakeOver` | the turn ends, and a change waits for a late write | `Waiting` |
@@ -34,10 +38,10 @@ use super::standing::ArmState;
 use super::{Action, Event, Fact, State, step};
 use crate::quantity::{Counts, Moment, Shift, Shifted, shifted};
 
-/// Room for the events of one input.
+/// Capacity for the events of one input.
 pub const MOST_EVENTS: usize = 24;
 
-/// One output with everything that decides about it.
+/// Controller of one output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Controller {
     state: State,
@@ -46,10 +50,10 @@ pub struct Controller {
     events: Slots<Event, MOST_EVENTS>,
 }
 
-/// State of a controller beside that of its register.
+/// State of a controller, apart from the state of its register.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Policy {
-    /// The exchange that was asked for and has no result.
+    /// Pending exchange: requested, without a result.
     action: Action,
     inputs: LastInputs,
     follow: Follow,
@@ -60,7 +64,7 @@ pub struct Policy {
     said: Said,
 }
 
-/// Last demand.
+/// Values of the last demand.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 struct LastInputs {
     is_armed: bool,
@@ -80,7 +84,7 @@ impl Shifted for Controller {
 }
 
 impl Controller {
-    /// Controller of a register at a start. `pauses`: pauses of the computer so far.
+    /// Creates the controller of a register at a start. `pauses` is the number of pauses of the computer so far.
     pub fn new(settings: &Settings, state: State, pauses: u64, now: Moment) -> Controller {
         let mut policy =
             Policy { inputs: LastInputs { pauses, ..LastInputs::default() }, ..Policy::default() };
@@ -91,12 +95,12 @@ impl Controller {
         Controller::resumed(state, policy)
     }
 
-    /// Controller that resumes from a record.
+    /// Creates a controller that resumes from a record.
     pub fn resumed(state: State, policy: Policy) -> Controller {
         Controller { state, policy, events: Slots::default() }
     }
 
-    /// Ends every exchange that another task had begun and that has no result.
+    /// Ends every pending exchange of an interrupted task.
     pub fn interrupted(&mut self, settings: &Settings, now: Moment) {
         let ends = [Fact::Paused, Fact::Unknown { left: now }, Fact::NoAnswer, Fact::NotKept, Fact::NoAnswer];
         for fact in ends {
@@ -111,12 +115,12 @@ impl Controller {
         &self.state
     }
 
-    /// State of the register, for the end of a run.
+    /// State of the register, mutable for the end of a run.
     pub fn state_mut(&mut self) -> &mut State {
         &mut self.state
     }
 
-    /// State of the controller beside that of its register.
+    /// State of the controller, apart from the state of its register.
     pub fn policy(&self) -> &Policy {
         &self.policy
     }
@@ -126,17 +130,17 @@ impl Controller {
         self.policy.follow
     }
 
-    /// Why the register does not hold what was decided.
+    /// Reason why the register does not hold the decided value.
     pub fn trouble(&self) -> Option<Trouble> {
         self.policy.trouble
     }
 
-    /// The exchange that was asked for and has no result.
+    /// Pending exchange: requested, without a result.
     pub fn action(&self) -> Action {
         self.policy.action
     }
 
-    /// Events since this was last called.
+    /// Returns the events since the last call.
     pub fn take_events(&mut self) -> Slots<Event, MOST_EVENTS> {
         take(&mut self.events)
     }
@@ -151,39 +155,41 @@ impl Controller {
         self.policy.inputs.is_armed
     }
 
-    /// Returns whether the control may not have taken what the registers of its set hold.
+    /// Returns whether the control may not have taken the register values of its set.
     pub fn is_bound(&self) -> bool {
         self.policy.set != SetCommit::Taken
     }
 
-    /// Register value as last verified. The bias, if it is not known.
+    /// Returns the last verified register value, or the bias if it is unknown.
     pub fn held(&self, settings: &Settings) -> Counts {
         self.state.shown(settings).verified.map_or(settings.bias, |seen| seen.value)
     }
 
-    /// Returns whether this must be on disk before anything is sent: a value that is about to be sent, or a division of the
-    /// register value that was not reported.
+    /// Returns whether the state must be on disk before anything is sent. It must before a value of a promise is sent,
+    /// and before a new division of the register value is reported.
     pub fn must_keep(&self, settings: &Settings) -> bool {
         let mut said = self.policy.said;
         let has_to_report = is_open(&self.state, settings) && said.first(Topic::Division);
         settings.promises() && (self.state.is_promising() || has_to_report)
     }
 
-    /// Health of the output. `None` until its register was read.
+    /// Health of the output. `None` until its register has been read.
     pub fn health(&self, settings: &Settings, interlock: Condition) -> Option<OutputHealth> {
         let shown = self.state.shown(settings);
         let _ = shown.verified?;
         Some(match (shown.standing, interlock) {
             (ArmState::Barred, _) => OutputHealth::Foreign,
             (_, Condition::Unknown) if self.state.is_interlocked() => OutputHealth::Unverified,
-            // Also when the condition is met again: the axis holds until it has resumed from the register value.
+            // The health stays the same when the condition is met again, until the axis has resumed from the register
+            // value.
             _ if self.state.is_interlocked() => OutputHealth::Interlocked,
             _ if self.policy.trouble.is_some() => OutputHealth::Unverified,
             _ => OutputHealth::Verified,
         })
     }
 
-    /// Takes an input and returns the exchange that it asks for. While another one has no result, that is nothing.
+    /// Processes an input and returns the requested exchange. While another exchange is pending, that is
+    /// [`Action::Nothing`].
     pub fn step(&mut self, settings: &Settings, input: Input, now: Moment) -> Action {
         let before = self.policy.action;
         match input {
@@ -207,7 +213,7 @@ impl Controller {
         }
     }
 
-    /// When the control is to be asked what it applies.
+    /// Returns the time of the next read of the applied value.
     pub fn applied_due(&self, settings: &Settings) -> Moment {
         settings.applied.map_or(Moment::END, |applied| self.policy.applied.due(&applied, settings.every))
     }
@@ -222,14 +228,14 @@ impl Controller {
         let is_armed = demand.armed.is_some();
         let was_armed = replace(&mut self.policy.inputs.is_armed, is_armed);
         if is_armed {
-            // The interlock comes first: arming alone can ask for a write.
+            // The interlock comes first, because arming alone can request a write.
             self.interlock(settings, demand.interlock, now);
         }
         if was_armed != is_armed {
             if is_armed {
                 self.policy.said.over(Topic::Question);
             }
-            // A device that does not answer still does not.
+            // Arming or disarming does not end the trouble with a device that does not answer.
             self.policy.trouble = self.policy.trouble.filter(|trouble| *trouble == Trouble::Link);
             let fact = demand.armed.map_or(Fact::Off, |by| Fact::Armed { by });
             self.give(settings, fact, now);
@@ -249,11 +255,11 @@ impl Controller {
         self.give(settings, Fact::Look, now);
     }
 
-    /// Opens or closes the interlock. When it closes, the axis resumes from the register value, whatever happened meanwhile.
+    /// Opens or closes the interlock. When it closes, the axis resumes from the register value in any case.
     fn interlock(&mut self, settings: &Settings, condition: Condition, now: Moment) {
         let is_armed = self.policy.inputs.is_armed;
         let is_held = is_armed && condition != Condition::Met;
-        // If the condition is not known, the lost signal is reported.
+        // If the condition is unknown, the lost signal is reported instead.
         if is_held && condition == Condition::NotMet && self.policy.said.first(Topic::Interlock) {
             self.report(Event::Interlocked);
         }
@@ -268,7 +274,8 @@ impl Controller {
         }
     }
 
-    /// Takes another decision. An axis that holds decides nothing: it resumes from the register value.
+    /// Processes a new decision. An axis that holds its offset requests no write, and resumes from the register value
+    /// if that differs.
     fn decide(&mut self, settings: &Settings, decision: &Demanded, now: Moment) {
         if self.policy.follow == Follow::Late {
             self.policy.follow = Follow::Target;
@@ -277,7 +284,7 @@ impl Controller {
         self.check_range(settings, decision.offset);
         let is_changed = !self.state.is_at(settings, decision.offset);
         let is_untaken = self.policy.trouble.is_some_and(Trouble::is_untaken);
-        // What an axis holds while its register does not take it is sent again.
+        // An offset that the register did not take is sent again, even if the axis holds it.
         if decision.mode == Mode::Hold && !is_untaken {
             let verified = self.state.shown(settings).verified.map(|seen| seen.value);
             if is_changed && verified.is_some_and(|value| self.policy.follow != Follow::HoldAt(value)) {
@@ -289,7 +296,7 @@ impl Controller {
             self.policy.follow = Follow::Target;
         }
         if self.policy.trouble == Some(Trouble::Disk) {
-            // When the disk keeps again, the axis resumes from the register value.
+            // When the disk works again, the axis resumes from the register value.
             return self.give(settings, Fact::Lapsed, now);
         }
         if is_changed && now > decision.not_after {
@@ -299,7 +306,7 @@ impl Controller {
         self.give(settings, Fact::Decided { offset, target, not_after }, now);
     }
 
-    /// Reports a decision that the register cannot hold.
+    /// Reports a decision that exceeds the range of the register.
     fn check_range(&mut self, settings: &Settings, offset: Counts) {
         let account = self.state.shown(settings).account;
         let value = account.map_or(settings.bias, |account| account.base) + offset;
@@ -311,8 +318,8 @@ impl Controller {
         }
     }
 
-    /// The last moment of a decision has passed: its readings are too old. The next decision is sent. A fault action starts again
-    /// from the register value.
+    /// Handles a decision whose last moment has passed, because its readings are too old. The next decision is sent. A
+    /// fault action starts again from the register value.
     fn lapsed(&mut self, not_after: Moment) {
         match self.policy.mode {
             Mode::Follow => {
@@ -323,7 +330,7 @@ impl Controller {
         }
     }
 
-    /// Takes a fact. It may be the result of an exchange.
+    /// Processes a fact, which may be the result of an exchange.
     fn result(&mut self, settings: &Settings, fact: Fact, now: Moment) {
         let is_shown = self.state.has_answered() && self.policy.inputs.is_armed;
         let expected = self.state.expected_offset(settings);
@@ -350,7 +357,7 @@ impl Controller {
         }
     }
 
-    /// A request failed. A write that failed is worse than a read.
+    /// Records a failed request. A failed write takes precedence over a failed read.
     fn fails(&mut self, trouble: Trouble) {
         let is_of_a_write = |known: Trouble| known.is_untaken() || known == Trouble::Unanswered;
         if !self.policy.trouble.is_some_and(is_of_a_write) {
@@ -358,14 +365,15 @@ impl Controller {
         }
     }
 
-    /// A write failed. While the axis is off, the register only went along with others.
+    /// Records a failed write. While the axis is off, the register value was only sent along with others, and nothing
+    /// is recorded.
     fn write_fails(&mut self, trouble: Trouble) {
         if self.policy.inputs.is_armed {
             self.fails(trouble);
         }
     }
 
-    /// An exchange was answered. `is_written`: it shows that what was written is in the register.
+    /// Processes an answer. `is_written` means that the register holds the written value.
     fn answered(&mut self, settings: &Settings, is_written: bool) {
         if self.state.shown(settings).is_untaken {
             let before = self.policy.trouble;
@@ -385,7 +393,7 @@ impl Controller {
         }
     }
 
-    /// The register holds what it should, and can be written. The disk is another matter.
+    /// Ends the trouble, because the register holds the expected value and can be written. Trouble with the disk stays.
     fn recover(&mut self) {
         if let Some(trouble) = self.policy.trouble.filter(|trouble| *trouble != Trouble::Disk) {
             self.policy.trouble = None;
@@ -430,7 +438,7 @@ impl Controller {
         let Some(applied) = &settings.applied else { return };
         if self.policy.applied.read(found, asked, applied) {
             self.policy.said.over(Topic::Applied);
-            // The control may apply a value other than the one that was written and refused.
+            // The control may apply a value other than one that was written and refused.
             if !self.is_bound() && !self.state.shown(settings).is_untaken {
                 self.recover();
             }
@@ -446,7 +454,7 @@ impl Controller {
         }
     }
 
-    /// While the control applies the register value, one answer that is missing says nothing.
+    /// Records a missing answer. While the control applies the register value, a single missing answer has no meaning.
     fn applied_no_answer(&mut self, asked: Moment) {
         self.policy.applied.no_answer(asked);
         if !self.policy.applied.is_applied() {
@@ -454,7 +462,7 @@ impl Controller {
         }
     }
 
-    /// Returns whether the control has not been seen to apply the register value.
+    /// Returns whether the control has not yet confirmed that it applies the register value.
     fn is_unapplied(&self, settings: &Settings) -> bool {
         let is_known = self.state.shown(settings).verified.is_some();
         settings.applied.is_some() && is_known && self.is_driven() && !self.policy.applied.is_applied()
@@ -469,7 +477,7 @@ impl Controller {
         }
     }
 
-    /// The control did not take what the register holds.
+    /// Records that the control did not take the register value.
     fn is_not_taken(&mut self) {
         if self.is_driven() {
             if !self.policy.trouble.is_some_and(Trouble::is_untaken) {
@@ -479,7 +487,7 @@ impl Controller {
         }
     }
 
-    /// Ends the turn. A write that a read of this turn has made possible is given up with it.
+    /// Ends the turn. A write that a read of this turn has made possible is dropped.
     fn turn_ends(&mut self, settings: &Settings, now: Moment) {
         let given_up = match self.policy.action {
             Action::Nothing { .. } | Action::Keep => None,
@@ -516,7 +524,8 @@ impl Controller {
         }
     }
 
-    /// Only the operator can say how the register value divides: the axis is off until he arms it. He must not be overruled then.
+    /// Disarms the axis if only the operator can divide the register value. The axis stays off until the operator arms
+    /// it.
     fn ask(&mut self, settings: &Settings) {
         let shown = self.state.shown(settings);
         let is_asked = settings.is_shared && shown.standing == ArmState::Barred && shown.verified.is_some();
@@ -526,7 +535,7 @@ impl Controller {
         }
     }
 
-    /// Passes a fact to the register step, and keeps the action that it returns, unless one is already open.
+    /// Passes a fact to the register step. Stores the returned action, unless another one is pending.
     fn give(&mut self, settings: &Settings, fact: Fact, now: Moment) {
         let was_open = is_open(&self.state, settings);
         let action = step(&mut self.state, settings, fact, now);
@@ -550,11 +559,11 @@ impl Controller {
     }
 
     fn report(&mut self, event: Event) {
-        // One input reports fewer than there is room for.
+        // The capacity is larger than the number of events of one input.
         let _ = self.events.push(event);
     }
 
-    /// Moves every moment by `to`, and leaves out the events. The controller is to be called again at `now` at the earliest.
+    /// Maps every moment, and drops the events. The next call comes at `now` at the earliest.
     #[doc(hidden)]
     pub fn moved(&self, to: impl Fn(Moment) -> Moment, now: Moment) -> Controller {
         let Policy { inputs, applied, action, .. } = self.policy;

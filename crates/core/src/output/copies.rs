@@ -1,16 +1,16 @@
-//! What was put on the wire and may still arrive, and what may be sent beside it.
+//! Values that were sent and may still arrive, and the values that may be sent meanwhile.
 //!
-//! A value that was sent is **under way** until one of these:
+//! A sent value is **under way** until one of these events:
 //!
-//! | | what was seen |
+//! | | event |
 //! |---|---|
-//! | a | it was answered as done, and a read asked after that answer shows it |
-//! | b | it was refused, or never sent: then it is not even added here |
-//! | c | a read showed another value, a later one shows it, and in between it was the only copy of its value that could arrive; never for zero, which a restarted CNC shows too, for a value lately sent, or for a copy that is pinned |
-//! | d | a read was asked when it could not arrive any more; of an output that cannot be read: a write was acknowledged that was begun then |
+//! | a | the write was answered as done, and a read requested after that answer shows the value |
+//! | b | the write was refused or not sent: it is not added at all |
+//! | c | one read showed another value, and a later one shows this value. In between, this was the only copy of its value that could arrive. Not for zero, which a restarted CNC shows too, for an expired value, or for a pinned copy |
+//! | d | a read was requested when the copy could no longer arrive. If the output cannot be read: a write begun after that time was acknowledged |
 //!
-//! What ends by (d) without ever having been answered is **lately sent**: it is recognised for a while if a box on the
-//! way was slower than anybody allowed for.
+//! A copy that ends by (d) without an answer is **expired**. It is still recognised for a while, in case a device on
+//! the way was slower than the configured time.
 
 use std::time::Duration;
 
@@ -19,43 +19,43 @@ use serde::{Deserialize, Serialize};
 use super::slots::Slots;
 use crate::quantity::{Counts, Moment, shifted};
 
-/// At most so many are under way when another one is sent.
+/// A write is sent only if fewer copies than this are under way.
 pub const MOST_UNDER_WAY: usize = 8;
-/// At most so many are under way or lately sent then; the next one waits.
+/// A write is sent only if fewer copies than this are under way or expired. Otherwise it waits.
 pub const MOST_REMEMBERED: usize = 24;
 
-/// One copy of a value on its way to the register.
+/// Copy of a value on its way to the register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Sent {
-    /// As the register will hold it.
+    /// Absolute register value.
     pub value: Counts,
-    /// When it was sent, for people.
+    /// Time of sending, for messages.
     pub at: Moment,
-    /// It arrives within `late` of this or never.
+    /// Time after the last byte was sent. The copy arrives within `late` of this time, or never.
     pub left: Moment,
-    /// When it was answered as done.
+    /// Time of the answer as done.
     pub answered: Option<Moment>,
-    /// When a read was asked that showed another value, if it has been the only copy of its value since.
+    /// Time of the first read that showed another value, if this has been the only copy of its value since.
     pub other_seen: Option<Moment>,
-    /// Only time ends it: it was found on disk, or was under way when a person armed.
+    /// Whether only time ends the copy. It was found on disk at the start, or was under way when the operator armed.
     pub is_pinned: bool,
 }
 
-/// A value whose answer never came, and which should not arrive any more.
+/// Value without an answer, whose time to arrive is over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct LatelySent {
-    /// As the register would hold it.
+    /// Absolute register value.
     pub value: Counts,
-    /// When it was sent, for people.
+    /// Time of sending, for messages.
     pub at: Moment,
-    /// It is forgotten then.
+    /// Time when the value is forgotten.
     pub until: Moment,
 }
 
-/// Everything of ours that may still appear in one register.
+/// All values of the gateway that may still appear in one register.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Copies {
-    /// Two more than are ever sent: a promise and what stood there, found on disk at a start.
+    /// Two more than are ever sent: a promise and the register value, found on disk at a start.
     under_way: Slots<Sent, { MOST_UNDER_WAY + 2 }>,
     lately: Slots<LatelySent, { MOST_REMEMBERED + 2 }>,
 }
@@ -64,47 +64,47 @@ shifted!(Copies: under_way, lately);
 shifted!(Sent: at, left, answered, other_seen);
 shifted!(LatelySent: at, until);
 
-/// What a read says about copies.
+/// Result of a read, as far as it concerns copies.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Look {
     pub(super) found: Counts,
     pub(super) asked: Moment,
     pub(super) late: Duration,
     pub(super) remembered: Duration,
-    /// A read asked before this is no first read of a pair: what was sent before the start may still arrive.
+    /// Earliest time for the first read of a pair. Before it, values from before the start may still arrive.
     pub(super) pairs_from: Moment,
-    /// What a restarted CNC may show as well as zero.
+    /// Value, other than zero, that a restarted CNC may show.
     pub(super) bias: Counts,
 }
 
 impl Copies {
-    /// Another one may be sent without forgetting any.
+    /// Returns whether another value may be sent without forgetting one.
     pub fn has_room(&self) -> bool {
         self.under_way.len() < MOST_UNDER_WAY && self.under_way.len() + self.lately.len() < MOST_REMEMBERED
     }
 
-    /// The copies under way.
+    /// Copies under way.
     pub fn under_way(&self) -> impl Iterator<Item = &Sent> {
         self.under_way.iter()
     }
 
-    /// The values lately sent.
+    /// Expired values.
     pub fn lately(&self) -> impl Iterator<Item = &LatelySent> {
         self.lately.iter()
     }
 
-    /// The newest copy of this value that is under way.
+    /// Newest copy of this value that is under way.
     pub fn of(&self, value: Counts) -> Option<&Sent> {
         self.under_way.iter().filter(|sent| sent.value == value).last()
     }
 
-    /// This value, if it was lately sent.
+    /// Expired entry of this value.
     pub fn lately_of(&self, value: Counts) -> Option<&LatelySent> {
         self.lately.iter().find(|sent| sent.value == value)
     }
 
-    /// The values that may be sent where this one stands: at most one `step` from it, and at most `reach` from
-    /// everything that may still arrive.
+    /// Returns the range of values that may be sent. They are at most one `step` from the register value, and at most
+    /// `reach` from everything that may still arrive.
     pub fn room(&self, stands: Counts, step: Counts, reach: Counts) -> Room {
         let around = Room { low: stands - step, high: stands + step };
         self.under_way.iter().fold(around, |room, sent| Room {
@@ -113,15 +113,15 @@ impl Copies {
         })
     }
 
-    /// Takes note of one that was sent directly after a read asked at `other_seen` had shown another value. Whether there
-    /// was room for it.
+    /// Adds a copy that was sent directly after a read at `other_seen` had shown another value. Returns whether there
+    /// was capacity.
     #[must_use]
     pub(super) fn add(&mut self, mut sent: Sent) -> bool {
         if sent.answered.is_some()
             && let Some(before) =
                 self.under_way.iter_mut().find(|one| one.value == sent.value && one.answered.is_some())
         {
-            // Both have been carried out; only the answer that came last is still to be compared with.
+            // Both were carried out. Only the last answer is still compared with.
             (before.left, before.answered) = (sent.left, sent.answered);
             return true;
         }
@@ -129,7 +129,7 @@ impl Copies {
             && let Some(before) =
                 self.under_way.iter_mut().find(|one| one.value == sent.value && one.answered.is_none())
         {
-            // Two of them, of which one arriving says nothing of the other: only time ends both.
+            // Two copies of one value cannot be distinguished when one arrives, so only time ends them.
             (before.left, before.at, before.other_seen, before.is_pinned) = (sent.left, sent.at, None, true);
             return true;
         }
@@ -139,7 +139,7 @@ impl Copies {
         self.under_way.push(sent)
     }
 
-    /// Takes note of a value that was lately sent. Whether there was room for it.
+    /// Adds an expired value. Returns whether there was capacity.
     #[must_use]
     pub(super) fn add_lately(&mut self, sent: LatelySent) -> bool {
         if let Some(same) = self.lately.iter_mut().find(|one| one.value == sent.value) {
@@ -149,7 +149,7 @@ impl Copies {
         self.lately.push(sent)
     }
 
-    /// Ends what a read ends. Whether anything did.
+    /// Ends the copies that a read ends. Returns whether copies under way have changed.
     pub(super) fn look(&mut self, look: Look) -> bool {
         let before = *self;
         self.under_way.retain(|sent| {
@@ -172,40 +172,40 @@ impl Copies {
         self.under_way != before.under_way
     }
 
-    /// Ends what could not arrive any more when something was asked at this moment.
+    /// Ends the copies that could no longer arrive when a request was made at this time.
     pub(super) fn end_late(&mut self, asked: Moment, late: Duration, remembered: Duration) {
         let before = self.under_way;
         for sent in before.iter().filter(|sent| asked > sent.left.after(late) && sent.answered.is_none()) {
             let until = asked.after(remembered);
-            // There is always room: as many as are under way and lately sent together fit.
+            // Sent and expired values together fit the capacity.
             let _ = self.add_lately(LatelySent { value: sent.value, at: sent.at, until });
         }
         self.under_way.retain(|sent| asked <= sent.left.after(late));
     }
 
-    /// Forgets what was lately sent for long enough. Whether anything was.
+    /// Forgets old expired values. Returns whether there were any.
     pub(super) fn expire(&mut self, now: Moment) -> bool {
         let before = self.lately.len();
         self.lately.retain(|sent| sent.until > now);
         self.lately.len() != before
     }
 
-    /// Only time ends what is under way now.
+    /// Pins all copies: only time ends them.
     pub(super) fn pin(&mut self) {
         self.under_way.iter_mut().for_each(|sent| sent.is_pinned = true);
     }
 
-    /// When the last of them cannot arrive any more; `None` where nothing is under way.
+    /// Time when the last copy can no longer arrive. `None` if nothing is under way.
     pub fn all_over(&self, late: Duration) -> Option<Moment> {
         self.under_way.iter().map(|sent| sent.left.after(late)).max()
     }
 
-    /// When the first of them cannot arrive any more; `None` where nothing is under way.
+    /// Time when the first copy can no longer arrive. `None` if nothing is under way.
     pub fn first_over(&self, late: Duration) -> Option<Moment> {
         self.under_way.iter().map(|sent| sent.left.after(late)).min()
     }
 
-    /// With every moment moved by this rule.
+    /// Maps every moment that affects decisions, and clears the others.
     pub(super) fn moved(&self, to: impl Fn(Moment) -> Moment) -> Copies {
         let mut copies = *self;
         for sent in copies.under_way.iter_mut() {
@@ -221,7 +221,7 @@ impl Copies {
     }
 }
 
-/// The values that may be sent now, from the lowest to the highest; none where the lowest is above the highest.
+/// Range of the values that may be sent now. Empty if the lowest is above the highest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Room {
     low: Counts,
@@ -229,12 +229,12 @@ pub struct Room {
 }
 
 impl Room {
-    /// This value may be sent.
+    /// Returns whether this value may be sent.
     pub fn contains(self, value: Counts) -> bool {
         (self.low..=self.high).contains(&value)
     }
 
-    /// The value nearest to this one that may be sent.
+    /// Returns the allowed value nearest to this one. `None` if the range is empty.
     pub fn nearest(self, value: Counts) -> Option<Counts> {
         (self.low <= self.high).then(|| value.clamp(self.low, self.high))
     }

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::{Fact, Who};
 use crate::quantity::{Counts, Moment, shifted};
 
-/// Demand on one output: what its axis, its interlock and the operator require now.
+/// Demand on one output: present requirements of its axis, its interlock and the operator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Demand {
@@ -13,11 +13,11 @@ pub struct Demand {
     pub armed: Option<Who>,
     /// Condition of the interlock.
     pub interlock: Condition,
-    /// Newest decision of the axis. `None` if the axis is off, or has not yet resumed from the register value.
+    /// Latest decision of the axis. `None` if the axis is off, or has not yet resumed from the register value.
     pub decision: Option<Demanded>,
-    /// Restarts of the control so far.
+    /// Number of restarts of the control so far.
     pub restarts: u64,
-    /// Pauses of the computer so far.
+    /// Number of pauses of the computer so far.
     pub pauses: u64,
 }
 
@@ -27,17 +27,17 @@ pub struct Demand {
 pub struct Demanded {
     /// Counts from the bias, or the gateway share of a shared register.
     pub offset: Counts,
-    /// Target of the offset. `None` if it is not known, and for a constant.
+    /// Target of the offset. `None` if unknown, and for a constant.
     pub target: Option<Counts>,
-    /// When the axis decided.
+    /// Time of the decision.
     pub at: Moment,
-    /// When a change must have left at the latest.
+    /// Last moment for sending a change.
     pub not_after: Moment,
     /// Mode of the axis.
     pub mode: Mode,
 }
 
-/// Mode of an axis that decides.
+/// Mode of a deciding axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Mode {
@@ -54,11 +54,11 @@ pub enum Mode {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Condition {
-    /// The interlock allows writing. So does an output without an interlock.
+    /// The interlock allows writing, or the output has no interlock.
     Met,
     /// The interlock does not allow writing.
     NotMet,
-    /// Its signal is not known.
+    /// The signal of the interlock is unknown.
     Unknown,
 }
 
@@ -69,25 +69,25 @@ pub enum Input {
     Demand(Demand),
     /// A fact of the register.
     Fact(Fact),
-    /// The write has not left, for this reason.
+    /// The write was not sent, for this reason.
     NotSent(NotSent),
-    /// The promise is on disk. [`Fact::Kept`] says that it need not be.
+    /// The promise is on disk. [`Fact::Kept`] means that it need not be.
     OnDisk,
-    /// The control said what it applies.
+    /// The applied value was read from the control.
     Applied {
-        /// Thousandths of a count of the register. `None` if the value is no number.
+        /// Thousandths of a count of the register. `None` if the value is not a number.
         found: Option<i64>,
-        /// When the read was asked.
+        /// Time of the request.
         asked: Moment,
     },
-    /// The read of what the control applies was not answered.
+    /// The read of the applied value was not answered.
     AppliedNoAnswer {
-        /// When the read was asked.
+        /// Time of the request.
         asked: Moment,
     },
-    /// The control has taken the set of the output, or has not.
+    /// Result of the set of the output.
     Set(SetCommit),
-    /// The turn of the output ends. What was begun in it is given up.
+    /// The turn of the output ends. Pending exchanges of the turn are dropped.
     TurnEnds,
 }
 
@@ -122,14 +122,14 @@ impl Input {
     }
 }
 
-/// Why a write has not left.
+/// Reason why a write was not sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum NotSent {
-    /// Its last moment had passed.
+    /// The last moment of the write had passed.
     TooLate,
     /// The device could not be reached.
     Unreachable,
-    /// The request cannot be made.
+    /// The request cannot be built.
     Rejected,
     /// The line backs off from the device.
     BacksOff,
@@ -139,12 +139,12 @@ pub enum NotSent {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SetCommit {
-    /// The control has taken what its registers hold. So has a control without a set.
+    /// The control has taken the register values. Also the state of an output without a set.
     #[default]
     Taken,
-    /// The control may not have taken what its registers hold: nothing else is sent.
+    /// The control may not have taken the register values. Nothing else is sent.
     Open,
-    /// The control has not taken what was sent.
+    /// The control has not taken the values that were sent.
     Failed,
 }
 

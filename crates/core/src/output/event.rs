@@ -1,4 +1,4 @@
-//! What happened to an output, for people.
+//! Events of an output, for messages.
 
 use std::fmt;
 
@@ -7,76 +7,78 @@ use serde::{Deserialize, Serialize};
 use super::follow::Cause;
 use crate::quantity::{Counts, Moment};
 
-/// Something that happened. Values are counts of the register.
+/// Event of an output. Values are counts of the register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Event {
-    /// A write whose answer never came has arrived.
+    /// A write without an answer has arrived late.
     OwnWriteArrivedLate {
-        /// What it put there.
+        /// Value of the write.
         value: Counts,
-        /// When it was sent.
+        /// Time of sending.
         sent: Moment,
     },
-    /// What appeared may be our own from before the start: it is taken over.
+    /// The register value may be from a write before the start. The axis resumes from it.
     PerhapsFromBefore {
-        /// What stands there.
+        /// Register value.
         value: Counts,
     },
-    /// The operator changed his part of a shared register.
+    /// The operator changed the operator offset in a shared register.
     OperatorChanged {
-        /// His part before.
+        /// Operator offset before.
         from: Counts,
-        /// His part now.
+        /// Operator offset now.
         to: Counts,
     },
-    /// The register fell to zero: the CNC was restarted, or somebody cleared it.
+    /// The register fell to zero: the CNC was restarted, or another client cleared the register.
     CncRestarted {
-        /// What stood there before.
+        /// Register value before.
         stood: Counts,
     },
-    /// Somebody else wrote to a register that is ours alone: the axis is off.
+    /// Another client wrote to a register that belongs to the gateway. The axis is off.
     ForeignValue {
-        /// What should have stood there.
+        /// Expected value.
         expected: Counts,
-        /// What does.
+        /// Register value.
         found: Counts,
     },
-    /// Operator offset and gateway share of a register cannot be known. The axis is off until the operator confirms.
+    /// Operator offset and gateway share of a register cannot be determined. The axis is off until the operator
+    /// confirms.
     Doubted {
-        /// Why.
+        /// Reason.
         doubt: Doubt,
-        /// What stands there.
+        /// Register value.
         found: Counts,
-        /// What of it is taken to be ours.
+        /// Assumed gateway share.
         share: Counts,
     },
-    /// A shared register that was never ours before is not zero: a person confirms that all of it is the operator's.
+    /// A shared register is not zero when the gateway first uses it. The operator must confirm that all of it is the
+    /// operator offset.
     FirstAccount {
-        /// What stands there.
+        /// Register value.
         found: Counts,
     },
-    /// A write was acknowledged, and what stood there before still does.
+    /// A write was acknowledged, but the register still holds the value before.
     NotTaken {
-        /// What was written.
+        /// Value that was written.
         wrote: Counts,
-        /// What stands there.
+        /// Register value.
         found: Counts,
     },
     /// A late write may still arrive, and the next change would be too far from it.
     WaitingForLateWrite {
-        /// For so long at most.
+        /// Longest possible wait, s.
         seconds: u64,
     },
-    /// The device acknowledges what is written, and nobody reads it back.
+    /// The device acknowledges writes, and the register is not read back.
     AcknowledgedNotReadBack,
     /// The device refused a write.
     WriteRefused {
-        /// What it was.
+        /// Value of the write.
         value: Counts,
     },
-    /// What must be on disk before anything is sent cannot be kept there.
+    /// The state cannot be written to disk, which is necessary before anything is sent.
     DiskDoesNotKeep,
-    /// The decision of the axis is beyond the range of the register.
+    /// The decision of the axis exceeds the range of the register.
     Saturated {
         /// Register value that was decided.
         value: Counts,
@@ -90,67 +92,67 @@ pub enum Event {
         /// Last moment of the decision.
         not_after: Moment,
     },
-    /// The axis is to resume from the verified value.
+    /// The axis resumes from the verified value.
     TakeOver {
-        /// Why.
+        /// Reason.
         cause: Cause,
     },
     /// A write is verified.
     Written,
     /// A write or a set was not taken, or still is not.
     StillUntaken,
-    /// The register holds what it should, and can be written again.
+    /// The register holds the expected value, and can be written again.
     Recovered {
-        /// The register had not held what was written at the end of an earlier turn.
+        /// Whether the register did not hold the written value at the end of an earlier turn.
         was_untaken: bool,
     },
-    /// The control does not apply the register value in its time.
+    /// The control has not applied the register value in time.
     NotApplied,
-    /// The division of a shared register is known and on disk.
+    /// The division of a shared register into operator offset and gateway share is known and on disk.
     Opened {
         /// Operator offset.
         base: Counts,
         /// Gateway share.
         share: Counts,
     },
-    /// Only the operator can say how the register value divides. The axis is off.
+    /// Only the operator can divide the register value. The axis is off.
     Question,
 }
 
 impl Event {
-    /// It switches the axis off until a person arms it.
+    /// Returns whether the event disarms the axis until the operator arms it.
     pub fn switches_off(self) -> bool {
         matches!(self, Event::ForeignValue { .. } | Event::Doubted { .. } | Event::FirstAccount { .. })
     }
 }
 
-/// Why the account of a shared register is not believed.
+/// Reason why the account of a shared register is not accepted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Doubt {
-    /// The register was changed while a write was under way.
+    /// The register changed while a write was under way.
     ChangedMeanwhile,
-    /// What stands there is the operator's change, or a write of ours that came very late.
+    /// The register value is a change of the operator, or a very late write of the gateway.
     YoursOrOurs,
-    /// It fell to zero, which is also what a write of ours would have made of it.
+    /// The register fell to zero, which a write of the gateway would also have caused.
     ZeroOrOurs,
-    /// The CNC was restarted, and something else stands there since.
+    /// The CNC was restarted, and the register holds another value since.
     Rebooted,
-    /// Twice in a row an unanswered write was followed by a change of just its size.
+    /// Twice in a row, an unanswered write was followed by a change of exactly its size.
     LikeOurOwn,
-    /// Twice in a row something else stood there than was written and acknowledged.
+    /// Twice in a row, the register held another value than the one that was written and acknowledged.
     Unsteady,
-    /// Somebody else has made as many small changes as we, each soon after ours.
+    /// Another client has made as many small changes as the gateway, each soon after one of its own.
     SecondGateway,
-    /// It changed while a person armed the axis.
+    /// The register changed while the operator armed the axis.
     ChangedWhileArming,
     /// The ledger cannot be read.
     Unreadable,
-    /// An offset was written before, and there is no ledger of it.
+    /// An offset was written before, but its ledger is missing.
     Lost,
-    /// The ledger speaks of another register, or of counts of another worth.
+    /// The ledger is for another register, or for counts of another size.
     Elsewhere,
-    /// The ledger was put back from a backup.
+    /// The ledger was restored from a backup.
     Restored,
 }
 

@@ -1,4 +1,4 @@
-//! How each fact changes what is known of an output.
+//! Effect of each fact on the state of an output.
 
 use super::copies::{Look, Sent};
 use super::event::{Doubt, Event};
@@ -11,7 +11,7 @@ use super::turns::Turns;
 use super::{Fact, Who};
 use crate::quantity::{Counts, Moment};
 
-/// Takes a fact in. When a read shows nothing new, the moment at which it was asked.
+/// Processes a fact. If a read showed nothing new, returns the time of its request.
 pub(super) fn take(state: &mut State, settings: &Settings, fact: Fact, now: Moment) -> Option<Moment> {
     state.is_unsaved |= state.copies.expire(now);
     match fact {
@@ -19,7 +19,8 @@ pub(super) fn take(state: &mut State, settings: &Settings, fact: Fact, now: Mome
         Fact::WentAlong { value, left, is_done } => {
             let answered = is_done.then_some(now);
             let sent = Sent { value, at: left, left, answered, other_seen: None, is_pinned: false };
-            // Where there is no room, as many are under way already, and this one is what was just read.
+            // If there is no capacity, as many copies are under way already. This one equals the value that was just
+            // read.
             let _ = state.copies.add(sent);
         }
         Fact::Decided { offset, target, not_after } => {
@@ -44,7 +45,7 @@ pub(super) fn take(state: &mut State, settings: &Settings, fact: Fact, now: Mome
             }
         }
         Fact::NotSent => {
-            // Of what cannot be read only a write that is acknowledged shows that there is somebody to write to.
+            // If the output cannot be read, only an acknowledged write shows that the device can be reached.
             if not_written(state, settings, now).is_some() && settings.verify == Verify::Echo {
                 state.untaken = Some(Untaken::Refused);
             }
@@ -78,7 +79,7 @@ pub(super) fn take(state: &mut State, settings: &Settings, fact: Fact, now: Mome
             let is_barred = matches!(state.standing, ArmState::Barred | ArmState::Confirming(_));
             switch_off(state, if is_barred { ArmState::Barred } else { ArmState::Off });
         }
-        // Nobody asked for it.
+        // Not requested.
         Fact::Read { .. } | Fact::NoAnswer | Fact::Kept | Fact::NotKept => {}
     }
     None
@@ -176,7 +177,7 @@ fn follow(
                 state.turns.ours();
             }
             let is_soon = asked.since(state.written_at) <= settings.every.saturating_mul(3);
-            // Two of its changes may have come between two looks.
+            // The other client may have made two changes between two reads.
             state.turns.another(by.abs() <= settings.step + settings.step, is_soon);
             expected.into_iter().for_each(|expected| share_is(state, expected));
             let Some(account) = state.account else { return };
@@ -188,14 +189,14 @@ fn follow(
     }
 }
 
-/// Once, until a write stands there.
+/// Reports the event once, until a write is verified.
 fn report_untaken(state: &mut State, how: Untaken, event: Event) {
     if state.untaken.replace(how).is_none() {
         state.reports.report(event);
     }
 }
 
-/// The sum is known, and the operator's part has not changed.
+/// Computes the share from a known sum and an unchanged operator offset.
 fn share_is(state: &mut State, sum: Counts) {
     if let Some(account) = state.account {
         account_is(state, Account { share: sum - account.base, ..account });
@@ -227,7 +228,7 @@ fn bar_foreign(state: &mut State, expected: Counts, found: Counts) {
 }
 
 fn arm(state: &mut State, settings: &Settings, by: Who) {
-    // Whoever arms takes over what stands there: what was decided before started from something else.
+    // Arming starts from the register value, so an earlier decision is void.
     state.drop_order(settings);
     let is_confirmed = state.account.is_some_and(|account| account.doubt.is_none());
     match (state.standing, by) {
@@ -248,9 +249,10 @@ fn arm(state: &mut State, settings: &Settings, by: Who) {
     }
 }
 
-/// A person has said that the register is right: our share is what it was taken to be, the rest is the operator's.
-/// He may have done that after it was last read; but what may have come from us, or from a restarted CNC, need not be
-/// what he said. What stood before the doubt is the same, whoever put it there again.
+/// Completes the confirmation by the operator. The share is the assumed one, and the rest is the operator offset.
+///
+/// The operator may have corrected the register after it was last read. A value that the gateway or a restarted CNC may
+/// have caused is not accepted as a correction. The value from before the doubt is accepted, whoever restored it.
 fn confirm(state: &mut State, settings: &Settings, found: Counts) {
     let ArmState::Confirming(shown) = state.standing else { return };
     let account = state.account.unwrap_or_default();
@@ -270,7 +272,7 @@ fn restarted(state: &mut State, settings: &Settings, now: Moment) {
     if settings.verify == Verify::Reading {
         (state.is_rebooted, state.must_read) = (true, true);
     } else {
-        // What a restarted control holds that nobody can read: nothing.
+        // A restarted control that cannot be read is assumed to hold the bias.
         let stood = state.verified.map_or(settings.bias, |verified| verified.value);
         state.reports.report(Event::CncRestarted { stood });
         state.verified = Some(Seen { value: settings.bias, asked: now });
@@ -278,7 +280,7 @@ fn restarted(state: &mut State, settings: &Settings, now: Moment) {
     }
 }
 
-/// A write has left: it was answered as done at this moment, or nobody knows.
+/// Handles a write that was sent. `answered` is the time of its answer as done, or `None` if its result is unknown.
 fn written(state: &mut State, settings: &Settings, answered: Option<Moment>, left: Moment, now: Moment) {
     let Doing::Writing { value, begun, read } = state.doing else { return };
     state.doing = Doing::Nothing;
@@ -290,7 +292,7 @@ fn written(state: &mut State, settings: &Settings, answered: Option<Moment>, lef
     }
     let other_seen = read.filter(|asked| *asked > state.pairs_from);
     let sent = Sent { value, at: left, left, answered, other_seen, is_pinned: false };
-    // A write is only begun where there is room for it.
+    // A write is begun only if there is capacity for it.
     let _ = state.copies.add(sent);
     state.must_read |= settings.verify == Verify::Reading && (answered.is_none() || read.is_some());
     if answered.is_some() {
@@ -299,7 +301,7 @@ fn written(state: &mut State, settings: &Settings, answered: Option<Moment>, lef
         state.unanswered_change = stood.map(|stood| value - stood);
         state.writes_from = now.after(RETRY);
         state.drop_order(settings);
-        // A shared register is not written again to find out: that it is read shows enough.
+        // A shared register is not written again as a test: reading it is sufficient.
         if state.standing == ArmState::Armed && !settings.is_shared {
             state.untaken = Some(Untaken::Refused);
         }
@@ -313,7 +315,7 @@ fn acknowledged(state: &mut State, settings: &Settings, value: Counts, begun: Mo
     state.reports.report_acknowledged();
 }
 
-/// A write did not take place. What it was.
+/// Handles a write that did not take place. Returns its value.
 fn not_written(state: &mut State, settings: &Settings, now: Moment) -> Option<Counts> {
     let Doing::Writing { value, .. } = state.doing else { return None };
     state.doing = Doing::Nothing;
@@ -325,7 +327,7 @@ fn not_written(state: &mut State, settings: &Settings, now: Moment) -> Option<Co
 
 fn switch_off(state: &mut State, to: ArmState) {
     if to == ArmState::Barred {
-        // A person may type anything now, also what is under way: that ends nothing.
+        // The operator may now enter any value, including one under way. Such a value must not end a copy.
         state.copies.pin();
     }
     state.standing = to;
@@ -337,7 +339,7 @@ fn switch_off(state: &mut State, to: ArmState) {
     }
 }
 
-/// What was asked for has come to its end, if it was this.
+/// Ends the pending action if it is this one. Returns whether it was.
 fn ends(state: &mut State, what: Doing) -> bool {
     let is_it = state.doing == what;
     if is_it {

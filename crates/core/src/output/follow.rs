@@ -8,20 +8,20 @@ use crate::quantity::Counts;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Follow {
-    /// The output is sent what the axis decides.
+    /// The output follows the decisions of the axis.
     #[default]
     Target,
     /// The axis was given this register value to resume from.
     HoldAt(Counts),
-    /// The axis is to resume from the verified value, which is not what it decided.
+    /// The axis must resume from the verified value, which differs from its decision.
     TakeOver(Cause),
-    /// Its turn came too late for the last decision: with the next one it goes first on its line.
+    /// The turn came too late for the last decision. The output has priority on its line at the next one.
     Late,
-    /// A change waits for what may still arrive.
+    /// A change waits for copies that may still arrive.
     Waiting,
 }
 
-/// Why an axis resumes from the register value.
+/// Reason why an axis resumes from the register value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Cause {
@@ -32,14 +32,14 @@ pub enum Cause {
 }
 
 impl Follow {
-    /// The axis is to resume from the verified value. A restart stays the cause.
+    /// Requests that the axis resumes from the verified value. A restart remains the cause.
     pub(super) fn take_over(&mut self) {
         if !matches!(self, Follow::TakeOver(_)) {
             *self = Follow::TakeOver(Cause::Other);
         }
     }
 
-    /// The turn came too late. An axis that is to resume from the register value does so all the same.
+    /// Records that the turn came too late. A request to resume from the register value stays.
     pub(super) fn late(&mut self) {
         if !matches!(self, Follow::TakeOver(_)) {
             *self = Follow::Late;
@@ -47,24 +47,24 @@ impl Follow {
     }
 }
 
-/// Why a register does not hold what was decided.
+/// Reason why a register does not hold the decided value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Trouble {
     /// The device did not answer.
     Link,
-    /// The device did not answer a write, and none was sent since.
+    /// The device did not answer a write, and none has been sent since.
     Unanswered,
-    /// The device answered, but the register does not hold what was written.
+    /// The device answered, but the register does not hold the written value.
     Untaken,
-    /// The register still did not hold what was written at the end of the last turn.
+    /// The register still did not hold the written value at the end of the last turn.
     StillUntaken,
-    /// The disk does not keep what it must.
+    /// The state cannot be written to disk.
     Disk,
 }
 
 impl Trouble {
-    /// The device answered, but the register does not hold what was written.
+    /// Returns whether the device answered, but the register does not hold the written value.
     pub(super) fn is_untaken(self) -> bool {
         matches!(self, Trouble::Untaken | Trouble::StillUntaken)
     }
@@ -73,12 +73,12 @@ impl Trouble {
 /// Health of an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum OutputHealth {
-    /// The register value is known, and is the gateway's.
+    /// The register value is known, and was written by the gateway.
     Verified,
-    /// The last exchange failed, or the register does not hold what was written.
+    /// The last exchange failed, or the register does not hold the written value.
     Unverified,
     /// The interlock does not allow writing.
     Interlocked,
-    /// The operator must judge what the register holds.
+    /// The operator must assess the register value.
     Foreign,
 }

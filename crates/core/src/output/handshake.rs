@@ -1,8 +1,8 @@
-//! How a handshake with a control can fail.
+//! Failures of a handshake with a control.
 
 use serde::{Deserialize, Serialize};
 
-/// The stage at which a handshake failed.
+/// Stage at which a handshake failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum HandshakeFault {
@@ -21,7 +21,7 @@ pub enum HandshakeFault {
 }
 
 impl HandshakeFault {
-    /// One word for programs: the counter's label.
+    /// Name for programs: label of the counter.
     pub const fn kind(self) -> &'static str {
         match self {
             HandshakeFault::AcknowledgeEarly => "acknowledge-early",
@@ -33,7 +33,7 @@ impl HandshakeFault {
         }
     }
 
-    /// What failed, for a status line.
+    /// Failure, as text for a status line.
     pub const fn message(self) -> &'static str {
         match self {
             HandshakeFault::AcknowledgeEarly => "the acknowledge is up before the strobe",
@@ -45,7 +45,7 @@ impl HandshakeFault {
         }
     }
 
-    /// What to do about it.
+    /// Hint for the operator.
     pub const fn hint(self) -> &'static str {
         match self {
             HandshakeFault::AcknowledgeEarly | HandshakeFault::AcknowledgeStuck => {
@@ -62,13 +62,13 @@ impl HandshakeFault {
         }
     }
 
-    /// It is one of the strobe, not of the acknowledge.
+    /// Returns whether the failure concerns the strobe, not the acknowledge.
     pub const fn is_of_the_strobe(self) -> bool {
         matches!(self, HandshakeFault::StrobeNotWritten | HandshakeFault::StrobeNotDropped)
     }
 
-    /// The sentence about `set` ("output cnc_z", "set plc"). `register`: that of the strobe or the acknowledge; `cause`:
-    /// "within 500 ms", or the fault of the request.
+    /// Builds a sentence about `set` ("output cnc_z", "set plc"). `register` is that of the strobe or the acknowledge.
+    /// `cause` is "within 500 ms", or the fault of the request.
     pub fn sentence(self, set: &str, register: &str, cause: &str) -> String {
         let flag = if self.is_of_the_strobe() { "strobe" } else { "acknowledge" };
         let failed = match self {

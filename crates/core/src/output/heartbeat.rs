@@ -1,17 +1,17 @@
-//! Heartbeats: a count by which a control sees that the gateway runs and steps the axes in time.
+//! Heartbeats: counters that show a control that the gateway runs and steps the axes in time.
 
 use serde::{Deserialize, Serialize};
 
-/// Heartbeat in the next request.
+/// State of the heartbeat in the next request.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Beat {
-    /// No heartbeat is sent: no axis was armed yet, or this is a dry run.
+    /// No heartbeat is sent: no axis has been armed yet, or this is a dry run.
     #[default]
     Silent,
-    /// Unchanged count: the axes were not stepped in time.
+    /// The count stays, because the axes were not stepped in time.
     Stands,
-    /// Next count in each request.
+    /// The count increases with each request.
     Counts,
 }
 
@@ -22,7 +22,7 @@ pub struct HeartbeatController {
 }
 
 impl HeartbeatController {
-    /// Returns the count to write. `highest`: largest count of the register.
+    /// Returns the count to write, or `None` if no heartbeat is sent. `highest` is the largest count of the register.
     pub fn next(&mut self, beat: Beat, highest: u16) -> Option<u16> {
         if beat == Beat::Counts {
             self.count = count_after(self.count, highest);
@@ -31,7 +31,7 @@ impl HeartbeatController {
     }
 }
 
-/// Count after this one; zero after the highest.
+/// Returns the next count, which is zero after the highest.
 pub(super) fn count_after(count: u16, highest: u16) -> u16 {
     if count >= highest { 0 } else { count + 1 }
 }

@@ -1,4 +1,4 @@
-//! The Cz inside a corrected position, which is written again and again with a new position each time.
+//! Cz in a corrected position. A corrected position is written repeatedly, each time with a new position.
 
 use std::ops::Sub;
 
@@ -6,24 +6,25 @@ use serde::{Deserialize, Serialize};
 
 use crate::quantity::{Micron, Moment, Shift, Shifted};
 
-/// Cz inside a corrected position. The newest position goes out at once, whatever may still arrive. Only the Cz inside moves by one step at
-/// each decision. After a write whose result nobody knows it stays what was sent: only the same is near to both.
+/// Cz in a corrected position. The latest position is sent at once, whatever may still arrive. Only Cz moves in steps,
+/// one for each decision. After a write with an unknown result, Cz stays as it was sent. Only that value is near enough
+/// to both possible register values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Inside {
-    /// Nothing was written since the axis was armed.
+    /// Nothing has been written since the axis was armed.
     #[default]
     Nothing,
-    /// The run before this one wrote this Cz last.
+    /// The previous run wrote this Cz last.
     Left(Micron),
-    /// This Cz was written, after the decision of this moment.
+    /// This Cz was written, after the decision at this time.
     Written(Micron, Moment),
-    /// This Cz was sent. Whether it arrived is not known.
+    /// This Cz was sent, with an unknown result.
     Sent(Micron),
 }
 
 impl Inside {
-    /// The Cz of the next position. `decision`: Cz, its target and its moment, as the axis decided them.
+    /// Returns the Cz of the next position. The argument is the decision of the axis: Cz, its target, and its time.
     pub fn next(self, (decided, target, at): (Micron, Micron, Moment), step: Micron) -> Micron {
         match self {
             Inside::Nothing => decided,
@@ -42,8 +43,9 @@ impl Shifted for Inside {
     }
 }
 
-/// The Cz of the next position, if `last` went into the one before: towards the target by one step at most, and never away from it
-/// or beyond it. `decided` is what the guard of the axis has, which may be ahead of what was sent; µm.
+/// Returns the Cz of the next position, µm. `last` is the Cz of the previous one. The result approaches the target by
+/// one step at most, never moves away from it, and never passes it. `decided` is the Cz after the guard of the axis,
+/// which may be ahead of the value sent.
 fn next_inside(last: Micron, decided: Micron, target: Micron, step: Micron) -> Micron {
     let next = last + (decided - last).clamp_to(step);
     let (low, high) = if last < target { (last, target) } else { (target, last) };
@@ -56,8 +58,8 @@ fn next_inside(last: Micron, decided: Micron, target: Micron, step: Micron) -> M
     }
 }
 
-/// Verified value that is farthest from the last decision. An axis with several outputs stays within one step of it. `values` are those of
-/// the outputs that answer and do not hold the decision. `None` if there is none.
+/// Returns the verified value that is farthest from the last decision. An axis with several outputs stays within one
+/// step of it. `values` are those of the outputs that answer and do not hold the decision. `None` if there are none.
 pub fn farthest_behind<T>(decided: T, values: impl Iterator<Item = T>) -> Option<T>
 where
     T: Copy + PartialOrd + Sub<Output = T>,

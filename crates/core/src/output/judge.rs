@@ -1,35 +1,35 @@
-//! What a read of the register means. Nothing is changed here.
+//! Meaning of a read of the register. Nothing here changes the state.
 
 use super::event::Doubt;
 use super::settings::Settings;
 use super::state::State;
 use crate::quantity::{Counts, Moment};
 
-/// What stands there, and why.
+/// Meaning of a register value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Meaning {
-    /// It was read for the first time, and is whatever it is.
+    /// First read: any value is accepted.
     First,
-    /// What was expected.
+    /// Expected value.
     Same,
-    /// A write of ours that was under way or lately sent, sent at this moment; `is_late` where a read before this one
-    /// had not shown it yet.
+    /// Write of the gateway that was under way or expired, sent at this time. `is_late` means that an earlier read did
+    /// not show it.
     Ours { sent: Moment, is_late: bool },
-    /// Something from before the start, perhaps ours.
+    /// Value from before the start, perhaps written by the gateway.
     FromBefore,
-    /// A write was answered as done, and what stood there before still does.
+    /// A write was answered as done, but the register still holds the value before.
     NotTaken,
-    /// Zero, and nothing else explains it.
+    /// Zero, without another explanation.
     Restarted,
-    /// Somebody wrote to a register that is ours alone.
+    /// Another client wrote to a register that belongs to the gateway.
     Foreign,
-    /// The operator changed his part by so much.
+    /// The operator offset changed by this difference.
     Moved { by: Counts },
-    /// Nobody can say.
+    /// The meaning cannot be determined.
     Doubtful(Doubt),
 }
 
-/// What it means that a read asked at `asked` found `found`.
+/// Determines the meaning of the value `found` that was requested at `asked`.
 pub(super) fn meaning(state: &State, settings: &Settings, found: Counts, asked: Moment) -> Meaning {
     let Some(expected) = state.expected() else { return Meaning::First };
     if found == expected {
@@ -92,8 +92,9 @@ fn shared(state: &State, settings: &Settings, expected: Counts, found: Counts, a
     }
 }
 
-/// Beside the operator's part as it is now this is more than was ever ours: he has set it to what we had sent beside
-/// another part of his, or that has arrived and undone his change.
+/// Returns whether the share would be larger than ever, given the present operator offset. Two causes are possible. The
+/// operator has entered a value that the gateway sent with another operator offset. Or that write has arrived, and
+/// undone the operator's change.
 fn is_no_share(state: &State, settings: &Settings, found: Counts) -> bool {
     state.account.is_some_and(|account| {
         let share = found.abs_diff(account.base);
@@ -107,8 +108,8 @@ fn ours(state: &State, settings: &Settings, found: Counts) -> Option<Meaning> {
     Some(Meaning::Ours { sent: sent.at, is_late })
 }
 
-/// A write may have arrived and then been changed by the operator, between the read before and this one: his change
-/// would be wrong by a step.
+/// Returns whether a write may have arrived and the operator have changed it, between the last read and this one. The
+/// operator offset would then be wrong by one step.
 fn hides_a_step(state: &State, settings: &Settings, expected: Counts, asked: Moment) -> bool {
     let mut others =
         state.copies.under_way().filter(|sent| sent.answered.is_none() && sent.value != expected);

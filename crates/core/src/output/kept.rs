@@ -1,4 +1,4 @@
-//! What of an output must outlive the process.
+//! State of an output that must survive the process.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,41 +8,41 @@ use super::settings::Settings;
 use super::slots::Slots;
 use crate::quantity::{Counts, Moment, shifted};
 
-/// What is on disk. Values are absolute, as the register would hold them: a base that moves does not move them.
+/// State of an output on disk. Values are absolute register values, so a changed operator offset does not change them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Kept {
-    /// The process ended when nothing was under way, and nothing was written since.
+    /// Whether the process ended with nothing under way, and nothing has been written since.
     pub in_order: bool,
     /// Operator offset and gateway share of a shared register.
     pub account: Option<Account>,
-    /// What stood there last: of an output that cannot be read, what was acknowledged last.
+    /// Last register value. For an output that cannot be read, the last acknowledged value.
     pub stood: Option<Counts>,
-    /// What may still appear in the register.
+    /// Values that may still appear in the register.
     pub promises: Slots<Promise, { MOST_REMEMBERED + 4 }>,
 }
 
-/// A register that an operator writes to as well: his part and ours, which make up what stands there.
+/// Account of a register that the operator also writes to. The register value is base + share.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Account {
-    /// The operator's part.
+    /// Operator offset.
     pub base: Counts,
-    /// Ours.
+    /// Gateway share.
     pub share: Counts,
-    /// Why it is not believed; only a person ends that.
+    /// Reason why the account is not accepted. Only the operator ends a doubt.
     pub doubt: Option<Doubt>,
 }
 
-/// A value of ours that may appear.
+/// Value of the gateway that may appear in the register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Promise {
-    /// As the register would hold it.
+    /// Absolute register value.
     pub value: Counts,
-    /// When it was sent, for people.
+    /// Time of sending, for messages.
     pub at: Moment,
-    /// It is under way, or is about to be; else it was lately sent.
+    /// Whether it is under way, or about to be sent. If not, it has expired.
     pub is_under_way: bool,
 }
 
@@ -50,16 +50,16 @@ shifted!(Kept: promises);
 shifted!(Promise: at);
 
 impl Kept {
-    /// For an account that was lost or cannot be read: no share of ours is taken to be in the register, and a person
+    /// Creates the state for a missing or unreadable account. It assumes no share in the register, and the operator
     /// decides.
     pub fn in_question(doubt: Doubt) -> Kept {
         Kept { account: Some(Account { doubt: Some(doubt), ..Account::default() }), ..Kept::default() }
     }
 
-    /// What may still appear, as it stood on disk when the process started.
+    /// Returns the copies that may still appear, from the state on disk at the start.
     pub(super) fn copies(&self, settings: &Settings, now: Moment) -> Copies {
         let mut copies = Copies::default();
-        // A whole register waits until nothing from before the start can arrive; then it is enough to know the values.
+        // A whole register waits until nothing from before the start can arrive. Then the values are sufficient.
         let waits = !settings.promises();
         let until = now.after(settings.late).after(settings.remembered);
         for promise in self.promises.iter() {
@@ -78,9 +78,9 @@ impl Kept {
     }
 }
 
-/// Nobody knows when it left, but it was before the start.
+/// Adds a copy that was sent at an unknown time before the start.
 fn add(copies: &mut Copies, value: Counts, at: Moment, start: Moment) {
     let sent = Sent { value, at, left: start, answered: None, other_seen: None, is_pinned: true };
-    // There is room for each that was ever promised, and for what stood there.
+    // The capacity is sufficient for all promises and the last register value.
     let _ = copies.of(value).is_some() || copies.add(sent);
 }

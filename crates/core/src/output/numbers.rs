@@ -1,76 +1,78 @@
-//! Number of a set whose control acknowledges each set that it takes.
+//! Numbers of a set whose control acknowledges each set that it takes.
 //!
-//! Some controls take a set only if it has the number after the last one that they took. If an answer is lost, the gateway does not
-//! know whether the control took the set. So the number advances only when the control has acknowledged the set. Until then the
-//! numbers that may be next are tried in turns, the highest first, always with the same values:
+//! Some controls take a set only if its number follows the last one that they took. If an answer is lost, the gateway
+//! does not know whether the control took the set. The number therefore advances only when the control has acknowledged
+//! the set. Until then, the gateway tries the possible next numbers in turn, highest first, always with the same
+//! values:
 //!
-//! | result of an attempt | what it says | next attempt |
+//! | result of an attempt | meaning | next attempt |
 //! |---|---|---|
 //! | acknowledged | the control has this number | the number after it |
-//! | not known: the set, the strobe or an answer was lost | nothing | the same number |
+//! | unknown: the set, the strobe or an answer was lost | none | the same number |
 //! | not acknowledged, although the control answers | the control has another number, or its acknowledge is broken | the next number in turn |
 //!
-//! If each number in turn was refused, one more may be next: the control may have taken the highest without an acknowledge. After a run
-//! that was killed, also a lower one: the control may have refused what that run sent.
+//! If every number was refused, one more becomes possible: the control may have taken the highest without an
+//! acknowledge. After a killed run, a lower one becomes possible too: the control may have refused the numbers of that
+//! run.
 
 use serde::{Deserialize, Serialize};
 
-/// A number that an earlier run has sent is at most so many after the last one that was acknowledged.
+/// Largest distance between the last acknowledged number and one that an earlier run has sent.
 const REACH: u16 = 200;
-/// Numbers of a set: 1 to 65535. Zero is left to a control that has just been started.
+/// Count of set numbers: 1 to 65535. Zero is reserved for a control that has just been started.
 const ALL: u16 = u16::MAX;
 
-/// Numbers of a set that its control may take next.
+/// Numbers that a control may take next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Numbers {
-    /// The last number that the control has acknowledged.
+    /// Last number that the control has acknowledged.
     taken: u16,
-    /// How many numbers after it may be next. An hour of refusals brings it to 69, a week to about 900.
+    /// Count of possible numbers after it. An hour of refusals increases it to 69, a week to about 900.
     count: u16,
-    /// How many of them were refused in this turn, the highest first.
+    /// Count of refused numbers in this turn, highest first.
     refused: u16,
     values: Values,
     floor: Floor,
 }
 
-/// Whether the control may be behind the last number that is taken to be acknowledged.
+/// Whether the last number that the control took may be lower than the assumed one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Floor {
-    /// The control is not behind.
+    /// The number is not lower.
     Known,
-    /// An earlier run may have sent numbers that the control refused.
+    /// The number may be lower: an earlier run may have sent numbers that the control refused.
     Open,
 }
 
-/// Values that were sent under the numbers since the last acknowledge.
+/// Whether all attempts since the last acknowledge had the same values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Values {
-    /// Always the same.
+    /// All attempts had the same values.
     Same,
-    /// Perhaps others before: an acknowledge does not say which of them the control has taken.
+    /// Attempts may have had different values. An acknowledge does not show which values the control has taken.
     Changed,
 }
 
-/// Result of an attempt to have a set taken.
+/// Result of an attempt to send a set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Attempt {
     /// The control has acknowledged the set.
     Acknowledged,
-    /// The control answered each time, and has not acknowledged the set in its time.
+    /// The control answered each request, but has not acknowledged the set in time.
     Refused,
-    /// Nobody knows.
+    /// The result is unknown.
     Unknown,
 }
 
 impl Numbers {
-    /// Numbers of a control whose register holds this number, which it has taken.
+    /// Numbers for a control that has taken the number in its register.
     pub(super) fn after(number: u16) -> Numbers {
         Numbers { taken: number, count: 1, refused: 0, values: Values::Same, floor: Floor::Known }
     }
 
-    /// Numbers of a control whose register holds this number, which an earlier run has sent and the control may not have taken.
+    /// Numbers for a control that may not have taken the number in its register, which an earlier run sent.
     pub(super) fn perhaps(number: u16) -> Numbers {
         let (values, floor) = (Values::Changed, Floor::Open);
         Numbers { taken: number.saturating_sub(1), count: 1, refused: 0, values, floor }
@@ -81,33 +83,33 @@ impl Numbers {
         later(self.taken, self.count - self.refused)
     }
 
-    /// Returns whether this number is the last one that was acknowledged, or one that was tried since.
+    /// Returns whether this number is the last acknowledged one, or one that was tried since.
     pub(super) fn contains(&self, number: u16) -> bool {
         distance(self.taken, number).is_some_and(|place| place <= self.count)
     }
 
-    /// Returns whether other values may have been sent under these numbers.
+    /// Returns whether other values may have been sent with these numbers.
     pub(super) fn is_unsure(&self) -> bool {
         self.values == Values::Changed
     }
 
-    /// Returns whether this number may follow the last one that was acknowledged.
+    /// Returns whether this number may follow the last acknowledged one.
     pub(super) fn reaches(&self, number: u16) -> bool {
         distance(self.taken, number).is_some_and(|place| place < REACH)
     }
 
-    /// Numbers up to the one after `number`, which an earlier run has sent, perhaps with other values.
+    /// Extends the numbers to the one after `number`. An earlier run has sent `number`, perhaps with other values.
     pub(super) fn with(self, number: u16) -> Numbers {
         let place = distance(self.taken, number).filter(|place| *place < REACH).unwrap_or_default();
         Numbers { count: self.count.max(place + 1), refused: 0, values: Values::Changed, ..self }
     }
 
-    /// Other values are sent than with the attempt before.
+    /// Records that the next attempt has other values.
     pub(super) fn change_values(&mut self) {
         self.values = Values::Changed;
     }
 
-    /// Takes note of the result of an attempt. Returns whether the control has taken the values that were sent.
+    /// Records the result of an attempt. Returns whether the control has taken the values that were sent.
     pub(super) fn result(&mut self, attempt: Attempt) -> bool {
         match attempt {
             Attempt::Acknowledged => {
@@ -118,7 +120,7 @@ impl Numbers {
             Attempt::Refused => {
                 self.refused += 1;
                 if self.refused == self.count {
-                    // Both ends move outwards, until each number has its turn.
+                    // The range grows at both ends until it contains every number.
                     if self.floor == Floor::Open && self.count < ALL - 1 {
                         (self.taken, self.count) = (earlier(self.taken), self.count + 1);
                     }
@@ -131,7 +133,7 @@ impl Numbers {
     }
 }
 
-/// The number that comes `count` later.
+/// Returns the number `count` places later.
 fn later(number: u16, count: u16) -> u16 {
     match (u32::from(number), u32::from(count)) {
         (_, 0) => number,
@@ -139,12 +141,12 @@ fn later(number: u16, count: u16) -> u16 {
     }
 }
 
-/// The number before this one.
+/// Returns the previous number.
 fn earlier(number: u16) -> u16 {
     if number <= 1 { ALL } else { number - 1 }
 }
 
-/// How many numbers later `number` comes. `None` if it does not come: zero is never next.
+/// Returns the number of places from `from` to `number`. `None` for zero, which never follows another number.
 fn distance(from: u16, number: u16) -> Option<u16> {
     match (from, number) {
         (from, number) if from == number => Some(0),
@@ -159,14 +161,14 @@ fn distance(from: u16, number: u16) -> Option<u16> {
 mod tests {
     use super::*;
 
-    /// How a control decides about a set.
+    /// Rule by which a control takes a set.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     enum Kind {
-        /// The control takes a set with another number than the last, and acknowledges each.
+        /// The control takes each set with a number other than the last, and acknowledges every set.
         Another,
-        /// The control takes nothing but the next number, and acknowledges the last one again.
+        /// The control takes only the next number, and acknowledges the last one again.
         NextAndLast,
-        /// The control takes and acknowledges nothing but the next number.
+        /// The control takes and acknowledges only the next number.
         NextOnly,
     }
 
@@ -178,7 +180,7 @@ mod tests {
     }
 
     impl Control {
-        /// The strobe rises. Returns whether the control acknowledges the set.
+        /// Raises the strobe. Returns whether the control acknowledges the set.
         fn sees(&mut self, number: u16, values: u32) -> bool {
             let takes = match self.kind {
                 Kind::Another => number != self.number,
@@ -191,7 +193,7 @@ mod tests {
         }
     }
 
-    /// Fate of an attempt.
+    /// Outcome of an attempt on the line.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     enum Fate {
         Good,
@@ -205,7 +207,7 @@ mod tests {
 
     const FATES: [Fate; 4] = [Fate::Good, Fate::Lost, Fate::AnswerLost, Fate::NoAcknowledge];
 
-    /// The gateway and its control.
+    /// Gateway and control.
     #[derive(Clone, Copy, Debug)]
     struct World {
         numbers: Numbers,
@@ -214,7 +216,7 @@ mod tests {
     }
 
     impl World {
-        /// Returns whether the gateway knows that its values are taken.
+        /// Makes an attempt. Returns whether the gateway knows that its values are taken.
         fn attempt(&mut self, fate: Fate) -> bool {
             let number = self.numbers.next();
             let acknowledges = fate != Fate::Lost && self.control.sees(number, self.values);
@@ -228,7 +230,7 @@ mod tests {
             is_taken
         }
 
-        /// Attempts until the values are known to be taken, when nothing fails any more.
+        /// Returns the number of faultless attempts until the values are known to be taken.
         fn recovers(mut self) -> u32 {
             (1..100).find(|_| self.attempt(Fate::Good)).unwrap_or_else(|| panic!("{self:?} is stuck"))
         }
@@ -261,7 +263,7 @@ mod tests {
                 control: Control { kind, number: 6, values: 0 },
                 values: 1,
             };
-            // A run that was killed has sent number 6, with these values or others.
+            // A killed run has sent number 6, with these values or others.
             let killed = [5, 6].map(|number| World {
                 numbers: Numbers::perhaps(6),
                 control: Control { kind, number, values: 0 },
@@ -295,7 +297,7 @@ mod tests {
         }
     }
 
-    /// Without the rule: each attempt has the number after the one that was sent last.
+    /// Shows the failure without the rule: each attempt has the number after the one sent last.
     #[test]
     fn a_number_that_advances_with_each_attempt_leaves_a_control_behind_for_good() {
         let mut control = Control { kind: Kind::NextOnly, number: 6, values: 0 };
@@ -303,7 +305,7 @@ mod tests {
         assert!((sent..sent + 1000).all(|number| !control.sees(number + 1, 1)));
     }
 
-    /// At one attempt every 1.5 s.
+    /// One attempt every 1.5 s.
     #[test]
     fn an_acknowledge_that_is_missing_for_an_hour_brings_69_numbers() {
         let mut numbers = Numbers::after(6);
@@ -313,7 +315,7 @@ mod tests {
         assert_eq!(numbers.count, 69);
     }
 
-    /// Days on which the control refuses everything, and days on which its acknowledge is missing.
+    /// Simulates days of refusals by the control, and days without its acknowledge.
     #[test]
     fn after_days_of_refusals_the_number_of_the_control_is_still_in_turn() {
         for (mut world, kind) in worlds().map(|world| (world, world.control.kind)) {
@@ -325,7 +327,7 @@ mod tests {
                 }
                 assert!(!world.numbers.result(Attempt::Refused));
             }
-            // Two rounds, each with a number more.
+            // Two rounds, the second one with one number more.
             let most = 2 * u32::from(world.numbers.count) + 2;
             let attempts = (1..=most).find(|_| world.attempt(Fate::Good));
             assert!(attempts.is_some(), "{kind:?}, {is_wire}: {world:?} is stuck");

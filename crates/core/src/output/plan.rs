@@ -1,4 +1,4 @@
-//! What to do next, from what is known.
+//! Choice of the next action from the state.
 
 use std::time::Duration;
 
@@ -10,29 +10,29 @@ use super::standing::{ArmState, Doing, Order, Seen, Untaken};
 use super::state::{RETRY, State};
 use crate::quantity::{Counts, Moment};
 
-/// Where a change can go.
+/// Result of the search for a value to send.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Aim {
-    /// What stands there is what is wanted.
+    /// The register holds the requested value.
     There,
-    /// This value is nearer, and may be sent.
+    /// This value is nearer to the requested one, and may be sent.
     Send(Counts),
-    /// Whatever is nearer is too far from what may still arrive.
+    /// Every nearer value is too far from copies that may still arrive.
     Blocked,
 }
 
-/// Chooses the next action and takes note of it. `fresh`: a read asked then has just shown nothing new.
+/// Chooses the next action and records it. `fresh` is the request time of a read that has just shown nothing new.
 pub(super) fn act(state: &mut State, settings: &Settings, fresh: Option<Moment>, now: Moment) -> Action {
     match state.doing {
         Doing::Nothing => {}
         _ => return Action::Nothing { until: Moment::END },
     }
-    // Whoever waited and wants nothing any more does not wait.
+    // A wait ends if no change has been requested for a long time.
     let is_long_ago = now.since(state.waited_at) > settings.every * 2;
     state.is_waiting &= !is_long_ago || state.waits_until(settings).is_some();
     let aim = change(state, settings, now);
     if settings.is_shared && aim == Some(Aim::There) && fresh.is_some() {
-        // It is not written again to find out: what is wanted stands there.
+        // The register holds the requested value, so it is not written again as a test.
         state.untaken = None;
     }
     if aim.is_some() {
@@ -65,7 +65,8 @@ pub(super) fn act(state: &mut State, settings: &Settings, fresh: Option<Moment>,
         && writes
         && repeats(state, settings, aim, now)
     {
-        // Nobody's edit and no zero of a restarted CNC is written over: a repeat follows a read as every write does.
+        // A repeat follows a read, like every write. Otherwise it could overwrite an edit, or the zero of a restarted
+        // CNC.
         if fresh.is_some() || settings.verify == Verify::Echo {
             return repeat(state, settings, seen, now);
         }
@@ -79,8 +80,8 @@ pub(super) fn act(state: &mut State, settings: &Settings, fresh: Option<Moment>,
     Action::Nothing { until: until(state, settings, aim, now) }
 }
 
-/// In one request with others, in every state: what stands there, as it was just read. Nothing, where a late write could
-/// then be too far from it.
+/// Chooses the action for a request that contains other values. The register value is sent with them, as it was just
+/// read. Nothing is sent if a late write could then be too far from it.
 pub(super) fn go_along(state: &mut State, settings: &Settings, now: Moment) -> Action {
     let Some(seen) = state.verified.filter(|_| state.doing == Doing::Nothing) else {
         return Action::Nothing { until: Moment::END };
@@ -94,14 +95,14 @@ pub(super) fn go_along(state: &mut State, settings: &Settings, now: Moment) -> A
     Action::Nothing { until: until(state, settings, None, now) }
 }
 
-/// A whole register says itself what is in it: what else is known of it goes on disk whenever that is written. That the gateway writes
-/// is on disk before the first write.
+/// Limits the writes to disk. A whole register contains its value itself, so its state is saved only with other
+/// changes. The record that the run writes to the register is saved before the first write.
 fn saves_only_what_it_must(state: &mut State, settings: &Settings) {
     let has_to_begin = !state.has_begun_on_disk && state.standing == ArmState::Armed;
     state.is_unsaved &= settings.promises() || has_to_begin;
 }
 
-/// Where the change that is wanted now can go; `None` where none is wanted, or may be made.
+/// Returns where the requested change can go. `None` if no change is requested or allowed.
 fn change(state: &State, settings: &Settings, now: Moment) -> Option<Aim> {
     let order = state.order.filter(|order| now <= order.not_after || !settings.rules.last_moment)?;
     let stands = state.expected()?;
@@ -112,20 +113,21 @@ fn change(state: &State, settings: &Settings, now: Moment) -> Option<Aim> {
     Some(aim(state, settings, stands, order, now))
 }
 
-/// Zero is what a restarted CNC shows: an operator's part is never hidden by it. The count beside it is near enough.
+/// Returns whether a value is a zero to avoid. Zero is the value of a restarted CNC, and would hide the operator
+/// offset. The adjacent count is near enough.
 fn avoids(settings: &Settings, centre: Counts, value: Counts) -> bool {
     settings.is_shared && settings.rules.doubt && settings.is_zero(value) && value != centre
 }
 
-/// This offset from the operator's part, or from the bias, is what a register that holds `stands` has.
+/// Returns whether a register with the value `stands` has this offset from the operator offset or the bias.
 pub(super) fn is_there(state: &State, settings: &Settings, stands: Counts, offset: Counts) -> bool {
     let centre = state.centre(settings);
     let target = settings.target(centre, offset);
     stands == target || (avoids(settings, centre, target) && stands.abs_diff(target) == 1)
 }
 
-/// Lowest and highest value that a write may have: from the register value to the target. One count more if the target itself is a
-/// zero that is avoided; the whole range if no target is known.
+/// Returns the lowest and the highest value that a write may have: between the register value and the target. One count
+/// more is allowed if the target is a zero to avoid. Without a target the whole range is allowed.
 fn way(state: &State, settings: &Settings, stands: Counts, order: Order) -> (Counts, Counts) {
     let Some(target) = order.target.filter(|_| settings.rules.no_windup) else { return settings.range };
     let centre = state.centre(settings);
@@ -144,7 +146,7 @@ fn aim(state: &State, settings: &Settings, stands: Counts, order: Order, now: Mo
     let centre = state.centre(settings);
     let (low, high) = way(state, settings, stands, order);
     let wanted = settings.target(centre, order.offset);
-    // The guard may still be on the other side of the register, which waits until the guard has passed it.
+    // The guard may be on the other side of the register value. The register then waits until the guard has passed it.
     let target = wanted.clamp(low, high);
     if target == stands {
         return Aim::There;
@@ -168,7 +170,7 @@ fn aim(state: &State, settings: &Settings, stands: Counts, order: Order, now: Mo
     nearest.map_or(Aim::Blocked, Aim::Send)
 }
 
-/// Within a step of what stands there and of everything that may still arrive.
+/// Returns the values within one step of the register value and of everything that may still arrive.
 fn room(state: &State, settings: &Settings, stands: Counts) -> Room {
     if settings.rules.near_what_may_arrive {
         state.copies.room(stands, settings.step, settings.reach())
@@ -177,13 +179,13 @@ fn room(state: &State, settings: &Settings, stands: Counts) -> Room {
     }
 }
 
-/// Within the limit, or nearer to it than what stands there.
+/// Returns whether a value is within the limit, or nearer to it than the register value.
 fn is_inside(settings: &Settings, stands: Counts, value: Counts, centre: Counts) -> bool {
     let distance = value.abs_diff(centre);
     !settings.rules.limit || distance <= settings.limit.unsigned_abs() || distance < stands.abs_diff(centre)
 }
 
-/// A change that waits is reported once; what was decided before a wait is not sent after it.
+/// Reports a waiting change once, and drops its decision, which must not be sent after the wait.
 fn note_waiting(state: &mut State, settings: &Settings, aim: Option<Aim>, now: Moment) {
     if aim != Some(Aim::Blocked) {
         state.is_waiting = false;
@@ -197,7 +199,7 @@ fn note_waiting(state: &mut State, settings: &Settings, aim: Option<Aim>, now: M
     }
 }
 
-/// Directly after a read that showed nothing new: the promise, or the write that it was for.
+/// Writes the promise, or the value that was promised. Called directly after a read that showed nothing new.
 fn send(state: &mut State, settings: &Settings, value: Counts, asked: Moment, now: Moment) -> Action {
     if settings.promises() && (state.promised != Some(value) || state.is_unsaved) {
         if state.promised != Some(value) {
@@ -214,14 +216,15 @@ fn send(state: &mut State, settings: &Settings, value: Counts, asked: Moment, no
     state.doing = Doing::Writing { value, begun: now, read };
     let not_after = state.order.map_or(now, |order| order.not_after);
     let not_after = promised_until.map_or(not_after, |until| until.min(not_after));
-    // One decision moves the register once: how fast it may go is the axis's to say.
+    // One decision moves the register once. The axis decides the rate.
     state.drop_order(settings);
     Action::Write { value, not_after, is_repeat: false }
 }
 
-/// What stands there is due to be sent again: because it is refreshed; because only that shows that a register which
-/// did not take what was written can be written again; or because of an output that cannot be read nothing else says
-/// that what was under way has not arrived.
+/// Returns whether the register value must be sent again, for one of three reasons:
+/// - it is refreshed;
+/// - a register that did not take the last write must be tested;
+/// - the output cannot be read, and copies under way must be ended.
 fn repeats(state: &State, settings: &Settings, aim: Option<Aim>, now: Moment) -> bool {
     let Some(seen) = state.verified else { return false };
     let rests = !state.is_waiting && aim.is_none_or(|aim| aim == Aim::There) && state.answered.is_none();
@@ -241,7 +244,7 @@ fn repeats(state: &State, settings: &Settings, aim: Option<Aim>, now: Moment) ->
         && is_repeatable(state, settings, seen)
 }
 
-/// A late one that arrives after it would be at most one step away from it.
+/// Returns whether a late copy that arrives after the repeat would be at most one step away.
 fn is_repeatable(state: &State, settings: &Settings, seen: Seen) -> bool {
     let room = state.copies.room(seen.value, settings.step, settings.step);
     room.contains(seen.value) || !settings.rules.near_what_may_arrive
@@ -267,14 +270,14 @@ fn read(state: &mut State) -> Action {
     Action::Read
 }
 
-/// When the register is read next, if nothing else comes before.
+/// Returns the time of the next read, if no other action comes first.
 fn next_read(state: &State, settings: &Settings) -> Moment {
     if settings.verify == Verify::Echo {
         return Moment::END;
     }
     let Some(seen) = state.verified else { return state.reads_from };
     if state.is_interlocked {
-        // What is behind an interlock may be off, or starting: it is read when that is over.
+        // While the interlock is open, the device may be off or starting. It is read when the interlock closes.
         return Moment::END;
     }
     let is_certain = state.copies.under_way().next().is_none() && state.settles_at.is_none();

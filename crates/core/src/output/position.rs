@@ -1,14 +1,15 @@
 //! Controller of a corrected position: value of each write, and meaning of its result.
 //!
-//! The newest position goes out at once in every armed state, also while the axis holds. Only the Cz inside follows rules: [`Inside`].
+//! The latest position is sent at once in every armed state, even while the axis is frozen. Only its Cz follows the
+//! rules in [`Inside`].
 //!
-//! | the turn has | what happens |
+//! | state at the turn | action |
 //! |---|---|
 //! | a display, and no axis that is on or no usable position | dashes, now and every ten seconds |
 //! | no new position | nothing |
 //! | an axis that is off, or a dry run | nothing: the next Cz is the decided one |
-//! | a device that backs off | nothing: the position is taken again |
-//! | an open interlock, or one whose signal is not known | nothing |
+//! | a device that backs off | nothing: the position is used later |
+//! | an open interlock, or one with an unknown signal | nothing |
 //! | a new position | position and Cz |
 
 use std::time::Duration;
@@ -20,23 +21,23 @@ use super::follow::Trouble;
 use super::inside::Inside;
 use crate::quantity::{Micron, Moment, shifted};
 
-/// A display that was switched off and on shows something else: dashes are written again after this time.
+/// Period of repeated dashes. A display that was switched off and on may show something else.
 const DASHES_AGAIN: Duration = Duration::from_secs(10);
 
 /// Controller of a corrected position.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionController {
-    /// When the position was read that was corrected last.
+    /// Read time of the last corrected position.
     corrected: Moment,
     inside: Inside,
-    /// When a display was last given dashes. `None` while it shows a value.
+    /// Time of the last dashes on a display. `None` while it shows a value.
     dashes_at: Option<Moment>,
     trouble: Option<Trouble>,
     interlock: Interlock,
 }
 
-/// Interlock as it was reported.
+/// Interlock, as reported.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Interlock {
@@ -49,17 +50,17 @@ enum Interlock {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionDemand {
-    /// When the newest position was read.
+    /// Read time of the latest position.
     pub read_at: Moment,
-    /// The position can be used.
+    /// Whether the position can be used.
     pub is_usable: bool,
     /// Decision of the axis. `None` if the axis is off, and in a dry run.
     pub decision: Option<PositionDecision>,
     /// Condition of the interlock.
     pub interlock: Condition,
-    /// The line backs off from the device.
+    /// Whether the line backs off from the device.
     pub backs_off: bool,
-    /// The display has dashes, and they may be written.
+    /// Whether the display supports dashes, and they may be written.
     pub may_show_dashes: bool,
 }
 
@@ -67,21 +68,21 @@ pub struct PositionDemand {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionDecision {
-    /// Cz.
+    /// Decided Cz.
     pub cz: Micron,
     /// Target of Cz.
     pub target: Micron,
-    /// When the axis decided.
+    /// Time of the decision.
     pub at: Moment,
 }
 
-/// Action on a position.
+/// Action for a position.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PositionAction {
     /// Nothing.
     Nothing,
-    /// Nothing: the interlock does not allow it, or its signal is not known.
+    /// Nothing: the interlock does not allow writing, or its signal is unknown.
     Interlocked(Condition),
     /// Write the position with this Cz.
     Correct(Micron),
@@ -105,30 +106,30 @@ impl PositionAction {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PositionResult {
-    /// Answered as done and, if a position is read back, read back.
+    /// Answered as done. If the position is read back, the read showed it.
     Written,
-    /// Another value was read back.
+    /// The read back showed another value.
     NotShown,
-    /// Not sent, because its time was over.
+    /// Not sent: its last moment had passed.
     Lapsed,
     /// Not answered as done.
     Failed {
-        /// The device did not answer, or does not take it.
+        /// Whether the device did not answer, or did not take the value.
         trouble: Trouble,
-        /// The request was sent, and the device may carry it out.
+        /// Whether the request was sent, so that the device may carry it out.
         may_have_arrived: bool,
     },
 }
 
-/// Turn of a corrected position. Its controller does the same again with the same demand and result.
+/// Turn of a corrected position, for the log. With the same demand and result, the controller decides the same again.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionTurn {
-    /// Demand.
+    /// Demand of the turn.
     pub demand: PositionDemand,
-    /// Action.
+    /// Action of the turn.
     pub action: PositionAction,
-    /// Result of a write.
+    /// Result of the write, if there was one.
     pub result: Option<PositionResult>,
 }
 
@@ -139,12 +140,13 @@ pub enum PositionEvent {
     Interlocked,
     /// The interlock is closed again.
     Released,
-    /// Another value was read back than was written. The next is reported after a success.
+    /// The read back showed another value than the written one. Reported again only after a success.
     NotShown,
 }
 
 impl PositionTurn {
-    /// Returns whether this turn repeats another with a newer position. `before`, `after`: state after each of them.
+    /// Returns whether this turn repeats another with a newer position. `before` and `after` are the states after each
+    /// of them.
     pub fn repeats(
         &self,
         last: &PositionTurn,
@@ -168,7 +170,7 @@ impl PositionTurn {
 }
 
 impl PositionController {
-    /// Controller that continues from the Cz that the run before this one wrote last. `None` if nothing is known of that.
+    /// Creates a controller that continues from the Cz that the previous run wrote last. `None` if unknown.
     pub fn resuming(left: Option<Micron>) -> PositionController {
         PositionController {
             inside: left.map_or(Inside::Nothing, Inside::Left),
@@ -176,13 +178,13 @@ impl PositionController {
         }
     }
 
-    /// Returns whether both decide alike about the next position.
+    /// Returns whether both controllers decide equally about the next position.
     pub fn is_like(&self, other: &PositionController) -> bool {
         *self == PositionController { corrected: self.corrected, ..*other }
     }
 
-    /// Returns whether both decide alike about a next position with the same Cz and target: they may differ in the moment of the
-    /// decision that was written.
+    /// Returns whether both controllers decide equally about a next position with the same Cz and target. The time of
+    /// the written decision may differ.
     fn is_alike_inside(&self, other: &PositionController) -> bool {
         let inside = match (self.inside, other.inside) {
             (Inside::Written(one, at), Inside::Written(another, _)) if one == another => {
@@ -199,12 +201,12 @@ impl PositionController {
         demand.may_show_dashes && !is_corrected && !demand.backs_off && !is_fresh
     }
 
-    /// Returns whether this position was corrected already.
+    /// Returns whether this position has been corrected already.
     pub fn has_corrected(&self, read_at: Moment) -> bool {
         self.corrected == read_at
     }
 
-    /// Decides about the newest position. `step`: largest change of Cz.
+    /// Decides about the latest position. `step` is the largest change of Cz.
     pub fn next(
         &mut self,
         demand: &PositionDemand,
@@ -217,7 +219,7 @@ impl PositionController {
         }
         let Some(PositionDecision { cz, target, at }) = demand.decision else {
             self.corrected = demand.read_at;
-            // An axis is off at first. What the run before this one left stays in the register.
+            // An axis is off at first. The register still holds the Cz of the previous run.
             if !matches!(self.inside, Inside::Left(_)) {
                 self.inside = Inside::Nothing;
             }
@@ -235,13 +237,14 @@ impl PositionController {
             return (PositionAction::Correct(self.inside.next((cz, target, at), step)), event);
         }
         if self.inside == Inside::Nothing {
-            // The axis moves on behind the interlock. The first position after it is a step from here.
+            // The axis continues while the interlock is open. The first position after it starts from this Cz.
             self.inside = Inside::Written(cz, at);
         }
         (PositionAction::Interlocked(demand.interlock), event)
     }
 
-    /// If the condition is not known, the lost signal is reported.
+    /// Records the condition of the interlock. An unknown condition is not an event, because the lost signal is
+    /// reported.
     fn interlock_is(&mut self, condition: Condition) -> Option<PositionEvent> {
         match (self.interlock, condition) {
             (Interlock::Closed, Condition::NotMet) => {
@@ -256,7 +259,7 @@ impl PositionController {
         }
     }
 
-    /// Takes note of the result of what a turn wrote.
+    /// Records the result of a turn's write.
     pub fn result(&mut self, turn: &PositionTurn, now: Moment) -> Option<PositionEvent> {
         let (cz, at) = match (turn.action, turn.demand.decision) {
             (PositionAction::Correct(cz), Some(decision)) => (cz, decision.at),
@@ -324,7 +327,7 @@ mod tests {
         one.next(demand, micron(STEP), demand.read_at).0
     }
 
-    /// The result of a write with this Cz after the decision of the first second.
+    /// Gives the result of a write with this Cz after the decision of the first second.
     fn result(one: &mut PositionController, cz: f64, result: PositionResult) -> Option<PositionEvent> {
         let (demand, action) = (demand(1), PositionAction::Correct(micron(cz)));
         one.result(&PositionTurn { demand, action, result: Some(result) }, demand.read_at)
@@ -438,7 +441,7 @@ mod tests {
         let mut action = |demand: &PositionDemand, at| one.next(demand, micron(STEP), second(at)).0;
         assert_eq!(action(&PositionDemand { may_show_dashes: false, ..off }, 1), PositionAction::Nothing);
         assert_eq!(action(&off, 1), PositionAction::ShowDashes);
-        // They were not written.
+        // The dashes were not written.
         assert_eq!(action(&off, 2), PositionAction::ShowDashes);
         let turn = PositionTurn {
             demand: off,

@@ -1,30 +1,30 @@
-//! Events that were not taken yet, and topics that were reported, so that each is reported once.
+//! Pending events, and topics that have been reported, so that each is reported once.
 
 use serde::{Deserialize, Serialize};
 
 use super::event::Event;
 use super::slots::Slots;
 
-/// Something that is reported once until it is over.
+/// Condition that is reported once until it is over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Topic {
     /// The device acknowledges writes, and the register is not read.
     Acknowledged,
-    /// The disk does not keep what it must.
+    /// The state cannot be written to disk.
     Disk,
-    /// The decision is beyond the range of the register.
+    /// The decision exceeds the range of the register.
     Range,
     /// The interlock does not allow writing.
     Interlock,
     /// The control does not apply the register value.
     Applied,
-    /// The operator is asked how the register value divides.
+    /// The operator must divide the register value.
     Question,
     /// The division of the register value is known and on disk.
     Division,
 }
 
-/// Topics that were reported and are not over.
+/// Topics that have been reported and are not over.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(transparent)]
 pub(super) struct Said(u8);
@@ -34,14 +34,14 @@ impl Said {
         1 << topic as u8
     }
 
-    /// Takes note that the topic is reported. Returns whether it was not reported before.
+    /// Records the report of a topic. Returns whether it was not reported before.
     pub(super) fn first(&mut self, topic: Topic) -> bool {
         let is_first = self.0 & Said::bit(topic) == 0;
         self.0 |= Said::bit(topic);
         is_first
     }
 
-    /// The topic is over. Returns whether it was reported.
+    /// Ends a topic. Returns whether it was reported.
     pub(super) fn over(&mut self, topic: Topic) -> bool {
         let was_said = self.0 & Said::bit(topic) != 0;
         self.0 &= !Said::bit(topic);
@@ -49,7 +49,7 @@ impl Said {
     }
 }
 
-/// Events of the register step that were not taken yet.
+/// Pending events of the register step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Reports {
     events: Slots<Event, 8>,
@@ -57,19 +57,19 @@ pub(super) struct Reports {
 }
 
 impl Reports {
-    /// A step reports three at most, and they are taken after each.
+    /// Adds an event. A step reports three at most, and the caller takes them after each step.
     pub(super) fn report(&mut self, event: Event) {
         let _ = self.events.push(event);
     }
 
-    /// Reports once that the disk does not keep what it must, until it keeps something again.
+    /// Reports once that the state cannot be written to disk, until a write succeeds.
     pub(super) fn report_disk(&mut self) {
         if self.said.first(Topic::Disk) {
             self.report(Event::DiskDoesNotKeep);
         }
     }
 
-    /// Reports once that the device acknowledges what nobody reads back.
+    /// Reports once that the device acknowledges writes without a read back.
     pub(super) fn report_acknowledged(&mut self) {
         if self.said.first(Topic::Acknowledged) {
             self.report(Event::AcknowledgedNotReadBack);

@@ -1,8 +1,9 @@
 //! Number of a set, as its register shows it.
 //!
-//! A control takes a set when its number is another than the last, or nothing but the next one. So no number may come twice with other
-//! values, and none may be left out: a set follows the newest number that the register has held. A set that arrives late puts an older
-//! number back, or other values under the same number. Then the control has perhaps not taken the register values.
+//! A control takes a set when its number differs from the last, or only when it is the next one. A number must
+//! therefore not repeat with other values, and no number may be omitted. A set gets the number after the latest one
+//! that the register has held. A set that arrives late restores an older number, or puts other values under the same
+//! number. The control may then not have taken the register values.
 
 use std::time::Duration;
 
@@ -10,20 +11,20 @@ use serde::{Deserialize, Serialize};
 
 use crate::quantity::{Counts, Moment, shifted};
 
-/// Sets that are sent at most while one of them is on its way: ten a second, for a minute and more.
+/// Largest number of sets that are sent while one of them is under way: ten per second, for more than a minute.
 const LATELY: u16 = 1024;
 
-/// Number of a set as its register shows it.
+/// Number of a set, as its register shows it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Sequence {
-    /// Newest number that the register has held, and the values beside it then.
+    /// Latest number that the register has held, with the values at that time.
     newest: Option<(u16, Vec<Counts>)>,
-    /// Since when the register has held an older number.
+    /// Time since when the register has held an older number.
     older_since: Option<Moment>,
 }
 
 impl Sequence {
-    /// The newest number that the register has held.
+    /// Latest number that the register has held.
     pub(super) fn newest(&self) -> Option<u16> {
         self.newest.as_ref().map(|(newest, _)| *newest)
     }
@@ -33,12 +34,12 @@ impl Sequence {
         next(self.newest.as_ref().map_or(0, |(newest, _)| *newest))
     }
 
-    /// The registers hold this number and these values. Returns whether the control has perhaps taken something else, because a set
-    /// arrived late.
+    /// Records number and values of the registers. Returns whether the control may have taken something else, because a
+    /// set arrived late.
     pub(super) fn stands(&mut self, number: u16, values: &[Counts], now: Moment, late: Duration) -> bool {
         let Some((newest, beside)) = self.newest.as_ref().filter(|(newest, _)| !is_older(*newest, number))
         else {
-            // A number that no set of the gateway can have any more is the control's own, from another day.
+            // A number that no set of the gateway can have any more was set by the control.
             let since = *self.older_since.get_or_insert(now);
             if self.newest.is_none() || now.since(since) > late {
                 (self.newest, self.older_since) = (Some((number, values.to_vec())), None);
@@ -54,12 +55,12 @@ impl Sequence {
         is_late
     }
 
-    /// The control was restarted: the set follows whatever number its register holds then.
+    /// Forgets the number, because the control was restarted. The next set follows the number in the register.
     pub(super) fn forget(&mut self) {
         *self = Sequence::default();
     }
 
-    /// Moves every moment by `to`.
+    /// Maps every moment.
     pub(super) fn moved(&self, to: impl Fn(Moment) -> Moment) -> Sequence {
         Sequence { older_since: self.older_since.map(to), ..self.clone() }
     }
@@ -67,7 +68,7 @@ impl Sequence {
 
 shifted!(Sequence: older_since);
 
-/// Zero is left to a control that has just been started.
+/// Returns the next number. Zero is reserved for a control that has just been started.
 fn next(number: u16) -> u16 {
     number.checked_add(1).unwrap_or(1)
 }

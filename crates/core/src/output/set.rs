@@ -18,11 +18,11 @@ pub struct SetSettings {
     pub members: Vec<Settings>,
     /// How the control takes the set.
     pub taking: Taking,
-    /// The set has a register for its number.
+    /// Whether the set has a register for its number.
     pub has_number: bool,
-    /// Time that the control has for each answer to the strobe. `None` without a handshake.
+    /// Timeout for each answer to the strobe. `None` without a handshake.
     pub timeout: Option<Duration>,
-    /// The set is sent again after this time, although nothing is to change.
+    /// Period after which the set is sent again without a change.
     pub refresh: Option<Duration>,
     /// Heartbeat and control word.
     pub words: SetWords,
@@ -44,9 +44,9 @@ pub enum SetWords {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Alone {
-    /// The control takes all of the set or nothing.
+    /// No: the control takes all of the set or nothing.
     No,
-    /// They can.
+    /// Yes.
     Yes,
 }
 
@@ -60,14 +60,14 @@ impl SetWords {
     }
 }
 
-/// Bits of a control word.
+/// Bits of the control word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ControlWord;
 
 impl ControlWord {
     /// Every axis of the set is armed.
     pub const ENABLE: u16 = 1;
-    /// An axis keeps its value.
+    /// An axis is frozen.
     pub const HOLD: u16 = 2;
     /// An axis carries out its fault action.
     pub const FAULT: u16 = 4;
@@ -75,7 +75,7 @@ impl ControlWord {
     pub const DEGRADED: u16 = 8;
 }
 
-/// Demand on a set: what is required of its outputs and of its own words now.
+/// Demand on a set: present requirements for its outputs, control word and heartbeat.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SetDemand {
@@ -85,7 +85,7 @@ pub struct SetDemand {
     pub control: u16,
     /// Heartbeat.
     pub beat: Beat,
-    /// The gateway is about to end: the strobe drops, and nothing is waited for.
+    /// Whether the gateway is about to end. It then drops the strobe and waits for nothing.
     pub is_leaving: bool,
 }
 
@@ -95,11 +95,11 @@ pub struct SetDemand {
 pub struct MemberDemand {
     /// Demand on the output.
     pub demand: Demand,
-    /// A value that was sent before may be sent once more until then. `None` if the axis decides nothing.
+    /// Last moment for sending an earlier value once more. `None` if the axis decides nothing.
     pub again_until: Option<Moment>,
 }
 
-/// Words of a set that are no value of an output.
+/// Words of a set that are not values of outputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct OwnWords {
     /// Number of the set.
@@ -114,14 +114,14 @@ pub struct OwnWords {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SetValue {
-    /// Another value than the register holds.
+    /// Value that differs from the register value.
     New(Counts),
-    /// The register value, as it was just read.
+    /// Register value, as it was just read.
     AsRead(Counts),
 }
 
 impl SetValue {
-    /// The value in counts.
+    /// Value in counts.
     pub fn counts(self) -> Counts {
         match self {
             SetValue::New(value) | SetValue::AsRead(value) => value,
@@ -135,16 +135,16 @@ impl SetValue {
 pub enum SetInput {
     /// The turn of the set begins.
     Demand(SetDemand),
-    /// The computer has stood still.
+    /// The computer was paused.
     Paused,
-    /// The disk or the control has answered one of the outputs.
+    /// The disk or the control has answered for one of the outputs.
     Member {
-        /// Place of the output in the set.
+        /// Index of the output in the set.
         place: usize,
-        /// Answer.
+        /// Answer of the disk or the control.
         answer: OutputAnswer,
     },
-    /// The disk has not answered. The next turn asks again.
+    /// The disk has not answered yet. The next turn asks again.
     DiskNotYet,
     /// The registers were read.
     Read {
@@ -154,46 +154,46 @@ pub enum SetInput {
         number: Option<u16>,
         /// Count of the heartbeat.
         beat: Option<u16>,
-        /// When the read was asked.
+        /// Time of the request.
         asked: Moment,
     },
     /// The read was not answered.
     NoAnswer,
     /// Result of the write of the values, or of heartbeat and control word alone.
     Sent {
-        /// Result.
+        /// Result of the write.
         result: WriteResult,
-        /// When the last byte had left.
+        /// Time after the last byte was sent.
         left: Moment,
     },
-    /// The control would take a value for another one: nothing was sent.
+    /// The last check rejected a value, because the control would apply another one. Nothing was sent.
     NotAdmitted,
     /// Result of a write of the strobe.
     Strobe(StrobeResult),
-    /// The acknowledge was read. `None`: the read was not answered.
+    /// The acknowledge was read. `None` if the read was not answered.
     Acknowledge(Option<bool>),
     /// The turn of the set ends.
     TurnEnds,
 }
 
-/// Answer of the disk or of the control to one output.
+/// Answer of the disk or of the control for one output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum OutputAnswer {
     /// The promise is on disk.
     OnDisk,
-    /// Nothing need be on disk.
+    /// Nothing needs to be on disk.
     Kept,
-    /// The disk does not keep it.
+    /// The promise cannot be written to disk.
     NotKept,
-    /// The control said what it applies, in thousandths of a count. `None` if the value is no number.
+    /// Applied value in thousandths of a count, with the time of the request. `None` if the value is not a number.
     Applied(Option<i64>, Moment),
-    /// The control did not say what it applies.
+    /// The read of the applied value was not answered.
     AppliedNoAnswer(Moment),
 }
 
 impl OutputAnswer {
-    /// Answer as an input of the controller of the output.
+    /// Returns the answer as an input of the output's controller.
     pub fn input(self) -> Input {
         match self {
             OutputAnswer::OnDisk => Input::OnDisk,
@@ -211,17 +211,17 @@ impl OutputAnswer {
 pub enum WriteResult {
     /// Answered as done.
     Done,
-    /// Not answered, or carried out in part.
+    /// Not answered, or partly carried out.
     Unknown,
     /// Refused by the device.
     Refused,
     /// Not sent: its last moment had passed.
     TooLate,
-    /// Not sent.
+    /// Not sent, for another reason.
     NotSent,
     /// Not sent: the device could not be reached.
     Unreachable,
-    /// Not sent: the request cannot be made.
+    /// Not sent: the request cannot be built.
     Rejected,
 }
 
@@ -231,7 +231,7 @@ impl WriteResult {
         matches!(self, WriteResult::Done | WriteResult::Unknown)
     }
 
-    /// Result as an input of the controller of an output whose value was to change or to be repeated.
+    /// Returns the result as an input of an output's controller. The output's value was to change or to be repeated.
     pub fn input(self, left: Moment) -> Input {
         match self {
             WriteResult::Done => Input::Fact(Fact::Done { left }),
@@ -261,12 +261,12 @@ pub enum StrobeResult {
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SetAction {
-    /// Nothing, until then.
+    /// Nothing until this moment.
     Nothing {
-        /// When the set is to be called again.
+        /// Time of the next call.
         until: Moment,
     },
-    /// Put the promise of the output at this place on disk.
+    /// Write the promise of the output with this index to disk.
     Keep(usize),
     /// Read all registers of the set.
     Read,
@@ -274,7 +274,7 @@ pub enum SetAction {
     Write {
         /// Value of each output.
         values: Vec<SetValue>,
-        /// Words that are no value of an output.
+        /// Words that are not values of outputs.
         own: OwnWords,
         /// Last moment for the first byte.
         not_after: Moment,

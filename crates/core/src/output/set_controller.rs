@@ -1,7 +1,7 @@
-//! Controller of a set: outputs that are read as one, written as one and taken as one ([`Transaction`]).
+//! Controller of a set: outputs that are read, written and taken together ([`Transaction`]).
 //!
-//! Whenever one output is to be written, all of them are: the others with what was just read. So heartbeat and control word of the set
-//! continue in every state. Only if another client writes to a register of the set in that very moment, its value is lost.
+//! When one output is written, all of them are: the others with the values that were just read. Heartbeat and control
+//! word therefore continue in every state. A value that another client writes between this read and the write is lost.
 //!
 //! ```text
 //! Demand ─► handshake of an earlier turn ─► Keep… ─► acknowledge down? ─► Read ─► Keep… ─► Write ─► Read ─► Keep…
@@ -9,8 +9,7 @@
 //!                                         TurnEnds ◄─ taken ◄─ acknowledge ◄─ Raise ◄──────────────────┘
 //! ```
 //!
-//! The caller executes each action and gives its result. While the control takes its time, the turn ends, and the next one continues
-//! with the handshake.
+//! The caller executes each action and gives its result. A wait for the control ends the turn. The next one continues.
 
 use std::time::Duration;
 
@@ -32,9 +31,9 @@ use super::transaction::Transaction;
 use super::{Action, Fact};
 use crate::quantity::{Counts, Moment, Shift, Shifted};
 
-/// Largest count of the heartbeat of a set. It stays below the sign of its register.
+/// Largest count of the heartbeat of a set. It does not reach the sign bit of its register.
 const HIGHEST_BEAT: u16 = 32767;
-/// After a failure the set is tried again after this time at the earliest.
+/// Least time between a failure and the next attempt.
 const RETRY: Duration = Duration::from_secs(1);
 
 /// Controller of a set.
@@ -47,23 +46,24 @@ pub struct SetController {
     phase: Phase,
     /// Values of the last read.
     found: Vec<Counts>,
-    /// Restarts of the control so far.
+    /// Number of restarts of the control so far.
     restarts: u64,
     /// Count of the heartbeat in its register.
     beat: u16,
-    /// Control word in its register, if that is known.
+    /// Control word in its register, if known.
     control: Option<u16>,
-    /// The control word may say that every axis is armed.
+    /// Whether the control word may indicate that every axis is armed.
     may_say_enabled: bool,
     written_at: Moment,
-    /// Nothing is sent for its own sake before this.
+    /// Earliest time for the next attempt.
     tries_from: Moment,
     #[serde(skip)]
     faults: Vec<HandshakeFault>,
 }
 
 impl SetController {
-    /// Controller of a set at a start. `was_in_order`: the last run ended in order, and no task of this run was interrupted.
+    /// Creates the controller of a set at a start. `was_in_order` means that the last run ended in order, and no task
+    /// of this run was interrupted.
     pub fn new(
         settings: &SetSettings,
         members: Vec<Controller>,
@@ -95,7 +95,7 @@ impl SetController {
         self.members.controllers()
     }
 
-    /// Controllers of the outputs, for their events and the end of a run.
+    /// Controllers of the outputs, mutable for their events and the end of a run.
     pub fn members_mut(&mut self) -> &mut [Controller] {
         self.members.controllers_mut()
     }
@@ -105,17 +105,17 @@ impl SetController {
         &self.strobe
     }
 
-    /// Failures of the handshake since this was last called.
+    /// Returns the failures of the handshake since the last call.
     pub fn take_faults(&mut self) -> Vec<HandshakeFault> {
         std::mem::take(&mut self.faults)
     }
 
-    /// Returns whether the control may not have taken what the registers hold.
+    /// Returns whether the control may not have taken the register values.
     pub fn is_bound(&self) -> bool {
         self.members.is_bound()
     }
 
-    /// Returns whether the control word may say that every axis is armed.
+    /// Returns whether the control word may indicate that every axis is armed.
     pub fn may_say_enabled(&self) -> bool {
         self.may_say_enabled
     }
@@ -125,13 +125,13 @@ impl SetController {
         self.members.is_late()
     }
 
-    /// Returns whether both decide alike from the next turn on. A turn begins with its own demand.
+    /// Returns whether both controllers decide equally from the next turn on. A turn begins with its own demand.
     pub fn is_like(&self, other: &SetController) -> bool {
         let with_demand = |one: &SetController| SetController { demand: self.demand.clone(), ..one.clone() };
         self.phase == Phase::Rest && *self == with_demand(other)
     }
 
-    /// Takes an input and returns the exchange that it asks for.
+    /// Processes an input and returns the requested exchange.
     pub fn step(&mut self, settings: &SetSettings, input: &SetInput, now: Moment) -> SetAction {
         match input {
             SetInput::Demand(demand) => self.begin_turn(demand),
@@ -161,7 +161,7 @@ impl SetController {
         self.phase = Phase::Handshake;
     }
 
-    /// Ends the turn. While the set waits for its control, no turn of an output ends.
+    /// Ends the turn. While the set waits for its control, the turns of its outputs do not end.
     fn end_turn(&mut self, settings: &SetSettings, now: Moment) {
         self.phase = Phase::Rest;
         if self.strobe.awaits().is_none() {
@@ -169,7 +169,7 @@ impl SetController {
         }
     }
 
-    /// Decides until there is an exchange, or nothing more to do.
+    /// Decides until an exchange is required, or nothing is left to do.
     fn next(&mut self, settings: &SetSettings, now: Moment) -> SetAction {
         loop {
             match &self.phase {
@@ -233,7 +233,7 @@ impl SetController {
         };
     }
 
-    /// Waits until the acknowledge is down, so that the next one answers the next strobe.
+    /// Waits until the acknowledge is down, so that the next acknowledge belongs to the next strobe.
     fn clear(&mut self, settings: &SetSettings, reason: Reason, now: Moment) {
         let Some(timeout) = settings.timeout.filter(|_| !self.demand.is_leaving) else {
             self.phase = Phase::Read(Then::Judge(reason));
@@ -276,7 +276,7 @@ impl SetController {
                 }
             }
             (Phase::Drop(_), _) => {
-                // If the strobe cannot even be dropped, that is the fault.
+                // If the strobe cannot be dropped, that failure is reported instead.
                 self.report(HandshakeFault::StrobeNotDropped);
                 self.doubt(settings, now);
             }
@@ -319,7 +319,7 @@ impl SetController {
         self.fail(settings, HandshakeFault::AcknowledgeNotRead, now);
     }
 
-    /// The handshake has failed. First of all the strobe drops. Then the failure is reported.
+    /// Handles a failed handshake: drops the strobe, then reports the failure.
     fn fail(&mut self, settings: &SetSettings, fault: HandshakeFault, now: Moment) {
         self.strobe.waits_no_more();
         if self.strobe.level() == StrobeLevel::Up {
@@ -336,7 +336,7 @@ impl SetController {
         }
     }
 
-    /// The control has not taken what was sent, or that is not known.
+    /// Records that the control has not taken the values that were sent, or that this is unknown.
     fn doubt(&mut self, settings: &SetSettings, now: Moment) {
         self.tries_from = now.after(RETRY);
         self.transaction.doubt();
@@ -345,7 +345,7 @@ impl SetController {
         self.phase = Phase::Rest;
     }
 
-    /// The control has taken what the registers hold.
+    /// Records that the control has taken the register values.
     fn taken(&mut self, settings: &SetSettings, now: Moment) {
         self.strobe.succeeded();
         if self.transaction.is_taken() {
@@ -364,7 +364,7 @@ impl SetController {
     }
 
     fn decide(&mut self, settings: &SetSettings, now: Moment) {
-        // A write that is asked for now follows a read of another turn.
+        // A write requested now follows a read of another turn.
         self.members.give_up_writing(settings, now);
         self.members.demand_again(settings, &mut self.transaction, &self.demand, now);
         let reason = if self.sends_anyway(settings, now) {
@@ -381,8 +381,8 @@ impl SetController {
         };
     }
 
-    /// Returns whether the set is to be sent, although no output is to be written: because it is refreshed, because its control word
-    /// changes, or because the control has not taken what the registers hold.
+    /// Returns whether the set must be sent although no output is written. It must if it is refreshed, if its control
+    /// word changes, or if the control has not taken the register values.
     fn sends_anyway(&self, settings: &SetSettings, now: Moment) -> bool {
         if now < self.tries_from {
             return false;
@@ -398,7 +398,7 @@ impl SetController {
         settings.words.has_control() && self.control != Some(self.demand.control)
     }
 
-    /// When the set is to be sent again, although nothing is to change.
+    /// Returns the time when the set must be sent again without a change.
     fn refreshes(&self, settings: &SetSettings) -> Option<Moment> {
         settings.refresh.map(|refresh| self.written_at.after(refresh))
     }
@@ -430,12 +430,12 @@ impl SetController {
     fn judge(&mut self, settings: &SetSettings, reason: Reason, now: Moment) {
         self.members.wait_for_each_other(settings, now);
         let is_due = self.members.is_writing() || reason == Reason::Send;
-        // For a look nobody has asked whether the acknowledge is down: the next turn does.
+        // For a look, the acknowledge has not been checked. The next turn checks it.
         if !is_due || (reason == Reason::Look && settings.timeout.is_some()) {
             self.phase = Phase::Rest;
             return;
         }
-        // Nothing is begun that would be given up: the next attempt would wait for it.
+        // Promises that would be dropped are not begun, because the next attempt would wait for them.
         let next = self.members.next_values(&self.found);
         if self.transaction.is_whole(&self.members.views(settings), &next) {
             let promise = Promised::NotAsked;
@@ -445,7 +445,7 @@ impl SetController {
         }
     }
 
-    /// Chooses the value of the next output. Returns its place, if its promise must be on disk first.
+    /// Chooses the value of the next output. Returns its index if its promise must be on disk first.
     fn go_along(&mut self, settings: &SetSettings, now: Moment) -> Option<usize> {
         let Phase::GoAlong { values, not_after, promise } = &mut self.phase else { return None };
         let place = values.len();
@@ -479,8 +479,8 @@ impl SetController {
         OwnWords { number, beat, control: self.demand.control }
     }
 
-    /// Gives up what the outputs are to be written. While a late write forbids them, heartbeat and control word continue without them.
-    /// Not in a set whose control takes all of it or nothing: there they wait, too.
+    /// Drops the writes of the outputs. While a late write forbids them, heartbeat and control word continue alone. If
+    /// the control takes all of the set or nothing, they wait too.
     fn give_up(&mut self, settings: &SetSettings, now: Moment) {
         self.members.give_up_writing(settings, now);
         let is_due =
@@ -492,7 +492,7 @@ impl SetController {
         }
     }
 
-    /// The set is tried again later, but not later than it is refreshed.
+    /// Delays the next attempt, but not beyond the time of the next refresh.
     fn put_off(&mut self, settings: &SetSettings, now: Moment) {
         let refresh = self.refreshes(settings).filter(|refresh| *refresh > now);
         self.tries_from = now.after(RETRY).min(refresh.unwrap_or(Moment::END));
@@ -535,7 +535,7 @@ impl SetController {
         }
     }
 
-    /// The registers were read after the write. If they hold what was sent, the control takes it.
+    /// Compares the registers after the write. If they hold what was sent, the control takes it.
     fn confirm(&mut self, settings: &SetSettings, now: Moment) {
         self.phase = Phase::Rest;
         if !self.transaction.is_sent(&self.found) || self.demand.is_leaving {
@@ -556,7 +556,7 @@ impl SetController {
         self.phase = Phase::Raise;
     }
 
-    /// Moment at which the set is to be called again. An acknowledge that the set waits for is apart: [`Strobe::asks`].
+    /// Returns the time of the next call. [`Strobe::asks`] returns that of an awaited acknowledge.
     fn due(&self, settings: &SetSettings, now: Moment) -> Moment {
         let is_unfinished = self.strobe.level() == StrobeLevel::Up || self.is_bound();
         let tries = is_unfinished.then_some(self.tries_from.max(now));
@@ -564,7 +564,7 @@ impl SetController {
         [self.members.wakes(now), tries, refreshes].into_iter().flatten().min().unwrap_or(Moment::END)
     }
 
-    /// Moves every moment by `to`, and leaves out the events. The controller is to be called again at `now` at the earliest.
+    /// Maps every moment, and drops the events. The next call comes at `now` at the earliest.
     #[doc(hidden)]
     #[must_use]
     pub fn moved(&self, to: impl Fn(Moment) -> Moment, now: Moment) -> SetController {
@@ -593,7 +593,7 @@ impl Shifted for SetController {
     }
 }
 
-/// Longest time for which a write of the set can be late.
+/// Longest delay of a write of the set.
 fn late(settings: &SetSettings) -> Duration {
     settings.members.iter().map(|member| member.late).max().unwrap_or_default()
 }

@@ -1,4 +1,4 @@
-//! Outputs of a set, as the set sees them together.
+//! Outputs of a set, seen as a whole.
 
 use serde::{Deserialize, Serialize};
 
@@ -18,13 +18,13 @@ pub(super) struct SetMembers {
     controllers: Vec<Controller>,
 }
 
-/// Value that an output has in the next request.
+/// Value of an output in the next request.
 pub(super) enum Choice {
-    /// This value, until the moment.
+    /// This value, until this moment.
     Value(SetValue, Moment),
-    /// The output puts its promise on disk first.
+    /// The promise of the output must be on disk first.
     KeepsFirst,
-    /// The output may not be written now.
+    /// The output must not be written now.
     Nothing,
 }
 
@@ -52,7 +52,7 @@ impl SetMembers {
         self.controllers.iter_mut().zip(&settings.members)
     }
 
-    /// Gives the output at this place an input.
+    /// Passes an input to the output with this index.
     pub(super) fn give(
         &mut self,
         settings: &SetSettings,
@@ -65,7 +65,7 @@ impl SetMembers {
         }
     }
 
-    /// Gives each output the input that `input` returns for it.
+    /// Passes to each output the input that `input` returns for it.
     pub(super) fn each(
         &mut self,
         settings: &SetSettings,
@@ -79,7 +79,7 @@ impl SetMembers {
         }
     }
 
-    /// Gives the outputs their demands.
+    /// Passes their demands to the outputs.
     pub(super) fn demand(
         &mut self,
         settings: &SetSettings,
@@ -91,7 +91,7 @@ impl SetMembers {
         }
     }
 
-    /// Demands once more what was sent before, if the registers hold it by half.
+    /// Requests the earlier values once more if the registers hold only a part of them.
     pub(super) fn demand_again(
         &mut self,
         settings: &SetSettings,
@@ -123,7 +123,7 @@ impl SetMembers {
         self.controllers.get(place).map_or(Action::Nothing { until: Moment::END }, Controller::action)
     }
 
-    /// Place of the first output from `from` on that puts its promise on disk.
+    /// Returns the index of the first output from `from` on whose promise must be written to disk.
     pub(super) fn keeps(&self, from: usize) -> Option<usize> {
         (from..self.controllers.len()).find(|place| self.action(*place) == Action::Keep)
     }
@@ -152,12 +152,12 @@ impl SetMembers {
         self.controllers.iter().any(|one| one.follow() == Follow::Late)
     }
 
-    /// Returns whether an output asks for a write after the next read, if that shows nothing new.
+    /// Returns whether an output requests a write after the next read, if that shows nothing new.
     pub(super) fn may_write(&self, settings: &SetSettings, now: Moment) -> bool {
         self.with(settings).any(|(controller, settings)| controller.state().may_write(settings, now))
     }
 
-    /// When an output is to be called again.
+    /// Returns the time of the next call of an output.
     pub(super) fn wakes(&self, now: Moment) -> Option<Moment> {
         let wakes = self.controllers.iter().map(|one| match one.action() {
             Action::Nothing { until } => until,
@@ -166,7 +166,7 @@ impl SetMembers {
         wakes.min()
     }
 
-    /// The outputs as their transaction sees them.
+    /// Returns the outputs as [`Transaction`] needs them.
     pub(super) fn views(&self, settings: &SetSettings) -> Vec<Member> {
         let view = |(one, settings): (&Controller, _)| Member {
             held: one.held(settings),
@@ -176,7 +176,7 @@ impl SetMembers {
         self.with(settings).map(view).collect()
     }
 
-    /// Gives the outputs what the control has made of the set, if that is news.
+    /// Passes the result of the set to the outputs for which it is new.
     pub(super) fn commit(&mut self, settings: &SetSettings, commit: SetCommit, now: Moment) {
         let is_open = commit != SetCommit::Taken;
         self.each(settings, |one| (one.is_bound() != is_open).then_some(Input::Set(commit)), now);
@@ -186,7 +186,8 @@ impl SetMembers {
         self.each(settings, |one| is_writing(one).then_some(Fact::NotSent.into()), now);
     }
 
-    /// The registers were read. Behind an open interlock an output learns nothing: its control may be off, or starting.
+    /// Passes the register values to the outputs. An output with an open interlock ignores them: its control may be off
+    /// or starting.
     pub(super) fn read(&mut self, settings: &SetSettings, (values, asked): (&[Counts], Moment), now: Moment) {
         for ((controller, settings), found) in self.with_mut(settings).zip(values) {
             let learns = match controller.action() {
@@ -200,7 +201,8 @@ impl SetMembers {
         }
     }
 
-    /// Outputs that land together move together: if a late write forbids one of them its next step, all wait.
+    /// Makes all outputs wait if a late write forbids one of them its next step. Outputs that are taken together must
+    /// move together.
     pub(super) fn wait_for_each_other(&mut self, settings: &SetSettings, now: Moment) {
         let waits = self
             .with(settings)
@@ -211,7 +213,7 @@ impl SetMembers {
         }
     }
 
-    /// Values of the next request, if every output that is not to be written goes along.
+    /// Returns the values of the next request, if every other output keeps its register value.
     pub(super) fn next_values(&self, found: &[Counts]) -> Vec<Counts> {
         let next = self.controllers.iter().zip(found).map(|(one, found)| match one.action() {
             Action::Write { value, is_repeat: false, .. } => value,
@@ -220,7 +222,8 @@ impl SetMembers {
         next.collect()
     }
 
-    /// Chooses the value of an output whose register holds `found`. If the output is not to be written, the register value goes along.
+    /// Chooses the value of an output whose register holds `found`. If the output is not written, it keeps the register
+    /// value.
     pub(super) fn choose(
         &mut self,
         settings: &SetSettings,
@@ -247,7 +250,7 @@ impl SetMembers {
         }
     }
 
-    /// The values were sent, or perhaps.
+    /// Passes the result of a write to the outputs.
     pub(super) fn sent(
         &mut self,
         settings: &SetSettings,

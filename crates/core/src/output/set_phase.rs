@@ -1,4 +1,4 @@
-//! How far the turn of a set has come.
+//! Phases in the turn of a set.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,11 +6,11 @@ use super::handshake::HandshakeFault;
 use super::set::{OwnWords, SetValue};
 use crate::quantity::{Moment, Shift, Shifted};
 
-/// How far a turn has come: the exchange that has no result, or the next decision.
+/// Phase of a turn: the pending exchange, or the next decision.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Phase {
-    /// The turn has nothing more to do.
+    /// The turn is complete.
     #[default]
     Rest,
     /// The handshake of an earlier turn comes first.
@@ -21,11 +21,11 @@ pub(super) enum Phase {
     Drop(Dropped),
     /// The strobe is raised.
     Raise,
-    /// The outputs take their demand.
+    /// The outputs process their demands.
     Demand,
-    /// Promises of the outputs from this place on are put on disk.
+    /// Promises of the outputs from this index on are written to disk.
     Keep(usize, Then),
-    /// The set decides whether there is something to do.
+    /// The set decides whether an exchange is necessary.
     Decide,
     /// The acknowledge must be down before anything is written.
     Clear(Reason),
@@ -33,24 +33,24 @@ pub(super) enum Phase {
     Read(Then),
     /// The set decides what is written.
     Judge(Reason),
-    /// The outputs that are not to be written go along, one after the other.
+    /// The values of the outputs are collected one after the other.
     GoAlong {
         /// Values of the outputs so far.
         values: Vec<SetValue>,
-        /// Last moment for them.
+        /// Last moment for sending them.
         not_after: Moment,
-        /// Promise of the next output.
+        /// State of the next output's promise.
         promise: Promised,
     },
     /// The values are written.
     Write { values: Vec<SetValue>, own: OwnWords, not_after: Moment },
     /// Heartbeat and control word are written alone.
     WriteOwn(OwnWords),
-    /// The set decides whether the registers hold what was written.
+    /// The set checks whether the registers hold the written values.
     Confirm,
 }
 
-/// Whether the disk was asked to keep the promise of an output that goes along.
+/// Whether the disk was asked to store the promise of an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Promised {
@@ -64,7 +64,7 @@ pub(super) enum Promised {
 pub(super) enum After {
     /// The turn begins.
     Begin,
-    /// The registers are read, to be written.
+    /// The registers are read before a write.
     Clear(Reason),
     /// The strobe is raised.
     Raise,
@@ -72,13 +72,13 @@ pub(super) enum After {
     End,
 }
 
-/// Reason why the strobe is dropped, or next phase after it.
+/// Reason why the strobe is dropped, with the next phase.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Dropped {
-    /// An earlier turn or run has left it up.
+    /// An earlier turn or run left it up.
     Left,
-    /// Its level was not known.
+    /// Its level was unknown.
     Clear(Reason),
     /// The control has acknowledged the set.
     Acknowledged(After),
@@ -86,7 +86,7 @@ pub(super) enum Dropped {
     Failed(HandshakeFault),
 }
 
-/// Next phase when all promises are on disk, or when the registers were read.
+/// Next phase after all promises are on disk, or after the registers were read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Then {
@@ -109,11 +109,11 @@ impl Then {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Reason {
-    /// An output is to be read.
+    /// An output must be read.
     Look,
-    /// An output is to be written, if the read shows nothing new.
+    /// An output is written if the read shows nothing new.
     Change,
-    /// The set is to be sent: it is refreshed, its control word changes, or the control has not taken it.
+    /// The set must be sent: it is refreshed, its control word changes, or the control has not taken it.
     Send,
 }
 

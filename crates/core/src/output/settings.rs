@@ -1,4 +1,4 @@
-//! What an output is, in whole counts of its register.
+//! Settings of an output, in whole counts of its register.
 
 use std::time::Duration;
 
@@ -6,93 +6,94 @@ use serde::{Deserialize, Serialize};
 
 use crate::quantity::Counts;
 
-/// One output. Counts are those of the register; whoever calls converts from µm.
+/// Settings of one output, in counts of its register. The caller converts from µm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Settings {
-    /// The largest change of the register by one write: at least 1, of a shared register at least 2.
+    /// Largest change of the register by one write. At least 1; at least 2 for a shared register.
     pub step: Counts,
-    /// The largest distance from the bias, or from the operator's part.
+    /// Largest distance from the bias or from the operator offset.
     pub limit: Counts,
-    /// What the register holds where the offset is zero: a CNC may come up with it as well as with zero.
+    /// Register value for an offset of zero. A restarted CNC may show it instead of zero.
     pub bias: Counts,
-    /// The lowest and the highest count that the register holds.
+    /// Lowest and highest count of the register.
     pub range: (Counts, Counts),
-    /// How long after it left a write may still arrive.
+    /// Longest time until a sent write arrives.
     pub late: Duration,
-    /// How long a value whose answer never came is still recognised after that: some ten times `late`.
+    /// Time after `late` during which a write without an answer is still recognised: about ten times `late`.
     pub remembered: Duration,
-    /// The longest time between two readings of the register.
+    /// Longest time between two reads of the register.
     pub every: Duration,
-    /// What stands there is sent again after this long.
+    /// Period for sending the register value again.
     pub refresh: Option<Duration>,
-    /// An operator writes to the register too, and keeps what is his.
+    /// Whether the register is shared with an operator, whose offset it also contains.
     pub is_shared: bool,
-    /// How a write is known to stand there.
+    /// How a write is verified.
     pub verify: Verify,
-    /// Register in which the control says what it applies, if there is one.
+    /// Applied value that the control reports in another register, if there is one.
     #[serde(default)]
     pub applied: Option<AppliedSettings>,
-    /// All of them, outside of the search that shows what each is for.
+    /// Active rules. All are active, except in the search that shows the purpose of each.
     #[serde(skip)]
     pub rules: Rules,
 }
 
 impl Settings {
-    /// A restarted CNC shows this.
+    /// Returns whether a restarted CNC may show this value.
     pub fn is_zero(&self, value: Counts) -> bool {
         value == Counts::ZERO || value == self.bias
     }
 
-    /// What should stand there for this offset from the bias, or from the operator's part.
+    /// Returns the register value for an offset from the bias or from the operator offset.
     pub(super) fn target(&self, centre: Counts, offset: Counts) -> Counts {
         let (lowest, highest) = self.range;
         (centre + offset).clamp(lowest, highest)
     }
 
-    /// What is on disk before a value is sent: a register that says itself what stands in it needs no promise.
+    /// Returns whether a value must be on disk before it is sent. A register that can be read and is not shared
+    /// requires no promise.
     pub fn promises(&self) -> bool {
         self.is_shared || self.verify == Verify::Echo
     }
 
-    /// How far a value may be from another one under way. One count less where an operator writes too: his edit of
-    /// exactly one step is then never taken for ours.
+    /// Largest distance between a value and another one under way. For a shared register it is one count less than a
+    /// step. An edit of exactly one step is then never mistaken for a write of the gateway.
     pub(super) fn reach(&self) -> Counts {
         if self.is_shared { self.step - Counts(1) } else { self.step }
     }
 }
 
-/// Register in which a control says what it applies.
+/// Settings of an applied value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AppliedSettings {
-    /// Largest distance from the register value, in thousandths of a count.
+    /// Largest deviation from the register value, in thousandths of a count.
     pub tolerance: i64,
-    /// Time that the control has to apply a change.
+    /// Time within which the control must apply a change.
     pub settle: Duration,
 }
 
-/// How a write is known to stand there.
+/// How a write is verified.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verify {
-    /// The register is read.
+    /// By reading the register.
     Reading,
-    /// It cannot be, or is not to be: the device's answer is all there is.
+    /// By the answer of the device alone: the register cannot be read, or is not to be read.
     Echo,
 }
 
-/// The rules that can be taken out one by one, to show that the search finds what each of them prevents.
+/// Rules that can be deactivated one by one, to show that the search finds what each of them prevents.
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rules {
-    /// What may still arrive is never more than one step away.
+    /// Nothing that may still arrive is more than one step away.
     pub near_what_may_arrive: bool,
-    /// A value that appears is ours if it is under way.
+    /// A value that appears belongs to the gateway if it is under way.
     pub knows_its_own: bool,
-    /// A change has a last moment.
+    /// A change has a last moment for sending.
     pub last_moment: bool,
     /// Nothing is sent beyond the limit.
     pub limit: bool,
-    /// Where the operator's part cannot be known, a person decides.
+    /// If the operator offset cannot be determined, the operator decides.
     pub doubt: bool,
     /// No write moves the register away from the target.
     pub no_windup: bool,

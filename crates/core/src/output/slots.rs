@@ -1,4 +1,4 @@
-//! A list of fixed capacity, so that a step asks no allocator for anything.
+//! List of fixed capacity. A step therefore needs no memory allocation.
 
 use std::fmt;
 
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::quantity::{Shift, Shifted};
 
-/// At most `N` items, in the order in which they came.
+/// List of at most `N` items, in the order of insertion.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(
     into = "Vec<T>",
@@ -19,17 +19,17 @@ pub struct Slots<T, const N: usize> {
 }
 
 impl<T: Copy, const N: usize> Slots<T, N> {
-    /// How many it holds.
+    /// Number of items.
     pub fn len(&self) -> usize {
         self.len
     }
 
-    /// It holds none.
+    /// Returns whether the list is empty.
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
 
-    /// Adds an item at the end; whether there was room for it.
+    /// Appends an item. Returns whether there was capacity.
     #[must_use]
     pub fn push(&mut self, item: T) -> bool {
         let slot = self.items.get_mut(self.len);
@@ -41,7 +41,7 @@ impl<T: Copy, const N: usize> Slots<T, N> {
         has_room
     }
 
-    /// Its items, the oldest first.
+    /// Iterates over the items, oldest first.
     pub fn iter(&self) -> impl Iterator<Item = &T> {
         self.items.iter().flatten()
     }

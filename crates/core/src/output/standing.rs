@@ -1,20 +1,20 @@
-//! What is known, asked for and shown of one output.
+//! Parts of the state of one output: last value, pending action, decision, arm state.
 
 use serde::{Deserialize, Serialize};
 
 use super::kept::Account;
 use crate::quantity::{Counts, Moment, Shift, Shifted, shifted};
 
-/// A value, and when the question was sent that it answers.
+/// Value with the time of its request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Seen {
-    /// What stands there.
+    /// Register value.
     pub value: Counts,
-    /// When the read was asked; of an output that is not read, when the write had left.
+    /// Time of the request. For an output that cannot be read, the time when the write was sent.
     pub asked: Moment,
 }
 
-/// What was asked of the caller and not answered yet.
+/// Pending action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Doing {
@@ -26,21 +26,22 @@ pub(super) enum Doing {
         read: Option<Moment>,
     },
     Keeping,
-    /// The process ends: nothing is begun any more.
+    /// The process ends, and nothing is begun any more.
     Ended,
 }
 
-/// How a write failed that was answered.
+/// How the last write failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Untaken {
-    /// Nobody says that it was done, or nobody knows: whatever is answered as done shows that there is somebody again.
+    /// The write was refused or not sent, or its result is unknown. Any write that is answered as done ends this.
     Refused,
-    /// It was answered as done and does not stand there: only another value that does shows something.
+    /// The write was answered as done, but the register holds another value. Only another write that is verified ends
+    /// this.
     Ignored,
 }
 
-/// What is wanted: counts from the bias, or our share.
+/// Decision to carry out. The offset is in counts from the bias, or is the gateway share.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Order {
     pub(super) offset: Counts,
@@ -50,17 +51,17 @@ pub(super) struct Order {
     pub(super) not_after: Moment,
 }
 
-/// Whether it may be written.
+/// Whether the register may be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ArmState {
-    /// Nobody has armed it, or somebody switched it off.
+    /// Not armed yet, or disarmed.
     Off,
-    /// Off until a person arms it: something happened that only a person can judge.
+    /// Off until the operator arms it: something happened that only the operator can assess.
     Barred,
-    /// A person armed it and confirmed this value of a shared register, which is read once more.
+    /// The operator armed and confirmed this value of a shared register, which is read once more.
     Confirming(Counts),
-    /// It follows what is wanted.
+    /// The register follows the decisions.
     Armed,
 }
 
@@ -76,21 +77,21 @@ impl Shifted for Doing {
     }
 }
 
-/// What people see.
+/// State of an output for display.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shown {
-    /// What stands in the register, and when it was asked.
+    /// Last verified register value, and the time of its request.
     pub verified: Option<Seen>,
-    /// It was only acknowledged, not read.
+    /// Whether the value was acknowledged, but not read.
     pub is_only_acknowledged: bool,
     /// Operator offset and gateway share of a shared register.
     pub account: Option<Account>,
-    /// Whether it may be written.
+    /// Whether the register may be written.
     pub standing: ArmState,
-    /// How many copies may still arrive.
+    /// Number of copies that may still arrive.
     pub under_way: usize,
-    /// Until when a change waits for them.
+    /// Time until which a change waits for them.
     pub waits_until: Option<Moment>,
-    /// The last write was refused or not taken, and none was since.
+    /// Whether the last write was refused or not taken.
     pub is_untaken: bool,
 }

@@ -1,4 +1,4 @@
-//! What is known of one output.
+//! State of one output.
 
 use std::time::Duration;
 
@@ -15,63 +15,64 @@ use super::standing::{ArmState, Doing, Order, Seen, Shown, Untaken};
 use super::turns::Turns;
 use crate::quantity::{Counts, Moment, shifted};
 
-/// What failed is tried again after this long at the earliest; and what is not certain is looked at again.
+/// Least time before a failed action is repeated, and the period of reads while the register value is uncertain.
 pub(super) const RETRY: Duration = Duration::from_secs(1);
 
-/// One output. As a text it is what a step behaves by, without what only its reports depend on.
+/// State of one output. Its serialised form contains what determines the next actions, but no pending reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct State {
     pub(super) doing: Doing,
     pub(super) copies: Copies,
-    /// What the last read showed; of an output that is not read what was acknowledged last.
+    /// Last value read. For an output that cannot be read, the last acknowledged value.
     pub(super) verified: Option<Seen>,
-    /// What was answered as done since then.
+    /// Value that was answered as done since then.
     pub(super) answered: Option<Counts>,
-    /// Operator offset and gateway share of a shared register, once they are known.
+    /// Operator offset and gateway share of a shared register, if known.
     pub(super) account: Option<Account>,
     pub(super) standing: ArmState,
     pub(super) is_interlocked: bool,
-    /// What is wanted, and until when a change to it may be sent.
+    /// Decision to carry out, with the last moment for sending it.
     pub(super) order: Option<Order>,
-    /// The value on disk that is about to be sent.
+    /// Value on disk that is about to be sent.
     pub(super) promised: Option<Counts>,
-    /// When it must have left, by the readings below it.
+    /// Last moment for sending it, given by the age of its readings.
     #[serde(default)]
     pub(super) promised_until: Option<Moment>,
-    /// The disk does not say what it must say before the next write.
+    /// Whether the disk lacks something that it must contain before the next write.
     pub(super) is_unsaved: bool,
-    /// The disk says that this run has begun: it does not end in order unless it says so itself.
+    /// Whether the disk contains that this run has begun. A run ends in order only if its end is recorded too.
     pub(super) has_begun_on_disk: bool,
-    /// After a start without an orderly stop a whole register is not written until a read was asked after this.
+    /// After a start without an orderly stop, a whole register is not written until a read was requested after this
+    /// time.
     pub(super) settles_at: Option<Moment>,
-    /// No read before this can be the first of a pair.
+    /// Earliest time for the first read of a pair.
     pub(super) pairs_from: Moment,
-    /// The CNC was restarted since the last read.
+    /// Whether the CNC was restarted since the last read.
     pub(super) is_rebooted: bool,
-    /// The change that the last write would have made, if nobody answered it as done, until the next read.
+    /// Change by the last write, if it was not answered as done, until the next read.
     pub(super) unanswered_change: Option<Counts>,
-    /// The operator's last change equalled an unanswered one of ours.
+    /// Whether the last change of the operator equalled an unanswered one of the gateway.
     pub(super) was_like_our_own: bool,
-    /// Where a write was answered as done last, something else stood there afterwards.
+    /// Whether the register held another value after the last write that was answered as done.
     pub(super) was_unsteady: bool,
-    /// Who has changed a shared register by turns.
+    /// Alternate changes of a shared register by the gateway and by another client.
     #[serde(default)]
     pub(super) turns: Turns,
-    /// The register is to be read before anything else is decided.
+    /// Whether the register must be read before anything else is decided.
     pub(super) must_read: bool,
-    /// A change waits for what may still arrive.
+    /// Whether a change waits for copies that may still arrive.
     pub(super) is_waiting: bool,
-    /// When it was last found to wait.
+    /// Time when a change last waited.
     pub(super) waited_at: Moment,
-    /// No read is tried again before this.
+    /// Earliest time for the next read.
     pub(super) reads_from: Moment,
-    /// No write is tried again before this.
+    /// Earliest time for the next write.
     pub(super) writes_from: Moment,
-    /// Nothing is given to the disk again before this.
+    /// Earliest time for the next write to disk.
     pub(super) keeps_from: Moment,
-    /// When something was last put there.
+    /// Time of the last write.
     pub(super) written_at: Moment,
-    /// How the last write failed, if none has stood there since.
+    /// How the last write failed, if none has been verified since.
     pub(super) untaken: Option<Untaken>,
     #[serde(skip)]
     pub(super) reports: Reports,
@@ -81,7 +82,7 @@ shifted!(State: doing, copies, verified, order, promised_until, settles_at, pair
     keeps_from, written_at);
 
 impl State {
-    /// At a start, with what the last run left on disk.
+    /// Creates the state at a start, from the state that the last run left on disk.
     pub fn new(settings: &Settings, kept: Option<&Kept>, now: Moment) -> State {
         let nothing = Kept::default();
         let was_in_order = kept.is_some_and(|kept| kept.in_order);
@@ -123,7 +124,7 @@ impl State {
         }
     }
 
-    /// What people see.
+    /// Returns the state for display.
     pub fn shown(&self, settings: &Settings) -> Shown {
         Shown {
             verified: self.verified,
@@ -136,19 +137,19 @@ impl State {
         }
     }
 
-    /// What of ours may still appear in the register.
+    /// Values of the gateway that may still appear in the register.
     pub fn copies(&self) -> &Copies {
         &self.copies
     }
 
-    /// Values that the gateway has sent, or is sending now, and that the last read did not show. Each may still appear in the
-    /// register.
+    /// Returns the values that the gateway has sent, or is sending now, and that the last read did not show. Each may
+    /// still appear in the register.
     pub fn may_arrive(&self) -> impl Iterator<Item = Counts> {
         let sent = self.copies.under_way().map(|sent| sent.value);
         sent.chain(self.being_written()).filter(|value| self.verified.map(|seen| seen.value) != Some(*value))
     }
 
-    /// Value of the write that has no result yet.
+    /// Value of the pending write.
     fn being_written(&self) -> Option<Counts> {
         match self.doing {
             Doing::Writing { value, .. } => Some(value),
@@ -156,16 +157,16 @@ impl State {
         }
     }
 
-    /// What has happened since this was last called.
+    /// Returns the events since the last call.
     pub fn take_events(&mut self) -> Slots<Event, 8> {
         self.reports.take()
     }
 
-    /// What is to be put on disk now.
+    /// Returns the state to write to disk now.
     pub fn kept(&self) -> Kept {
         let mut promises = Slots::default();
         let mut add = |value, at, is_under_way| {
-            // There is room for all that fits into the memory and one more.
+            // The capacity is sufficient for all copies and one more.
             let _ = promises.push(Promise { value, at, is_under_way });
         };
         self.copies.under_way().for_each(|sent| add(sent.value, sent.at, true));
@@ -182,13 +183,13 @@ impl State {
         }
     }
 
-    /// The end of the process: what goes on disk last. Nothing is begun any more. The stop is in order if nothing may
-    /// still arrive.
+    /// Ends the output, and returns the last state to write to disk. Nothing is begun any more. The stop is in order if
+    /// no copy may still arrive.
     pub fn end(&mut self) -> Kept {
         (self.promised, self.promised_until) = (None, None);
         let is_writing = self.being_written().is_some();
         let stands = self.verified.map(|verified| verified.value);
-        // A repeat of what stands there that was answered as done has moved nothing.
+        // A repeat of the register value that was answered as done has changed nothing.
         let is_repeat = |sent: &Sent| sent.answered.is_some() && Some(sent.value) == stands;
         let in_order = !is_writing && self.copies.under_way().all(is_repeat) && self.settles_at.is_none();
         let kept = Kept { in_order, ..self.kept() };
@@ -196,7 +197,7 @@ impl State {
         kept
     }
 
-    /// What was decided before this is not sent any more.
+    /// Drops the decision: it is not sent any more.
     pub(super) fn drop_order(&mut self, settings: &Settings) {
         if settings.rules.last_moment {
             self.order = None;
@@ -208,49 +209,49 @@ impl State {
         self.expected().map(|value| value - self.centre(settings))
     }
 
-    /// What should stand there: what was answered as done last, else what was verified last.
+    /// Expected register value: the last one answered as done, or else the last verified one.
     pub(super) fn expected(&self) -> Option<Counts> {
         let from_disk = || self.account.map(|account| account.base + account.share);
         self.acknowledged().or_else(from_disk)
     }
 
-    /// Our share stands there, or something of ours may still arrive.
+    /// Returns whether the register contains a gateway share, or something may still arrive.
     pub(super) fn has_anything_of_ours(&self) -> bool {
         self.account.is_some_and(|account| account.share != Counts::ZERO)
             || self.copies.under_way().next().is_some()
     }
 
-    /// For the second time in a row an unanswered write was followed by a change of just its size.
+    /// Returns whether an unanswered write was followed by a change of exactly its size, for the second time in a row.
     pub(super) fn is_like_our_own_again(&self, change: Counts) -> bool {
         self.was_like_our_own && self.unanswered_change == Some(change)
     }
 
-    /// What the offset is counted from: the operator's part, or the bias.
+    /// Value from which the offset is counted: the operator offset, or the bias.
     pub(super) fn centre(&self, settings: &Settings) -> Counts {
         self.account.map_or(settings.bias, |account| account.base)
     }
 
-    /// This offset is what stands there as last verified.
+    /// Returns whether the last verified value has this offset.
     pub fn is_at(&self, settings: &Settings, offset: Counts) -> bool {
         self.verified.is_some_and(|seen| plan::is_there(self, settings, seen.value, offset))
     }
 
-    /// Its interlock is open.
+    /// Returns whether the interlock is open.
     pub fn is_interlocked(&self) -> bool {
         self.is_interlocked
     }
 
-    /// What it asked for has not come to its end.
+    /// Returns whether an action is pending.
     pub fn is_asking(&self) -> bool {
         self.doing != Doing::Nothing
     }
 
-    /// Nothing from before the start may still arrive unknown.
+    /// Returns whether values from before the start can no longer arrive.
     pub fn is_settled(&self) -> bool {
         self.settles_at.is_none()
     }
 
-    /// A read that shows nothing new may be followed by a write.
+    /// Returns whether a write may follow a read that shows nothing new.
     pub fn may_write(&self, settings: &Settings, now: Moment) -> bool {
         let is_wanted =
             self.order.is_some_and(|order| now <= order.not_after && !self.is_at(settings, order.offset));
@@ -258,34 +259,33 @@ impl State {
         is_driven && now >= self.writes_from && (is_wanted || self.untaken.is_some())
     }
 
-    /// Returns whether a write was answered as done that no read has shown yet.
+    /// Returns whether a write was answered as done, and no read has shown it yet.
     pub(super) fn has_answered(&self) -> bool {
         self.answered.is_some()
     }
 
-    /// Register value that was answered as done last, else verified last.
+    /// Register value last answered as done, or else last verified.
     pub(super) fn acknowledged(&self) -> Option<Counts> {
         self.answered.or(self.verified.map(|verified| verified.value))
     }
 
-    /// Last moment of a change that was decided and not sent, if that has passed.
+    /// Returns the last moment of a decision that was not sent, if that has passed.
     pub(super) fn overdue(&self, settings: &Settings, now: Moment) -> Option<Moment> {
         let order = self.order.filter(|order| now > order.not_after && !self.is_at(settings, order.offset));
         order.filter(|_| settings.rules.last_moment).map(|order| order.not_after)
     }
 
-    /// A value is on disk that is about to be sent, or is to be: without it nothing is.
+    /// Returns whether a value is on disk, or must be written to it, before it is sent.
     pub fn is_promising(&self) -> bool {
         self.promised.is_some()
     }
 
-    /// When what may still arrive no longer forbids anything, at the latest.
+    /// Returns the latest time until which copies and the start can delay a change.
     pub fn waits_until(&self, settings: &Settings) -> Option<Moment> {
         self.copies.all_over(settings.late).into_iter().chain(self.settles_at).max()
     }
 
-    /// The same state with every moment moved by `to`, and without what only people see: two states that are equal then
-    /// behave alike.
+    /// Maps every moment, and drops what only reports use. Two states that are equal afterwards behave equally.
     #[doc(hidden)]
     pub fn moved(&self, to: impl Fn(Moment) -> Moment) -> State {
         State {

@@ -7,10 +7,10 @@
 //!                                     strobe down at once, reported, tried again: the same values, from the beginning
 //! ```
 //!
-//! Before anything is written the acknowledge must be down (`Clear`): one that is still up from before would answer a
-//! strobe that the control has not seen. If a raise was not answered, the strobe may rise late: then the acknowledge must be down once
-//! more directly before the strobe rises. No wait blocks the line: the acknowledge is read once in every cycle, the
-//! rest of which belongs to the others.
+//! Before anything is written, the acknowledge must be down (`Clear`). An acknowledge from before would otherwise be
+//! taken for the answer to the next strobe. If a raise was not answered, the strobe may rise late. The acknowledge must
+//! then be checked once more directly before the strobe rises. No wait blocks the line: the acknowledge is read once in
+//! each cycle, and other exchanges use the rest of the cycle.
 
 use std::time::Duration;
 
@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use super::handshake::HandshakeFault;
 use crate::quantity::{Moment, shifted};
 
-/// The acknowledge is read at most this often.
+/// Least time between two reads of the acknowledge.
 const ASK_EVERY: Duration = Duration::from_millis(20);
 
 /// Strobe of a set: its level, and the level of the acknowledge that the set waits for.
@@ -27,9 +27,9 @@ const ASK_EVERY: Duration = Duration::from_millis(20);
 pub struct Strobe {
     level: StrobeLevel,
     wait: Option<Wait>,
-    /// A write that was not answered may raise the strobe until then.
+    /// Time until which an unanswered write may raise the strobe.
     may_rise_until: Option<Moment>,
-    /// Failure that was reported. The next success ends it.
+    /// Reported failure. The next success ends it.
     reported: Option<HandshakeFault>,
 }
 
@@ -37,12 +37,12 @@ pub struct Strobe {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StrobeLevel {
-    /// An earlier run may have left it up: it is dropped before the first write.
+    /// Unknown: an earlier run may have left it up. It is dropped before the first write.
     #[default]
     Unknown,
     /// Dropped.
     Down,
-    /// Raised, or perhaps raised: it is dropped as soon as the device can be reached.
+    /// Raised, or perhaps raised. It is dropped as soon as the device can be reached.
     Up,
 }
 
@@ -50,20 +50,20 @@ pub enum StrobeLevel {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Awaited {
-    /// Down, before anything is written: an earlier acknowledge drops.
+    /// Down before anything is written: an earlier acknowledge drops.
     Clear,
     /// Up: the control has taken the set.
     Acknowledge,
-    /// Down again, after the strobe has dropped.
+    /// Down again after the strobe has dropped.
     Release,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 struct Wait {
     what: Awaited,
-    /// End of the time that the control has.
+    /// End of the timeout for the control.
     until: Moment,
-    /// When the acknowledge is read next.
+    /// Time of the next read of the acknowledge.
     ask: Moment,
 }
 
@@ -73,16 +73,16 @@ shifted!(Strobe: wait, may_rise_until);
 /// Meaning of an acknowledge that was read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Heard {
-    /// The awaited level.
+    /// The awaited level was read.
     There(Awaited),
-    /// Not the awaited level yet.
+    /// The awaited level was not read yet.
     NotYet,
-    /// Not the awaited level in its time.
+    /// The awaited level was not read before the timeout.
     Missing(Awaited),
 }
 
 impl Strobe {
-    /// Strobe at a start. `was_up`: a task that was interrupted had raised it.
+    /// Creates the strobe at a start. `was_up` means that an interrupted task had raised it.
     pub fn new(was_up: bool) -> Strobe {
         let level = if was_up { StrobeLevel::Up } else { StrobeLevel::Unknown };
         Strobe { level, ..Strobe::default() }
@@ -98,7 +98,7 @@ impl Strobe {
         self.wait.map(|wait| wait.what)
     }
 
-    /// When the acknowledge is read next. `None` if the set waits for nothing.
+    /// Time of the next read of the acknowledge. `None` if the set waits for nothing.
     pub fn asks(&self) -> Option<Moment> {
         self.wait.map(|wait| wait.ask)
     }
@@ -113,7 +113,7 @@ impl Strobe {
         self.reported
     }
 
-    /// The gateway is about to end: the set waits for nothing, and a strobe that may have risen since is dropped.
+    /// Prepares the end of the gateway: the set waits for nothing, and a strobe that may have risen is dropped.
     pub(super) fn leaves(&mut self) {
         self.wait = None;
         if self.may_rise_until.take().is_some() {
@@ -121,7 +121,7 @@ impl Strobe {
         }
     }
 
-    /// Returns whether a write that was not answered may still raise the strobe.
+    /// Returns whether an unanswered write may still raise the strobe.
     pub(super) fn may_rise(&mut self, now: Moment) -> bool {
         self.may_rise_until = self.may_rise_until.filter(|until| now <= *until);
         self.may_rise_until.is_some()
@@ -135,7 +135,7 @@ impl Strobe {
         self.level = StrobeLevel::Down;
     }
 
-    /// The write that raises the strobe was not answered.
+    /// Records that the write that raises the strobe was not answered.
     pub(super) fn may_rise_until(&mut self, until: Moment) {
         self.may_rise_until = Some(until);
     }
@@ -148,7 +148,7 @@ impl Strobe {
         self.wait = None;
     }
 
-    /// The acknowledge was read. `None` if the set waits for nothing.
+    /// Processes the level of the acknowledge. Returns `None` if the set waits for nothing.
     pub(super) fn hears(&mut self, is_up: bool, now: Moment) -> Option<Heard> {
         let Wait { what, until, ask: _ } = self.wait?;
         if is_up == (what == Awaited::Acknowledge) {
@@ -161,13 +161,13 @@ impl Strobe {
         }
         self.wait = None;
         if what == Awaited::Clear {
-            // The acknowledge may answer a strobe that was given up, and rose late.
+            // The acknowledge may answer a strobe that was abandoned and rose late.
             self.level = StrobeLevel::Up;
         }
         Some(Heard::Missing(what))
     }
 
-    /// Returns whether this failure is to be reported: the last one was another.
+    /// Records a failure. Returns whether to report it, because the last one was another.
     pub(super) fn fails(&mut self, fault: HandshakeFault) -> bool {
         self.reported.replace(fault) != Some(fault)
     }
@@ -176,7 +176,7 @@ impl Strobe {
         self.reported = None;
     }
 
-    /// Moves every moment by `to`.
+    /// Maps every moment.
     #[doc(hidden)]
     pub fn moved(&self, to: impl Fn(Moment) -> Moment) -> Strobe {
         let wait = self.wait.map(|wait| Wait { until: to(wait.until), ask: to(wait.ask), ..wait });
@@ -185,7 +185,7 @@ impl Strobe {
 }
 
 impl Awaited {
-    /// Failure if the control does not answer with this level in its time.
+    /// Returns the failure that a timeout of this wait means.
     pub(super) fn fault(self) -> HandshakeFault {
         match self {
             Awaited::Clear => HandshakeFault::AcknowledgeEarly,

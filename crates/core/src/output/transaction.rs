@@ -1,8 +1,9 @@
-//! Set of outputs on its way to the control: what was sent, what was taken of it, and under which number.
+//! Transfer of a set to its control: the values sent, the values taken, and their number.
 //!
-//! A control takes a set when its number changes or its strobe rises. If that is not in one request with the values, the registers can
-//! hold values that the control has not taken. What it has taken is at most a step from them. So until the control has taken the
-//! register values, nothing else is sent. The next run begins with them, if this one does not end in order.
+//! A control takes a set when its number changes or its strobe rises. If that is not in one request with the values,
+//! the registers can hold values that the control has not taken. The values it has taken are at most one step from
+//! them. Therefore nothing else is sent until the control has taken the register values. If this run does not end in
+//! order, the next run begins with them.
 
 use std::time::Duration;
 
@@ -17,23 +18,24 @@ use crate::quantity::{Counts, Moment, shifted};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Taking {
-    /// With the request that carries the values: the control takes what its registers hold, or takes it when the number changes.
+    /// With the request that contains the values. The control takes its register values, or takes them when the number
+    /// changes.
     AtOnce,
     /// When the number changes, which is written after the values.
     Number,
-    /// When the strobe rises. It acknowledges that.
+    /// When the strobe rises. The control acknowledges that.
     Strobe,
-    /// As its nodes are written: a server may carry out a call by half.
+    /// As its nodes are written. A server may carry out only a part of a call.
     Nodes,
 }
 
-/// History of the number that is sent next.
+/// History of the next number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum NextNumber {
-    /// The control has not had it.
+    /// The control has not received it.
     New,
-    /// The control may have had it with other values: an earlier run may have sent it.
+    /// The control may have received it with other values, because an earlier run may have sent it.
     PerhapsOld,
 }
 
@@ -41,45 +43,45 @@ enum NextNumber {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum LastRun {
-    /// In order: the control has taken what the registers hold at first.
+    /// In order: the control has taken the first register values.
     InOrder,
-    /// Not in order, or the registers were read since.
+    /// Not in order, or the registers have been read since.
     Over,
 }
 
-/// A set and its control.
+/// Transfer state of a set.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Transaction {
     taking: Taking,
     last_run: LastRun,
-    /// Values that were sent and are to be taken.
+    /// Values that were sent and must be taken.
     sent: Option<Vec<Counts>>,
-    /// Values that the control took last.
+    /// Values that the control last took.
     taken: Option<Vec<Counts>>,
     sequence: Sequence,
-    /// Numbers of a set that the control acknowledges, once its register was read.
+    /// Numbers of a set that the control acknowledges. `None` until its register was read.
     numbers: Option<Numbers>,
     /// Values of the last attempt since the control acknowledged one.
     tried: Option<Vec<Counts>>,
-    /// Number and values of the last attempt, if it was not answered and the control does not acknowledge.
+    /// Number and values of the last attempt, if it was not answered. Unused if the control acknowledges sets.
     unanswered: Option<(u16, Vec<Counts>)>,
     next_number: NextNumber,
 }
 
-/// One member of a set.
+/// Output of a set.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Member {
-    /// Register value as last verified.
+    /// Last verified register value.
     pub(super) held: Counts,
-    /// The axis is armed and the interlock closed.
+    /// Whether the axis is armed and the interlock closed.
     pub(super) is_driven: bool,
-    /// The control may not have taken the register value.
+    /// Whether the control may not have taken the register value.
     pub(super) is_bound: bool,
 }
 
 impl Transaction {
-    /// Set at a start. If the last run did not end in order, the control has perhaps not taken what the registers hold: with the set comes
-    /// what its members begin with.
+    /// Creates the state at a start. If the last run did not end in order, the control may not have taken the register
+    /// values. The returned result applies to the members.
     pub(super) fn new(taking: Taking, has_number: bool, was_in_order: bool) -> (Transaction, SetCommit) {
         let is_open = !was_in_order && (has_number || taking != Taking::AtOnce);
         let transaction = Transaction {
@@ -96,8 +98,8 @@ impl Transaction {
         (transaction, if is_open { SetCommit::Open } else { SetCommit::Taken })
     }
 
-    /// The registers hold these values under this number. What was not taken is to be taken before anything else is sent. Returns what
-    /// that makes of the members. `None`: nothing.
+    /// Records number and values of the registers. Values that were not taken must be taken before anything else is
+    /// sent. Returns the result for the members, or `None` if it does not change.
     pub(super) fn read(
         &mut self,
         number: Option<u16>,
@@ -125,7 +127,7 @@ impl Transaction {
         }
     }
 
-    /// Compares the newest number of the register with the numbers that the control may have.
+    /// Compares the latest number of the register with the numbers that the control may have.
     fn number_is(&mut self, was_in_order: bool) {
         let Some(newest) = self.sequence.newest() else { return };
         let next = std::mem::replace(&mut self.next_number, NextNumber::New);
@@ -150,13 +152,14 @@ impl Transaction {
         self.numbers.map_or_else(|| self.sequence.next(), |numbers| numbers.next())
     }
 
-    /// The control was restarted: the set follows whatever number its register holds then.
+    /// Forgets the numbers, because the control was restarted. The next set follows the number in the register.
     pub(super) fn forget_number(&mut self) {
         self.sequence.forget();
         (self.numbers, self.tried, self.unanswered) = (None, None, None);
     }
 
-    /// These values have been sent under this number, or may have been. Returns what that makes of the members. `None`: nothing.
+    /// Records that these values were sent with this number, or may have been. Returns the result for the members, or
+    /// `None` if it does not change.
     pub(super) fn sends(
         &mut self,
         number: Option<u16>,
@@ -168,7 +171,7 @@ impl Transaction {
                 numbers.change_values();
             }
         } else if let Some(number) = number {
-            // An earlier attempt under this number may arrive first. The control takes that one then, and not this.
+            // An earlier attempt with this number may arrive first. The control then takes that one instead.
             let is_other = |(tried, with): &(u16, Vec<Counts>)| *tried == number && *with != values;
             if self.unanswered.as_ref().is_some_and(is_other) {
                 self.next_number = NextNumber::PerhapsOld;
@@ -181,24 +184,24 @@ impl Transaction {
         (is_open || self.next_number == NextNumber::PerhapsOld).then_some(SetCommit::Open)
     }
 
-    /// Returns whether the registers hold what was sent.
+    /// Returns whether the registers hold the values that were sent.
     pub(super) fn is_sent(&self, values: &[Counts]) -> bool {
         self.sent.as_deref() == Some(values)
     }
 
-    /// Takes note of the result of an attempt to have the set taken.
+    /// Records the result of an attempt to have the set taken.
     pub(super) fn attempt(&mut self, attempt: Attempt) {
         if attempt == Attempt::Acknowledged {
             self.tried = None;
         }
         let Some(numbers) = &mut self.numbers else { return };
         if !numbers.result(attempt) && attempt == Attempt::Acknowledged {
-            // The same values follow under the next number.
+            // The same values follow with the next number.
             self.next_number = NextNumber::PerhapsOld;
         }
     }
 
-    /// Returns the values that were sent, if some of the members hold theirs and some do not.
+    /// Returns the values that were sent, if only some of the members hold theirs.
     fn half_sent(&self, members: &[Member]) -> Option<&[Counts]> {
         let sent = self.sent.as_ref().filter(|_| members.iter().any(|member| member.is_bound))?;
         let is_new = |place: usize| self.taken.as_ref().is_none_or(|taken| taken[place] != sent[place]);
@@ -209,8 +212,8 @@ impl Transaction {
         (!held.is_empty() && !missing.is_empty()).then_some(sent)
     }
 
-    /// Returns the values that were sent, if the registers hold them by half and the rest can be sent once more. `can_be` says so of each
-    /// member: not after something else has happened to it, and not on readings that are too old.
+    /// Returns the values that were sent, if the registers hold only a part of them and the rest can be sent once more.
+    /// `can_be` decides that for each member. It is false after another change, and if the readings are too old.
     pub(super) fn demanded_again(
         &mut self,
         members: &[Member],
@@ -224,7 +227,7 @@ impl Transaction {
         can_be.then_some(values)
     }
 
-    /// Returns whether these values are all of what was sent before, if the registers hold that by half.
+    /// Returns whether these values complete a set of which the registers hold only a part.
     pub(super) fn is_whole(&self, members: &[Member], values: &[Counts]) -> bool {
         self.half_sent(members).is_none_or(|sent| {
             let mut each = members.iter().zip(values).zip(sent);
@@ -232,8 +235,8 @@ impl Transaction {
         })
     }
 
-    /// The control has taken what the registers hold. Returns whether that is known: under a number that the control may have had, the same
-    /// is sent with the next one.
+    /// Records that the control has taken the register values. Returns whether that is certain. With a number that the
+    /// control may have had before, it is not: the same values are then sent with the next number.
     pub(super) fn is_taken(&mut self) -> bool {
         let is_known = std::mem::replace(&mut self.next_number, NextNumber::New) == NextNumber::New;
         if is_known {
@@ -242,12 +245,12 @@ impl Transaction {
         is_known
     }
 
-    /// The control has not taken what was sent, or nobody knows.
+    /// Records that the control has not taken the values that were sent, or that this is unknown.
     pub(super) fn doubt(&mut self) {
         self.taken = None;
     }
 
-    /// Moves every moment by `to`.
+    /// Maps every moment.
     pub(super) fn moved(&self, to: impl Fn(Moment) -> Moment) -> Transaction {
         Transaction { sequence: self.sequence.moved(to), ..self.clone() }
     }
@@ -266,7 +269,7 @@ mod tests {
         values.map(Counts).to_vec()
     }
 
-    /// A set with a handshake whose registers hold these values under this number.
+    /// Creates a set with a handshake whose registers hold these values with this number.
     fn acknowledged(was_in_order: bool, number: u16, values: &[Counts]) -> Transaction {
         let (mut set, commit) = Transaction::new(Taking::Strobe, true, was_in_order);
         assert_eq!(commit, if was_in_order { SetCommit::Taken } else { SetCommit::Open });
@@ -275,7 +278,7 @@ mod tests {
         set
     }
 
-    /// The control takes what the registers hold, and acknowledges it. Returns whether that is known.
+    /// Lets the control take and acknowledge the register values. Returns whether that is certain.
     fn takes(set: &mut Transaction, values: &[Counts]) -> bool {
         set.sends(Some(set.next_number()), values.to_vec(), true);
         set.read(Some(set.next_number()), values, LATE, NOW);

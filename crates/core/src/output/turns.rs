@@ -1,36 +1,38 @@
-//! What tells a second gateway from an operator: for each change of ours there is one of its own, small and soon after.
+//! Detection of a second gateway. For each change of this gateway there is a small change by another client, soon after
+//! it.
 //!
-//! Two gateways do not take turns as a clock does, so what counts is that both make as many changes, whichever comes first. Of an
-//! operator there are far fewer, or many at once at a handwheel. When there were enough, some more of ours are made, so that the
-//! other has seen enough as well.
+//! Two gateways do not alternate strictly. The criterion is that both make the same number of changes, whichever comes
+//! first. An operator makes far fewer changes, or many at once with a handwheel. After enough changes, this gateway
+//! makes some more, so that the other gateway detects it too.
 
 use serde::{Deserialize, Serialize};
 
-/// Changes of each of both.
+/// Number of changes by each of both.
 const ENOUGH: u8 = 6;
-/// One may be ahead of the other by so many.
+/// Largest difference between the two numbers.
 const AHEAD: u8 = 3;
 const MORE: u8 = 6;
 
-/// Changes of a shared register, by us and by somebody else.
+/// Numbers of changes of a shared register by this gateway and by another client.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Turns {
     ours: u8,
     others: u8,
-    /// Changes of ours since there were enough.
+    /// Number of own changes since there were enough.
     since: Option<u8>,
 }
 
 impl Turns {
-    /// A change of ours stands there.
+    /// Counts a verified change of this gateway.
     pub(super) fn ours(&mut self) {
         self.since = self.since.map(|since| since.saturating_add(1));
-        // Nobody counts before somebody else has changed anything.
+        // Changes are counted only after the first one by another client.
         self.ours = self.ours.saturating_add(u8::from(self.others > 0));
         self.compare();
     }
 
-    /// Somebody else's does: one that no gateway makes ends it; one that comes long after ours answers nothing.
+    /// Counts a change by another client. A large one, which no gateway makes, restarts the count. A late one is
+    /// ignored.
     pub(super) fn another(&mut self, is_small: bool, is_soon: bool) {
         if !is_small {
             *self = Turns::default();
@@ -50,7 +52,7 @@ impl Turns {
         }
     }
 
-    /// No person writes like that.
+    /// Returns whether both clients alternate as only gateways do.
     pub(super) fn are_two_gateways(self) -> bool {
         self.since.is_some_and(|since| since >= MORE)
     }

@@ -1,4 +1,4 @@
-//! Bars that lie, each with its name before it and its figure behind it.
+//! Horizontal bars, each with its name to the left and its figure to the right.
 
 use maud::Markup;
 use plotters::prelude::*;
@@ -6,27 +6,27 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::{COOL, INK, QUIET, count, letters, pixels, sheet, span};
 
-/// A bar.
+/// One bar of a chart.
 #[derive(Clone, Debug, Default)]
 pub struct Bar {
-    /// Before it.
+    /// Name to the left of the bar.
     pub name: String,
-    /// How long; below zero it points left.
+    /// Length; a negative bar points to the left.
     pub value: f64,
-    /// Half the width of the whisker at its end; 0: none.
+    /// Half the width of the whisker at the end of the bar; 0 for no whisker.
     pub doubt: f64,
-    /// A second one, hollow, around it.
+    /// Length of a second, hollow bar around this one.
     pub outline: Option<f64>,
-    /// At the right edge.
+    /// Text at the right edge.
     pub figure: String,
 }
 
 const WIDTH: f64 = 480.0;
 const ROW: f64 = 28.0;
-/// Pixels of one letter, about.
+/// Approximate width of one letter in pixels.
 const LETTER: f64 = 9.6;
 
-/// The bars below each other, over one scale that takes zero in.
+/// Draws bars below each other, on one scale that includes zero. `says` is the text for screen readers.
 pub fn bars(says: &str, all: &[Bar]) -> Markup {
     let ends = all
         .iter()

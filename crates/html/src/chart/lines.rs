@@ -1,41 +1,42 @@
-//! Lines over hours or a length, a curve over a count, and one quantity against another.
+//! Line charts over hours or a length, a curve over a count, and a scatter plot.
 
 use maud::Markup;
 use plotters::prelude::*;
 
 use super::{Axes, COOL, Drawn, INK, Plot, QUIET, WARM, count, hours, sheet, span, tick};
 
-/// How a line looks: told apart without colour.
+/// Style of a line. The styles can be distinguished without colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Look {
-    /// Black.
+    /// Thick and black.
     Solid,
-    /// Broken.
+    /// Dashed.
     Dashed,
     /// Filled down to zero.
     Filled,
-    /// Thin and grey: one of many.
+    /// Thin and grey, for one of many lines.
     Faint,
-    /// Circles.
+    /// Circles without a line.
     Points,
 }
 
 /// A line over hours or a length.
 #[derive(Clone, Debug)]
 pub struct Line {
-    /// How it looks.
+    /// Style.
     pub look: Look,
-    /// Hours or places, and values.
+    /// Pairs of an hour or position, and a value.
     pub points: Vec<(f64, f64)>,
 }
 
-/// Most points of a line: more than a printer shows at this width.
+/// Maximum number of points of a line: more than a printer resolves at this width.
 const MOST_POINTS: usize = 200;
-/// Of one among many.
+/// Maximum number of points of a [`Look::Faint`] line.
 const MOST_POINTS_FAINT: usize = 80;
 
 impl Line {
-    /// Thinned out: of each stretch the two ends of what it spans, so that no spike is lost.
+    /// Makes a line from the finite values, and thins it out. Of each stretch it keeps the minimum and the maximum, so
+    /// that no spike is lost.
     pub fn new(look: Look, points: impl Iterator<Item = (f64, f64)>) -> Line {
         let all: Vec<(f64, f64)> = points.filter(|(_, value)| value.is_finite()).collect();
         let most = if look == Look::Faint { MOST_POINTS_FAINT } else { MOST_POINTS };
@@ -54,7 +55,8 @@ impl Line {
     }
 }
 
-/// Lines over hours, at a width of `width` pixels. `within` is the span of values where pictures share one.
+/// Draws lines over hours, at a width of `width` pixels. `within` is the value range that several charts share; by
+/// default, it is the range of the values.
 pub fn lines(
     width: u32,
     height: u32,
@@ -71,7 +73,7 @@ pub fn lines(
     sheet(width, height, says, |paper| draw(&mut axes.plot(paper)?, &axes, all))
 }
 
-/// Lines over a position in mm, values in `unit`.
+/// Draws lines over a position in mm, with values in `unit`.
 pub fn along(unit: &str, across: &str, says: &str, all: &[Line]) -> Markup {
     let points = || all.iter().flat_map(|line| line.points.iter().copied());
     let y = span(points().map(|(_, value)| value), true);
@@ -84,7 +86,7 @@ fn draw(chart: &mut Plot<'_, '_>, axes: &Axes<'_>, all: &[Line]) -> Drawn {
     if axes.y.0 < 0.0 && axes.y.1 > 0.0 {
         chart.draw_series(LineSeries::new([(axes.x.0, 0.0), (axes.x.1, 0.0)], QUIET))?;
     }
-    // What is filled lies below what is drawn.
+    // Filled areas are drawn below the lines.
     let (filled, drawn): (Vec<&Line>, Vec<&Line>) = all.iter().partition(|line| line.look == Look::Filled);
     for line in filled.into_iter().chain(drawn) {
         let points = line.points.iter().copied();
@@ -107,7 +109,7 @@ fn draw(chart: &mut Plot<'_, '_>, axes: &Axes<'_>, all: &[Line]) -> Drawn {
     Ok(())
 }
 
-/// Values by a count from 0 on, the one at `marked` with a ring; `level` is a broken line across.
+/// Draws values over a count from 0 on. The value at `marked` has a ring; `level` is a dashed horizontal line.
 pub fn curve(unit: &str, says: &str, values: &[f64], marked: usize, level: f64) -> Markup {
     let (_, high) = span(values.iter().copied().chain([level]), true);
     let places = || values.iter().enumerate().map(|(place, value)| (count(place), *value));
@@ -127,7 +129,7 @@ pub fn curve(unit: &str, says: &str, values: &[f64], marked: usize, level: f64) 
     })
 }
 
-/// The second of each pair over the first, with the line on which both are equal.
+/// Draws the second value of each pair over the first, with the line on which both are equal.
 pub fn scatter(unit: &str, says: &str, pairs: &[(f64, f64)]) -> Markup {
     let (low, high) = span(pairs.iter().flat_map(|(one, other)| [*one, *other]), true);
     let both = (low, high);

@@ -1,4 +1,4 @@
-//! A square of correlations: the darker, the stronger; a minus where one falls as the other rises.
+//! Chart of a correlation matrix. A darker cell is a stronger correlation; a minus marks a negative one.
 
 use maud::Markup;
 use plotters::prelude::*;
@@ -9,11 +9,11 @@ use super::{INK, count, letters, pixels, sheet};
 const CELL: f64 = 30.0;
 const LETTER: f64 = 8.4;
 
-/// One row and one column for each name, in hundredths.
+/// Draws the matrix with one row and one column for each name, in hundredths.
 pub fn map(says: &str, names: &[&str], values: &[Vec<f64>]) -> Markup {
     let longest = names.iter().map(|name| name.chars().count()).max().unwrap_or(0);
     let before = count(longest) * LETTER + 34.0;
-    // Columns carry the numbers of the rows: names on end are hard to read.
+    // The columns have the numbers of the rows, because vertical names are hard to read.
     let side = count(names.len()) * CELL;
     let (width, height) = (pixels(before + side + 4.0), pixels(side + 30.0));
     sheet(width.unsigned_abs(), height.unsigned_abs(), says, |paper| {
@@ -40,9 +40,9 @@ pub fn map(says: &str, names: &[&str], values: &[Vec<f64>]) -> Markup {
     })
 }
 
-/// White to dark blue, and letters that stand out from it.
+/// Colours of a cell, from white to dark blue, and of its letters.
 fn tones(strength: f64) -> (RGBColor, RGBColor) {
-    // Strong correlations are the ones to be told apart.
+    // The cube keeps strong correlations distinguishable.
     let share = strength.clamp(0.0, 1.0).powi(3);
     let mixed = |from: u8, to: u8| {
         let value = f64::from(from) + (f64::from(to) - f64::from(from)) * share;

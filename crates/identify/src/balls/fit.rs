@@ -1,4 +1,4 @@
-//! The terms of a round against the cold one: least squares over its touches.
+//! Thermal terms of a round relative to the cold one, by least squares over its touches.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -6,12 +6,12 @@ use super::touches::{Touch, time};
 use super::{DIRECTIONS, RoundTerms};
 use crate::statistics::{count, range};
 
-/// µm. What moves farther is another ball, or in another unit.
+/// Maximum drift, µm. A larger one is another ball or another unit.
 const NO_DRIFT: f64 = 1000.0;
-/// mm: places, and lengths of stylus, that are nearer than this are one.
+/// Minimum difference of two positions or stylus lengths, mm. A smaller difference counts as none.
 const APART: f64 = 1.0;
 
-/// One touch: where along the array, with how long a stylus, and how far from cold, µm.
+/// Movement of one touch since the cold round: position along the array and stylus length in mm, movement in µm.
 struct Moved {
     place: f64,
     stylus: f64,
@@ -35,7 +35,7 @@ pub(super) fn fit(cold: &[Touch], round: &[Touch], along: usize, origin: f64) ->
         1 => moved[row].place - origin,
         _ => moved[row].stylus - shortest,
     });
-    // Where the long stylus touched some balls and the short one the others, the two tilts are one column.
+    // If the long stylus touched some balls and the short one the others, the columns of both tilts are dependent.
     let with_stylus = has_styli && least_squares(&all, &DVector::zeros(moved.len())).is_some();
     let without_stylus = all.columns(0, 2).into_owned();
     let (mut drift_um, mut slope_um_per_mm, mut spindle) = ([0.0; 3], [0.0; 3], [0.0; 3]);
@@ -61,7 +61,8 @@ pub(super) fn fit(cold: &[Touch], round: &[Touch], along: usize, origin: f64) ->
     })
 }
 
-/// How far a touch is from the same ball in the cold round, with the same stylus; the mean where that touched it twice.
+/// Movement since the touches of the same ball with the same stylus in the cold round, or since their mean. `Ok(None)`
+/// if there are none.
 fn since_cold(cold: &[Touch], touch: &Touch, along: usize) -> Result<Option<Moved>, String> {
     let same: Vec<&Touch> = cold.iter().filter(|other| other.is_like(touch)).collect();
     if same.is_empty() {
@@ -82,7 +83,7 @@ fn since_cold(cold: &[Touch], touch: &Touch, along: usize) -> Result<Option<Move
     Ok(Some(Moved { place: mean(along), stylus: touch.stylus_mm, by }))
 }
 
-/// `None` where two columns say the same.
+/// Least-squares solution; `None` with too few rows or dependent columns.
 fn least_squares(matrix: &DMatrix<f64>, target: &DVector<f64>) -> Option<DVector<f64>> {
     if matrix.nrows() < matrix.ncols() {
         return None;

@@ -1,4 +1,4 @@
-//! The terms as a log that `identify` takes.
+//! The terms as a log for `identify`.
 
 use std::time::Duration;
 
@@ -6,16 +6,17 @@ use super::{DIRECTIONS, RoundTerms, Terms, one};
 use crate::dataset::{BadLog, Dataset};
 use isotherm_core::quantity::Moment;
 
-/// A round whose nearest recorded row is farther away has no temperatures.
+/// Maximum time between a round and its row in the recorded log.
 const NEAR: Duration = Duration::from_mins(10);
 
-/// CSV: `time` in seconds; the columns of `recorded`, row by row, where there is one; then the terms, in the row that is
-/// nearest to each round and empty in the others. The terms are d (`d_x_um` …), k or A (`k_z_um_per_mm`, `a_x_um_per_mm` …)
-/// and B (`b_x_um_per_mm` …); `x_error_um` … = −d and `x_slope_error_um_per_mm` … = −k or −A are the errors of the machine,
-/// to which a model is identified.
+/// Writes a CSV log: `time` in seconds, the columns of `recorded`, then the terms. The terms of a round are in the row
+/// that is nearest to it, and empty in the others.
+///
+/// The terms are d (`d_x_um` …), k or A (`k_z_um_per_mm`, `a_x_um_per_mm` …) and B (`b_x_um_per_mm` …). The errors of
+/// the machine, from which a model is identified, are `x_error_um` … = −d and `x_slope_error_um_per_mm` … = −k or −A.
 ///
 /// # Errors
-/// A round lies outside what was recorded.
+/// A round has no recorded row within ten minutes, or `recorded` has more than one run.
 pub fn log(terms: &Terms, recorded: Option<&Dataset>) -> Result<String, BadLog> {
     let columns: Vec<Vec<(String, f64)>> = terms.rounds.iter().map(|round| columns(terms, round)).collect();
     let names: Vec<&str> = columns.iter().take(1).flatten().map(|(name, _)| name.as_str()).collect();
@@ -39,10 +40,10 @@ pub fn log(terms: &Terms, recorded: Option<&Dataset>) -> Result<String, BadLog> 
     Ok(String::from_utf8_lossy(&text).into_owned())
 }
 
-/// A row of the log: when, the recorded cells, and the place of the round that stands in it.
+/// Row of the log: time, recorded cells, and the index of its round, if any.
 type Row = (Moment, Vec<f64>, Option<usize>);
 
-/// What was recorded, but for columns of these names: the names of the others, and the rows.
+/// Names and rows of the recorded columns, except those with one of `names`.
 fn beside<'a>(
     terms: &Terms,
     recorded: &'a Dataset,
@@ -75,7 +76,7 @@ fn beside<'a>(
     Ok((own, run.times.iter().enumerate().map(row).collect()))
 }
 
-/// The terms of a round: names and values.
+/// Names and values of the terms of a round.
 fn columns(terms: &Terms, round: &RoundTerms) -> Vec<(String, f64)> {
     let each = |name: fn(&str, bool) -> String, values: [f64; 3]| {
         (0..3).map(move |place| (name(DIRECTIONS[place], place == terms.along), values[place]))
@@ -84,7 +85,7 @@ fn columns(terms: &Terms, round: &RoundTerms) -> Vec<(String, f64)> {
     let has_spindle = terms.rounds.iter().any(|round| round.spindle_um_per_mm.is_some());
     let spindle = round.spindle_um_per_mm.unwrap_or([f64::NAN; 3]);
     let across = each(|axis, _| format!("b_{axis}_um_per_mm"), spindle);
-    // 0 − x: a cold zero has no sign.
+    // `0 − x` avoids a negative zero in the cold round.
     let minus = |values: [f64; 3]| values.map(|value| 0.0 - value);
     each(|axis, _| format!("d_{axis}_um"), round.drift_um)
         .chain(each(slope, round.slope_um_per_mm))
@@ -100,7 +101,7 @@ fn columns(terms: &Terms, round: &RoundTerms) -> Vec<(String, f64)> {
         .collect()
 }
 
-/// Seconds, exact to the nanosecond.
+/// Formats a time in seconds, exact to the nanosecond.
 fn seconds(time: Moment) -> String {
     let nanos = time.as_nanos();
     let text = format!("{}.{:09}", nanos / 1_000_000_000, nanos % 1_000_000_000);

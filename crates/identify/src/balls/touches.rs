@@ -1,38 +1,39 @@
-//! The table of touches, and its rounds.
+//! Table of touches, and its division into rounds.
 
 use super::DIRECTIONS;
 use crate::dataset::{BadLog, Dataset};
 use isotherm_core::quantity::Moment;
 
-/// One ball, touched once.
+/// One touch of a ball.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Touch {
     pub(super) time: Moment,
     pub(super) ball: f64,
     pub(super) at_mm: [f64; 3],
-    /// NaN where the table has none.
+    /// Stylus length; NaN without a column for it.
     pub(super) stylus_mm: f64,
 }
 
 impl Touch {
-    /// The same ball with the same stylus.
+    /// Returns whether both touches have the same ball and the same stylus.
     pub(super) fn is_like(&self, other: &Touch) -> bool {
         let same = |one: f64, other: f64| (one - other).abs() < 1e-6 || (one.is_nan() && other.is_nan());
         same(self.ball, other.ball) && same(self.stylus_mm, other.stylus_mm)
     }
 }
 
-/// Every ball once, or as often as the column `round` says.
+/// Touches of one round. A ball occurs more than once only with a column `round`.
 pub(super) type Round = Vec<Touch>;
 
-/// The mean time of a round's touches.
+/// Mean time of the touches of a round.
 pub(super) fn time(round: &[Touch]) -> Moment {
     let nanos: u128 = round.iter().map(|touch| u128::from(touch.time.as_nanos())).sum();
     let mean = nanos / (round.len() as u128).max(1);
     Moment::from_nanos(u64::try_from(mean).unwrap_or(u64::MAX))
 }
 
-/// A new round begins where `round` changes; without that column, where a ball comes up again.
+/// Divides the table into rounds. A new round begins when the column `round` changes. Without that column, it begins
+/// when a ball occurs again.
 pub(super) fn rounds(dataset: &Dataset) -> Result<Vec<Round>, BadLog> {
     let mut wrong = Vec::new();
     let mut needed = |name: &str, what: &str| {

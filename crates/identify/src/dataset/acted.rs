@@ -1,27 +1,27 @@
-//! The Cz that acted while the gateway logged: its log has every decision, and a measured error has Cz in it.
+//! Active Cz during logging. The log of the gateway contains every decision, and a measured error contains Cz.
 
 use super::table::{Cells, Table};
 
-/// What a log of the gateway has of an axis besides `cz_um` and `slope_um`; nothing to learn from.
+/// Columns of an axis in a log of the gateway, besides `cz_um` and `slope_um`. They are not used for identification.
 const DECIDED: [&str; 9] =
     ["permit", "from_um", "raw_um", "model", "state", "acted", "sign_um", "slope_from_um", "correction_um"];
-/// The same of the machine; the last one stands in the log of a dry run, which writes nothing.
+/// Columns of the machine in such a log. The last one occurs in the log of a dry run, which writes nothing.
 const MACHINE: [&str; 3] = ["machine_memory", "machine_zero", DRY_RUN];
 const DRY_RUN: &str = "machine_dry_run";
 
-/// Whether the texts of a column, and not only its numbers, tell what acted.
+/// Returns whether the texts of this column are necessary to determine the active Cz.
 pub(super) fn tells_by_words(column: &str) -> bool {
     column.ends_with("_permit")
 }
 
-/// Whether what acted cannot be told without this column.
+/// Returns whether this column is necessary to determine the active Cz.
 pub(super) fn needs(column: &str) -> bool {
     ["_permit", "_cz_um", "_slope_um", "_from_um"].iter().any(|end| column.ends_with(end))
 }
 
-/// Leaves of the gateway's decisions what acted: `<axis>_cz_um`, and `<axis>_slope_um` where the control is given the
-/// slope, each as it stood in the registers when the row was read. The table notes their names. Returns the columns of
-/// axes of which nobody knows what acted.
+/// Replaces the decisions of the gateway by the active values: `<axis>_cz_um`, and `<axis>_slope_um` if the control
+/// receives the slope. Each value is the register value when the row was read. The table stores the names of these
+/// columns. Returns the `_permit` column of each axis without a known active value.
 pub(super) fn keep_what_acted(table: &mut Table) -> Vec<String> {
     let mut unknown = Vec::new();
     let axes: Vec<String> = (table.columns.iter())
@@ -51,8 +51,9 @@ pub(super) fn keep_what_acted(table: &mut Table) -> Vec<String> {
     unknown
 }
 
-/// A row's readings are older than its decision: what acted is what the row before had decided. Before the first
-/// take-over it is what was found in the register then. NaN while the register was not verified.
+/// Active Cz of each row. The readings of a row are older than its decision, so the decision of the row before was
+/// active. Before the first take-over, it is the register value found at the take-over. While the register was not
+/// verified, it is NaN.
 fn acted(table: &Table, axis: &str) -> Vec<f64> {
     let mut acted = before(table, &format!("{axis}_cz_um"));
     let found = table.numbers(&format!("{axis}_from_um")).unwrap_or_default();

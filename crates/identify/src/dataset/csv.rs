@@ -1,4 +1,4 @@
-//! A log as CSV.
+//! Logs in CSV files.
 
 use std::path::Path;
 
@@ -7,15 +7,15 @@ use super::{BadLog, Split, Uses, files};
 use isotherm_core::quantity::Dialect;
 use isotherm_profile::regular::{self, quoted};
 
-/// A log with more is no log of a machine.
+/// Maximum number of columns. A file with more is not a log of a machine.
 pub(super) const MOST_COLUMNS: usize = 10_000;
 
-/// Reads a file; the messages name its lines.
+/// Reads a file. Error messages contain line numbers.
 pub(super) fn read(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLog> {
     from_text(file, files::open(file)?, split, uses)
 }
 
-/// The same from anything that is read.
+/// Reads CSV from any input.
 pub(super) fn from_text(
     file: &Path,
     input: impl std::io::Read,
@@ -41,7 +41,7 @@ pub(super) fn from_text(
     let rows = Reader::new(file, names, ("line", dialect), by, uses);
     let mut rows = rows.ok_or_else(|| header_is_wrong(no_time))?;
     let read: Vec<usize> = (0..width).filter(|place| rows.reads(*place)).collect();
-    // One message for all of them: a decimal comma is in every line.
+    // One message covers all such lines, because a decimal comma occurs in every line.
     let mut uneven: Option<(u64, usize, u64)> = None;
     let mut record = csv::StringRecord::new();
     loop {
@@ -55,11 +55,11 @@ pub(super) fn from_text(
                 }
             }
             Ok(true) => {
-                // A record says where the one before ended, empty lines or not.
+                // `record.position()` is the end of the record before, and therefore wrong after empty lines.
                 let inside = record.as_slice().bytes().filter(|byte| *byte == b'\n').count();
                 let line = reader.position().line().saturating_sub(1 + inside as u64);
                 if record.iter().all(|cell| cell.trim().is_empty()) {
-                    // Spreadsheets end with thousands of these.
+                    // Spreadsheets end with thousands of empty lines.
                 } else if record.len() == width {
                     match rows.begin(line, &record[rows.time_at()]) {
                         Ok(true) => read.iter().for_each(|place| {

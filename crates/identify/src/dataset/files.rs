@@ -1,4 +1,4 @@
-//! Which files are meant.
+//! Selection of the log files.
 
 use std::fs::File;
 use std::io;
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use super::BadLog;
 use isotherm_profile::regular;
 
-/// The files as they are named; of a directory, those that end with .csv or .parquet, by name, but no logs of outputs.
+/// Files in the given order. A directory contributes its .csv and .parquet files by name, except logs of outputs.
 pub(super) fn logs(named: &[PathBuf], wrong: &mut Vec<String>) -> Vec<PathBuf> {
     if named.is_empty() {
         wrong.push("no log is named: give one or more CSV or Parquet files".to_owned());
@@ -38,7 +38,8 @@ pub(super) fn logs(named: &[PathBuf], wrong: &mut Vec<String>) -> Vec<PathBuf> {
     files
 }
 
-/// What a gateway did with its decisions, beside the log of these: no measurement.
+/// Returns whether this is the log of the outputs, which the gateway writes next to the log of its decisions. It
+/// contains no measurement.
 fn is_of_outputs(path: &Path) -> bool {
     path.to_str().is_some_and(|path| path.ends_with(".outputs.csv"))
 }
@@ -65,7 +66,7 @@ fn inside(directory: &Path, wrong: &mut Vec<String>) -> Vec<PathBuf> {
     files
 }
 
-/// Opens a log.
+/// Opens a log file.
 pub(super) fn open(file: &Path) -> Result<File, BadLog> {
     regular::open(file).map_err(|why| cannot_be_read(file, &why))
 }

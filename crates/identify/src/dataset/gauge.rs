@@ -1,4 +1,4 @@
-//! What a person read from a dial gauge, put into the rows that the machine recorded meanwhile.
+//! Readings of a dial gauge, added to the rows that the machine recorded at that time.
 
 use std::path::Path;
 use std::time::Duration;
@@ -9,7 +9,7 @@ use jiff::tz::TimeZone;
 use super::{BadLog, Column, Dataset, Kind, Run, Split, every_column, read_table};
 use isotherm_profile::duration_text;
 
-/// As [`Dataset::add_gauge`].
+/// Implements [`Dataset::add_gauge`].
 pub(super) fn add(
     dataset: &mut Dataset,
     file: &Path,
@@ -44,7 +44,7 @@ pub(super) fn add(
         }
         read += 1;
         match nearest_row(&dataset.runs, *at, within) {
-            // Of two readings at one row the later stays.
+            // If two readings belong to one row, the later one is used.
             Some((run, row)) => added[run][row] = value * per_unit,
             None => far.push(gauge.lines.of(place)),
         }
@@ -72,7 +72,7 @@ pub(super) fn add(
     Ok(())
 }
 
-/// The run and the row that are nearest to a moment, where they are near enough.
+/// Run and row that are nearest to a time, if they are near enough.
 fn nearest_row(runs: &[Run], at: Moment, within: Duration) -> Option<(usize, usize)> {
     let near = runs.iter().enumerate().flat_map(|(run, recorded)| {
         let times = &recorded.times;
@@ -86,7 +86,7 @@ fn nearest_row(runs: &[Run], at: Moment, within: Duration) -> Option<(usize, usi
     near.min().filter(|(away, ..)| *away <= within).map(|(_, run, row)| (run, row))
 }
 
-/// Two runs that were recorded at the same time, as those are whose times begin at nought.
+/// Names of two runs that overlap in time, as runs do whose times begin at zero.
 fn overlapping(runs: &[Run]) -> Option<(&str, &str)> {
     let span = |run| {
         let Run { name, times, .. }: &Run = run;
@@ -97,7 +97,7 @@ fn overlapping(runs: &[Run]) -> Option<(&str, &str)> {
     spans.windows(2).find(|pair| pair[1].0 < pair[0].1).map(|pair| (pair[0].2, pair[1].2))
 }
 
-/// From when to when, for a person.
+/// Formats the first and the last time.
 fn span(times: &mut dyn Iterator<Item = &Moment>) -> String {
     let text = |at: Moment| {
         let mut text = Vec::new();

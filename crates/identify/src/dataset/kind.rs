@@ -1,29 +1,29 @@
-//! What a column seems to be.
+//! Kinds of columns.
 
 use std::fmt;
 
-/// What a column of numbers seems to be.
+/// Guessed kind of a column of numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
-    /// °C.
+    /// Temperature, °C.
     Temperature,
-    /// rpm, mm/min.
+    /// Speed, rpm or mm/min.
     Speed,
-    /// mm.
+    /// Position, mm.
     Position,
-    /// µm.
+    /// Displacement, µm.
     Displacement,
-    /// The Cz that acted, µm, as the gateway logged it.
+    /// Active Cz in a log of the gateway, µm.
     Compensation,
-    /// Nothing but 0 and 1.
+    /// Column that contains only 0 and 1.
     Switch,
-    /// None of these.
+    /// Any other column.
     Other,
 }
 
 impl Kind {
-    /// By the unit that a profile knows, else by the name's ending, else by the values.
+    /// Guesses the kind by the unit in the profile, then by the ending of the name, then by the values.
     pub fn guess<'a>(
         name: &str,
         unit: Option<&str>,
@@ -40,18 +40,19 @@ impl Kind {
         let is_named = ["t", "temp", "temperature"].iter().any(|word| {
             name.strip_prefix(word).is_some_and(|rest| rest.bytes().all(|b| !b.is_ascii_alphabetic()))
         });
-        // A shop, its machine and its coolant; a column that leaves this is something else, or in another unit.
+        // Range of the temperatures of a shop, its machine and its coolant. A column outside it is something else, or
+        // in another unit.
         let is_plausible = numbers().all(|value| (-40.0..=150.0).contains(&value));
         if is_named || is_plausible { Kind::Temperature } else { Kind::Other }
     }
 
-    /// By the unit that a profile knows, or by the name's ending, which leave some to their values.
+    /// Kind by the unit in the profile or by the ending of the name; `None` if only the values can decide.
     pub(crate) fn of_name(name: &str, unit: Option<&str>) -> Option<Kind> {
         if let Some(kind) = unit.and_then(of_unit) {
             return Some(kind);
         }
         let name = name.to_ascii_lowercase();
-        // A slope is none of these, whatever its last word.
+        // A slope has the kind `Other`, whatever its last word is.
         if name.contains("_per_") {
             return Some(Kind::Other);
         }

@@ -1,10 +1,10 @@
-//! A log as Parquet: the same columns as in CSV, times as seconds, as text or as time stamps.
+//! Logs in Parquet files. The columns are those of CSV; times are seconds, text or time stamps.
 //!
 //! ```text
 //! metadata: rows × columns, pages ── within the limits? ── column by column into the table
 //! ```
-//! A file of some kilobytes may say that it holds gigabytes: what it says is looked at before anything is unpacked. Its
-//! reader is not ours, and may panic.
+//! A file of some kilobytes can claim to contain gigabytes. Therefore the claims are checked before anything is
+//! decompressed. The reader is a library of another project, and may panic.
 
 use std::fs::File;
 use std::path::Path;
@@ -28,14 +28,14 @@ use isotherm_profile::regular::quoted;
 mod pages;
 mod thrift;
 
-/// Numbers take at most so many times the file, in memory …
+/// Maximum memory of the numbers, as a multiple of the file size.
 const PER_BYTE: u64 = 10;
-/// … and so many bytes beyond that, however small it is.
+/// Memory in bytes that is allowed in addition.
 const AT_LEAST: u64 = 96_000_000;
-/// Values that are unpacked at a time.
+/// Number of values that are decoded at a time.
 const BATCH: usize = 8192;
 
-/// Reads a file; the messages name its rows, counted from one.
+/// Reads a file. Error messages contain row numbers, counted from one.
 pub(super) fn read(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLog> {
     let opened = files::open(file)?;
     let refused = |why: String| BadLog(vec![format!("{}: {why}", file.display())]);
@@ -64,7 +64,7 @@ fn from_file(path: &Path, file: File, split: &Split, uses: Uses<'_>) -> Result<T
     let mut table = table.ok_or_else(|| refused(no_time))?;
     let file = Opened { reader, again, length };
     file.check_size(&table).map_err(refused)?;
-    // The time tells which rows there are.
+    // The time column determines which rows exist.
     let time = table.time_at();
     let others = (0..columns.len()).filter(|place| *place != time);
     for place in [time].into_iter().chain(others) {
@@ -81,19 +81,19 @@ fn from_file(path: &Path, file: File, split: &Split, uses: Uses<'_>) -> Result<T
     table.finish((1, "there are no rows"))
 }
 
-/// Of a value in a structure the whole way to it, of others their name.
+/// Name of a column; the whole path of a value in a structure.
 fn name(column: &ColumnDescPtr) -> String {
     if is_plain(column) { column.name().to_owned() } else { column.path().string() }
 }
 
-/// One value in each row, or none.
+/// Returns whether the column has at most one value in each row.
 fn is_plain(column: &ColumnDescPtr) -> bool {
     column.path().parts().len() == 1 && column.max_rep_level() == 0
 }
 
-/// Why a column is not read on.
+/// Reason for which a column is not read further.
 enum Stopped {
-    /// The table knows.
+    /// The table contains the error message already.
     Told,
     Wrong(String),
 }
@@ -106,7 +106,7 @@ impl From<ParquetError> for Stopped {
 
 struct Opened {
     reader: SerializedFileReader<File>,
-    /// The same file, to look at its pages.
+    /// The same file, opened a second time to check its pages.
     again: File,
     length: u64,
 }
@@ -116,7 +116,7 @@ impl Opened {
         self.reader.metadata().row_groups()
     }
 
-    /// Refuses more numbers than such a file may hold.
+    /// Rejects a file with more numbers than its size allows.
     fn check_size(&self, table: &Reader) -> Result<(), String> {
         let rows = self.groups().iter().try_fold(0u64, |rows, group| {
             u64::try_from(group.num_rows()).ok().and_then(|more| rows.checked_add(more))
@@ -138,7 +138,7 @@ impl Opened {
         Ok(())
     }
 
-    /// One column, over all row groups, into the table.
+    /// Reads one column of all row groups into the table.
     fn read(&self, column: &ColumnDescPtr, place: usize, table: &mut Reader) -> Result<(), Stopped> {
         let is_time = place == table.time_at();
         if !is_plain(column) {
@@ -179,7 +179,7 @@ impl Opened {
     }
 }
 
-/// Puts a value where it belongs.
+/// Stores a value in the table.
 fn take(table: &mut Reader, (place, row): (usize, u64), value: Value<'_>) -> Result<(), Stopped> {
     if place == table.time_at() {
         let begun = match value {
@@ -201,14 +201,14 @@ fn take(table: &mut Reader, (place, row): (usize, u64), value: Value<'_>) -> Res
     Ok(())
 }
 
-/// A cell.
+/// Value of a cell.
 enum Value<'v> {
-    /// NaN where it is missing.
+    /// Number; NaN if missing.
     Number(f64),
     Text(&'v str),
 }
 
-/// The cells of one column in one row group.
+/// Cells of one column in one row group.
 struct Cells<'c> {
     column: &'c ColumnDescPtr,
     rows: usize,
@@ -250,7 +250,7 @@ impl Cells<'_> {
         }
     }
 
-    /// As CSV would write them.
+    /// Reads values as the texts that CSV would contain.
     fn fields<T: DataType>(
         &self,
         reader: ColumnReaderImpl<T>,
@@ -292,7 +292,7 @@ impl Cells<'_> {
     }
 }
 
-/// A field as CSV would write it; numbers with every digit.
+/// Text of a field in CSV; numbers with all digits.
 fn text(field: &Field) -> String {
     match field {
         Field::Null => String::new(),

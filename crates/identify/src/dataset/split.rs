@@ -1,4 +1,4 @@
-//! From files to runs: one each, or split by a column or a gap.
+//! Division of files into runs: one run for each file, or by a column or a gap.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -6,10 +6,10 @@ use std::ops::Range;
 use super::table::{Cells, Table};
 use super::{BadLog, Run, Split};
 
-/// A log that changes more often is not told apart by runs.
+/// Maximum number of runs. A column with more changes does not identify runs.
 const MOST_RUNS: usize = 10_000;
 
-/// The runs of all tables over the columns `names`.
+/// Runs of all tables, with the columns `names`.
 pub(super) fn runs(tables: Vec<Table>, names: &[String], split: &Split) -> Result<Vec<Run>, BadLog> {
     let (mut runs, mut wrong) = (Vec::new(), Vec::new());
     for table in tables {
@@ -18,7 +18,7 @@ pub(super) fn runs(tables: Vec<Table>, names: &[String], split: &Split) -> Resul
             Err(BadLog(why)) => wrong.extend(why),
         }
     }
-    // Two files of one name in two directories are two runs.
+    // Files with the same name in different directories are different runs.
     for place in 1..runs.len() {
         let name = &runs[place].name;
         let before = runs[..place].iter().filter(|run: &&Run| run.name == *name).count();
@@ -45,7 +45,7 @@ fn of_table(mut table: Table, names: &[String], split: &Split) -> Result<Vec<Run
         let name = match label {
             _ if parts.len() == 1 => stem.to_owned(),
             Some(label) if is_alone => format!("{stem} {label}"),
-            // One value may come back after another: each stretch is a run of its own.
+            // A value may occur again after another one: each stretch is a separate run.
             Some(label) => format!("{stem} {label} {number}"),
             None => format!("{stem} {number}"),
         };
@@ -64,7 +64,7 @@ fn of_table(mut table: Table, names: &[String], split: &Split) -> Result<Vec<Run
     Ok(named.into_iter().map(|(name, rows)| run(&mut table, names, name, rows)).collect())
 }
 
-/// The rows of each run, one behind the other.
+/// Row ranges of the runs, in order.
 fn parts(table: &Table, labels: Option<&Labels<'_>>, split: &Split) -> Result<Vec<Range<usize>>, BadLog> {
     let ends = |row: &usize| {
         labels.is_some_and(|labels| !labels.are_alike(row - 1, *row))
@@ -87,7 +87,7 @@ fn parts(table: &Table, labels: Option<&Labels<'_>>, split: &Split) -> Result<Ve
     Ok(parts)
 }
 
-/// One run; that which is the whole table takes its columns over.
+/// Makes one run. If it is the whole table, it takes over the columns.
 fn run(table: &mut Table, names: &[String], name: String, rows: Range<usize>) -> Run {
     if rows.len() == table.times.len() {
         let mut columns: HashMap<String, Cells> = std::mem::take(&mut table.columns).into_iter().collect();
@@ -106,7 +106,7 @@ fn run(table: &mut Table, names: &[String], name: String, rows: Range<usize>) ->
     Run { name, file: table.file.clone(), times: table.times[rows.clone()].to_vec(), values }
 }
 
-/// By row: what the column says that runs are told apart by.
+/// Value of the splitting column in each row.
 enum Labels<'t> {
     Words(Vec<&'t str>),
     Numbers(&'t [f64]),

@@ -1,4 +1,4 @@
-//! One file: its time and its columns, before it is split into runs.
+//! Table of one file, with its time and columns, before it is divided into runs.
 
 use std::collections::HashMap;
 use std::fmt::Display;
@@ -8,41 +8,41 @@ use super::{BadLog, Uses, acted};
 use isotherm_core::quantity::{Dialect, Moment, time};
 use isotherm_profile::regular::quoted;
 
-/// Rows of one file: a row a second for seven months. What lies beyond takes longer than anybody waits for a first word.
+/// Maximum number of rows of a file, as of seven months with one row per second. More would take too long to read.
 const MOST_ROWS: usize = 20_000_000;
-/// Numbers of one file, 8 bytes each: 1.2 GB.
+/// Maximum number of numbers of a file; with 8 bytes each, they take 1.2 GB.
 const MOST_NUMBERS: usize = 150_000_000;
-/// Different texts of a column by which runs are told apart.
+/// Maximum number of different texts in a column that divides runs.
 const MOST_WORDS: usize = 100_000;
-/// Rows of a column that nobody uses which are looked at, to tell what it is.
+/// Number of rows of an unused column from which its kind is guessed.
 const SAMPLED: usize = 1000;
-/// Mistakes that are listed; the others are counted.
+/// Maximum number of listed errors; further errors are counted.
 const MOST_LISTED: usize = 20;
 
-/// The rows of one file, column by column.
+/// Rows of one file, by column.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Table {
     pub(super) file: PathBuf,
     pub(super) times: Vec<Moment>,
-    /// The line, or row, of the file that each row came from.
+    /// Line or row number of each row in the file.
     pub(super) lines: Numbering,
     pub(super) columns: Vec<(String, Cells)>,
-    /// Columns with the Cz that acted.
+    /// Columns with active Cz.
     pub(super) acted: Vec<String>,
 }
 
-/// The cells of a column.
+/// Cells of a column.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Cells {
-    /// NaN where one is missing.
+    /// Numbers; NaN if missing.
     Numbers(Vec<f64>),
-    /// Names, states, products: nothing to compute with, but runs may be told apart by them. Kept only where they are.
+    /// Texts, for example names and states. Texts are kept only if they may divide runs.
     Text(Words),
-    /// Nobody uses it: its first numbers, which tell what it is.
+    /// First numbers of an unused column, from which its kind is guessed.
     Unread(Vec<f64>),
 }
 
-/// The texts of a column, trimmed, each kept once.
+/// Trimmed texts of a column; each different text is stored once.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Words {
     places: Vec<u32>,
@@ -51,12 +51,12 @@ pub(super) struct Words {
 }
 
 impl Words {
-    /// By row.
+    /// Texts in the order of the rows.
     pub(super) fn iter(&self) -> impl Iterator<Item = &str> {
         self.places.iter().map(|place| self.words[*place as usize].as_str())
     }
 
-    /// Whether there was room for it.
+    /// Adds the text of a row. Returns `false` if there are too many different texts.
     fn push(&mut self, text: &str) -> bool {
         let place = match self.known.get(text) {
             Some(place) => *place,
@@ -73,7 +73,7 @@ impl Words {
     }
 }
 
-/// The number that each row has in its file: mostly the next one, so that only where it is not is kept.
+/// Line number of each row in its file. Only numbers that do not follow the one before are stored.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Numbering {
     jumps: Vec<(usize, u64)>,
@@ -88,7 +88,7 @@ impl Numbering {
         self.rows += 1;
     }
 
-    /// Of this row, counted from nought.
+    /// Line number of this row, which is counted from zero.
     pub(super) fn of(&self, row: usize) -> u64 {
         let behind = self.jumps.partition_point(|(first, _)| *first <= row);
         behind.checked_sub(1).map_or(0, |last| {
@@ -115,7 +115,7 @@ impl Table {
         numbers.map(|(name, _)| name.as_str())
     }
 
-    /// Columns that nobody uses, with some of their numbers.
+    /// Unused columns, with some of their numbers.
     pub(super) fn unread(&self) -> impl Iterator<Item = (&str, &[f64])> {
         self.columns.iter().filter_map(|(name, cells)| match cells {
             Cells::Unread(sample) => Some((name.as_str(), sample.as_slice())),
@@ -124,35 +124,35 @@ impl Table {
     }
 }
 
-/// Reads a cell of the time, behind the time of the row before.
+/// Parser of a time cell; the last argument is the time of the row before.
 type ReadTime = fn(&mut Dialect, &str, Option<Moment>) -> Result<Moment, String>;
 
-/// A column while it is read.
+/// A column while the file is read.
 #[derive(Debug, Default)]
 struct Column {
     name: String,
     numbers: Vec<f64>,
-    /// Its texts, where they may tell something.
+    /// Texts, if they may be needed.
     words: Option<Words>,
-    /// Some cell was a number.
+    /// Whether a cell was a number.
     has_numbers: bool,
-    /// The first cell that was none, and where it stood.
+    /// Line and text of the first cell that is not a number.
     text: Option<(u64, String)>,
-    /// Somebody computes with it; else some of its cells are enough.
+    /// Whether something uses the column. Otherwise some cells are enough.
     is_used: bool,
-    /// It is not read, or no longer: a mistake in it has been told.
+    /// Whether reading of the column has ended, because it is not needed or an error has been reported.
     is_over: bool,
 }
 
-/// A table while it is read, with the mistakes that are found.
+/// A table while the file is read, with the errors found.
 pub(super) struct Reader {
     table: Table,
     columns: Vec<Column>,
-    /// The place of the time, and what reads its cells.
+    /// Index of the time column, and the parser of its cells.
     time: (usize, ReadTime),
-    /// How many columns are kept.
+    /// Number of columns that are kept.
     kept: usize,
-    /// What the file calls a row: line, row.
+    /// Word for a row in messages: line or row.
     row: &'static str,
     dialect: Dialect,
     listed: Vec<String>,
@@ -160,8 +160,7 @@ pub(super) struct Reader {
 }
 
 impl Reader {
-    /// `None` where no column is the time. `by`: the column by which runs are told apart. `uses`: whether somebody computes
-    /// with a column.
+    /// Returns `None` without a time column. `by` is the column that divides runs. `uses` selects the columns.
     pub(super) fn new(
         file: &Path,
         names: Vec<String>,
@@ -196,7 +195,7 @@ impl Reader {
         })
     }
 
-    /// Adds a mistake in a row of the file.
+    /// Adds an error in a row of the file.
     pub(super) fn refuse(&mut self, number: u64, column: Option<&str>, message: impl Display) {
         self.refuse_at(&format!("{} {number}", self.row), column, message);
     }
@@ -210,17 +209,17 @@ impl Reader {
         self.listed.push(format!("{}, {place}{column}: {message}", self.table.file.display()));
     }
 
-    /// Where the time stands.
+    /// Index of the time column.
     pub(super) fn time_at(&self) -> usize {
         self.time.0
     }
 
-    /// Whether the next cell of this column is asked for.
+    /// Returns whether the next cell of this column is needed.
     pub(super) fn reads(&self, place: usize) -> bool {
         self.wants(place) > 0
     }
 
-    /// How many more cells of this column are asked for.
+    /// Number of further cells of this column that are needed.
     pub(super) fn wants(&self, place: usize) -> usize {
         match self.columns.get(place) {
             Some(column) if column.is_over => 0,
@@ -230,26 +229,26 @@ impl Reader {
         }
     }
 
-    /// How many columns are read whole, without the time.
+    /// Number of columns that are read completely, without the time.
     #[cfg(feature = "parquet")]
     pub(super) fn kept(&self) -> usize {
         self.kept
     }
 
-    /// Whether nothing can be learnt without the texts of this column.
+    /// Returns whether the texts of this column are necessary.
     #[cfg(feature = "parquet")]
     pub(super) fn needs_words(&self, place: usize) -> bool {
         self.columns.get(place).is_some_and(|column| column.words.is_some())
     }
 
-    /// Nothing but text, of which nothing is kept.
+    /// Marks the column as one of texts that are not kept.
     #[cfg(feature = "parquet")]
     pub(super) fn is_text(&mut self, place: usize) {
         self.columns[place].is_over = true;
         self.columns[place].text = Some((0, String::new()));
     }
 
-    /// Begins a row with its time. `false`: its time is none, which has been told.
+    /// Begins a row with its time. Returns `false` if the time is invalid; the error is reported.
     pub(super) fn begin(&mut self, number: u64, time: &str) -> Result<bool, TooMuch> {
         let rows = self.table.times.len();
         if rows >= MOST_ROWS || rows.saturating_mul(self.kept) >= MOST_NUMBERS {
@@ -280,7 +279,7 @@ impl Reader {
         }
     }
 
-    /// A cell of a row that has begun, as it is written.
+    /// Adds a cell of the current row as text.
     pub(super) fn text(&mut self, place: usize, number: u64, text: &str) {
         let text = quoted(text.trim());
         let read = match self.dialect.separator() {
@@ -314,7 +313,7 @@ impl Reader {
         }
     }
 
-    /// A cell of a row that has begun; NaN where it is missing.
+    /// Adds a cell of the current row as a number; NaN if missing.
     #[cfg(feature = "parquet")]
     pub(super) fn number(&mut self, place: usize, value: f64) {
         let column = &mut self.columns[place];
@@ -325,7 +324,7 @@ impl Reader {
         }
     }
 
-    /// The table as it is learnt from. `empty`: what is said of a file without rows, and of which of its rows.
+    /// Finishes the table. `empty` is the line number and the message for a file without rows.
     pub(super) fn finish(mut self, empty: (u64, &str)) -> Result<Table, BadLog> {
         if self.table.times.is_empty() && self.listed.is_empty() {
             self.refuse(empty.0, None, empty.1);
@@ -351,7 +350,8 @@ impl Reader {
         BadLog::unless(self.listed, self.table)
     }
 
-    /// Numbers where they all are. A column with both numbers and texts is a mistake, named at its first text.
+    /// Cells of a finished column: numbers if all cells are numbers. A used column with both numbers and texts is an
+    /// error at its first text.
     fn cells(&mut self, name: &str, column: Column) -> Cells {
         let Some((line, text)) = column.text else {
             let of = if column.is_used { Cells::Numbers } else { Cells::Unread };
@@ -374,22 +374,22 @@ impl Reader {
     }
 }
 
-/// A file with more than can be kept of it, which has been told.
+/// Error: the file is larger than allowed. The message has been added.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TooMuch;
 
-/// A time in minutes.
+/// Parses a time in minutes.
 fn minutes(dialect: &mut Dialect, text: &str, _: Option<Moment>) -> Result<Moment, String> {
     let read = time::parse(&dialect.number(text.trim())?)?;
     if text.contains(':') {
         return Err(format!("`{text}` is a date, and `time_min` counts minutes; name the column `time`"));
     }
-    // A minute is sixty of the seconds that were read: exact to the nanosecond.
+    // A minute is sixty seconds, computed exactly in nanoseconds.
     let nanos = read.as_nanos().checked_mul(60);
     nanos.map(Moment::from_nanos).ok_or_else(|| format!("`{text}` minutes is beyond the end of time"))
 }
 
-/// One cell as a number: NaN where it is empty; `None` where it is none.
+/// Parses a cell as a number; NaN if it is empty; `None` if it is not a number.
 fn to_number(text: &str) -> Option<f64> {
     if text.is_empty() {
         return Some(f64::NAN);

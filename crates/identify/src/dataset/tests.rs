@@ -90,7 +90,7 @@ fn of_a_column_that_nobody_uses_its_name_is_known_and_no_mistake_in_it_is_told()
     let kinds = |columns: &[Column]| -> Vec<(String, Kind)> {
         columns.iter().map(|column| (column.name.clone(), column.kind)).collect()
     };
-    // What acted is always read; a text is none of them.
+    // The columns with the active Cz are always read; a text is not among them.
     let owned = |known: &[(&str, Kind)]| -> Vec<(String, Kind)> {
         known.iter().map(|(name, kind)| ((*name).to_owned(), *kind)).collect()
     };
@@ -139,7 +139,7 @@ mod of_parquet {
 
     type Rows<'a> = SerializedRowGroupWriter<'a, File>;
 
-    /// A file with these columns, which `write` fills in their order.
+    /// Writes a file with these columns, which `write` fills in their order.
     fn file(columns: &str, write: impl FnOnce(&mut Rows<'_>)) -> (tempfile::TempDir, PathBuf) {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("day.parquet");
@@ -153,7 +153,7 @@ mod of_parquet {
         (directory, path)
     }
 
-    /// The next column; `there` is 0 where a value is missing.
+    /// Writes the next column; `there` is 0 for a missing value.
     fn column<T: DataType>(rows: &mut Rows<'_>, values: &[T::T], there: Option<&[i16]>) {
         let mut column = rows.next_column().unwrap().unwrap();
         column.typed::<T>().write_batch(values, there, None).unwrap();

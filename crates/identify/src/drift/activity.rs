@@ -1,4 +1,4 @@
-//! What turned or moved during a run, and which test of ISO 230-3 that makes it.
+//! Movements during a run, and the test of ISO 230-3 that corresponds to them.
 
 use serde::Serialize;
 
@@ -7,39 +7,39 @@ use crate::dataset::{Column, Dataset, Kind, Run, Units};
 use crate::minutes::Minutes;
 use crate::statistics::median;
 
-/// 1/min, mm or degrees: what moves less stands still.
+/// Value below which a speed (1/min) or path (mm or degrees) is a standstill.
 const STILL: f64 = 1.0;
-/// Speeds within this share of the fastest are one.
+/// Maximum difference of speeds within a stage, as a share of the fastest speed.
 const ONE_SPEED: f64 = 0.02;
-/// Shorter ones are the way from one speed to the next, s.
+/// Minimum duration of a stage, s. A shorter one is the change from one speed to the next.
 const SHORTEST_STAGE: f64 = 150.0;
 
-/// A stretch at one speed, or of moving, or of standing still.
+/// Period with one speed, with movement, or of standstill.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Stage {
-    /// The column that says so.
+    /// Name of the column.
     pub column: String,
-    /// Its first minute, h since the run's first row.
+    /// First minute, h since the first row of the run.
     pub from_h: f64,
-    /// Its last minute, h.
+    /// Last minute, h.
     pub to_h: f64,
-    /// The mean speed in the column's unit; none where the column is a position.
+    /// Mean speed in the unit of the column; `None` for a position.
     pub speed: Option<f64>,
-    /// Something turned or moved.
+    /// Whether something turned or moved.
     pub moves: bool,
 }
 
-/// A column whose movement warms the machine.
+/// Column of a movement that warms the machine.
 #[derive(Clone, Debug)]
 pub(super) struct Mover {
     pub(super) column: usize,
     name: String,
     test: Test,
-    /// It is a speed; else a position.
+    /// Whether the column is a speed; otherwise it is a position.
     is_speed: bool,
 }
 
-/// The columns that could move.
+/// Columns of movements.
 pub(super) fn movers(dataset: &Dataset, units: Units<'_>) -> Vec<Mover> {
     let of = |(column, Column { name, kind }): (usize, &Column)| {
         let lower = name.to_ascii_lowercase();
@@ -57,14 +57,14 @@ pub(super) fn movers(dataset: &Dataset, units: Units<'_>) -> Vec<Mover> {
     dataset.columns.iter().enumerate().filter_map(of).collect()
 }
 
-/// Whether a column is the speed of a linear axis.
+/// Returns whether a column is the speed of a linear axis.
 pub(crate) fn is_feed(name: &str, unit: Option<&str>) -> bool {
     let name = name.to_ascii_lowercase();
     unit.is_some_and(|unit| ["mm/min", "m/min", "m/s"].contains(&unit))
         || ["mm_min", "mm/min", "_m_s", "feed"].iter().any(|ending| name.ends_with(ending))
 }
 
-/// The test, the column that makes it one, and why.
+/// Returns the test, the column of its movement, and the reason.
 pub(super) fn likeness<'a>(
     asked: Option<Test>,
     active: &[&'a Mover],
@@ -73,7 +73,7 @@ pub(super) fn likeness<'a>(
     let of = |test: Test| active.iter().copied().find(|mover| mover.test == test);
     let found = [Test::Spindle, Test::Rotary, Test::Axis].into_iter().find_map(of);
     let test = asked.unwrap_or_else(|| found.map_or(Test::Etve, |mover| mover.test));
-    // Asked for: a speed may be that of a table as well as that of a spindle.
+    // If the user has chosen the test, a speed may be that of a table as well as that of a spindle.
     let mover = match test {
         Test::Etve => None,
         _ => of(test).or(found.filter(|_| asked.is_some())),
@@ -106,7 +106,7 @@ impl Mover {
         }
     }
 
-    /// Minute by minute what it does, gathered.
+    /// Stages of the movement, from its values in each minute.
     pub(super) fn stages(&self, run: &Run) -> Vec<Stage> {
         let minutes = if self.is_speed { Minutes::of(run, self.column) } else { self.paths(run) };
         let fastest = minutes.values.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
@@ -136,7 +136,7 @@ impl Mover {
         long.map(stage).collect()
     }
 
-    /// How far a position went within each minute, and on the way to it; with the first second of each.
+    /// Path of a position within each minute, and the first second of each minute.
     fn paths(&self, run: &Run) -> Minutes {
         let mut paths = Minutes::default();
         let values = run.seconds().zip(run.values[self.column].iter().copied());

@@ -1,36 +1,38 @@
-//! Forward search judged on runs that were left out.
+//! Forward search, validated on held-out runs.
 //!
-//! Each fold keeps, column by column, what one more gain would do: how hard the column pulls, how much of it the chosen ones do
-//! not say already, and what is left on the held runs. To try a column is then a few products, and to take one goes over
-//! all columns once for each of the chosen.
+//! For each column, a fold stores its product with the residual, its unexplained part, and its effect on the held-out
+//! runs. Therefore trying a column takes a few products. Adding one takes a pass over all columns for each chosen
+//! column.
 
 use nalgebra::DVector;
 
 use crate::folds::Scaled;
 
-/// One fold. A column's *rest* is the column less what the chosen ones say of it in what is learnt from.
+/// State of the search in one fold. The *rest* of a column is the column minus its projection on the chosen columns, in
+/// the training runs.
 struct Search<'a> {
     fold: &'a Scaled,
     penalty: f64,
-    /// By column, in what is learnt from: its rest squared, with the penalty, and times what is left of the target.
+    /// Training runs, by column: squared norm of the rest with the penalty, and its product with the residual of the
+    /// target (`pull`).
     own: DVector<f64>,
     pull: DVector<f64>,
-    /// The same on the held runs.
+    /// The same figures in the held-out runs, without a penalty.
     held_own: DVector<f64>,
     held_pull: DVector<f64>,
     taken: Vec<Taken>,
-    /// |y − Xw|² on the held runs.
+    /// Squared residual |y − Xw|² of the held-out runs.
     left: f64,
 }
 
-/// What a chosen column did to the others.
+/// Effect of a chosen column on the others.
 struct Taken {
-    /// Its rest squared when it came in, in what is learnt from and on the held runs.
+    /// Squared norm of its rest when it was chosen, in the training runs and in the held-out runs.
     own: f64,
     held_own: f64,
-    /// By column: how many times its rest went out of theirs.
+    /// By column: multiple of its rest that was subtracted from the rest of that column.
     shares: DVector<f64>,
-    /// By column: its rest times theirs on the held runs, just before.
+    /// By column: product of both rests in the held-out runs, directly before the subtraction.
     held: DVector<f64>,
 }
 
@@ -48,12 +50,12 @@ impl Search<'_> {
         }
     }
 
-    /// The gain of one more column.
+    /// Gain of a column if it is chosen next.
     fn gain(&self, column: usize) -> f64 {
         self.pull[column] / self.own[column].max(1e-9)
     }
 
-    /// What would be left on the held runs with one more column.
+    /// Squared residual of the held-out runs if this column is chosen next.
     fn left(&self, column: usize) -> f64 {
         let gain = self.gain(column);
         self.left + gain * (gain * self.held_own[column] - 2.0 * self.held_pull[column])
@@ -84,14 +86,14 @@ impl Search<'_> {
     }
 }
 
-/// The columns, in the order in which they came in, and what they leave on held-out runs.
+/// Returns the chosen columns in their order, and the squared residual of the held-out runs.
 pub(super) fn forward(folds: &[&Scaled], penalty: f64, most: usize) -> (Vec<usize>, f64) {
     let width = folds.first().map_or(0, |fold| fold.held.cross.len());
     let each_its_own: Vec<Option<usize>> = (0..width).map(Some).collect();
     forward_once_each(folds, penalty, most, &each_its_own)
 }
 
-/// The same with at most one column of each group; a column without a group stays out.
+/// Forward search with at most one column of each group. A column without a group is not chosen.
 pub(super) fn forward_once_each(
     folds: &[&Scaled],
     penalty: f64,

@@ -1,7 +1,8 @@
-//! `lag`: `E = Σ K·L·ΔT·(1 − e^(−t/C))`, Janeczko 1989: one gain and one time constant for each of a few sensors.
+//! `lag`: `E = Σ K·L·ΔT·(1 − e^(−t/C))`, Janeczko 1989. Each of a few sensors has one gain and one time constant.
 //!
-//! A forward search over the bank, one term per sensor, gives the sensors and where to begin; then each time constant in
-//! turn goes where least is left over (golden section), the gains following by least squares at every step.
+//! A forward search over the bank, with one term per sensor, gives the sensors and the initial time constants. Then
+//! golden-section search minimizes the residual over each time constant in turn. At every step, the gains follow by
+//! least squares.
 
 use std::time::Duration;
 
@@ -23,13 +24,14 @@ pub(super) struct Lagging<'a> {
     terms: usize,
 }
 
-/// Most sensors, where nothing else is said: Janeczko has one to three per axis.
+/// Default of the maximum number of sensors. Janeczko has one to three per axis.
 const MOST_TERMS: usize = 4;
 const PENALTY: f64 = 1e-3;
-/// Rounds over the time constants, and how far around the present one each looks: the bank's own step.
+/// Number of passes over the time constants, and the initial factor of the search range around a time constant. The
+/// factor is the step of the bank.
 const ROUNDS: usize = 4;
 const AROUND: f64 = 2.2;
-/// Faster than this is at once, for rows of a minute.
+/// Time constant in seconds that has no effect with rows of a minute. A smaller one is written as no lag.
 const FASTEST: f64 = 20.0;
 const SLOWEST: f64 = 5.0 * 86_400.0;
 
@@ -48,12 +50,12 @@ impl<'a> Lagging<'a> {
         chosen.into_iter().map(|column| self.bank.candidates[column]).collect()
     }
 
-    /// The rows of these runs, one column per candidate.
+    /// Columns of the candidates, for the rows of these runs.
     fn columns(&self, runs: &[usize], candidates: &[Candidate]) -> Vec<DMatrix<f64>> {
         runs.iter().map(|run| trace(self.campaign, *run, candidates, Rows::WithError).rises).collect()
     }
 
-    /// What is left with these columns, per run; and the gains.
+    /// Returns the sum of squared residuals with these columns over all runs, and the gains.
     fn fit(&self, runs: &[usize], columns: &[DMatrix<f64>]) -> (f64, DVector<f64>) {
         let gram = |(rises, run): (&DMatrix<f64>, &usize)| Gram::of(rises, &self.bank.runs[*run].target);
         let sum = Gram::total(&columns.iter().zip(runs).map(gram).collect::<Vec<Gram>>());
@@ -63,7 +65,7 @@ impl<'a> Lagging<'a> {
 }
 
 fn lag(seconds: f64) -> Option<Duration> {
-    // Whole seconds: what is written is what was fitted.
+    // The fit uses whole seconds, because the profile contains whole seconds.
     (seconds > FASTEST).then(|| Duration::from_secs_f64(seconds.min(SLOWEST).round()))
 }
 
@@ -89,7 +91,7 @@ impl Learner for Lagging<'_> {
                     }
                     self.fit(runs, &columns).0
                 };
-                // There may be several valleys: the best of the bank's lags says which.
+                // The cost may have several minima. The search begins at the best lag of the bank.
                 let starts = LAGS_MIN.iter().skip(1).map(|minutes| f64::from(*minutes) * 60.0).chain([now]);
                 let logs = starts.map(|start| (cost(start.ln()), start.ln()));
                 let start =
@@ -104,7 +106,7 @@ impl Learner for Lagging<'_> {
     }
 }
 
-/// Where a function with one valley is least, to a thousandth of what a logarithm counts.
+/// Minimum of a unimodal function by golden-section search, within 0.001. The argument is a logarithm.
 fn golden(mut low: f64, mut high: f64, cost: &mut dyn FnMut(f64) -> f64) -> f64 {
     const SHARE: f64 = 0.618_033_988_75;
     let (mut left, mut right) = (high - SHARE * (high - low), low + SHARE * (high - low));

@@ -1,4 +1,4 @@
-//! `ols`: least squares on every column.
+//! `ols`: ordinary least squares on all columns.
 
 use super::Gains;
 use crate::gram::Gram;

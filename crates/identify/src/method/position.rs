@@ -1,7 +1,8 @@
-//! `position`: Δz(z) = Δz(z0) + k·(z − z0), Li, Yang, Zhang, Zhang 1998. Both parts are sums over (sensor, lag); their terms
-//! are chosen together, by the forward search of `sparse-lag` on runs that were left out.
+//! `position`: Δz(z) = Δz(z0) + k·(z − z0), Li, Yang, Zhang, Zhang 1998. Both parts are sums over (sensor, lag). The
+//! forward search of `sparse-lag` selects the terms of both together, on held-out runs.
 //!
-//! What a place and its mirror on the travel say is apart by construction, so that a slight ridge holds the gains.
+//! The columns of a position and of its mirror image on the travel differ by construction. Therefore a small ridge
+//! penalty is enough.
 
 use std::time::Duration;
 
@@ -13,17 +14,17 @@ use crate::folds::Inner;
 use crate::gram::Gram;
 use crate::statistics::range;
 
-/// Of the forward search, on columns of root mean square 1.
+/// Ridge penalty of the forward search, for columns of root mean square 1.
 const HELD: [f64; 1] = [1e-3];
 
-/// At most so many terms.
+/// Fits a model with at most `terms` terms.
 pub(super) fn fit(grams: &[Gram], runs: &[usize], columns: &[usize], terms: Option<usize>) -> Gains {
     let inner = Inner::of(grams, runs).of_columns(columns).or_itself();
     let most = most_terms(runs, terms);
     in_columns(&by_forward(&inner.all, &inner.scaled(), most, &HELD, false), columns)
 }
 
-/// Every input through every lag, and each of these times the distance from the reference position.
+/// Bank with every input through every lag, and each of these multiplied by the distance from the reference position.
 pub(super) fn bank(campaign: &Campaign<'_>, lags: &[Option<Duration>]) -> Result<Bank, String> {
     let Some(position) = &campaign.position else {
         return Err("position wants the signal that says where the axis was: --position scale_z".to_owned());
@@ -43,7 +44,8 @@ pub(super) fn bank(campaign: &Campaign<'_>, lags: &[Option<Duration>]) -> Result
     Ok(Bank::new(campaign, each(false).chain(each(true)).collect()))
 }
 
-/// A place that is visited once says nothing: its error is measured from that visit.
+/// Checks that most rows are at positions visited more than once. A position that is visited once gives no information,
+/// because its error is measured from that visit.
 fn returns(campaign: &Campaign<'_>, name: &str) -> Result<(), String> {
     let (mut once, mut rows) = (0_usize, 0_usize);
     for run in &campaign.dataset.runs {

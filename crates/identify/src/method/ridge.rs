@@ -1,6 +1,7 @@
-//! `ridge-lag`: every sensor through every lag, all gains held small by a penalty that run-wise validation chooses.
+//! `ridge-lag`: every sensor through every lag. A ridge penalty, chosen by validation on held-out runs, keeps all gains
+//! small.
 //!
-//! Best inside the envelope; a sparse model is safer outside it.
+//! This method is best inside the envelope; a sparse model is safer outside it.
 
 use super::Gains;
 use crate::folds::Inner;
@@ -8,11 +9,11 @@ use crate::gram::Gram;
 use crate::solve::least_squares;
 use crate::statistics::least_sum;
 
-/// Where one run gives no validation: mild.
+/// Mild penalty for a single run, which allows no validation.
 const UNVALIDATED: f64 = 0.1;
 
 pub(super) fn fit(grams: &[Gram], runs: &[usize], columns: &[usize]) -> Gains {
-    // Half decades from 1e-4 to 1e2.
+    // Two penalties per decade, from 1e-4 to 1e2.
     let penalties: Vec<f64> = (0..=12).map(|half| 10f64.powf(f64::from(half) / 2.0 - 4.0)).collect();
     let inner = Inner::of(grams, runs).of_columns(columns);
     let costs = inner.scaled().into_iter().map(|fold| {

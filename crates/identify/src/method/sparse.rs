@@ -1,12 +1,13 @@
-//! `sparse-lag`: the mean of two searches over (sensor, lag) that err differently.
+//! `sparse-lag`: mean of two searches over (sensor, lag) with different errors.
 //!
-//! - Forward by run-wise validation: the term that helps most on runs that were left out comes in next, as long as one
-//!   helps, at most ten, with a ridge. Few sensors, and safe outside the envelope; but which of two sensors that
-//!   are nearly alike is chosen hangs on little. So the search is made once without each of the folds, and averaged.
-//! - An elastic net, as far along its path as run-wise validation says: its L1 part takes most terms out, its L2 part
-//!   shares a gain among sensors that move together. Steadier inside the envelope, with more terms.
+//! - Forward search with a ridge, validated on held-out runs: it adds the term that reduces their residual most, at
+//!   most ten. It uses few sensors, and is safe outside the envelope. However, small differences decide which of two
+//!   similar sensors it selects. Therefore the search is repeated without each of the folds, and the results are
+//!   averaged.
+//! - Elastic net. Validation on held-out runs determines the position on its path. Its L1 part removes most terms, and
+//!   its L2 part divides a gain among similar sensors. It is more stable inside the envelope, with more terms.
 //!
-//! Both are linear, and so is their mean. With a limit on the number of terms it is the first alone.
+//! Both are linear, and so is their mean. With a limit on the number of terms, only the first is used.
 
 use nalgebra::DVector;
 
@@ -17,45 +18,46 @@ use crate::gram::Gram;
 use crate::solve::{Net, ridge};
 use crate::statistics::{count, least_sum};
 
-/// Ridges of the forward search, on columns of root mean square 1. Few runs choose badly among them: a weaker one is
-/// taken only where it leaves less than [`CLEARLY`] times as much on runs that were left out.
+/// Ridge penalties of the forward search, for columns of root mean square 1. With few runs, a choice between them is
+/// unreliable. Therefore the weaker one is used only if its residual on held-out runs is less than [`CLEARLY`] times as
+/// large.
 const HELD: [f64; 2] = [0.3, 0.01];
 const CLEARLY: f64 = 0.4;
 const MOST_TERMS: usize = 10;
-/// L2 of the elastic net, likewise: sensors of one machine are nearly alike.
+/// L2 penalties of the elastic net, chosen in the same way. Sensors of one machine are similar.
 const SHARED: [f64; 2] = [0.1, 0.003];
-/// How far below the first penalty the path goes, in steps of a quarter decade.
+/// Length of the path below the first penalty, in steps of a quarter decade.
 const STEPS: usize = 13;
-/// Where one run gives no validation: this many steps down, this many terms.
+/// Step of the path, and maximum number of terms, for a single run, which allows no validation.
 const UNVALIDATED: usize = 5;
 
-/// With at most `terms` of them, where there is a limit.
+/// Fits a model with at most `terms` terms, if there is a limit.
 pub(super) fn fit(grams: &[Gram], runs: &[usize], columns: &[usize], terms: Option<usize>) -> Gains {
     let inner = Inner::of(grams, runs).of_columns(columns).or_itself();
     let folds = inner.scaled();
     let forward = by_forward(&inner.all, &folds, most_terms(runs, terms), &HELD, terms.is_none());
     let gains = match terms {
         Some(_) => forward,
-        // One run that was judged by itself chooses nothing here.
+        // A single run, which was validated on itself, cannot choose the position on the path.
         None => (forward + by_net(&inner.all, if runs.len() < 2 { &[] } else { &folds })) * 0.5,
     };
     in_columns(&gains, columns)
 }
 
-/// The most terms of a forward search.
+/// Maximum number of terms of a forward search.
 pub(super) fn most_terms(runs: &[usize], asked: Option<usize>) -> usize {
     let most = asked.unwrap_or(MOST_TERMS);
     if runs.len() < 2 { most.min(UNVALIDATED) } else { most }
 }
 
-/// The gains that are not zero, each with its column.
+/// Gains that are not zero, with their columns.
 pub(super) fn in_columns(gains: &DVector<f64>, columns: &[usize]) -> Gains {
     let gains = columns.iter().copied().zip(gains.iter().copied());
     gains.filter(|(_, gain)| gain.abs() > 0.0).collect()
 }
 
-/// The forward search with each of these ridges, the first unless a later one leaves clearly less; `is_mean`: the mean of
-/// the searches without one of the folds.
+/// Forward search with the first ridge penalty, or with a later one if its residual is clearly smaller. With `is_mean`,
+/// the result is the mean of searches that each leave out one fold.
 pub(super) fn by_forward(
     all: &Gram,
     folds: &[Scaled],
@@ -101,13 +103,13 @@ fn by_net(all: &Gram, folds: &[Scaled]) -> DVector<f64> {
     last.map_or_else(|| DVector::zeros(0), |gains| gains.component_div(&scales))
 }
 
-/// The first of these, unless a later one costs clearly less.
+/// Returns the first item, or a later one with a clearly lower cost.
 fn first_unless_clearly<T>(tried: impl Iterator<Item = (f64, T)>) -> Option<T> {
     let better = |best: (f64, T), next: (f64, T)| if next.0 < CLEARLY * best.0 { next } else { best };
     tried.reduce(better).map(|(_, best)| best)
 }
 
-/// The gains after each of the first steps of the path, in scaled columns.
+/// Gains after each of the first steps of the path, in scaled columns.
 fn path(scaled: &Gram, shared: f64, steps: usize) -> Vec<DVector<f64>> {
     let mut net = Net::new(scaled, shared);
     let first = net.first_penalty();

@@ -1,6 +1,7 @@
-//! `stepwise`: partial F tests, in and out, with an honest count of samples.
+//! `stepwise`: terms are added and removed by partial F tests, with a realistic number of independent samples.
 //!
-//! Minute rows of a slow machine are not independent: counted as such, nearly every sensor seems significant.
+//! Minute rows of a slow machine are not independent. If they were counted as independent, nearly every sensor would
+//! seem significant.
 
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
@@ -9,22 +10,22 @@ use crate::gram::Gram;
 use crate::solve::ridge;
 use crate::statistics::count;
 
-/// A term comes in where chance would give as much in one case of a hundred, and leaves where in one of twenty.
+/// Significance levels: a term is added below the first, and removed above the second.
 const ENTERS: f64 = 0.01;
 const LEAVES: f64 = 0.05;
 
-/// A column comes in or leaves again.
+/// A column is added or removed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Move {
     pub(crate) column: usize,
     pub(crate) comes_in: bool,
-    /// Partial F: by how much more is explained with it, over what is left.
+    /// Partial F: reduction of the squared residual by the column, divided by the residual variance.
     pub(crate) f: f64,
-    /// The chance of such an F where the column has nothing to do with what is explained.
+    /// Probability of such an F if the column has no effect (p-value).
     pub(crate) chance: f64,
 }
 
-/// At most so many terms.
+/// Fits a model with at most `most` terms.
 pub(super) fn fit(gram: &Gram, rows_per_sample: f64, columns: &[usize], most: usize) -> Gains {
     let (moves, _) = search(gram, gram.rows / rows_per_sample, columns, most);
     let mut chosen: Vec<usize> = Vec::new();
@@ -38,7 +39,7 @@ pub(super) fn fit(gram: &Gram, rows_per_sample: f64, columns: &[usize], most: us
     chosen.into_iter().zip(gains.iter().copied()).collect()
 }
 
-/// The moves, one after the other, and the column that would have been next but is not significant.
+/// Returns the steps in order, and the next column, which is not significant.
 pub(crate) fn search(gram: &Gram, samples: f64, columns: &[usize], most: usize) -> (Vec<Move>, Option<Move>) {
     let left = |chosen: &[usize]| match chosen {
         [] => gram.power,
@@ -52,7 +53,7 @@ pub(crate) fn search(gram: &Gram, samples: f64, columns: &[usize], most: usize) 
         Move { column, comes_in, f, chance }
     };
     let (mut chosen, mut now, mut moves) = (Vec::new(), gram.power, Vec::new());
-    // Each round ends with less left over or with the end; a bound all the same.
+    // Each round reduces the residual or ends the search. The bound is a safeguard.
     for _ in 0..10 * columns.len() {
         let outside = columns.iter().filter(|column| !chosen.contains(*column));
         let tried = outside.map(|column| (left(&[chosen.as_slice(), &[*column]].concat()), *column));
@@ -67,7 +68,7 @@ pub(crate) fn search(gram: &Gram, samples: f64, columns: &[usize], most: usize) 
         moves.push(taken);
         chosen.push(column);
         now = less;
-        // The column that just came in stays for now: else two would take turns.
+        // The column that was just added is not removed; otherwise two columns could alternate.
         while chosen.len() > 1 {
             let tried = (0..chosen.len() - 1).map(|place| {
                 let mut without = chosen.clone();

@@ -1,12 +1,12 @@
-//! `rbf` and `network`: what both have in common. M10, after Ren et al., Chen and Wang.
+//! Common part of `rbf` and `network` (M10, after Ren et al., Chen and Wang).
 //!
-//! Both take each input at once and through a few lags, as the gateway computes them; both pass through the origin, as
-//! the linear methods do: no rise, no compensation. How smooth they are is chosen on runs that were left out of the
-//! training runs, never on the run that they are judged on, by what is left there about its own mean: the range of a
-//! run is what is judged first.
+//! Both use each input directly and through a few lags, as the gateway calculates them. Like the linear methods, both
+//! are zero without a rise. Their smoothness is chosen on runs that are held out of the training runs, never on the run
+//! of the final validation. The criterion is the residual about its own mean, because the range of a run is the most
+//! important figure.
 //!
-//! Where rows are averaged, they learn from means of rises; a gateway that computes more often than that takes the
-//! network at each rise. A curved network tells the two apart, by far less than the noise of a probe.
+//! If rows are averaged, the training uses means of rises. A gateway with a shorter period applies the network to each
+//! rise. For a non-linear network, the results differ, but by much less than the noise of a probe.
 
 use std::time::Duration;
 
@@ -28,33 +28,33 @@ mod radial;
 #[cfg(test)]
 mod tests;
 
-/// Time constants where none are named, minutes; beside them each input at once.
+/// Default time constants in minutes, in addition to each input without lag.
 const LAGS_MIN: [u64; 2] = [12, 50];
-/// Neighbouring rows say the same: one row in so many seconds is learnt from. All are judged.
+/// Time between training rows in seconds, because neighbouring rows are similar. The validation uses all rows.
 const APART: f64 = 600.0;
 
-/// What is trained.
+/// Type and size of the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Shape {
-    /// This many radial basis functions.
+    /// Number of radial basis functions.
     Radial(usize),
-    /// This many neurons in one layer, as back-propagation trains them; several such networks are averaged.
+    /// Number of neurons in one layer, trained by back-propagation. The model is the mean of several such networks.
     Neurons(usize),
 }
 
-/// A network with its data.
+/// A network method with its data.
 pub(super) struct Trained {
     bank: Bank,
     /// Columns of the bank that it may use.
     columns: Vec<usize>,
-    /// By input.
+    /// Names of the inputs.
     names: Vec<String>,
     every: usize,
     shape: Shape,
     seed: u64,
 }
 
-/// Rows of one run or several: scaled rises and the scaled Cz that would leave no error.
+/// Rows of one or more runs: scaled rises, and the scaled Cz that would compensate the whole error.
 #[derive(Clone, Debug)]
 struct Samples {
     rises: DMatrix<f64>,
@@ -73,17 +73,17 @@ impl Samples {
     }
 }
 
-/// Inner validation: what is trained on, and the runs that are left out of it, each by itself.
+/// Fold of the inner validation: the training rows, and each held-out run.
 #[derive(Debug)]
 struct Fold<'a> {
-    /// Counts from zero.
+    /// Number of the fold, from zero.
     number: u64,
     training: Samples,
     held: Vec<&'a Samples>,
 }
 
 impl Fold<'_> {
-    /// What `output` leaves on the held runs about the mean of each, squared and added up.
+    /// Sum over the held-out runs of the squared residual of `output` about the mean of each run.
     fn left(&self, output: impl Fn(&DMatrix<f64>) -> DVector<f64>) -> f64 {
         self.held.iter().map(|run| about_mean(&(output(&run.rises) - &run.target))).sum()
     }
@@ -93,7 +93,7 @@ fn about_mean(left: &DVector<f64>) -> f64 {
     left.norm_squared() - left.mean().powi(2) * count(left.len())
 }
 
-/// Where the folds' costs add up to least; `None` where there is no fold.
+/// Index with the least sum of costs over all folds; `None` without folds.
 fn least(folds: &[Fold<'_>], costs: impl Fn(&Fold<'_>) -> Vec<f64> + Sync + Send) -> Option<usize> {
     let costs: Vec<Vec<f64>> = folds.par_iter().map(costs).collect();
     least_sum(costs).map(|(place, _)| place)
@@ -113,7 +113,7 @@ impl Trained {
         };
         let takes_plain = settings.lags.is_empty() || lags.contains(&None);
         let lagged = lags.into_iter().filter(Option::is_some);
-        // The rises themselves are always in the bank: the envelope is about them.
+        // The rises without lag are always in the bank, because the envelope is calculated from them.
         let lags: Vec<Option<Duration>> = [None].into_iter().chain(lagged).collect();
         let bank = Bank::of(campaign, &lags);
         let may = |(_, candidate): &(usize, &Candidate)| takes_plain || candidate.lag.is_some();
@@ -189,13 +189,13 @@ impl Learner for Trained {
         file["version"] = json!(1);
         file["inputs"] = json!({ "names": names, "mean": vec![0.0; columns.len()], "scale": scales });
         file["output"] = json!({ "mean": 0.0, "scale": output });
-        // Read back from the file: what was judged is what runs.
+        // The network is parsed from its file, so that the validated network is the one that runs.
         let (net, _) = network::parse(file.to_string().as_bytes())?;
         Ok(Learned::Net { inputs, net: Box::new(net), file: Box::new(file) })
     }
 }
 
-/// Root mean square; 1 for what never moves.
+/// Root mean square; 1 for constant zeros.
 fn scale(values: &[f64]) -> f64 {
     Some(rms(values)).filter(|scale| *scale > 1e-9).unwrap_or(1.0)
 }

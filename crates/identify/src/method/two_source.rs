@@ -1,5 +1,5 @@
-//! `two-source`: C = Cw + Ch, Tachiya et al. 2013. In runs in which only the first source is at work (the spindle waits)
-//! its sensors give Cw; what Cw leaves of the other runs is Ch, from the second source's sensors.
+//! `two-source`: C = Cw + Ch, Tachiya et al. 2013. In some runs only the first source is active, because the spindle
+//! waits. Its sensors give Cw. The residual of Cw in the other runs gives Ch, from the sensors of the second source.
 
 use super::{Gains, Settings};
 use crate::campaign::Campaign;
@@ -13,7 +13,7 @@ pub(super) struct TwoSource {
 }
 
 impl TwoSource {
-    /// On a bank without lags, in which an input's place is its column.
+    /// Uses a bank without lags, in which the index of an input is its column.
     pub(super) fn new(campaign: &Campaign<'_>, settings: &Settings) -> Result<TwoSource, String> {
         let runs: Vec<&str> = campaign.dataset.runs.iter().map(|run| run.name.as_str()).collect();
         let inputs: Vec<&str> = campaign.inputs.iter().map(|input| input.name.as_str()).collect();
@@ -50,7 +50,7 @@ impl TwoSource {
         }
         for (column, gain) in second.iter().zip(ridge(&rest, &second, 0.0).iter()) {
             match gains.iter_mut().find(|(known, _)| known == column) {
-                // A sensor of both sources: one term in the sum.
+                // A sensor of both sources has one term with the sum.
                 Some((_, sum)) => *sum += gain,
                 None => gains.push((*column, *gain)),
             }

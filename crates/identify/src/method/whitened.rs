@@ -1,13 +1,15 @@
-//! `whitened`: the mean of a ridge and an elastic net, both on whitened rows.
+//! `whitened`: mean of a ridge regression and an elastic net, both on whitened rows.
 //!
-//! - The ridge keeps every column, the more held the less it moves; how much, is chosen by what is left on plain rows of runs
-//!   that were left out.
-//! - The elastic net takes most columns out; how far it goes, is chosen by what is left on their whitened rows.
+//! - The ridge regression keeps every column. Its penalty on a column is greater the less the column changes. The
+//!   penalty is chosen by the residual on plain rows of held-out runs.
+//! - The elastic net removes most columns. Its position on the path is chosen by the residual on whitened rows of
+//!   held-out runs.
 //!
-//! The two err differently, most of all outside what they were learnt on: how far they are apart there says how far their
-//! mean may be believed.
+//! Both have different errors, in particular outside the training range. Their difference there is a measure of
+//! confidence in the mean.
 //!
-//! Of one or two runs nothing can be chosen: a ridge with a fixed penalty, and of one run seven tenths of it.
+//! One or two runs allow no choice. The model is then a ridge regression with a fixed penalty; with one run it is
+//! multiplied by 0.7.
 
 use std::time::Duration;
 
@@ -23,19 +25,20 @@ use crate::sensors::Forward;
 use crate::solve::{Net, Ridge, decades};
 use crate::statistics::{count, least_sum, median};
 
-/// Where there are too few runs to choose.
+/// Penalty if there are too few runs for a choice.
 const UNCHOSEN: f64 = 0.3;
-/// What of a ridge is believed that has seen one run.
+/// Factor of a ridge regression from one run.
 const OF_ONE_RUN: f64 = 0.7;
-/// L2 of the net; the weaker one only where it leaves less than [`CLEARLY`] times as much.
+/// L2 penalties of the elastic net. The weaker one is used only if its residual is less than [`CLEARLY`] times as
+/// large.
 const SHARED: [f64; 2] = [0.1, 0.003];
 const CLEARLY: f64 = 0.4;
-/// Steps of a quarter decade along the net's path.
+/// Number of quarter-decade steps on the path of the elastic net.
 const STEPS: usize = 13;
-/// A column that moves less counts as if it moved so.
+/// Minimum scale of a column. A column that changes less is scaled by this value.
 const STANDS_STILL: f64 = 1e-9;
 
-/// Four time constants do as well as eight.
+/// Default time constants. Four give the same results as eight.
 pub(crate) fn usual_lags() -> Vec<Option<Duration>> {
     [0, 6, 25, 100].map(|minutes: u64| (minutes > 0).then(|| Duration::from_mins(minutes))).to_vec()
 }
@@ -43,13 +46,13 @@ pub(crate) fn usual_lags() -> Vec<Option<Duration>> {
 pub(super) struct Whitening {
     bank: Bank,
     products: Products,
-    /// Where a few sensors are to be chosen: how many, and how.
+    /// Maximum number of sensors and their forward search, if the number is limited.
     few: Option<(usize, Forward)>,
-    /// A model that exists, towards which is learnt.
+    /// Terms of an existing model, which is the prior.
     prior: Option<Vec<(Candidate, f64)>>,
 }
 
-/// What was found, by column: of the mean, and where there are two halves, of the ridge and the net.
+/// Gains by column: of the mean, and, if the model is a mean, of the ridge regression and the elastic net.
 pub(crate) struct Fitted {
     pub(crate) gains: Vec<f64>,
     pub(crate) halves: Option<Vec<[f64; 2]>>,
@@ -70,7 +73,7 @@ impl Whitening {
     }
 }
 
-/// The terms of a model that exists.
+/// Terms of an existing model, as candidates of this campaign.
 fn known(campaign: &Campaign<'_>, prior: &[PriorTerm]) -> Result<Vec<(Candidate, f64)>, String> {
     let input = |term: &PriorTerm| campaign.inputs.iter().position(|input| input.name == term.signal);
     let mut foreign: Vec<&str> =
@@ -124,7 +127,7 @@ impl Learner for Whitening {
     }
 }
 
-/// Learns from these runs, in these columns of the bank.
+/// Identifies a model from these runs, in these columns of the bank.
 pub(crate) fn fit(products: &Products, runs: &[usize], columns: &[usize], bank: &Bank) -> Fitted {
     if runs.is_empty() || columns.is_empty() {
         return Fitted { gains: vec![0.0; columns.len()], halves: None };
@@ -144,7 +147,7 @@ pub(crate) fn fit(products: &Products, runs: &[usize], columns: &[usize], bank: 
     }
 }
 
-/// The ridge towards the gains of a model that exists instead of towards none.
+/// Ridge regression that shrinks towards the gains of an existing model instead of towards zero.
 fn towards(
     products: &Products,
     runs: &[usize],
@@ -170,8 +173,8 @@ fn towards(
     Fitted { gains: (gains + prior).component_div(&units).data.into(), halves: None }
 }
 
-/// By column what it is divided by first. Speeds and their squares move by other numbers than temperatures: each kind is
-/// made as large as the usual temperature.
+/// Divisor of each column. Values of speeds and their squares have other magnitudes than those of temperatures. Each
+/// kind is scaled to the size of a typical temperature.
 fn units(products: &Products, runs: &[usize], columns: &[usize], bank: &Bank) -> DVector<f64> {
     let kind = |column: usize| {
         let candidate = bank.candidates[column];
@@ -194,7 +197,7 @@ fn units(products: &Products, runs: &[usize], columns: &[usize], bank: &Bank) ->
     DVector::from_iterator(columns.len(), columns.iter().map(unit))
 }
 
-/// Judged on plain rows: whitened ones would choose the weaker penalty.
+/// Ridge regression. Its validation uses plain rows, because whitened rows would choose the weaker penalty.
 fn ridge(all: &Gram, folds: &[Fold]) -> DVector<f64> {
     let penalties = decades(-4, 2, 2);
     let costs = folds.iter().map(|fold| {
@@ -217,7 +220,8 @@ fn net(all: &Gram, folds: &[Fold]) -> DVector<f64> {
     path(all, shared, step + 1).pop().unwrap_or_else(|| DVector::zeros(all.cross.len()))
 }
 
-/// The gains after each of the first steps of the net's path. All columns have one scale: none is helped to be chosen.
+/// Gains after each of the first steps on the path of the elastic net. All columns have one scale, so that no column
+/// has an advantage.
 fn path(gram: &Gram, shared: f64, steps: usize) -> Vec<DVector<f64>> {
     let rows = gram.rows.max(1.0);
     let moves = gram.square.diagonal().iter().map(|square| (square / rows).max(0.0).sqrt()).collect();

@@ -1,4 +1,4 @@
-//! The report of `report`: drift in the terms of ISO 230-3.
+//! Page of the verb `report`: drift in the terms of ISO 230-3.
 
 use maud::{Markup, html};
 
@@ -9,7 +9,7 @@ use crate::drift::{Displacement, Drift};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::Profile;
 
-/// One HTML file.
+/// Renders the page as one HTML file.
 pub fn drifted(dataset: &Dataset, drifts: &[Drift], profile: Option<&Profile>, made: Moment) -> String {
     let hours: f64 = drifts.iter().map(|drift| drift.hours).sum();
     let content = html! {
@@ -76,14 +76,14 @@ fn headline(all: &[Displacement]) -> Markup {
     }
 }
 
-/// A column over the hours of a run.
+/// Chart of a column over the hours of a run.
 fn course(dataset: &Dataset, run: &Run, name: &str, (width, height): (u32, u32), unit: &str) -> Markup {
     let values = dataset.column(name).map_or(&[] as &[f64], |column| run.values[column].as_slice());
     let line = Line::new(Look::Solid, run.hours().zip(values.iter().copied()));
     chart::lines(width, height, unit, &format!("{name} over {}", run.name), &[line], None)
 }
 
-/// A row for each, under its name.
+/// Table with one row for each displacement and its name.
 pub(super) fn displacements<'a>(all: impl Iterator<Item = (&'a str, &'a Displacement)>) -> Markup {
     let cells = |moved: &Displacement| {
         [

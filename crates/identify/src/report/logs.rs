@@ -1,4 +1,4 @@
-//! What the logs hold: runs, sensors over time, and which sensors say the same.
+//! Content of the logs: runs, sensors over time, and similar sensors.
 
 use maud::{Markup, html};
 
@@ -12,10 +12,10 @@ use crate::dataset::{Column, Dataset, Kind, Run};
 use crate::faults::{self, Finding};
 use crate::statistics::{count, least_and_most};
 
-/// Most inputs of a correlation map.
+/// Maximum number of inputs in a correlation map.
 const MOST_MAPPED: usize = 32;
 
-/// Date, duration, rows, speeds and ambient of each run.
+/// Table of the runs: date, duration, rows, speeds and ambient temperature.
 pub(super) fn runs(dataset: &Dataset, like: &[Finding]) -> Markup {
     let name = |column: usize| dataset.columns[column].name.as_str();
     let speeds: Vec<usize> = dataset.of_kind(Kind::Speed).collect();
@@ -45,14 +45,14 @@ pub(super) fn runs(dataset: &Dataset, like: &[Finding]) -> Markup {
     }
 }
 
-/// `20.1 … 23.4`.
+/// Formats a range, for example `20.1 … 23.4`.
 fn spanned<'a>(values: impl IntoIterator<Item = &'a f64>, places: usize) -> String {
     least_and_most(values).map_or("–".to_owned(), |(low, high)| {
         format!("{} … {}", decimals(low, places), decimals(high, places))
     })
 }
 
-/// The speeds that were held for a twentieth of the run or longer, where they are few; else the span.
+/// Speeds that take at least a twentieth of the run each, if they are at most six; otherwise the range.
 fn stages(values: &[f64]) -> String {
     const FEW: usize = 6;
     let mut held: Vec<f64> =
@@ -67,7 +67,7 @@ fn stages(values: &[f64]) -> String {
     if (1..=FEW).contains(&long.len()) { long.join(", ") } else { spanned(values, 0) }
 }
 
-/// Kind, resolution and span of each sensor, what it is used as, and what was found about it.
+/// Table of the sensors: kind, resolution, range, use, and findings.
 pub(super) fn sensors(
     dataset: &Dataset,
     used: &dyn Fn(&str) -> &'static str,
@@ -112,7 +112,7 @@ fn remarks(column: &Column, excluded: &[Finding], like: &[Finding]) -> String {
     }
 }
 
-/// One small picture for each temperature: every run over the other.
+/// Small chart of each temperature, with all runs on top of each other.
 pub(super) fn over_time(dataset: &Dataset, excluded: &[Finding]) -> Markup {
     html! {
         h2 { "Sensors over time" }
@@ -138,7 +138,7 @@ fn sensor(dataset: &Dataset, column: usize, excluded: &[Finding]) -> Markup {
     figure(name, &picture, &format!("up to {} °C in a run", three_digits(widest)))
 }
 
-/// Which inputs say the same, and how they go with the error.
+/// Correlation map of the inputs and the error.
 pub(super) fn alike(campaign: &Campaign<'_>) -> Markup {
     let bank = Bank::of(campaign, &[None]);
     let inputs: Vec<usize> = (0..campaign.inputs.len()).collect();
@@ -161,7 +161,7 @@ pub(super) fn alike(campaign: &Campaign<'_>) -> Markup {
             "Correlations in hundredths: of the rises of the sensors since the start of a run, with each other and with the \
              measured error, over the rows of all runs. The darker, the stronger; below zero one falls as the other rises."
         }
-        // A map has a size of its own: its figures must not shrink.
+        // The map has a fixed minimum width, so that its figures remain legible.
         div .scroll tabindex="0" {
             div style={ "width: max(100%, " (width) "rem); max-width: " (width) "rem" } {
                 (chart::map("correlations of the sensors and the error", &names, &values))

@@ -1,4 +1,4 @@
-//! The report of `select`.
+//! Page of the verb `select`.
 
 use maud::{Markup, html};
 
@@ -7,7 +7,7 @@ use super::{date, decimals, figure, judged, logs, number, page, runs, table, thr
 use crate::select::{Counted, Point, Pointed, Selected, Step};
 use isotherm_core::quantity::Moment;
 
-/// One HTML file.
+/// Renders the page as one HTML file.
 pub fn selected(pointed: &Pointed<'_>, found: &Selected, made: Moment) -> String {
     let dataset = pointed.campaign.dataset.as_ref();
     let used = |name: &str| {

@@ -1,7 +1,7 @@
-//! How much is left on a run that was held out, by how many points are kept.
+//! Residual error on held-out runs by the number of points.
 //!
-//! For each run the points are chosen anew from all the other runs, one after the other, and the model with so many of them
-//! is that of `whitened`. So the curve has seen nothing of the run that it is judged on.
+//! For each run, the points are selected again from all other runs, one after the other. The model with each number of
+//! points is that of `whitened`. Therefore no result depends on the run on which it is validated.
 
 use nalgebra::DVector;
 use serde::Serialize;
@@ -15,34 +15,34 @@ use crate::sensors::Forward;
 use crate::statistics::smallest;
 use crate::validate::{Means, Progress, RunScore, hold_out_each};
 
-/// Held out, with so many points.
+/// Held-out result with one number of points.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Counted {
-    /// How many points.
+    /// Number of points.
     pub k: usize,
-    /// Which, chosen on all runs.
+    /// Points, selected on all runs.
     pub points: Vec<String>,
-    /// How they fared.
+    /// Held-out means.
     #[serde(flatten)]
     pub means: Means,
 }
 
-/// Differences under a tenth mean nothing: runs are few.
+/// Maximum ratio to the best result. Smaller differences are not significant with few runs.
 const AS_GOOD: f64 = 1.1;
 
-/// Everything that was held out.
+/// Results of all held-out runs.
 pub(crate) struct Counts {
-    /// In the order in which points came in, over all runs.
+    /// Order in which the search adds points, over all runs.
     path: Vec<usize>,
-    /// By run: the order over all the others; and its scores by count, the last with every point.
+    /// By run: the order over all other runs, and the scores by number of points. The last score is with all points.
     held_out: Vec<(Vec<usize>, Vec<RunScore>)>,
-    /// One row for each count, from none on.
+    /// One row for each number of points, from zero on.
     pub(crate) table: Vec<Counted>,
-    /// The row of every point.
+    /// Result with all points.
     pub(crate) all_points: Counted,
 }
 
-/// Keeps none to `most` of these points, and all.
+/// Validates the model with 0 to `most` of these points, and with all of them.
 pub(crate) fn counted(
     campaign: &Campaign<'_>,
     bank: &Bank,
@@ -72,7 +72,8 @@ pub(crate) fn counted(
     Counts { path, held_out, table, all_points }
 }
 
-/// A speed of the spindle is no point: it is always there.
+/// Score of the run `out` with these points. Speeds of the spindle are always used, because they do not count as
+/// points.
 fn score(bank: &Bank, products: &Products, others: &[usize], out: usize, points: &[usize]) -> RunScore {
     let run = &bank.runs[out];
     let may = |input: usize| points.contains(&input) || bank.is_speed[input];
@@ -86,12 +87,12 @@ fn score(bank: &Bank, products: &Products, others: &[usize], out: usize, points:
 }
 
 impl Counts {
-    /// Each run held out, with so many points.
+    /// Scores of each held-out run with this number of points.
     pub(super) fn scores(&self, k: usize) -> Vec<RunScore> {
         self.held_out.iter().filter_map(|(_, scores)| scores.get(k).cloned()).collect()
     }
 
-    /// The fewest that are as good as the best.
+    /// Smallest number of points whose result is not clearly worse than the best.
     pub(super) fn recommended(&self, groups: &[Grouped], name: &dyn Fn(usize) -> String) -> Recommended {
         let size = |row: &Counted| (row.means.mean_range_um * row.means.mean_rmse_um).sqrt();
         let sizes: Vec<f64> = self.table.iter().map(size).collect();

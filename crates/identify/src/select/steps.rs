@@ -1,4 +1,4 @@
-//! Stepwise: the points in the order in which partial F tests take them in, on rises without lags.
+//! Stepwise selection: the order in which partial F tests add the points, on rises without lags.
 
 use serde::Serialize;
 
@@ -6,31 +6,31 @@ use crate::bank::Bank;
 use crate::gram::Gram;
 use crate::method::stepwise::{self, Move};
 
-/// The order, and why it ended.
+/// Order of the points, and the reason for its end.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Steps {
-    /// One after the other.
+    /// Steps in their order.
     pub steps: Vec<Step>,
-    /// The point that would have been next, and is not significant.
+    /// Next point, which is not significant.
     pub next: Option<Step>,
-    /// Independent samples, as they were counted.
+    /// Number of independent samples.
     pub samples: f64,
 }
 
-/// A point comes in or leaves.
+/// A point is added or removed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Step {
-    /// The point.
+    /// Name of the point.
     pub point: String,
-    /// It comes in; else it leaves again.
+    /// Whether the point is added; otherwise it is removed.
     pub comes_in: bool,
-    /// Partial F: by how much more is explained with it, over what is left.
+    /// Partial F: reduction of the squared residual by the point, divided by the residual variance.
     pub f: f64,
-    /// The chance of such an F where the point has nothing to do with the error.
+    /// Probability of such an F if the point has no effect (p-value).
     pub chance: f64,
 }
 
-/// Over all runs.
+/// Stepwise selection over all runs.
 pub(super) fn steps(bank: &Bank, rows_per_sample: f64, name: &dyn Fn(usize) -> String) -> Steps {
     let gram = Gram::total(&bank.grams());
     let is_plain = |column: &usize| bank.candidates[*column].lag.is_none();

@@ -1,40 +1,42 @@
-//! The elastic net, along its path.
+//! Elastic net, along its path.
 
 use nalgebra::DVector;
 
 use crate::gram::Gram;
 
-/// The elastic net `½|y − Xw|² + l1·|w|₁ + ½·l2·|w|²` on scaled columns, for one `l1` after the other: exact, by the search
-/// over signs of Lee, Battle, Raina and Ng (2006). Coordinate descent needs many thousand rounds where columns are nearly alike.
+/// Elastic net `½|y − Xw|² + l1·|w|₁ + ½·l2·|w|²` on scaled columns, for one `l1` after the other. The solution is
+/// exact, by the feature-sign search of Lee, Battle, Raina and Ng (2006). Coordinate descent needs many thousand rounds
+/// if columns are similar.
 ///
-/// The columns that are in have signs; with these fixed the answer is one linear system, whose factor grows and shrinks
-/// by a column at a time. Who would change its sign goes out; who pulls hardest comes in.
+/// Each active column has a sign. With fixed signs, the solution is that of one linear system, whose factor grows and
+/// shrinks by one column at a time. A column whose sign would change is removed. The inactive column with the largest
+/// gradient is added.
 pub(crate) struct Net<'a> {
     scaled: &'a Gram,
     l2: f64,
     gains: DVector<f64>,
     columns: Vec<usize>,
     signs: Vec<f64>,
-    /// Of the part of X'X + l2 that is in: row by row of Cholesky's lower triangle.
+    /// Rows of the lower triangular Cholesky factor of X'X + l2, for the active columns.
     factor: Vec<Vec<f64>>,
 }
 
 impl Net<'_> {
-    /// With no gain yet.
+    /// Starts with no active column.
     pub(crate) fn new(scaled: &Gram, l2: f64) -> Net<'_> {
         let gains = DVector::zeros(scaled.cross.len());
         Net { scaled, l2, gains, columns: Vec::new(), signs: Vec::new(), factor: Vec::new() }
     }
 
-    /// The largest L1 penalty worth trying: below it the first gain leaves zero.
+    /// Largest useful L1 penalty: below it, the first gain is not zero.
     pub(crate) fn first_penalty(&self) -> f64 {
         self.scaled.cross.amax()
     }
 
-    /// The gains at this L1 penalty, from those of the one before on.
+    /// Gains at this L1 penalty, calculated from those of the penalty before.
     pub(crate) fn at(&mut self, l1: f64) -> &DVector<f64> {
         let size = self.gains.len();
-        // Each round lessens what is left; a bound all the same.
+        // Each round reduces the cost. The bound is a safeguard.
         for _ in 0..4 * size {
             self.settle(l1);
             let mut pulls = self.scaled.cross.clone();
@@ -68,7 +70,7 @@ impl Net<'_> {
         self.columns.remove(place);
         self.signs.remove(place);
         self.factor.remove(place);
-        // Each row below reaches one too far: turned back, two of its columns at a time.
+        // Each row below has one element too many. Givens rotations remove it, two columns at a time.
         for at in place..self.factor.len() {
             let (own, beyond) = (self.factor[at][at], self.factor[at][at + 1]);
             let length = own.hypot(beyond);
@@ -81,7 +83,7 @@ impl Net<'_> {
         }
     }
 
-    /// The answer for the signs of the columns that are in.
+    /// Solution for the signs of the active columns.
     fn answer(&self, l1: f64) -> Vec<f64> {
         let mut answer: Vec<f64> = Vec::with_capacity(self.columns.len());
         for (row, (column, sign)) in self.factor.iter().zip(self.columns.iter().zip(&self.signs)) {
@@ -97,7 +99,7 @@ impl Net<'_> {
         answer
     }
 
-    /// The answer for these signs, or as far towards it as they hold; those that reach zero go out.
+    /// Moves the gains to the solution for these signs, as far as the signs hold. Removes columns that reach zero.
     fn settle(&mut self, l1: f64) {
         while !self.columns.is_empty() {
             let answer = self.answer(l1);
@@ -121,7 +123,7 @@ impl Net<'_> {
     }
 }
 
-/// Over as many as both have.
+/// Dot product over the common length.
 fn dot(one: &[f64], other: &[f64]) -> f64 {
     one.iter().zip(other).map(|(one, other)| one * other).sum()
 }

@@ -5,7 +5,8 @@ use super::Net;
 use crate::gram::Gram;
 
 proptest! {
-    /// What makes an answer the answer: a column that is in pulls as hard as its penalties, one that is out less.
+    /// Optimality conditions: the gradient of an active column equals its penalties, and that of an inactive column is
+    /// smaller.
     #[test]
     fn the_elastic_net_meets_its_conditions_also_from_another_answer_on(
         cells in prop::collection::vec(-1.0..1.0f64, 30 * 8),
@@ -13,7 +14,7 @@ proptest! {
         first in 0.01..1.0f64,
         l2 in 0.003..0.3f64,
     ) {
-        // Each second column is nearly the one before it.
+        // Each second column is nearly equal to the column before it.
         let matrix = DMatrix::from_fn(30, 8, |row, column| {
             cells[row * 8 + column / 2] + 0.01 * cells[row * 8 + 7 - column / 2] * f64::from(u8::from(column % 2 == 1))
         });

@@ -1,4 +1,4 @@
-//! What it costs where one sensor freezes, and how soon that is noticed.
+//! Effect of a frozen sensor, and the time until it is detected.
 
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
@@ -9,27 +9,27 @@ use crate::setup::Ready;
 use crate::statistics::range;
 use crate::validate::HeldOut;
 
-/// A sensor that froze in a held-out run.
+/// Result for a sensor that froze in a held-out run.
 #[derive(Clone, Debug, Serialize)]
 pub struct Frozen {
-    /// The signal.
+    /// Name of the signal.
     pub signal: String,
-    /// The run.
+    /// Name of the run.
     pub run: String,
-    /// When it froze, s since the run's first row.
+    /// Time of the freeze, s since the first row of the run.
     pub at: f64,
-    /// How long after that it was noticed, s; none where it never was.
+    /// Time from the freeze to its detection, s; `None` if it was not detected.
     pub noticed_after: Option<f64>,
-    /// The range with it, of that without, both held out.
+    /// Ranges of the residual error with and without the frozen sensor, µm; both held out.
     pub range: (f64, f64),
-    /// The same where nobody had noticed.
+    /// Range if the freeze had not been detected, µm.
     pub range_unnoticed: f64,
-    /// The test spoke on this run though the sensor was good.
+    /// Whether the test reported the sensor in this run while it was good.
     pub false_alarm: bool,
 }
 
-/// Each sensor of the model frozen once in each run, at a time by chance; model, predictions and thresholds are from the
-/// other runs alone.
+/// Freezes each sensor of the model once in each run, at a random time. Model, predictions and thresholds come from the
+/// other runs only.
 pub fn frozen(ready: &Ready<'_>, held_out: &[HeldOut], seed: u64) -> Vec<Frozen> {
     let campaign = &ready.campaign;
     let others = Others::new(campaign, &campaign.sensors());

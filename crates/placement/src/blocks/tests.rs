@@ -57,7 +57,7 @@ fn candidates_keep_their_distance_from_every_other_block() {
 }
 
 proptest! {
-    /// Whatever the planes, every node stays in exactly one part.
+    /// Any cuts leave every node in exactly one part.
     #[test]
     fn cuts_lose_no_node_and_double_none(planes in prop::collection::vec((0..3_usize, -300.0..1500.0_f64), 1..6)) {
         let mesh = column();

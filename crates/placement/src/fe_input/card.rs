@@ -1,4 +1,4 @@
-//! Cards as they stand in the files: keyword, parameters, data lines, each with its location.
+//! Cards of the files: keyword, parameters and data lines, each with its location.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -9,12 +9,12 @@ use std::rc::Rc;
 
 use super::{Fault, Faults};
 
-/// Where something stands.
+/// Location of a text in a file.
 #[derive(Debug, Clone)]
 pub(super) struct Location {
     file: Rc<Path>,
     pub(super) line: usize,
-    /// The keyword of the card, with its asterisk.
+    /// Keyword of the card, with its asterisk.
     card: Rc<str>,
 }
 
@@ -29,11 +29,11 @@ impl Location {
     }
 }
 
-/// One line of data: values between commas.
+/// A data line: values separated by commas.
 #[derive(Debug)]
 pub(super) struct Line {
     pub(super) at: Location,
-    /// Without the commas at its end.
+    /// Text without commas at its end.
     text: String,
 }
 
@@ -51,7 +51,7 @@ impl Line {
         self.values().nth(place).unwrap_or_default()
     }
 
-    /// Refuses a line with fewer or more values than `names` has.
+    /// Rejects a line with fewer or more values than `names` has.
     pub(super) fn exactly(&self, names: &[&str]) -> Result<(), Fault> {
         let (has, wanted) = (self.len(), names.len());
         let counted = if has == 1 { "1 value".to_owned() } else { format!("{has} values") };
@@ -66,7 +66,7 @@ impl Line {
         Ok(())
     }
 
-    /// A finite number; a Fortran exponent (`1.5D3`) is one too.
+    /// Parses a finite number, also one with a Fortran exponent (`1.5D3`).
     pub(super) fn number(&self, place: usize, name: &str) -> Result<f64, Fault> {
         let text = self.text(place);
         let parsed = text.parse::<f64>().or_else(|_| text.replace(['d', 'D'], "E").parse());
@@ -77,7 +77,7 @@ impl Line {
         }
     }
 
-    /// The number of a node, an element or a direction, as one of the values has it.
+    /// Parses the number of a node, an element or a direction from one of the values.
     pub(super) fn id(&self, text: &str, name: &str) -> Result<u32, Fault> {
         let id = text.parse().ok().filter(|id| *id > 0);
         id.ok_or_else(|| {
@@ -91,7 +91,7 @@ impl Line {
     }
 }
 
-/// Of what stands in a file so many characters are quoted.
+/// Shortens a text of a file for a message.
 pub(super) fn quoted(text: &str) -> String {
     const LONGEST: usize = 200;
     match text.char_indices().nth(LONGEST) {
@@ -104,7 +104,7 @@ pub(super) fn quoted(text: &str) -> String {
 #[derive(Debug)]
 pub(super) struct Card {
     pub(super) at: Location,
-    /// In capitals, without blanks: `HEATTRANSFER`.
+    /// Keyword in capitals, without blanks: `HEATTRANSFER`.
     pub(super) key: String,
     /// Names in capitals without blanks; values as written.
     parameters: Vec<(String, Option<String>)>,
@@ -112,7 +112,7 @@ pub(super) struct Card {
 }
 
 impl Card {
-    /// The value of a parameter, in capitals.
+    /// Value of a parameter, in capitals.
     pub(super) fn value(&self, name: &str) -> Option<String> {
         let (_, value) = self.parameters.iter().find(|(known, _)| known == name)?;
         Some(value.as_deref().unwrap_or_default().to_uppercase())
@@ -122,7 +122,7 @@ impl Card {
         self.parameters.iter().any(|(known, _)| known == name)
     }
 
-    /// Refuses parameters that are not among `known`, which blanks divide.
+    /// Rejects parameters that are not in `known`, a list separated by blanks.
     pub(super) fn only(&self, known: &str, faults: &mut Faults) {
         for (name, _) in
             self.parameters.iter().filter(|(name, _)| !known.split(' ').any(|known| known == name))
@@ -140,35 +140,35 @@ impl Card {
     }
 }
 
-/// Files that include files that include files …: deeper is a circle.
+/// Maximum depth of included files. A greater depth is a circular include.
 const DEEPEST: usize = 8;
-/// A file is taken in at most so often: what a few files include over and over would be without end.
+/// Maximum number of times that a file is read. Repeated includes could otherwise grow without limit.
 const MOST_TIMES: usize = 2;
-/// All files of one load case together, in bytes: ten million nodes and their elements.
+/// Maximum size of all files of a load case together, in bytes; enough for ten million nodes and their elements.
 const LARGEST: u64 = 2_000_000_000;
 
-/// All cards of an FE input file, in the order in which they count.
+/// Reads all cards of an FE input file, in their order with included files.
 pub(super) fn read(path: &Path, faults: &mut Faults) -> Vec<Card> {
     let mut gathering = Gathering { cards: Vec::new(), faults, taken: HashMap::new(), bytes: 0 };
     gathering.file(path, None, 0);
     gathering.cards
 }
 
-/// What has been taken in so far.
+/// Data read so far.
 struct Gathering<'f> {
     cards: Vec<Card>,
     faults: &'f mut Faults,
-    /// How often each file was, by the disk and the number that it has there.
+    /// Number of reads of each file, by its device and inode number.
     taken: HashMap<(u64, u64), usize>,
     bytes: u64,
 }
 
 impl Gathering<'_> {
-    /// The bytes of a file, or why they are not taken.
+    /// Reads the content of a file, or returns the reason for its rejection.
     fn bytes(&mut self, path: &Path) -> Result<Vec<u8>, String> {
         let unreadable = |why: std::io::Error| format!("cannot read {}: {why}", path.display());
         let found = std::fs::metadata(path).map_err(unreadable)?;
-        // Nobody writes into a pipe of that name, and a device has no end.
+        // A pipe may have no writer, and a device has no end.
         if !found.is_file() {
             return Err(format!("{} is no regular file", path.display()));
         }
@@ -204,7 +204,7 @@ impl Gathering<'_> {
     }
 
     fn cards(&mut self, path: &Path, bytes: &[u8], depth: usize) {
-        // Comments may be in any encoding; everything else is plain.
+        // Comments may have any encoding; everything else is ASCII.
         let text = String::from_utf8_lossy(bytes);
         let file: Rc<Path> = Rc::from(path);
         let mut lines = text.lines().enumerate().map(|(at, text)| (at + 1, text.trim())).peekable();
@@ -218,7 +218,7 @@ impl Gathering<'_> {
                 self.faults.extend(data(text, at, &mut self.cards[first..]).err());
                 continue;
             }
-            // A keyword line that ends with a comma goes on.
+            // A keyword line that ends with a comma continues on the next line.
             let mut whole = text.to_owned();
             while whole.ends_with(',') {
                 let Some((_, more)) = lines.next_if(|(_, more)| !more.starts_with('*')) else { break };
@@ -235,7 +235,7 @@ impl Gathering<'_> {
                 Some(input) => {
                     let beside: PathBuf = path.parent().unwrap_or(Path::new("")).join(input);
                     self.file(&beside, Some(&card), depth + 1);
-                    // What follows an include belongs to no card.
+                    // A line after an include belongs to no card.
                     self.cards.push(Card { key: INCLUDED.to_owned(), parameters: Vec::new(), ..card });
                 }
                 None => self.faults.push(card.fault("names no file: write *INCLUDE, INPUT=mesh.inp")),
@@ -244,10 +244,10 @@ impl Gathering<'_> {
     }
 }
 
-/// Stands where an included file ended.
+/// Keyword of an artificial card at the end of an included file.
 pub(super) const INCLUDED: &str = "INCLUDED";
 
-/// Adds a line of data to the last card.
+/// Adds a data line to the last card.
 fn data(text: &str, mut at: Location, cards: &mut [Card]) -> Result<(), Fault> {
     let card = cards.last_mut().ok_or_else(|| at.fault("this line stands before any card"))?;
     at.card = Rc::clone(&card.at.card);
@@ -275,7 +275,7 @@ fn keyword(text: &str, file: &Rc<Path>, line: usize) -> Card {
     }
 }
 
-/// In capitals, without blanks.
+/// Converts to capitals, and removes blanks.
 pub(super) fn plain(text: &str) -> String {
     text.split_whitespace().collect::<String>().to_uppercase()
 }

@@ -1,4 +1,4 @@
-//! Which keywords there are, when each is read, and what is said of all others.
+//! Known keywords, the order in which their cards are read, and the reasons for rejecting others.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use super::card::{Card, INCLUDED, plain};
 use super::reader::Reader;
 use super::{Fault, Faults, FeInput, load, material, mesh};
 
-/// When a card is read: after all that it may name, wherever that stands. Cards of one stage are read in their order.
+/// Stage in which a card is read, after all cards that it may refer to. Cards of one stage are read in their order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Stage {
     Nodes,
@@ -19,7 +19,7 @@ enum Stage {
     Step,
 }
 
-/// A keyword, its stage, the parameters it may have, and what reads it.
+/// Keyword, stage, allowed parameters, and reader function.
 type Keyword = (&'static str, Stage, &'static str, Read);
 type Read = fn(&mut Reader, &Card) -> Result<(), Fault>;
 
@@ -38,7 +38,7 @@ const KEYWORDS: [Keyword; 27] = [
     ("DENSITY", Stage::Materials, "", material::property),
     ("SOLID SECTION", Stage::Sections, "ELSET MATERIAL", material::section),
     ("INITIAL CONDITIONS", Stage::Sections, "TYPE", load::initial),
-    // They only matter to radiation, which is refused.
+    // Physical constants affect only radiation, which is rejected.
     ("PHYSICAL CONSTANTS", Stage::Materials, CONSTANTS, |_, _| Ok(())),
     ("HEAT TRANSFER", Stage::Step, "STEADYSTATE DIRECT SOLVER", load::heat_transfer),
     ("FILM", Stage::Step, "OP", load::films),
@@ -57,7 +57,7 @@ const KEYWORDS: [Keyword; 27] = [
 const CONSTANTS: &str = "ABSOLUTEZERO STEFANBOLTZMANN NEWTONGRAVITY";
 const PRINTED: &str = "NSET ELSET FREQUENCY FREQUENCYF TOTALS GLOBAL OUTPUT TIMEPOINTS NODES 2D 3D";
 
-/// The file whose cards these are, where nothing is wrong, these faults included.
+/// Reads the cards. Returns the content if there are no errors, including those in `faults`.
 pub(super) fn read(path: &Path, cards: &[Card], mut faults: Faults) -> Result<FeInput, Faults> {
     let known = known(cards, &mut faults);
     let before = faults.len();
@@ -96,10 +96,10 @@ pub(super) fn read(path: &Path, cards: &[Card], mut faults: Faults) -> Result<Fe
     }
 }
 
-/// The cards with their stages and what reads them. What is not understood or stands in a wrong place goes to `faults`.
+/// Known cards with their stages and reader functions. Unknown or misplaced cards are added to `faults`.
 fn known<'a>(cards: &'a [Card], faults: &mut Faults) -> Vec<(Stage, &'a Card, Read)> {
     let mut known = Vec::new();
-    // The card that began the step; whether it has ended.
+    // The card that began the step, and whether the step has ended.
     let (mut began, mut ended) = (None, false);
     for card in cards {
         match card.key.as_str() {
@@ -140,7 +140,7 @@ fn known<'a>(cards: &'a [Card], faults: &mut Faults) -> Vec<(Stage, &'a Card, Re
     known
 }
 
-/// Cards that are known and refused, with what to do instead.
+/// Cards that are known and rejected, with a remedy.
 const REFUSED: [(&str, &str); 14] = [
     (
         "RADIATE",

@@ -1,4 +1,4 @@
-//! Initial and held temperatures, and the step: heat transfer, films, fluxes, and what is to be printed.
+//! Initial and prescribed temperatures, and the step: heat transfer, films, fluxes, and print requests.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ pub(super) fn heat_transfer(reader: &mut Reader, card: &Card) -> Result<(), Faul
         return Err(card.fault("the step has this already"));
     }
     let case = if card.has("STEADYSTATE") { Ok(Case::Steady) } else { transient(card) };
-    // A wrong line must not make every load after it look misplaced.
+    // After an error in this line, the loads that follow must not be reported as misplaced.
     reader.case = Some(*case.as_ref().unwrap_or(&Case::Steady));
     if let Some(solver) = card.value("SOLVER").filter(|solver| solver != "SPOOLES") {
         return Err(card.fault(format!(
@@ -24,7 +24,7 @@ pub(super) fn heat_transfer(reader: &mut Reader, card: &Card) -> Result<(), Faul
     case.map(drop)
 }
 
-/// More steps than these nobody waits for.
+/// Maximum number of steps; more would take too long.
 const MOST_STEPS: f64 = 100_000.0;
 
 fn transient(card: &Card) -> Result<Case, Fault> {
@@ -61,7 +61,7 @@ fn loads(
     Ok(())
 }
 
-/// A side, where the second value names one; where only the letter stands, the first names a surface.
+/// Side in the second value of the line; `None` if it is only the letter, so that the first value names a surface.
 fn side_or_surface(line: &Line, letter: &str) -> Result<Option<usize>, Fault> {
     if line.text(1).eq_ignore_ascii_case(letter) { Ok(None) } else { side(line, letter).map(Some) }
 }
@@ -127,7 +127,7 @@ pub(super) fn nodal(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     })
 }
 
-/// `*BOUNDARY`, before the step or in it.
+/// Reads `*BOUNDARY`, before the step or in it.
 pub(super) fn boundary(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     reader.each(card, |reader, line| {
         if !(2..=4).contains(&line.len()) {
@@ -168,7 +168,7 @@ pub(super) fn boundary(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
-/// What other programs are to print; only the sets it names are looked at.
+/// Reads print requests for other programs. Only the names of their sets are checked.
 pub(super) fn printed(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     if let Some(name) = card.value("NSET") {
         reader.nodes(&name, &card.at);
@@ -198,7 +198,7 @@ pub(super) fn initial(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Nodes that are held in all three directions.
+/// Nodes that are fixed in all three directions.
 pub(super) fn supports(reader: &mut Reader) -> Vec<usize> {
     let partly = reader.supports.iter().find(|(_, (directions, _))| directions.contains(&false));
     if let Some((node, (_, at))) = partly {
@@ -208,9 +208,9 @@ pub(super) fn supports(reader: &mut Reader) -> Vec<usize> {
     reader.supports.keys().copied().collect()
 }
 
-/// The load case, if every node starts somewhere.
+/// Load case, if every node has an initial temperature.
 pub(super) fn finish(path: &Path, reader: &mut Reader) -> Option<(LoadCase, SurfaceNames)> {
-    // A line of the card that is wrong has been reported; what it leaves out is not missed on top.
+    // A wrong line of the card has been reported; its missing values are not reported in addition.
     let is_reported = reader.faults.described.iter().any(|fault| fault.card == "*INITIAL CONDITIONS");
     let without = reader.initial.iter().position(Option::is_none);
     if let Some(node) = without.filter(|_| !is_reported && !reader.is_spoiled) {

@@ -1,4 +1,4 @@
-//! Materials, and what each element is made of.
+//! Materials, and their assignment to elements.
 
 use std::collections::BTreeMap;
 
@@ -7,13 +7,13 @@ use super::card::{Card, Line, Location};
 use super::reader::Reader;
 use crate::body::{Case, Material, Materials};
 
-/// A material as far as it has been read.
+/// A material, as far as it has been read.
 pub(super) struct Draft {
     name: String,
     at: Location,
-    /// By the names below.
+    /// Values by the names below.
     properties: BTreeMap<&'static str, f64>,
-    /// One of its cards is wrong: what it lacks is not said on top.
+    /// Whether one of its cards is wrong. Missing properties are then not reported in addition.
     is_spoiled: bool,
 }
 
@@ -24,10 +24,10 @@ const CONDUCTIVITY: &str = "conductivity";
 const SPECIFIC_HEAT: &str = "specific heat";
 const DENSITY: &str = "density";
 
-/// What a value must lie between to be in the unit that is named.
+/// Range of plausible values of a property in the stated unit.
 fn bounds(name: &str) -> (f64, f64, &'static str) {
     match name {
-        // Lead to diamond.
+        // From lead to diamond.
         YOUNG => (1e1, 2e6, "MPa (cast iron has about 110000)"),
         EXPANSION => (-1e-3, 1e-3, "1/K (cast iron has about 1.1e-5)"),
         CONDUCTIVITY => (1e-3, 1e5, "mW/(mm·K) (cast iron has about 50)"),
@@ -64,7 +64,7 @@ pub(super) fn property(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
 const CONSTANT: &str =
     "a material that changes with temperature is not read: give the value at working temperature";
 
-/// The values of a card of one property, by their names.
+/// Values of a property card, by their names.
 fn values(card: &Card) -> Result<Vec<(&'static str, f64)>, Fault> {
     if let Some(kind) = card.value("TYPE").filter(|kind| kind != "ISO" && kind != "ISOTROPIC") {
         return Err(card.fault(format!("TYPE={kind}: materials are the same in all directions (TYPE=ISO)")));
@@ -110,7 +110,7 @@ pub(super) fn section(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     let (Some(set), Some(material)) = (card.value("ELSET"), card.value("MATERIAL")) else {
         return Err(card.fault("needs ELSET= and MATERIAL="));
     };
-    // PrePoMax writes a thickness of nothing under a solid section.
+    // PrePoMax writes a thickness of 1 under a solid section.
     let is_thick = |line: &&Line| line.values().any(|text| !text.trim_matches(['1', '.', ' ']).is_empty());
     if let Some(line) = card.lines.iter().find(is_thick) {
         return Err(line.fault("a solid has no thickness: take this line out"));
@@ -126,7 +126,7 @@ pub(super) fn section(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
-/// The materials, if every element has one that lacks nothing.
+/// Materials, if every element has a complete one.
 pub(super) fn finish(reader: &mut Reader) -> Option<Materials> {
     let missing = reader.of_element.iter().filter(|material| material.is_none()).count();
     let is_reported = reader.faults.described.iter().any(|fault| fault.card == "*SOLID SECTION");

@@ -6,7 +6,7 @@ use super::reader::Reader;
 use crate::element::worst_determinant;
 use crate::mesh::{Element, Face, Kind, NodeId};
 
-/// The longest name of a set, as CalculiX has it.
+/// Maximum length of a set name, as in CalculiX.
 const LONGEST: usize = 80;
 
 pub(super) fn nodes(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
@@ -24,8 +24,8 @@ pub(super) fn nodes(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Names of element types, what they are as solids, and how many nodes they have. Those that are none are lines and
-/// surfaces of the geometry: they name a place and carry nothing.
+/// Element types: name, kind of solid, and number of nodes. Types without a kind are lines and surfaces of the
+/// geometry, which only name a location.
 const TYPES: [(&str, Option<Kind>, usize); 8] = [
     ("C3D4", Some(Kind::Tet4), 4),
     ("C3D10", Some(Kind::Tet10), 10),
@@ -58,7 +58,7 @@ pub(super) fn elements(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Number and nodes of each element of a card; one may go on over several lines.
+/// Number and nodes of each element of a card. An element may continue over several lines.
 fn listed(card: &Card, name: &str, nodes: usize) -> Result<Vec<(Vec<u32>, Location)>, Fault> {
     let mut listed: Vec<(Vec<u32>, Location)> = Vec::new();
     for line in &card.lines {
@@ -82,7 +82,7 @@ fn listed(card: &Card, name: &str, nodes: usize) -> Result<Vec<(Vec<u32>, Locati
     }
 }
 
-/// The places of an element's nodes, if all are there.
+/// Indexes of the nodes of an element, if all are defined.
 fn places(reader: &mut Reader, id: u32, nodes: &[u32], at: &Location) -> Option<Vec<usize>> {
     let mut places = Vec::with_capacity(nodes.len());
     for node in nodes {
@@ -112,7 +112,7 @@ fn solid(reader: &mut Reader, element: Element, at: Location) {
     reader.element_at.push(at);
 }
 
-/// The name a parameter gives to a set.
+/// Set name in a parameter.
 fn named(card: &Card, parameter: &str) -> Result<Option<String>, Fault> {
     let Some(name) = card.value(parameter) else { return Ok(None) };
     if name.is_empty() {
@@ -127,7 +127,7 @@ fn named(card: &Card, parameter: &str) -> Result<Option<String>, Fault> {
     Ok(Some(name))
 }
 
-/// `*NSET` and `*ELSET`.
+/// Reads `*NSET` and `*ELSET`.
 pub(super) fn set(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     let of_nodes = card.key == "NSET";
     let what = if of_nodes { "node" } else { "element" };
@@ -184,7 +184,7 @@ pub(super) fn set(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
-/// The first number, the last and the step.
+/// First number, last number and step of a range.
 fn range(line: &Line) -> Result<(u32, u32, u32), Fault> {
     let by = if line.len() == 2 { 1 } else { line.id(line.text(2), "step")? };
     if line.len() > 3 {
@@ -212,7 +212,7 @@ pub(super) fn surface(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     Ok(())
 }
 
-/// A side of a tetrahedron, `F1` to `F4` or `S1` to `S4`, from 0: the second value of a line.
+/// Parses a side of a tetrahedron from the second value of a line: `F1` to `F4` or `S1` to `S4`, counted from 0.
 pub(super) fn side(line: &Line, letter: &str) -> Result<usize, Fault> {
     let text = line.text(1).to_uppercase();
     let number = text.strip_prefix(letter).and_then(|number| number.parse::<usize>().ok());

@@ -1,4 +1,4 @@
-//! What has been read so far, and what names mean in it.
+//! Data read so far, and the meaning of names in them.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
@@ -8,48 +8,50 @@ use super::{Fault, Faults, SurfaceNames};
 use crate::body::{Case, Film, Flux};
 use crate::mesh::{Face, Mesh, NodeId};
 
-/// What has been read so far.
+/// Data read so far.
 #[derive(Default)]
 pub(super) struct Reader {
     pub(super) faults: Faults,
-    /// The mesh is wrong, which has been reported: those who name what it lacks are not to blame.
+    /// Whether the mesh has an error that has been reported. References to missing nodes or elements are then not
+    /// reported in addition.
     pub(super) is_spoiled: bool,
     /// Nodes in the order of the file.
     pub(super) nodes: Vec<(u32, [f64; 3], Location)>,
     pub(super) mesh: Mesh,
-    /// Places of the elements by their numbers, and where each stands.
+    /// Indexes of the elements by their numbers, and the location of each element.
     pub(super) numbers: HashMap<u32, usize>,
     pub(super) element_at: Vec<Location>,
-    /// Numbers and nodes of the lines and surfaces of the geometry. In sets they count on after the elements.
+    /// Numbers and nodes of the lines and surfaces of the geometry. In sets, their indexes follow those of the
+    /// elements.
     pub(super) outlines: Vec<(u32, Vec<usize>)>,
     outline_numbers: HashMap<u32, usize>,
-    /// Sets that `*NODE` (true) and `*ELEMENT` name.
+    /// Sets named by `*NODE` (true) and `*ELEMENT` (false).
     pub(super) named: Vec<(bool, String, Vec<u32>)>,
     /// Outer faces by their corners.
     outer: HashMap<[usize; 3], Face>,
     /// Outer faces by the name of their surface.
     pub(super) surfaces: BTreeMap<String, Vec<Face>>,
     pub(super) materials: Vec<Draft>,
-    /// The material of each element.
+    /// Index of the material of each element.
     pub(super) of_element: Vec<Option<usize>>,
-    /// The temperature at which each node starts.
+    /// Initial temperature of each node.
     pub(super) initial: Vec<Option<f64>>,
-    /// For nodes that are held the directions, and where that stands.
+    /// Fixed directions of nodes, with the location of the line.
     pub(super) supports: BTreeMap<usize, ([bool; 3], Location)>,
-    /// Temperatures at which nodes are held.
+    /// Prescribed temperatures of nodes.
     pub(super) held: BTreeMap<usize, f64>,
-    /// What the step holds, once it has *HEAT TRANSFER.
+    /// Time range of the step; `None` before `*HEAT TRANSFER`.
     pub(super) case: Option<Case>,
     pub(super) films: Vec<Film>,
     pub(super) fluxes: Vec<Flux>,
     pub(super) nodal: Vec<(usize, f64)>,
     pub(super) names: SurfaceNames,
-    /// What may be said only once, and the line that said it.
+    /// Values that may be set only once, and the line that set them.
     once: HashMap<(u8, usize, usize), usize>,
 }
 
 impl Reader {
-    /// Reads every line; what is wrong with one does not keep the others from being read.
+    /// Reads every line of a card. An error in one line does not prevent reading the others.
     pub(super) fn each(
         &mut self,
         card: &Card,
@@ -61,27 +63,27 @@ impl Reader {
         }
     }
 
-    /// Something that is named is not there.
+    /// Reports a reference to something that is not defined.
     pub(super) fn missed(&mut self, at: &Location, message: String) {
         if !self.is_spoiled {
             self.faults.push(at.fault(message));
         }
     }
 
-    /// The places of a node, or of a set of them.
+    /// Indexes of a node, or of the nodes of a set.
     pub(super) fn nodes(&mut self, name: &str, at: &Location) -> Vec<usize> {
         let found = look_up(name, "node", |id| self.mesh.place(NodeId(id)), &self.mesh.node_sets);
         self.found(found, at)
     }
 
-    /// The places of an element, or of a set of them.
+    /// Indexes of an element, or of the elements of a set.
     pub(super) fn elements(&mut self, name: &str, at: &Location) -> Vec<usize> {
         let number = |id: u32| self.numbers.get(&id).copied();
         let found = look_up(name, "element", number, &self.mesh.element_sets);
         self.found(found, at)
     }
 
-    /// The faces of a surface, or these sides of an element or a set of them; `letter` is what calls a side.
+    /// Faces of a surface, or these sides of an element or of a set. `letter` is the prefix of a side.
     pub(super) fn faces(&mut self, line: &Line, side: Option<usize>, letter: &str) -> Vec<Face> {
         let faces = match side {
             None => {
@@ -105,7 +107,7 @@ impl Reader {
         faces
     }
 
-    /// Refuses what is said a second time.
+    /// Rejects a value that is set a second time.
     pub(super) fn once(&mut self, line: &Line, key: (u8, usize, usize), what: impl Fn() -> String) {
         if let Some(first) = self.once.insert(key, line.at.line) {
             self.faults.push(line.fault(format!("{} already (line {first}); which one counts?", what())));
@@ -123,7 +125,7 @@ impl Reader {
         if of_nodes { &mut self.mesh.node_sets } else { &mut self.mesh.element_sets }
     }
 
-    /// The place of a member of a set, if there is one of that number.
+    /// Index of a member of a set; `None` if there is no member with this number.
     pub(super) fn member(&self, of_nodes: bool, id: u32) -> Option<usize> {
         if of_nodes {
             return self.mesh.place(NodeId(id));
@@ -132,8 +134,8 @@ impl Reader {
         self.numbers.get(&id).copied().or_else(outline)
     }
 
-    /// Numbers and places of the members from one number to another, by steps, ascending: those that there are, however many
-    /// numbers lie between.
+    /// Numbers and indexes of the existing members between two numbers with this step, ascending. The cost does not
+    /// depend on how many numbers are between them.
     pub(super) fn members_between(
         &self,
         of_nodes: bool,
@@ -151,7 +153,7 @@ impl Reader {
         ids.into_iter().filter_map(|id| Some((id, self.member(of_nodes, id)?))).collect()
     }
 
-    /// Every member once, in the order of the file.
+    /// Adds members to a set. Each member occurs once, in the order of the file.
     pub(super) fn add_to_set(&mut self, of_nodes: bool, name: String, members: Vec<usize>) {
         let set = self.sets(of_nodes).entry(name).or_default();
         set.extend(members);
@@ -171,7 +173,7 @@ impl Reader {
         self.mesh.xyz = self.nodes.iter().map(|(_, xyz, _)| *xyz).collect();
     }
 
-    /// Sets that nodes and elements were put into as they were read.
+    /// Creates the sets to which nodes and elements were assigned when they were read.
     pub(super) fn begin_sets(&mut self) {
         let outlines = self.outlines.iter().enumerate();
         self.outline_numbers = outlines.map(|(place, (id, _))| (*id, place)).collect();
@@ -183,8 +185,8 @@ impl Reader {
         }
     }
 
-    /// Sets that hold outlines become surfaces, and node sets, where there is none of that name; what they hold of
-    /// elements they keep. A surface that lies inside is none: it has nodes, but nothing flows past it.
+    /// Converts sets with outlines to surfaces, and to node sets if no node set has the same name. The set keeps its
+    /// elements. An inner surface becomes a node set only, because no fluid can flow along it.
     pub(super) fn find_surfaces(&mut self) {
         let mesh = &mut self.mesh;
         let outer = mesh.outer_faces().into_iter();
@@ -211,7 +213,7 @@ impl Reader {
         }
     }
 
-    /// Refuses nodes without elements, faces with too many, neighbours of different kinds.
+    /// Rejects nodes without elements, faces of more than two elements, and neighbours of different kinds.
     pub(super) fn check_mesh(&mut self) {
         if self.is_spoiled {
             return;
@@ -249,7 +251,7 @@ impl Reader {
     }
 }
 
-/// What a number or the name of a set means, or why it means nothing.
+/// Meaning of a number or of a set name, or the reason why it has none.
 fn look_up<T: Clone>(
     name: &str,
     what: &str,
@@ -267,9 +269,9 @@ fn look_up<T: Clone>(
     })
 }
 
-/// The corners of a flat triangle, ascending; none for a line.
+/// Corners of a flat triangle, ascending; `None` for a line.
 fn key(nodes: &[usize]) -> Option<[usize; 3]> {
-    // A line of three nodes has its middle among them, which is no corner of a face: it is not found.
+    // The middle of a line with three nodes is no corner of a face, so that no face is found.
     let mut key = [*nodes.first()?, *nodes.get(1)?, *nodes.get(2)?];
     key.sort_unstable();
     Some(key)

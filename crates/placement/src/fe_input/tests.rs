@@ -7,7 +7,7 @@ use crate::mesh::{Face, Kind};
 
 use crate::write;
 
-/// One tetrahedron, with everything an FE input file needs.
+/// One tetrahedron, with everything an FE input file requires.
 const FILE: &str = "\
 *HEADING
 one tetrahedron
@@ -62,7 +62,7 @@ fn read_text(text: &str) -> Result<FeInput, Faults> {
     read(&path)
 }
 
-/// What is said about a file, without the directory.
+/// Error message for a file, without the directory.
 fn said(text: &str) -> String {
     let faults = read_text(text).expect_err("this file must be refused").to_string();
     let lines = faults.lines().map(|line| match line.find("case.inp") {
@@ -72,7 +72,7 @@ fn said(text: &str) -> String {
     lines.collect::<Vec<_>>().join("\n")
 }
 
-/// What is said where `from` stands as `to`.
+/// Error message if `from` is replaced by `to`.
 fn with(from: &str, to: &str) -> String {
     assert!(FILE.contains(from), "{from}");
     said(&FILE.replacen(from, to, 1))
@@ -155,7 +155,8 @@ fn a_decimal_comma_is_reported_as_one() {
     }
 }
 
-/// FE input files that CalculiX accepts without a warning, stops at, or crashes on. Each is refused here with place and cause.
+/// FE input files that CalculiX accepts without a warning, stops at, or crashes on. Each is rejected here with location
+/// and cause.
 #[test]
 fn what_is_wrong_is_said_with_line_card_and_remedy() {
     let transient = "*HEAT TRANSFER\n10, 100";
@@ -316,7 +317,7 @@ mod any_text {
     use super::*;
 
     proptest! {
-        /// A file with a line lost, doubled or cut short is an FE input file or a sentence, and nothing else.
+        /// A file with a lost, doubled or shortened line is either accepted or rejected with a message.
         #[test]
         fn a_damaged_file_never_panics(line in 0_usize..40, cut in 0_usize..12, doubled: bool) {
             let mut lines: Vec<&str> = FILE.lines().collect();

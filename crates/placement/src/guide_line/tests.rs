@@ -8,7 +8,7 @@ fn two_rails_are_one_line_in_their_middle() {
     assert_eq!((line.axis, line.rails), (1, 2));
     assert_eq!(line.guide_mm, [0.0, 300.0, 600.0]);
     let values: Vec<f64> = (0..18).map(f64::from).collect();
-    // Nodes 0 and 3 stand at the first point: rows 2 and 11 are their z.
+    // Nodes 0 and 3 are at the first point. Their z components are in rows 2 and 11.
     assert_eq!(line.mean(&values, 2), [6.5, 9.5, 12.5]);
 }
 

@@ -9,7 +9,7 @@ fn rises(mesh: &Mesh, load: &LoadCase) -> Vec<f64> {
     temperatures(mesh, &iron(mesh), load, SILENT).unwrap()
 }
 
-/// Outer faces whose corners all lie at `value` along `axis`.
+/// Outer faces with all corners at `value` along `axis`.
 fn faces(mesh: &Mesh, axis: usize, value: f64) -> Vec<Face> {
     let mut faces = mesh.outer_faces();
     faces.retain(|face| {
@@ -37,7 +37,7 @@ fn conduction_through_a_bar_between_two_temperatures_is_exactly_linear() {
     }
 }
 
-/// The resistances of the film and of the bar are in series.
+/// The thermal resistances of the film and of the bar are in series.
 #[test]
 fn a_bar_with_a_film_at_one_end_and_a_flux_at_the_other_has_the_temperatures_of_its_resistances() {
     for kind in [Kind::Tet4, Kind::Tet10] {
@@ -99,7 +99,8 @@ fn what_enters_at_a_node_leaves_by_the_film() {
     assert!((leaves - 120.0).abs() < 1e-8, "{leaves}");
 }
 
-/// A node that is held at another temperature than it began with gives heat to its neighbours from the first step on.
+/// A node with a prescribed temperature that differs from its initial one gives heat to its neighbours from the first
+/// step on.
 #[test]
 fn a_body_ends_at_the_temperature_at_which_it_is_held() {
     let mesh = block(Kind::Tet10);

@@ -1,6 +1,6 @@
 use super::*;
 
-/// Two tetrahedra on one common face.
+/// Two tetrahedra with one common face.
 fn pair() -> Mesh {
     let element = |id, nodes: [usize; 4]| Element { id, kind: Kind::Tet4, nodes: nodes.to_vec() };
     Mesh {

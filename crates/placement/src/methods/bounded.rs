@@ -1,11 +1,11 @@
-//! The least that blocks can leave of one load case: least squares over the blocks' temperatures, each within what its
-//! candidates offer.
+//! Least residual of one load case that block temperatures allow: least squares, with each temperature within the range
+//! of its block.
 
 use nalgebra::{DMatrix, DVector};
 
 use crate::problem::{Problem, Target};
 
-/// Where a block's temperature stands among its bounds.
+/// State of a block temperature relative to its bounds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Held {
     Free,
@@ -13,19 +13,19 @@ enum Held {
     High,
 }
 
-/// The block temperatures θg (rises, K) that leave least of a case.
+/// Block temperatures θg (rises, K) with the least residual of a case.
 #[must_use]
 pub fn bounded(problem: &Problem, target: &Target) -> Vec<f64> {
     least_squares(&problem.square, &target.cross, &target.bounds)
 }
 
-/// Minimises θ'Aθ − 2·θ'b with each θ within its bounds: active sets, one variable freed or held at a time, as in the
-/// bounded-variable algorithm of Stark and Parker (Computational Statistics 10, 1995).
+/// Minimises θ'Aθ − 2·θ'b with each θ within its bounds. The active-set method frees or fixes one variable at a time,
+/// as in the bounded-variable algorithm of Stark and Parker (Computational Statistics 10, 1995).
 pub(crate) fn least_squares(square: &DMatrix<f64>, cross: &DVector<f64>, bounds: &[(f64, f64)]) -> Vec<f64> {
     let width = bounds.len();
     let mut theta: DVector<f64> = DVector::from_iterator(width, bounds.iter().map(|(low, _)| *low));
     let mut held = vec![Held::Low; width];
-    // Far more than it takes: each round frees one.
+    // Many more rounds than necessary: each round frees one variable.
     for _ in 0..50 * width.max(1) {
         let downhill = cross - square * &theta;
         let scale = downhill.amax().max(cross.amax()).max(f64::MIN_POSITIVE);
@@ -46,7 +46,8 @@ pub(crate) fn least_squares(square: &DMatrix<f64>, cross: &DVector<f64>, bounds:
     theta.as_slice().to_vec()
 }
 
-/// Solves for the free ones, holding at its bound each that would leave it first; `false` where nothing moves any more.
+/// Solves for the free variables. A variable that would leave its bounds is fixed at the bound, the first one first.
+/// Returns `false` if no variable changes.
 fn settle(
     square: &DMatrix<f64>,
     cross: &DVector<f64>,
@@ -65,7 +66,7 @@ fn settle(
             held[freed] = Held::Low;
             return false;
         };
-        // How far towards the wanted point before one leaves its bounds.
+        // Greatest part of the step before a variable leaves its bounds.
         let mut step = 1.0;
         let mut first = None;
         for (place, wanted) in free.iter().zip(wanted.iter()) {
@@ -95,7 +96,7 @@ fn settle(
     (&*theta - before).amax() > 0.0
 }
 
-/// The free ones where the others stay.
+/// Solution for the free variables with all others fixed.
 fn solved(
     square: &DMatrix<f64>,
     cross: &DVector<f64>,
@@ -104,7 +105,7 @@ fn solved(
 ) -> Option<DVector<f64>> {
     let largest = free.iter().map(|place| square[(*place, *place)]).fold(0.0, f64::max);
     let inner = DMatrix::from_fn(free.len(), free.len(), |i, j| {
-        // What keeps two blocks that do the same from having no answer.
+        // The small ridge makes the system solvable if two blocks have the same effect.
         let ridge = if i == j { 1e-13 * largest } else { 0.0 };
         square[(free[i], free[j])] + ridge
     });

@@ -1,12 +1,18 @@
-//! One node per block that serves all load cases together.
+//! Selection of one node per block for all load cases together.
 //!
-//! What a case can have at best is its floor (the best block temperatures there are) and what the sensors' own noise
-//! does; what is good enough is what the patent leaves of it that knows no other case. Every case's error is measured
-//! against the larger of the two, and the sum of the sixth powers of these ratios is made small: the worst case counts
-//! most, and a case that cannot be better draws nothing. Nodes are changed one at a time under a falling threshold
-//! (threshold accepting; Dueck and Scheuer, Journal of Computational Physics 90, 1990), from several starts, and at the
-//! end every block in turn until no single node helps. What serves one case alone is a start, too: given that case
-//! alone, no more of it is left than by the patent or by bounded least squares. The same input gives the same result.
+//! The error of each case is divided by the larger of two figures:
+//!
+//! - The unavoidable error: the lower bound with the best block temperatures, together with the effect of the sensor
+//!   noise.
+//! - The error of the patent's method on this case alone.
+//!
+//! The search minimizes the sum of the sixth powers of these ratios. Therefore the worst case has the greatest weight,
+//! and a case that cannot be improved has almost none.
+//!
+//! Single nodes are changed under a decreasing threshold (threshold accepting; Dueck and Scheuer, Journal of
+//! Computational Physics 90, 1990), from several random starts. At the end, each block in turn gets its best node,
+//! until no change helps. The placements for single cases are starts too. With a single case, the result is therefore
+//! never worse than the patent's method or bounded least squares. The same input gives the same result.
 
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::{Rng, SeedableRng};
@@ -18,35 +24,35 @@ use super::patent::patent;
 use crate::mesh::count;
 use crate::problem::{Problem, Target};
 
-/// How hard it looks.
+/// Effort of the search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Effort {
-    /// Starts from elsewhere; the best is kept.
+    /// Number of random starts; the best result is kept.
     pub starts: u64,
-    /// Changes tried from each.
+    /// Number of tried changes for each start.
     pub changes: u32,
 }
 
 impl Effort {
-    /// For the sensors themselves.
+    /// Effort for the placement itself.
     pub const FULL: Effort = Effort { starts: 4, changes: 1_000_000 };
-    /// For a comparison: one case left out, another number of blocks.
+    /// Effort for comparisons, for example without one case or with another number of blocks.
     pub const SHORT: Effort = Effort { starts: 2, changes: 150_000 };
 }
 
-/// The part of a sensor's noise that a minute's mean leaves: it is what counts beside the floor.
+/// Share of the sensor noise that remains in the mean of a minute. It is combined with the lower bound.
 const LEFT_OF_NOISE: f64 = 0.3;
 
-/// What is as good as nothing.
+/// Errors that are negligible.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerance {
-    /// A sensor's noise, K.
+    /// Noise of a sensor, K.
     pub noise: f64,
-    /// The patent's iteration ends below this, µm RMS.
+    /// Residual at which the patent's iteration ends, µm RMS.
     pub enough: f64,
 }
 
-/// For each block the place of its sensor among its candidates, chosen on the cases at `cases`.
+/// Selects the sensor of each block on the load cases `cases`. Returns indexes in the lists of candidates.
 #[must_use]
 pub fn multi_case(problem: &Problem, cases: &[usize], tolerance: Tolerance, effort: Effort) -> Vec<usize> {
     let alone: Vec<Alone> = cases.par_iter().map(|case| Alone::new(problem, *case, tolerance)).collect();
@@ -60,18 +66,18 @@ pub fn multi_case(problem: &Problem, cases: &[usize], tolerance: Tolerance, effo
     best.map(|(_, places)| places).unwrap_or_default()
 }
 
-/// What the noise of every sensor does to the guideway, µm RMS.
+/// Effect of the noise of all sensors on the guideway, µm RMS.
 #[must_use]
 pub fn noise_um(problem: &Problem, noise: f64) -> f64 {
     noise * (problem.matrix.norm_squared() / problem.rows().max(1.0)).sqrt()
 }
 
-/// What serves one case alone.
+/// Placements for one case alone.
 struct Alone<'a> {
     target: &'a Target,
-    /// By the patent, and by bounded least squares.
+    /// Placements by the patent's method, and by bounded least squares.
     placements: [Vec<usize>; 2],
-    /// One over the squared error that its error is measured against, µm² over the guideway.
+    /// Reciprocal of the squared reference error of the case, summed over the guideway, µm².
     weight: f64,
 }
 
@@ -81,7 +87,7 @@ impl<'a> Alone<'a> {
         let floor = bounded(problem, target);
         let by_patent = nearest(target, &patent(problem, target, enough).theta);
         let unavoidable = problem.rms(target, &floor).hypot(noise_um(problem, LEFT_OF_NOISE * noise));
-        // µm: what is less is nothing.
+        // A reference below 0.001 µm is negligible.
         let measure = unavoidable.max(problem.rms_of(target, &by_patent)).max(1e-3);
         let placements = [by_patent, nearest(target, &floor)];
         Alone { target, placements, weight: 1.0 / (measure.powi(2) * problem.rows()) }
@@ -91,28 +97,28 @@ impl<'a> Alone<'a> {
 struct Search<'a> {
     problem: &'a Problem,
     cases: &'a [Alone<'a>],
-    /// Those of the cases, side by side.
+    /// Weights of all cases.
     weights: Vec<f64>,
-    /// For each block, candidate after candidate, the rise in each case.
+    /// For each block, the rises of its candidates: all cases of one candidate, then of the next.
     offered: Vec<Vec<f64>>,
 }
 
-/// Where a search stands.
+/// State of the search.
 struct Standing {
     places: Vec<usize>,
     /// Squared error of each case, µm².
     error: Vec<f64>,
-    /// For each block, half the slope of each case's error over its temperature.
+    /// For each block and case, half the derivative of the squared error by the block temperature.
     slope: Vec<Vec<f64>>,
     cost: f64,
 }
 
-/// The first threshold, as a share of the cost, and the last.
+/// First and last threshold, as a share of the cost.
 const THRESHOLD: (f64, f64) = (2.0, 1e-4);
-/// Changes between two thresholds.
+/// Number of tried changes between two thresholds.
 const STRETCH: u32 = 256;
 
-/// What a squared error costs: the sixth power of its root.
+/// Cost of a squared error: the third power of its ratio, which is the sixth power of the ratio of errors.
 fn weighed(error: f64, weight: f64) -> f64 {
     let ratio = error.max(0.0) * weight;
     ratio * ratio * ratio
@@ -167,12 +173,12 @@ impl<'a> Search<'a> {
         Standing { places, error, slope, cost }
     }
 
-    /// What it costs to have the block's sensor there.
+    /// Total cost with the sensor of this block at the candidate `place`.
     fn cost_of(&self, at: &Standing, block: usize, place: usize) -> f64 {
         let own = self.problem.square[(block, block)];
         let (now, then) = (self.rises(block, at.places[block]), self.rises(block, place));
         let (error, slope) = (&at.error, &at.slope[block]);
-        // Asked millions of times: a plain loop, whatever else is inlined.
+        // This function is called millions of times; a plain loop is fast without further inlining.
         let mut cost = 0.0;
         for (case, weight) in self.weights.iter().enumerate() {
             let change = then[case] - now[case];
@@ -212,7 +218,7 @@ impl<'a> Search<'a> {
             let block = below(self.blocks());
             let place = below(self.candidates(block));
             let cost = self.cost_of(&at, block, place);
-            // A part of the threshold, so that small steps up are likelier than large ones.
+            // A random part of the threshold makes small increases more likely than large ones.
             let part = count(below(1 << 16)) / 65536.0;
             if cost < at.cost * (1.0 + threshold * part) {
                 self.change(&mut at, block, place, cost);
@@ -224,7 +230,7 @@ impl<'a> Search<'a> {
         self.settle(self.stand(best.1))
     }
 
-    /// Every block in turn to its best node, until none moves.
+    /// Moves each block in turn to its best node, until no change helps.
     fn settle(&self, mut at: Standing) -> (f64, Vec<usize>) {
         loop {
             let before = at.cost;

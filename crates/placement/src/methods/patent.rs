@@ -1,46 +1,46 @@
-//! The method of JP 6507619 B2 (JTEKT), its steps S1 to S12 on one load case.
+//! Method of JP 6507619 B2 (JTEKT): its steps S1 to S12 on one load case.
 //!
-//! - S1–S4, done before: mesh and blocks; nodal temperatures θ1; the displacement δ1 they cause.
-//! - S5, S6: block temperatures θ2, at first the mean of each block's nodes; the displacement δ2 = P·θ2.
-//! - S7: where δ2 is as close to δ1 as wanted, go to S11.
-//! - S8: the displacement δ3 of each tendency pattern θ3; the pattern whose δ3 looks most like δ1 − δ2.
+//! - S1–S4, done before: mesh and blocks; nodal temperatures θ1; the displacement δ1 that they cause.
+//! - S5, S6: block temperatures θ2, initially the mean of each block's nodes; the displacement δ2 = P·θ2.
+//! - S7: if δ2 is close enough to δ1, continue with S11.
+//! - S8: the displacement δ3 of each tendency pattern θ3; selects the pattern with the δ3 most similar to δ1 − δ2.
 //! - S9: the difference degree r, by least squares of δ1 − δ2 on δ3.
-//! - S10: θg = θ2 + r·θ3, each block within what its nodes offer; it is the next θ2: back to S6.
-//! - S11, S12: in each block the node whose temperature is nearest to θg; there the sensor goes.
+//! - S10: θg = θ2 + r·θ3, with each block within the range of its nodes. It is the next θ2; continue with S6.
+//! - S11, S12: in each block, the node with the temperature nearest to θg gets the sensor.
 
 use nalgebra::DVector;
 
 use super::patterns::{Pattern, patterns};
 use crate::problem::{Problem, Target};
 
-/// One round.
+/// One round of the iteration.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Round {
-    /// The pattern that was chosen.
+    /// Name of the selected pattern.
     pub pattern: String,
-    /// How much its displacement looks like what was left: cosine of the angle between them, without its sign.
+    /// Similarity of its displacement to the residual: absolute cosine of the angle between them.
     pub likeness: f64,
-    /// The difference degree r, K.
+    /// Difference degree r, K.
     pub r: f64,
-    /// What is left afterwards, µm RMS.
+    /// Residual after the round, µm RMS.
     pub rms_um: f64,
 }
 
-/// Block temperatures and how they were found.
+/// Block temperatures and the rounds that led to them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Iterated {
     /// θg: rises, K.
     pub theta: Vec<f64>,
-    /// The rounds.
+    /// Rounds of the iteration.
     pub rounds: Vec<Round>,
 }
 
-/// Rounds after which it is given up.
+/// Maximum number of rounds.
 pub const MOST_ROUNDS: usize = 120;
-/// The share of what is left by which a round must lower it.
+/// Minimum relative decrease of the residual in a round.
 const LEAST: f64 = 1e-4;
 
-/// The iteration on one case, until `enough` µm RMS are left or no pattern helps any more.
+/// Iterates on one case, until the residual is `enough` µm RMS, or no pattern reduces it.
 #[must_use]
 pub fn patent(problem: &Problem, target: &Target, enough: f64) -> Iterated {
     let patterns = patterns(&problem.blocks);
@@ -59,7 +59,7 @@ pub fn patent(problem: &Problem, target: &Target, enough: f64) -> Iterated {
         };
         let mut order: Vec<usize> = (0..patterns.len()).collect();
         order.sort_by(|one, other| likeness(*other).total_cmp(&likeness(*one)));
-        // Where the bounds of its blocks leave the likest pattern no room, the next one has its turn.
+        // If the bounds of its blocks prevent the most similar pattern, the next one is tried.
         let step = order.into_iter().filter(|place| likeness(*place) > 0.0).find_map(|place| {
             let r = displacements[place].dot(&left) / displacements[place].norm_squared();
             let mut next = theta.clone();

@@ -1,4 +1,4 @@
-//! On a structure where the truth is known: a beam whose blocks really have one temperature each at some nodes.
+//! Tests on a structure with a known solution: a beam in which some nodes of each block have exactly its temperature.
 
 use super::bounded::bounded;
 use super::multi_case::{Effort, Tolerance, multi_case, noise_um};
@@ -11,7 +11,7 @@ const EACH: usize = 30;
 const GUIDE: usize = 9;
 const TOLERANCE: Tolerance = Tolerance { noise: 0.1, enough: 1e-3 };
 
-/// Bends more the higher it is warmed; every component alike.
+/// P in which the displacement grows with the height above the warmed block. All components are equal.
 fn p() -> Vec<Vec<f64>> {
     let row = |point: usize, block: usize| {
         let (height, at) = (point as f64 / GUIDE as f64, block as f64 / BLOCKS as f64);
@@ -30,7 +30,7 @@ fn blocks() -> Vec<Block> {
         .collect()
 }
 
-/// A load whose true displacement is what the nodes `right` of each block tell.
+/// Load with the displacement that the nodes `right` of the blocks give.
 fn load(name: &str, right: [usize; BLOCKS], warm: impl Fn(usize) -> f64) -> Load {
     let rise: Vec<f64> = (0..BLOCKS * EACH).map(warm).collect();
     let theta: Vec<f64> = right.iter().enumerate().map(|(block, node)| rise[block * EACH + node]).collect();
@@ -54,7 +54,7 @@ fn problem() -> Problem {
     Problem::new(blocks(), &p(), &loads, &[2])
 }
 
-/// What noise of a tenth of a kelvin does is the yardstick: less than a part of it is as good as nothing.
+/// The criterion is the effect of a noise of 0.1 K. A small part of it is negligible.
 #[test]
 fn nodes_for_all_cases_together_leave_nothing_that_counts_where_some_leave_nothing() {
     let problem = problem();
@@ -81,7 +81,7 @@ fn one_case_alone_does_not_tell_nodes_of_one_temperature_apart() {
     }
 }
 
-/// The search by chance is hardly begun: what it starts from must do.
+/// The random search has one start and one change. Therefore the placements from which it starts must be sufficient.
 #[test]
 fn of_one_case_no_more_is_left_than_by_the_patent_or_by_bounded_least_squares() {
     let problem = problem();

@@ -1,4 +1,4 @@
-//! The modes against the whole of the finite elements.
+//! Comparison of the modes with the full finite-element model.
 
 use std::collections::BTreeMap;
 
@@ -12,7 +12,7 @@ use crate::structure::Structure;
 
 const COLD: f64 = 20.0;
 
-/// The column with films outside, inside and around its foot, and heat on its front and its top.
+/// Column with films outside, inside and around its foot, and heat at its front and its top.
 fn plant(kind: Kind) -> FeInput {
     let Column { mesh, materials } = Column::new(160.0, kind);
     let column = Column { mesh, materials };
@@ -28,7 +28,7 @@ fn plant(kind: Kind) -> FeInput {
     FeInput { name: "plant".to_owned(), mesh, materials, load, surfaces, supports: vec![] }
 }
 
-/// One input switched on, and nothing else: 100 W in a port, 5 K in a sink.
+/// Load case with one input: 100 W in a port, or 5 K in a sink.
 fn step(plant: &FeInput, input: &str, modes: &Modes) -> LoadCase {
     let mut load = plant.load.clone();
     for (film, name) in load.films.iter_mut().zip(&plant.surfaces.films) {
@@ -50,7 +50,7 @@ fn step(plant: &FeInput, input: &str, modes: &Modes) -> LoadCase {
     load
 }
 
-/// What the modes make of the same, seconds later.
+/// Rises of all nodes by the modes for the same input, after this time in seconds.
 fn answer(modes: &Modes, input: &str, seconds: f64) -> Vec<f64> {
     let (drives, size) = match modes.ports.get(input) {
         Some(port) => (port, 100.0),
@@ -74,7 +74,8 @@ fn every_input_does_to_every_node_and_the_guideway_what_it_does_to_the_whole() {
         let adjoint = structure.guideway(&sets["GUIDE"], SILENT);
         for input in ["air", "coolant", "spindle", "motor"] {
             let load = step(&plant, input, &modes);
-            // The whole is stepped backwards: short steps, or its own error is seen.
+            // The full model uses implicit steps. They must be short, because their own error would be visible
+            // otherwise.
             for (period, steps) in [(60.0, 60.0), (600.0, 120.0), (3600.0, 120.0), (28_800.0, 240.0)] {
                 let case = Case::Transient { step: period / steps, period };
                 let load = LoadCase { case, ..load.clone() };
@@ -99,8 +100,8 @@ fn every_input_does_to_every_node_and_the_guideway_what_it_does_to_the_whole() {
 fn a_uniform_rise_stays_one_and_what_comes_in_is_stored_or_goes_out() {
     let plant = plant(Kind::Tet10);
     let modes = Modes::of(&plant, SILENT).unwrap();
-    // Where all sinks are a kelvin warmer, so is every node in the end; and, read the other way, what a mode gives up
-    // goes into the sinks and nowhere else.
+    // If all sinks are 1 K warmer, every node finally is too. In reverse, the heat that a mode loses flows into the
+    // sinks only.
     for (place, (rate, uniform)) in modes.rates.iter().zip(&modes.uniform).enumerate() {
         let drawn: f64 = modes.sinks.values().map(|sink| sink[place]).sum();
         assert!(
@@ -160,7 +161,7 @@ fn the_example_is_one_structure_whose_rails_are_heated_where_they_are() {
     assert_eq!(ports, ["cabinet_wall", "motor_foot", "rails_1", "rails_2", "rails_3", "rails_4", "rails_5"]);
     let sinks: Vec<&str> = modes.sinks.keys().map(String::as_str).collect();
     assert_eq!(sinks, ["air_high", "air_low", "covers", "foot", "inside"]);
-    // Film times area: the foot is closed.
+    // Film coefficient times area; the foot is a closed surface.
     let foot: f64 = modes.uniform.iter().zip(&modes.sinks["foot"]).map(|(one, sink)| one * sink).sum();
     assert!((foot - 0.7 * 0.56 * 70.0).abs() < 1e-6, "{foot} W/K");
     for case in crate::example::cases() {

@@ -5,7 +5,7 @@ use crate::bodies::{SIZE, at, block, iron};
 use crate::body::SILENT;
 use crate::mesh::{Element, Kind, NodeId};
 
-/// Displacements in mm of every node under rises in K of every node, by one solution with their forces.
+/// Displacements of every node in mm under rises of every node in K, by one solution with the forces.
 fn displacements(structure: &Structure<'_>, rises: &[f64]) -> Vec<[f64; 3]> {
     let mut forces = Mat::<f64>::zeros(structure.factor.rows(), 1);
     for_each_point(structure.mesh, |element, point, count| {
@@ -27,7 +27,7 @@ fn displacements(structure: &Structure<'_>, rises: &[f64]) -> Vec<[f64; 3]> {
     structure.factor.free().iter().map(at).collect()
 }
 
-/// The largest stress at any integration point, MPa.
+/// Largest stress at any integration point, MPa.
 fn worst_stress(mesh: &Mesh, materials: &Materials, moved: &[[f64; 3]], rises: &[f64]) -> f64 {
     let mut worst: f64 = 0.0;
     for_each_point(mesh, |element, point, count| {
@@ -49,8 +49,8 @@ fn worst_stress(mesh: &Mesh, materials: &Materials, moved: &[[f64; 3]], rises: &
     worst
 }
 
-/// A tetrahedron that stands on a fixed face can grow in one direction only, and does so by (1 + ν)/(1 − ν) times what
-/// it would if it were free.
+/// A tetrahedron on a fixed face can expand in one direction only. It does so by (1 + ν)/(1 − ν) times the free
+/// expansion.
 #[test]
 fn a_tetrahedron_on_a_fixed_face_grows_upwards_as_poisson_has_it() {
     let xyz = vec![[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [0.0, 7.0, 0.0], [2.0, 3.0, 5.0]];
@@ -63,8 +63,8 @@ fn a_tetrahedron_on_a_fixed_face_grows_upwards_as_poisson_has_it() {
     assert!((0..3).all(|axis| (moved[axis] - wanted[axis]).abs() < 1e-15), "{moved:?}, not {wanted:?}");
 }
 
-/// What is warmer the higher it lies has no stress and bends to a quadratic field, which leaves three corners at the foot
-/// where they were, up to a shift: they lie on one circle.
+/// A body whose temperature increases with height has no stress. It bends to a quadratic field. This field leaves three
+/// corners of the foot, which are on one circle, in place except for a shift.
 #[test]
 fn quadratic_elements_reproduce_a_quadratic_field_of_displacements_without_stress() {
     let mesh = block(Kind::Tet10);
@@ -106,7 +106,7 @@ fn adjoints_say_the_same_as_displacements() {
                 assert!((seen[3 * place + axis] - moved[*node][axis]).abs() < 1e-12 * size.max(1.0));
             }
         }
-        // Any division into blocks adds up to all nodes together.
+        // The columns of any division into blocks sum to that of all nodes.
         let (low, high): (Vec<usize>, Vec<usize>) =
             (0..mesh.nodes.len()).partition(|node| mesh.xyz[*node][0] < 30.0);
         let all: Vec<usize> = (0..mesh.nodes.len()).collect();
@@ -142,7 +142,7 @@ fn the_stiffness_is_symmetric_and_leaves_six_rigid_body_modes() {
     }
 }
 
-/// What is said where a structure is not held.
+/// Error message for a structure that is not held.
 fn refusal(mesh: &Mesh, fixed: &[usize]) -> String {
     let materials = iron(mesh);
     Structure::new(mesh, &materials, fixed, SILENT).err().unwrap().to_string()

@@ -1,4 +1,4 @@
-//! What it does when sensors do not sit where they should.
+//! Effect of misplaced sensors.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -6,13 +6,13 @@ use super::Study;
 use crate::mesh::count;
 use crate::problem::Problem;
 
-/// What sensors that sit `far` mm from their places, each in any direction along the surface, add to the error of a
-/// case: µm RMS over the guideway and the directions.
+/// Additional error of a case if sensors are `far` mm from their places, each in any direction along the surface. It is
+/// in µm RMS over the guideway and the directions.
 pub(super) fn added(study: &Study, problem: &Problem, places: &[usize], case: usize, far: f64) -> f64 {
     let rise = &study.loads[case].rise;
     let squares = problem.blocks.iter().zip(places).enumerate().map(|(block, (own, place))| {
         let node = own.candidates[*place];
-        // Over all directions in the surface the mean of the squared cosine is one half.
+        // The mean of the squared cosine over all directions in the surface is one half.
         let wanders = gradient(study, node, rise).norm_squared() * far.powi(2) / 2.0;
         let column = problem.matrix.column(block);
         wanders * column.norm_squared() / count(column.len().max(1))
@@ -20,7 +20,7 @@ pub(super) fn added(study: &Study, problem: &Problem, places: &[usize], case: us
     squares.sum::<f64>().sqrt()
 }
 
-/// The temperature's gradient along the surface, K/mm: least squares over the neighbours on the skin.
+/// Gradient of the temperature along the surface, K/mm: least squares over the neighbours on the surface.
 fn gradient(study: &Study, node: usize, rise: &[f64]) -> Vector3<f64> {
     let mesh = &study.mesh;
     let around = mesh.elements.iter().filter(|element| element.nodes.contains(&node));
@@ -34,7 +34,7 @@ fn gradient(study: &Study, node: usize, rise: &[f64]) -> Vector3<f64> {
         square += way * way.transpose();
         cross += way * (rise[other] - rise[node]);
     }
-    // Neighbours in one plane say nothing across it.
+    // Neighbours in one plane do not determine the gradient across it.
     let least = 1e-6 * square.norm();
     square.pseudo_inverse(least).map(|inverse| inverse * cross).unwrap_or_default()
 }

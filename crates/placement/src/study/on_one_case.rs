@@ -1,17 +1,17 @@
-//! What a case takes the longest for, and needs nothing of the others for.
+//! The most expensive results for one case, which do not depend on other results.
 
 use crate::methods::bounded::bounded;
 use crate::methods::multi_case::{Effort, Tolerance, multi_case};
 use crate::methods::patent::{Iterated, patent};
 use crate::problem::Problem;
 
-/// What is found on one case without the others, and what those leave of it.
+/// Results for one case alone, and the residual with sensors for all other cases.
 pub(super) struct OnOneCase {
-    /// Block temperatures that leave least.
+    /// Block temperatures with the least residual.
     pub(super) floor: Vec<f64>,
-    /// Those of the patent's iteration.
+    /// Block temperatures of the patent's iteration.
     pub(super) iterated: Iterated,
-    /// µm RMS.
+    /// Residual with sensors for the other cases, µm RMS; `None` if there are no other cases.
     pub(super) left_out_rms_um: Option<f64>,
 }
 

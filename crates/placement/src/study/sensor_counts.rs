@@ -1,4 +1,4 @@
-//! Other divisions than the one that was asked for: the cut that helps most, fewer sensors and more.
+//! Other divisions than the requested one: the best further cut, and fewer or more sensors.
 
 use rayon::prelude::*;
 
@@ -8,22 +8,22 @@ use crate::divisions::{Division, Floors};
 use crate::methods::multi_case::{Effort, multi_case};
 use crate::problem::Problem;
 
-/// Blocks that are added for the curve over numbers.
+/// Number of blocks that are added for the curve of numbers.
 const MORE: usize = 4;
 
-/// What other divisions leave.
+/// Results of other divisions.
 #[derive(Default)]
 pub(super) struct Divisions {
     best_cut: Option<(String, f64)>,
     fewer: Vec<SensorCount>,
-    /// What the blocks themselves leave at best, µm RMS over all cases.
+    /// Lower bound of the error with the requested blocks, µm RMS over all cases.
     own_floor_um: Option<f64>,
     more: Vec<SensorCount>,
 }
 
 impl Divisions {
-    /// The best further cut, and the error over the number of sensors; `rms_um` is what those leave that were placed, one in
-    /// each of the `own` blocks.
+    /// Best further cut, and the error by number of sensors. `rms_um` is the error of the placed sensors, one in each
+    /// of the `own` blocks.
     pub(super) fn with_own(self, own: usize, rms_um: f64) -> (Option<(String, f64)>, Vec<SensorCount>) {
         let placed =
             self.own_floor_um.map(|floor_um| SensorCount { sensors: own, floor_um, rms_um, cut: None });
@@ -31,12 +31,12 @@ impl Divisions {
     }
 }
 
-/// So many are looked for, or fewer.
+/// Maximum number of other divisions.
 pub(super) fn other_divisions_at_most(study: &Study) -> usize {
     if study.adjoint.is_some() { study.parts.len().saturating_sub(1) + MORE } else { 0 }
 }
 
-/// Divisions into fewer blocks and into more; `step` hears of each.
+/// Evaluates divisions into fewer and into more blocks. Calls `step` for each.
 pub(super) fn other_divisions(study: &Study, criteria: &Criteria, step: &(dyn Fn() + Sync)) -> Divisions {
     let Some(adjoint) = &study.adjoint else { return Divisions::default() };
     let floors = Floors::new(&study.mesh, adjoint, &study.loads, &criteria.components);

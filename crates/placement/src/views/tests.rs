@@ -11,7 +11,7 @@ fn the_inside_of_a_hollow_column_is_not_seen_from_outside() {
     for node in skin {
         let xyz = mesh.xyz[node];
         let on_hull = (0..3).any(|axis| xyz[axis] < low[axis] + 1e-6 || xyz[axis] > high[axis] - 1e-6);
-        // The rails stand out from the front, so the front is not on the hull everywhere.
+        // The rails protrude from the front. Therefore the front is not on the hull everywhere.
         let at_front = xyz[2] > high[2] - 200.0;
         assert!(!on_hull || outside[node] || xyz[1] < 1e-6, "{xyz:?} lies outside and is not seen");
         assert!(on_hull || at_front || !outside[node], "{xyz:?} lies inside and is seen");

@@ -1,7 +1,7 @@
-//! Bodies of cast iron as tetrahedra: what benches and tests need without a file from somebody else's drawing office.
+//! Test bodies of cast iron as tetrahedra, for benchmarks and tests.
 //!
-//! A machine column of any fineness, with walls, ribs and two guide rails: 700 mm wide (x), 1500 mm high (y), 480 mm deep
-//! (z), hollow; the front is at positive z and carries the rails. And a small block.
+//! A machine column with any element size has walls, ribs and two guide rails. It is 700 mm wide (x), 1500 mm high (y),
+//! 480 mm deep (z), and hollow. The front is at positive z, and carries the rails. The other body is a small block.
 
 #![allow(dead_code, reason = "each of the tests uses its part")]
 
@@ -16,42 +16,43 @@ const HEIGHT: f64 = 1500.0;
 const DEPTH: f64 = 480.0;
 const WALL: f64 = 40.0;
 
-/// Centres of the rails across the width, and half the width of one.
+/// Centres of the rails across the width, and half the width of a rail, mm.
 const RAILS: [f64; 2] = [-200.0, 200.0];
 const HALF_RAIL: f64 = 45.0;
 
-/// A column and its cast iron.
+/// A column and its material.
 #[derive(Debug, Clone)]
 pub(crate) struct Column {
-    /// Node sets `ALL`, `BASE` (the foot), `GUIDE` (the rails' front, left rail first, upwards) and `BLK1` to `BLK8`.
+    /// Mesh with the node sets `ALL`, `BASE` (the foot), `GUIDE` (the front of the rails, left rail first, upwards) and
+    /// `BLK1` to `BLK8`.
     pub(crate) mesh: Mesh,
-    /// Cast iron throughout.
+    /// Cast iron for all elements.
     pub(crate) materials: Materials,
 }
 
-/// What warms the column.
+/// Heat source of the column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Warming {
-    /// The air gets warmer with height.
+    /// Air that is warmer with height.
     Air,
-    /// A spindle on the front, in the upper half.
+    /// Spindle on the front, in the upper half.
     Spindle,
-    /// The same for an hour from cold.
+    /// The same spindle for an hour from cold.
     SpindleHour,
-    /// A motor on the top.
+    /// Motor on the top.
     Motor,
-    /// Coolant runs down the foot, inside.
+    /// Coolant that flows inside the foot.
     Coolant,
-    /// Everything at once.
+    /// All steady sources together.
     All,
 }
 
 impl Warming {
-    /// All of them.
+    /// All heat sources.
     pub(crate) const EACH: [Self; 6] =
         [Self::Air, Self::Spindle, Self::SpindleHour, Self::Motor, Self::Coolant, Self::All];
 
-    /// The name of the load case.
+    /// Name of the load case.
     #[must_use]
     pub(crate) const fn name(self) -> &'static str {
         match self {
@@ -66,9 +67,9 @@ impl Warming {
 }
 
 impl Column {
-    /// A column of cells of about `cell` mm, each split into six tetrahedra; walls are at least one cell thick.
+    /// Makes a column of cells of about `cell` mm, each divided into six tetrahedra. Walls are at least one cell thick.
     ///
-    /// About 6,000 nodes at 80 mm and 26,000 at 40 mm for quadratic elements.
+    /// With quadratic elements, it has about 6,000 nodes at 80 mm and 26,000 at 40 mm.
     #[must_use]
     pub(crate) fn new(cell: f64, kind: Kind) -> Self {
         let size = [WIDTH, HEIGHT, DEPTH];
@@ -82,7 +83,7 @@ impl Column {
         Self { mesh, materials }
     }
 
-    /// A load case, from 20 °C.
+    /// Load case that starts at 20 °C.
     #[must_use]
     pub(crate) fn load(&self, warming: Warming) -> LoadCase {
         let is = |one| warming == one || warming == Warming::All;
@@ -99,7 +100,7 @@ impl Column {
                 true => Film { face, sink: 20.0, coefficient: 0.002 },
                 false => Film { face, sink, coefficient: 0.008 },
             };
-            // The foot stands on the ground.
+            // The foot is on the ground, and has no film.
             if y > 1.0 {
                 load.films.push(film);
             }
@@ -122,7 +123,8 @@ impl Column {
     }
 }
 
-/// Whether there is iron: four walls, foot, top, a floor at half height with a hole, and a middle wall in the lower half.
+/// Returns whether this point is inside the iron. The iron is four walls, foot, top, a floor at half height with a
+/// hole, and a middle wall in the lower half.
 fn is_iron([x, y, z]: [f64; 3], wall: f64) -> bool {
     let near = |at: f64, edge: f64| at > edge - wall;
     let shell = near(x.abs(), WIDTH / 2.0) || near(z.abs(), DEPTH / 2.0) || y < wall || near(y, HEIGHT);
@@ -150,7 +152,7 @@ fn node_sets(mesh: &Mesh) -> BTreeMap<String, Vec<usize>> {
     sets
 }
 
-/// Of the rails only the nodes nearest to their middle lines, one for each height and rail.
+/// Keeps only the nodes of the rails that are nearest to their centre lines, one for each height and rail.
 fn thin_guide(mesh: &Mesh, sets: &mut BTreeMap<String, Vec<usize>>) {
     let Some(guide) = sets.get_mut("GUIDE") else { return };
     let off = |node: usize, rail: f64| (mesh.xyz[node][0] - rail).abs();
@@ -172,10 +174,10 @@ fn count(cells: f64) -> usize {
     cells.round().clamp(1.0, 1000.0) as usize
 }
 
-/// Edges of the block, mm.
+/// Edge lengths of the block, mm.
 pub(crate) const SIZE: [f64; 3] = [60.0, 40.0, 50.0];
 
-/// A block with a corner at the origin; the corners of its tetrahedra inside are shifted, so that no two are alike.
+/// Block with a corner at the origin. Its inner corners are shifted, so that all tetrahedra differ.
 pub(crate) fn block(kind: Kind) -> Mesh {
     let grid = Grid { cells: [3, 2, 3], size: SIZE, origin: [0.0; 3] };
     grid.mesh(
@@ -191,7 +193,7 @@ pub(crate) fn block(kind: Kind) -> Mesh {
     )
 }
 
-/// Cast iron throughout.
+/// Cast iron for all elements.
 pub(crate) fn iron(mesh: &Mesh) -> Materials {
     let material = Material {
         name: "FC300".to_owned(),
@@ -204,19 +206,19 @@ pub(crate) fn iron(mesh: &Mesh) -> Materials {
     Materials::uniform(material, mesh)
 }
 
-/// From 20 °C, with nothing that warms.
+/// Load case that starts at 20 °C, without heat sources.
 pub(crate) fn calm(mesh: &Mesh, case: Case) -> LoadCase {
     let initial = vec![20.0; mesh.nodes.len()];
     LoadCase { case, initial, films: vec![], fluxes: vec![], nodal: vec![], held: vec![] }
 }
 
-/// The node at a place, which must be there.
+/// Node at a position, which must exist.
 pub(crate) fn at(mesh: &Mesh, place: [f64; 3]) -> usize {
     let near = |xyz: &[f64; 3]| (0..3).all(|axis| (xyz[axis] - place[axis]).abs() < 1e-9);
     mesh.xyz.iter().position(near).unwrap_or(usize::MAX)
 }
 
-/// The nodes of the block that lie on its surface.
+/// Nodes on the surface of the block.
 pub(crate) fn on_surface(mesh: &Mesh) -> Vec<usize> {
     let on = |xyz: &[f64; 3]| (0..3).any(|axis| xyz[axis] < 1e-9 || xyz[axis] > SIZE[axis] - 1e-9);
     (0..mesh.nodes.len()).filter(|node| on(&mesh.xyz[*node])).collect()

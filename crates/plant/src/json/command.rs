@@ -1,20 +1,20 @@
-//! What arrives below `GROUP/MACHINE/command`.
+//! Commands that arrive below `GROUP/MACHINE/command`.
 
 use isotherm_core::compensation::MeasuredReport;
 use serde::Deserialize;
 
 use crate::seam::{Command, Outcome};
 
-/// More is no command.
+/// Maximum length of a command in bytes.
 const LONGEST: usize = 1000;
-/// Of a name that is quoted.
+/// Maximum length of a name in a message, in characters.
 const LONGEST_NAME: usize = 40;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Measured {
     axis: String,
-    /// Actual minus commanded, µm, while the compensation acts.
+    /// Actual minus commanded position while the compensation is active, µm.
     error_um: f64,
     time: Option<String>,
     id: Option<String>,
@@ -29,7 +29,7 @@ impl Measured {
     }
 }
 
-/// What this command asks for, or why it is not done.
+/// Parses a command, or returns the reason why it is refused.
 pub(super) fn read(command: &str, payload: &[u8]) -> Outcome {
     let refused = |why: String| {
         let command = command.chars().take(LONGEST_NAME).collect();

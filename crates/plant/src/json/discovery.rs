@@ -1,11 +1,11 @@
-//! The discovery topics of Home Assistant: what there is to show of a machine.
+//! Discovery messages for Home Assistant.
 
 use serde_json::{Value as Document, json};
 
 use super::JsonSettings;
 use crate::seam::{Message, Metric, Qos, Snapshot, Subject};
 
-/// One for each figure that people want to see. Home Assistant keeps them by their `unique_id`.
+/// Makes a message for each displayed metric. Home Assistant identifies them by `unique_id`.
 pub(super) fn messages(settings: &JsonSettings, snapshot: &Snapshot) -> Vec<Message> {
     snapshot
         .metrics
@@ -64,7 +64,7 @@ fn message(settings: &JsonSettings, metric: &Metric) -> Message {
     }
 }
 
-/// As Home Assistant writes it, and its class of sensors.
+/// Unit in the notation of Home Assistant, and device class of the sensor.
 fn unit(metric: &Metric) -> (&'static str, &'static str) {
     match metric.unit {
         "degC" => ("°C", "temperature"),

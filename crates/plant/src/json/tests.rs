@@ -1,4 +1,4 @@
-//! What is told when, and what becomes of what may not have arrived.
+//! Times of publication, and events that may not have been delivered.
 
 use super::*;
 use crate::seam::{Command, Importance, Outcome};

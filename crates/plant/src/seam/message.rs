@@ -1,79 +1,79 @@
-//! Messages to a broker, and what comes of those from it.
+//! Messages to and from a broker.
 
 use isotherm_core::compensation::MeasuredReport;
 
-/// A message to a broker.
+/// Message to a broker.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Message {
-    /// Its topic.
+    /// Topic.
     pub topic: String,
-    /// Its content.
+    /// Content.
     pub payload: Vec<u8>,
-    /// How it is delivered.
+    /// Quality of service.
     pub qos: Qos,
-    /// The broker keeps it for whoever subscribes later.
+    /// Whether the broker retains the message for later subscribers.
     pub retained: bool,
 }
 
-/// How often a message arrives.
+/// Quality of service: the delivery guarantee.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Qos {
-    /// Once or never.
+    /// QoS 0: delivered once or never.
     AtMostOnce,
-    /// Once or more often.
+    /// QoS 1: delivered once or more often.
     AtLeastOnce,
 }
 
-/// What a broker is asked for.
+/// Subscription at a broker.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Subscription {
     /// Topics, with the wildcards of MQTT.
     pub filter: String,
-    /// How they are delivered.
+    /// Maximum quality of service.
     pub qos: Qos,
 }
 
-/// What is kept on disk until the broker is there again: the format alone can read it.
+/// Data that are stored on disk until the broker is available again. Only the format can read them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Record(pub Vec<u8>);
 
-/// What comes of a message that has arrived.
+/// Result of a received message.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Reaction {
-    /// Told at once, as after [`Publisher::publish`](super::Publisher::publish).
+    /// Messages to publish immediately.
     pub messages: Vec<Message>,
-    /// What is asked of the gateway, or why it is not done.
+    /// Command for the gateway, or the reason why it is refused; `None` without a command.
     pub outcome: Option<Outcome>,
 }
 
-/// What somebody asks for over the broker.
+/// Result of a command from the broker.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Outcome {
-    /// It is one of the few things that may be asked for: the gateway still has to say whether it does it.
+    /// Allowed command. The gateway decides whether it executes it.
     Asked(Command),
-    /// It is not done: the command as it was named, and a sentence.
+    /// Refused command.
     Refused {
-        /// What was asked for.
+        /// Name of the command.
         command: String,
-        /// Why not.
+        /// Reason, as a sentence.
         why: String,
     },
 }
 
-/// What may be asked of a gateway over a broker, where the profile allows it. Nothing here arms, disarms or moves.
+/// Command that may arrive over a broker, if the profile allows it. No command arms, disarms or moves an axis.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Command {
-    /// An axis's measured error.
+    /// Measured error of an axis.
     Measured {
-        /// The axis's name in the profile.
+        /// Name of the axis in the profile.
         axis: String,
-        /// The error, and which measurement it is of.
+        /// Measured error, with the identification of its measurement.
         report: MeasuredReport,
     },
 }
 
 impl Command {
-    /// The sender says which measurement it is of.
+    /// Returns whether the sender has identified the measurement.
     pub fn is_identified(&self) -> bool {
         let Command::Measured { report, .. } = self;
         report.is_identified()

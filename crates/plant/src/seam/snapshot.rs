@@ -1,58 +1,58 @@
-//! The state of a gateway at one moment, as a list of figures.
+//! State of a gateway at one time, as a list of metrics.
 
 use std::fmt;
 
 use isotherm_core::quantity::{Moment, Shift};
 
-/// Everything that is told of a gateway at one moment.
+/// Metrics and events of a gateway at one time.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Snapshot {
-    /// Always the same ones in the same order, as long as the gateway runs.
+    /// Metrics. As long as the gateway runs, they are the same ones in the same order.
     pub metrics: Vec<Metric>,
-    /// What has happened since the snapshot before, oldest first.
+    /// Events since the snapshot before, oldest first.
     pub events: Vec<Happening>,
-    /// What brings the publisher's `now` to the time of day.
+    /// Difference between the publisher's `now` and wall-clock time.
     pub shift: Shift,
 }
 
-/// One figure, word or flag.
+/// A number, word or flag.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Metric {
-    /// What it is of.
+    /// Subject of the metric.
     pub subject: Subject,
-    /// Its name among those of its subject: `cz_um`.
+    /// Name within its subject, for example `cz_um`.
     pub name: &'static str,
-    /// `None`: not known now.
+    /// Value; `None` if it is not known now.
     pub value: Option<Value>,
-    /// An empty value of the type that it always has.
+    /// An empty value of its type, which never changes.
     pub kind: Value,
-    /// Its unit; empty where it has none.
+    /// Unit; empty without one.
     pub unit: &'static str,
-    /// A smaller change is none; 0 where each one counts.
+    /// Smallest change that counts; 0 if every change counts.
     pub resolution: f64,
-    /// When it was taken, by the wall's clock.
+    /// Wall-clock time of the value.
     pub at: Moment,
 }
 
-/// What a metric is of.
+/// Subject of a metric.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Subject {
-    /// The gateway as a whole.
+    /// Gateway as a whole.
     Gateway,
-    /// An axis, by its name in the profile; so are the others.
+    /// Axis, by its name in the profile.
     Axis(String),
-    /// A signal.
+    /// Signal, by its name in the profile.
     Signal(String),
-    /// An output.
+    /// Output, by its name in the profile.
     Output(String),
-    /// A device.
+    /// Device, by its name in the profile.
     Device(String),
-    /// A bus.
+    /// Bus, by its name in the profile.
     Bus(String),
 }
 
 impl Subject {
-    /// The word for its sort, and its name; the gateway has none.
+    /// Returns the kind and the name; the gateway has an empty name.
     pub fn parts(&self) -> (&'static str, &str) {
         match self {
             Subject::Gateway => ("gateway", ""),
@@ -65,7 +65,7 @@ impl Subject {
     }
 }
 
-/// `axis/z`, `gateway`.
+/// Formats the subject: `axis/z`, `gateway`.
 impl fmt::Display for Subject {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.parts() {
@@ -75,21 +75,21 @@ impl fmt::Display for Subject {
     }
 }
 
-/// A value of one of the few types that both formats have.
+/// Value of a type that both formats support.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
-    /// A real number; always finite.
+    /// Real number; always finite.
     Real(f64),
-    /// A count.
+    /// Unsigned integer.
     Count(u64),
-    /// Yes or no.
+    /// Boolean.
     Flag(bool),
-    /// A word or a sentence.
+    /// Text.
     Text(String),
 }
 
 impl Value {
-    /// It is the same, or differs by less than the resolution.
+    /// Returns whether both values are equal, or differ by less than the resolution.
     pub fn is_near(&self, other: &Value, resolution: f64) -> bool {
         match (self, other) {
             (Value::Real(one), Value::Real(other)) => {
@@ -100,34 +100,34 @@ impl Value {
     }
 }
 
-/// Something that happened.
+/// An event.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Happening {
-    /// When, by the wall's clock.
+    /// Wall-clock time.
     pub at: Moment,
-    /// One word for programs: `axis-state`.
+    /// Kind for programs: `axis-state`.
     pub kind: String,
-    /// How much it matters.
+    /// Importance.
     pub importance: Importance,
-    /// The sentence.
+    /// Text for people.
     pub text: String,
-    /// What the sentence is made of, as JSON; empty where there is nothing more.
+    /// Parts of the text as JSON; empty without more data.
     pub data: String,
 }
 
-/// How much something matters.
+/// Importance of an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Importance {
-    /// For the record.
+    /// Information.
     Info,
-    /// Somebody should know.
+    /// A person should know about it.
     Warning,
-    /// Somebody should act.
+    /// A person should act.
     Error,
 }
 
 impl Importance {
-    /// Its word.
+    /// Name in messages.
     pub fn name(self) -> &'static str {
         match self {
             Importance::Info => "info",

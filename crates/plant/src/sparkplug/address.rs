@@ -1,33 +1,33 @@
-//! Where an edge node's messages go.
+//! Topics of an edge node.
 
-/// The first part of every topic of Sparkplug B.
+/// First level of every topic of Sparkplug B.
 const NAMESPACE: &str = "spBv1.0";
 
-/// An edge node: its group and its own name.
+/// Group and name of an edge node.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Address {
     group: String,
     node: String,
 }
 
-/// The kinds of messages that an edge node without devices sends or gets.
+/// Kinds of messages that an edge node without devices sends or receives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verb {
-    /// It is there: everything it will ever tell, with its value now.
+    /// NBIRTH: all metrics with their current values.
     Birth,
-    /// What has changed.
+    /// NDATA: changes.
     Data,
-    /// It is gone.
+    /// NDEATH: the node is offline.
     Death,
-    /// Somebody wants something of it.
+    /// NCMD: a command from a host.
     Command,
 }
 
 impl Address {
-    /// An edge node of this group and this name.
+    /// Makes the address of an edge node.
     ///
     /// # Errors
-    /// A sentence that says which of the two MQTT cannot have in a topic.
+    /// Message that names the part which MQTT does not allow in a topic.
     pub fn new(group: &str, node: &str) -> Result<Address, String> {
         for (what, name) in [("group", group), ("node", node)] {
             if name.is_empty() {
@@ -48,7 +48,7 @@ impl Address {
         Ok(Address { group: group.to_owned(), node: node.to_owned() })
     }
 
-    /// The topic of this kind of message.
+    /// Topic of this kind of message.
     pub fn topic(&self, verb: Verb) -> String {
         format!("{NAMESPACE}/{}/{}/{}", self.group, verb.word(), self.node)
     }

@@ -1,4 +1,4 @@
-//! What a birth has promised: every name that data may be of, its alias and its type.
+//! Metrics of a birth: every name that data may use, with alias and type.
 
 use std::collections::HashMap;
 
@@ -8,27 +8,27 @@ use super::datum::{DataType, Datum};
 use super::payload::{Metric, Property, PropertySet};
 use crate::seam::{self, Snapshot, Subject, Value};
 
-/// The metric by which hosts ask for a birth.
+/// Metric by which hosts request a birth.
 pub(super) const REBIRTH: &str = "Node Control/Rebirth";
 
-/// The metric of the number that a birth has in common with its death.
+/// Metric of the number that is common to a birth and its death.
 pub(super) const BD_SEQ: &str = "bdSeq";
 
-/// The metric of what has happened.
+/// Metric of events.
 pub(super) const EVENT: &str = "gateway/event";
 
-/// The last part of the name of a metric by which hosts tell a measured error.
+/// Last part of the name of a metric by which hosts send a measured error.
 const MEASURED: &str = "measured_error_um";
 
-/// The codes of the property `Quality`: nothing is known, and it may be used again.
+/// Codes of the property `Quality`: the value is unknown, or valid again.
 pub(super) const BAD: i64 = 0;
 pub(super) const GOOD: i64 = 192;
 
-/// What a birth has promised.
+/// Metrics of a birth.
 #[derive(Debug, Default)]
 pub(super) struct Born {
     names: HashMap<String, Promised>,
-    /// By alias, from 1.
+    /// Names by alias, from 1.
     aliases: Vec<String>,
 }
 
@@ -39,7 +39,8 @@ struct Promised {
 }
 
 impl Born {
-    /// The birth of this snapshot: what it promises, and its metrics but for the number that it has in common with its death.
+    /// Makes the birth of this snapshot: the names, and its metrics without the number that is common to birth and
+    /// death.
     pub(super) fn of(snapshot: &Snapshot, now: Moment, takes_measured: bool) -> (Born, Vec<Metric>) {
         let mut born = Born::default();
         let mut metrics = vec![null(REBIRTH, DataType::Boolean, now)];
@@ -59,7 +60,7 @@ impl Born {
             let axes = axes(snapshot);
             metrics.extend(axes.iter().map(|axis| null(&measured(axis), DataType::Double, now)));
         }
-        // A host asks for a birth before it can know an alias.
+        // A host must be able to request a birth before it knows an alias.
         for metric in metrics.iter_mut().skip(1) {
             metric.alias = born.promise(metric);
         }
@@ -74,7 +75,7 @@ impl Born {
         Some(alias)
     }
 
-    /// A metric that has its name as data: with its alias instead. `None` where the birth has not promised it, or as
+    /// Converts a metric with a name to one with its alias, for data. `None` if the birth does not contain it, or with
     /// another type.
     pub(super) fn as_data(&self, mut metric: Metric) -> Option<Metric> {
         let promised = self.names.get(metric.name.as_deref()?)?;
@@ -84,7 +85,7 @@ impl Born {
         is_of_this_type.then_some(metric)
     }
 
-    /// Which name a metric that has arrived is of.
+    /// Name of a received metric.
     pub(super) fn name_of<'a>(&'a self, metric: &'a Metric) -> Option<&'a str> {
         match (&metric.name, metric.alias) {
             (Some(name), _) => Some(name),
@@ -97,12 +98,12 @@ impl Born {
     }
 }
 
-/// The axis whose measured error a metric of this name takes.
+/// Axis in the name of a metric for measured errors.
 pub(super) fn measured_axis(name: &str) -> Option<&str> {
     name.strip_prefix("axis/")?.strip_suffix(MEASURED)?.strip_suffix('/')
 }
 
-/// The axes of a snapshot, each once.
+/// Axes of a snapshot, each once.
 pub(super) fn axes(snapshot: &Snapshot) -> Vec<&str> {
     let mut axes: Vec<&str> = Vec::new();
     for metric in &snapshot.metrics {
@@ -115,12 +116,12 @@ pub(super) fn axes(snapshot: &Snapshot) -> Vec<&str> {
     axes
 }
 
-/// The metric by which hosts tell the measured error of an axis.
+/// Metric by which hosts send the measured error of an axis.
 pub(super) fn measured(axis: &str) -> String {
     format!("axis/{axis}/{MEASURED}")
 }
 
-/// The type that values of this kind travel as.
+/// Data type for values of this kind.
 pub(super) fn kind_of(value: &Value) -> DataType {
     match value {
         Value::Real(_) => DataType::Double,
@@ -140,16 +141,17 @@ fn datum(value: &Value) -> Option<Datum> {
     })
 }
 
-/// A signal without a value is one that is not believed; of the others there is none now.
+/// Returns whether metrics of this subject have a quality. A signal without a value was rejected; other metrics without
+/// a value have none now.
 pub(super) fn has_quality(subject: &Subject) -> bool {
     matches!(subject, Subject::Signal(_))
 }
 
-/// A figure with its name and type; without a value it is null.
+/// Converts a metric, with its name and type. Without a value, it is null.
 pub(super) fn named(metric: &seam::Metric, now: Moment) -> Metric {
     let kind = kind_of(&metric.kind);
     let value = metric.value.as_ref().and_then(datum).and_then(|datum| kind.write(&datum));
-    // What was never taken is known to be unknown now.
+    // A value that was never taken has the current time as the time at which it is unknown.
     let at = if metric.at == Moment::default() { now } else { metric.at };
     let mut told = null(&format!("{}/{}", metric.subject, metric.name), kind, at);
     match value {
@@ -160,7 +162,7 @@ pub(super) fn named(metric: &seam::Metric, now: Moment) -> Metric {
     told
 }
 
-/// A metric without a value.
+/// Metric without a value.
 pub(super) fn null(name: &str, kind: DataType, at: Moment) -> Metric {
     Metric {
         name: Some(name.to_owned()),

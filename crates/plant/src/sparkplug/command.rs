@@ -1,4 +1,4 @@
-//! What hosts ask for.
+//! Commands of hosts.
 
 use std::time::Duration;
 
@@ -10,23 +10,23 @@ use super::datum::{DataType, Datum};
 use super::payload::{Metric, Payload, PropertyRaw, Raw};
 use crate::seam::{Command, Outcome, Snapshot};
 
-/// A measured error that is older is of another Cz than the one that stands now.
+/// Maximum age of a measured error. An older one belongs to another Cz.
 const HEEDED_FOR: Duration = Duration::from_secs(60);
 
-/// So much of a name is repeated.
+/// Maximum number of characters of a name in a message.
 const MOST_LETTERS: usize = 64;
 
-/// What has come of a command.
+/// Result of a command.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Heard {
     pub(super) asks_for_birth: bool,
-    /// When, by its own clock, ms since 1970.
+    /// Time of sending by the sender's clock, ms since 1970.
     pub(super) sent: Option<u64>,
     pub(super) outcome: Option<Outcome>,
 }
 
-/// What is to be done about a command that has arrived, from whomever. Of a message that asks for several things, nothing but
-/// the birth is done.
+/// Evaluates a received command. The sender is not trusted. If a message contains several other commands, only a
+/// requested birth is executed.
 pub(super) fn hear(
     bytes: &[u8],
     now: Moment,
@@ -41,7 +41,7 @@ pub(super) fn hear(
     let mut heard = Heard { sent: payload.timestamp, ..Heard::default() };
     let mut others = Vec::new();
     for metric in &payload.metrics {
-        // By its name only: it has no alias.
+        // The metric is identified by its name only, because it has no alias.
         match (metric.name.as_deref() == Some(REBIRTH), &metric.value) {
             (true, Some(Raw::Boolean(true))) => heard.asks_for_birth = true,
             (true, _) => {
@@ -98,7 +98,7 @@ fn other(
     }
 }
 
-/// The error with the properties `time`, as text or in milliseconds since 1970, and `id`.
+/// Measured error with the properties `time`, as text or in milliseconds since 1970, and `id`.
 fn report_of(metric: &Metric, error_um: f64) -> Result<MeasuredReport, String> {
     let time = match property(metric, "time") {
         Some(PropertyRaw::Long(milliseconds)) => Some(format!("{milliseconds}e-3")),
@@ -115,7 +115,7 @@ fn property<'a>(metric: &'a Metric, key: &str) -> Option<&'a PropertyRaw> {
     property.value.as_ref()
 }
 
-/// A value that is no text is none that can be read.
+/// Text of a property. A value of another type becomes an empty text, which is invalid.
 fn text_of(value: Option<&PropertyRaw>) -> Option<String> {
     value.map(|value| if let PropertyRaw::String(text) = value { text.clone() } else { String::new() })
 }
@@ -140,7 +140,7 @@ fn error_of(metric: &Metric) -> Option<f64> {
     let raw = metric.value.as_ref().filter(|_| metric.is_null != Some(true))?;
     let kind = match (metric.datatype, raw) {
         (Some(number), _) => DataType::from_number(number)?,
-        // A command need not say its type.
+        // The type is optional in a command.
         (None, Raw::Float(_)) => DataType::Float,
         (None, _) => DataType::Double,
     };
@@ -150,7 +150,7 @@ fn error_of(metric: &Metric) -> Option<f64> {
     }
 }
 
-/// What is said of a measured error that is the last one once more.
+/// Result for a measured error that repeats the last one.
 pub(super) fn came_twice(command: &Command) -> Outcome {
     let Command::Measured { axis, .. } = command;
     refused(&measured(axis), "it came a second time, and was taken the first time".to_owned())
@@ -160,7 +160,7 @@ fn refused(command: &str, why: String) -> Outcome {
     Outcome::Refused { command: command.to_owned(), why }
 }
 
-/// How a metric that somebody has sent is spoken of: not longer than a line, and without what a terminal obeys.
+/// Name of a received metric for messages: short, and without control characters.
 fn spoken(metric: &Metric, born: &Born) -> String {
     match (born.name_of(metric), metric.alias) {
         (Some(name), _) => name.chars().take(MOST_LETTERS).flat_map(char::escape_debug).collect(),

@@ -1,8 +1,8 @@
-//! Values with their types.
+//! Typed values.
 
 use super::payload::{PropertyRaw, Raw};
 
-/// The types of Sparkplug B that isotherm writes or reads, with their numbers in the specification.
+/// Data types of Sparkplug B that isotherm writes or reads, with their numbers in the specification.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum DataType {
@@ -22,11 +22,11 @@ pub enum DataType {
     UInt32 = 7,
     /// Unsigned, 64 bits.
     UInt64 = 8,
-    /// A real number of 32 bits.
+    /// Real number, 32 bits.
     Float = 9,
-    /// A real number of 64 bits.
+    /// Real number, 64 bits.
     Double = 10,
-    /// Yes or no.
+    /// Boolean.
     Boolean = 11,
     /// Text.
     String = 12,
@@ -34,16 +34,16 @@ pub enum DataType {
     DateTime = 13,
 }
 
-/// A value of one of these types.
+/// Value of one of these types.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Datum {
-    /// Of a signed type.
+    /// Value of a signed type.
     Signed(i64),
-    /// Of an unsigned type.
+    /// Value of an unsigned type.
     Unsigned(u64),
-    /// Of a real type.
+    /// Value of a real type.
     Real(f64),
-    /// Yes or no.
+    /// Boolean.
     Flag(bool),
     /// Text.
     Text(String),
@@ -52,7 +52,7 @@ pub enum Datum {
 }
 
 impl DataType {
-    /// All of them.
+    /// All data types.
     pub const ALL: [DataType; 13] = [
         DataType::Int8,
         DataType::Int16,
@@ -69,18 +69,18 @@ impl DataType {
         DataType::DateTime,
     ];
 
-    /// Its number on the wire.
+    /// Number in messages.
     pub const fn number(self) -> u32 {
         self as u32
     }
 
-    /// The type with this number; `None` for one that is not read here.
+    /// Data type with this number; `None` for one that is not supported.
     pub fn from_number(number: u32) -> Option<DataType> {
         DataType::ALL.into_iter().find(|kind| kind.number() == number)
     }
 
-    /// A value of this type as it travels; `None` where it is no value of it: out of its range, or of another sort. A real
-    /// number of 32 bits is rounded. A negative number is cut to the width of its type.
+    /// Encodes a value of this type; `None` if it is out of range or of another kind. A real number is rounded to 32
+    /// bits if necessary. A negative number is truncated to the width of its type.
     pub fn write(self, datum: &Datum) -> Option<Raw> {
         Some(match (self, datum) {
             (DataType::Int8, Datum::Signed(value)) => {
@@ -104,9 +104,10 @@ impl DataType {
         })
     }
 
-    /// What a value of this type means; `None` where it does not travel as this type does, or is out of its range.
+    /// Decodes a value of this type; `None` if the encoding belongs to another type, or if it is out of range.
     ///
-    /// A negative number of 8 or 16 bits comes cut to its width or extended to 32 bits: both are met, and mean the same.
+    /// Some senders truncate a negative number of 8 or 16 bits to its width, others extend it to 32 bits. Both are
+    /// accepted.
     pub fn read(self, raw: &Raw) -> Option<Datum> {
         Some(match (self, raw) {
             (DataType::Int8, Raw::Int(value)) => Datum::Signed(narrow(*value, 8)?),
@@ -128,7 +129,7 @@ impl DataType {
 }
 
 impl Raw {
-    /// The same as the value of a property, which has no bytes.
+    /// Converts to the value of a property, which cannot contain bytes.
     pub fn into_property(self) -> Option<PropertyRaw> {
         Some(match self {
             Raw::Int(value) => PropertyRaw::Int(value),
@@ -142,7 +143,7 @@ impl Raw {
     }
 }
 
-/// A signed number of this many bits, cut to its width or extended.
+/// Decodes a signed number of this many bits, truncated to its width or extended.
 fn narrow(value: u32, bits: u32) -> Option<i64> {
     let (sign, extended) = (1u32 << (bits - 1), u32::MAX << (bits - 1));
     let is_cut = value >> bits == 0;

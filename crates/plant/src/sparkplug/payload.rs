@@ -1,20 +1,20 @@
-//! What is in a message of Sparkplug B, as Protocol Buffers: the fields that isotherm writes and reads, by their numbers in the
-//! specification. Fields with other numbers are skipped.
+//! Content of a message of Sparkplug B, as Protocol Buffers. The fields that isotherm writes and reads have their
+//! numbers in the specification. Fields with other numbers are skipped.
 
 use std::fmt;
 
 use prost::Message;
 
-/// A message's content.
+/// Content of a message.
 #[derive(Clone, PartialEq, Message)]
 pub struct Payload {
-    /// When it was sent, ms since 1970.
+    /// Time of sending, ms since 1970.
     #[prost(uint64, optional, tag = "1")]
     pub timestamp: Option<u64>,
-    /// What it tells.
+    /// Metrics.
     #[prost(message, repeated, tag = "2")]
     pub metrics: Vec<Metric>,
-    /// Its place among the messages since the birth, 0 to 255 and from 0 again. A death and a command have none.
+    /// Sequence number since the birth: 0 to 255, then 0 again. A death and a command have none.
     #[prost(uint64, optional, tag = "3")]
     pub seq: Option<u64>,
 }
@@ -22,33 +22,33 @@ pub struct Payload {
 /// A value with its name or its alias.
 #[derive(Clone, PartialEq, Message)]
 pub struct Metric {
-    /// Its name. In data the alias stands for it.
+    /// Name. Data contain the alias instead.
     #[prost(string, optional, tag = "1")]
     pub name: Option<String>,
-    /// A number that the birth gives to the name.
+    /// Number that the birth assigns to the name.
     #[prost(uint64, optional, tag = "2")]
     pub alias: Option<u64>,
-    /// When the value was taken, ms since 1970.
+    /// Time of the value, ms since 1970.
     #[prost(uint64, optional, tag = "3")]
     pub timestamp: Option<u64>,
-    /// A number of [`DataType`](super::DataType). Data leave it out.
+    /// Number of a [`DataType`](super::DataType). Data do not contain it.
     #[prost(uint32, optional, tag = "4")]
     pub datatype: Option<u32>,
-    /// It is not the value of now.
+    /// Whether the value is from the past.
     #[prost(bool, optional, tag = "5")]
     pub is_historical: Option<bool>,
-    /// There is no value.
+    /// Whether there is no value.
     #[prost(bool, optional, tag = "7")]
     pub is_null: Option<bool>,
-    /// What else there is to say of it.
+    /// Properties.
     #[prost(message, optional, tag = "9")]
     pub properties: Option<PropertySet>,
-    /// The value.
+    /// Value.
     #[prost(oneof = "Raw", tags = "10, 11, 12, 13, 14, 15, 16")]
     pub value: Option<Raw>,
 }
 
-/// A value as it travels: its data type says what it means.
+/// Encoded value; the data type defines its meaning.
 #[derive(Clone, PartialEq, prost::Oneof)]
 pub enum Raw {
     /// Integers of up to 32 bits; negative ones in two's complement.
@@ -57,19 +57,19 @@ pub enum Raw {
     /// Integers of 64 bits and dates.
     #[prost(uint64, tag = "11")]
     Long(u64),
-    /// A real number of 32 bits.
+    /// Real number, 32 bits.
     #[prost(float, tag = "12")]
     Float(f32),
-    /// A real number of 64 bits.
+    /// Real number, 64 bits.
     #[prost(double, tag = "13")]
     Double(f64),
-    /// Yes or no.
+    /// Boolean.
     #[prost(bool, tag = "14")]
     Boolean(bool),
     /// Text.
     #[prost(string, tag = "15")]
     String(String),
-    /// Bytes and arrays, none of which is read here.
+    /// Bytes and arrays, which are not supported.
     #[prost(bytes = "vec", tag = "16")]
     Bytes(Vec<u8>),
 }
@@ -77,29 +77,29 @@ pub enum Raw {
 /// Properties: as many names as values.
 #[derive(Clone, PartialEq, Message)]
 pub struct PropertySet {
-    /// Their names.
+    /// Names.
     #[prost(string, repeated, tag = "1")]
     pub keys: Vec<String>,
-    /// Their values.
+    /// Values.
     #[prost(message, repeated, tag = "2")]
     pub values: Vec<Property>,
 }
 
-/// The value of a property.
+/// Value of a property.
 #[derive(Clone, PartialEq, Message)]
 pub struct Property {
-    /// A number of [`DataType`](super::DataType).
+    /// Number of a [`DataType`](super::DataType).
     #[prost(uint32, optional, tag = "1")]
     pub datatype: Option<u32>,
-    /// There is no value.
+    /// Whether there is no value.
     #[prost(bool, optional, tag = "2")]
     pub is_null: Option<bool>,
-    /// The value.
+    /// Value.
     #[prost(oneof = "PropertyRaw", tags = "3, 4, 5, 6, 7, 8")]
     pub value: Option<PropertyRaw>,
 }
 
-/// The value of a property as it travels.
+/// Encoded value of a property.
 #[derive(Clone, PartialEq, prost::Oneof)]
 pub enum PropertyRaw {
     /// Integers of up to 32 bits; negative ones in two's complement.
@@ -108,13 +108,13 @@ pub enum PropertyRaw {
     /// Integers of 64 bits and dates.
     #[prost(uint64, tag = "4")]
     Long(u64),
-    /// A real number of 32 bits.
+    /// Real number, 32 bits.
     #[prost(float, tag = "5")]
     Float(f32),
-    /// A real number of 64 bits.
+    /// Real number, 64 bits.
     #[prost(double, tag = "6")]
     Double(f64),
-    /// Yes or no.
+    /// Boolean.
     #[prost(bool, tag = "7")]
     Boolean(bool),
     /// Text.
@@ -122,14 +122,14 @@ pub enum PropertyRaw {
     String(String),
 }
 
-/// Why bytes from a broker are no message of Sparkplug B.
+/// Reason why bytes from a broker are not a message of Sparkplug B.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Unreadable {
-    /// They are more than may arrive.
+    /// Number of bytes above the limit.
     TooLong(usize),
-    /// They tell more values than may arrive.
+    /// Number of metrics above the limit.
     TooMany(usize),
-    /// They are no Protocol Buffers of this form.
+    /// They are not Protocol Buffers of this form; contains the reason.
     Malformed(String),
 }
 
@@ -148,16 +148,16 @@ impl fmt::Display for Unreadable {
 }
 
 impl Payload {
-    /// Longer messages are not read. What arrives is a command: some fifty bytes.
+    /// Maximum length of a received message in bytes. A command takes about fifty bytes.
     pub const MOST_BYTES: usize = 16 * 1024;
 
-    /// A message of more metrics is not read.
+    /// Maximum number of metrics in a received message.
     pub const MOST_METRICS: usize = 64;
 
-    /// Reads what has arrived, from whomever. What it takes of memory is bounded by [`MOST_BYTES`](Payload::MOST_BYTES).
+    /// Decodes a received message from an untrusted sender. [`MOST_BYTES`](Payload::MOST_BYTES) limits the memory.
     ///
     /// # Errors
-    /// It is too long, tells too much, or is something else.
+    /// The message is too long, contains too many metrics, or is invalid.
     pub fn arrived(bytes: &[u8]) -> Result<Payload, Unreadable> {
         if bytes.len() > Payload::MOST_BYTES {
             return Err(Unreadable::TooLong(bytes.len()));
@@ -169,7 +169,7 @@ impl Payload {
         }
     }
 
-    /// The bytes that are sent.
+    /// Encodes the message.
     pub fn bytes(&self) -> Vec<u8> {
         self.encode_to_vec()
     }

@@ -14,7 +14,7 @@ pub(super) fn at(milliseconds: u64) -> Moment {
     Moment::from_nanos(1_800_000_000_000_000_000 + milliseconds * 1_000_000)
 }
 
-/// The same in a message.
+/// Time in a message, ms since 1970.
 pub(super) fn ms(milliseconds: u64) -> Option<u64> {
     Some(1_800_000_000_000 + milliseconds)
 }
@@ -23,7 +23,7 @@ pub(super) fn node() -> Sparkplug {
     Sparkplug::new(Address::new("shop", "grinder-3").unwrap(), 41, true)
 }
 
-/// A temperature, which may be unknown, and whether the axis is armed.
+/// Snapshot with a temperature, which may be unknown, and with a flag whether the axis is armed.
 pub(super) fn snapshot(bed: Option<f64>, is_armed: bool, taken: Moment) -> Snapshot {
     let metric = |subject, name, value, kind, unit, resolution| seam::Metric {
         subject,
@@ -55,7 +55,7 @@ pub(super) fn happening(text: &str, at: Moment) -> Happening {
     }
 }
 
-/// The kind of a message, and what is in it.
+/// Kind and content of a message.
 pub(super) fn read(message: &Message) -> (&str, Payload) {
     let mut levels = message.topic.split('/');
     assert_eq!((levels.next(), levels.next()), (Some("spBv1.0"), Some("shop")));
@@ -76,7 +76,7 @@ pub(super) fn alias(birth: &Payload, name: &str) -> u64 {
     find(birth, name).alias.unwrap()
 }
 
-/// A node that is connected, with its birth.
+/// A connected node, with its birth.
 pub(super) fn connected(now: Moment, snapshot: &Snapshot) -> (Sparkplug, Payload) {
     let mut node = node();
     node.will();
@@ -87,7 +87,7 @@ pub(super) fn connected(now: Moment, snapshot: &Snapshot) -> (Sparkplug, Payload
     (node, payload)
 }
 
-/// Seq, and alias, time and value of each metric.
+/// Sequence number of the message; alias, time and value of each metric.
 type Row = (u64, u64, u64, Option<Raw>);
 
 pub(super) fn rows(messages: &[Message]) -> Vec<Row> {

@@ -1,4 +1,4 @@
-//! What has been told, and therefore what is new.
+//! Last published values, from which changes are found.
 
 use isotherm_core::quantity::Moment;
 
@@ -7,10 +7,11 @@ use super::datum::{DataType, Datum};
 use super::payload::Metric;
 use crate::seam::{Happening, Snapshot, Subject, Value};
 
-/// Events in the same millisecond are told one millisecond apart, for hosts that keep one value for each moment.
+/// Range in which events of the same millisecond get times one millisecond apart. Some hosts store only one value for
+/// each time.
 const APART_WITHIN_MS: u64 = 1000;
 
-/// What was told last of each figure, to the broker or to the disk.
+/// Last value of each metric that was published or stored on disk.
 #[derive(Debug, Default)]
 pub(super) struct Told {
     figures: Vec<Figure>,
@@ -33,7 +34,7 @@ enum Last {
 }
 
 impl Told {
-    /// The snapshot has the figures that this knows of, in their order.
+    /// Returns whether the snapshot has the same metrics in the same order.
     pub(super) fn is_of(&self, snapshot: &Snapshot) -> bool {
         self.figures.len() == snapshot.metrics.len()
             && self.figures.iter().zip(&snapshot.metrics).all(|(figure, metric)| {
@@ -43,7 +44,8 @@ impl Told {
             })
     }
 
-    /// What has changed since, which is told by this; and what has happened. In the order of time.
+    /// Returns the metrics that have changed, and the events, in the order of time. The changes then count as
+    /// published.
     pub(super) fn changes(
         &mut self,
         snapshot: &Snapshot,
@@ -76,7 +78,7 @@ impl Told {
         changed
     }
 
-    /// What has happened.
+    /// Returns the metrics of these events.
     pub(super) fn happened(&mut self, events: &[Happening]) -> Vec<Metric> {
         events.iter().map(|event| self.event(event)).collect()
     }

@@ -1,4 +1,4 @@
-//! What was told and may not have arrived.
+//! Published records that may be undelivered.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -7,13 +7,13 @@ use isotherm_core::quantity::Moment;
 
 use crate::seam::Record;
 
-/// A broker that has not been heard for so long has no connection any more.
+/// Maximum age of a record. If the broker has not answered for this time, the connection is lost.
 const KEPT_FOR: Duration = Duration::from_secs(300);
 
-/// No more than this is kept of what was told.
+/// Maximum size of all records in bytes.
 const MOST_BYTES: usize = 1024 * 1024;
 
-/// What was told last, oldest first, each with when.
+/// Records that were published last, oldest first, with their times.
 #[derive(Debug, Default)]
 pub(super) struct Unconfirmed {
     told: VecDeque<(Moment, Record)>,
@@ -38,14 +38,14 @@ impl Unconfirmed {
         }
     }
 
-    /// What may not have reached a broker that was last heard at this moment; nothing is kept after it.
+    /// Returns the records that may not have reached a broker which answered last at this time, and removes all.
     pub(super) fn take(&mut self, last_heard: Moment) -> Vec<Record> {
         let all = std::mem::take(&mut self.told);
         self.bytes = 0;
         all.into_iter().skip_while(|(at, _)| *at < last_heard).map(|(_, record)| record).collect()
     }
 
-    /// How many records had no room although they might not have arrived.
+    /// Number of records that were removed for lack of memory although they might be undelivered.
     pub(super) fn dropped(&self) -> u64 {
         self.dropped
     }

@@ -1,4 +1,4 @@
-//! One number in a file of its own, replaced as a whole.
+//! A number in its own file, which is replaced as a whole.
 
 use std::fs;
 use std::io::{self, Write};
@@ -6,22 +6,23 @@ use std::path::PathBuf;
 
 use super::{CHECKSUM, create};
 
-/// A number that outlives the program. Killed at any instant, the file has the number before or the number after.
+/// Number that is stored over restarts. After a kill, the file contains either the number before or the number after a
+/// change.
 #[derive(Clone, Debug)]
 pub struct NumberFile {
     path: PathBuf,
 }
 
 impl NumberFile {
-    /// The number in this file.
+    /// Refers to the number in this file.
     pub fn at(path: impl Into<PathBuf>) -> NumberFile {
         NumberFile { path: path.into() }
     }
 
-    /// The number; `None` where there is no file, or none of this form.
+    /// Reads the number; `None` if the file is missing or invalid.
     ///
     /// # Errors
-    /// There is a file that cannot be read.
+    /// The file exists and cannot be read.
     pub fn read(&self) -> io::Result<Option<u64>> {
         match fs::read(&self.path) {
             Ok(bytes) => Ok(number(&bytes)),
@@ -30,10 +31,10 @@ impl NumberFile {
         }
     }
 
-    /// Replaces the number. A power cut may bring the old one back, or none; a kill does not.
+    /// Replaces the number. After a power failure, the file may contain the old number, or be invalid.
     ///
     /// # Errors
-    /// The old one is there still.
+    /// The file still contains the old number.
     pub fn write(&self, number: u64) -> io::Result<()> {
         let fresh = self.path.with_extension("new");
         let number = number.to_le_bytes();

@@ -1,4 +1,4 @@
-//! Files of records: a header, then records one behind the other, only ever added to.
+//! Files of records: a header, then one record after the other. Records are only appended.
 
 use std::fs::{self, File};
 use std::io::{self, Read, Write};
@@ -7,31 +7,31 @@ use std::path::{Path, PathBuf};
 use super::CHECKSUM;
 use crate::seam::Record;
 
-/// The first bytes of each file: what it is, the number of its first record, and a checksum of both.
+/// Size of the header in bytes: magic bytes, number of the first record, and a checksum of both.
 pub(super) const HEADER: u64 = 20;
 const MAGIC: [u8; 8] = *b"plant-01";
 
-/// Before each record: its length, and the checksum of its number and its bytes.
+/// Size of the prefix of each record in bytes: its length, and the checksum of its number and its bytes.
 pub(super) const FRAME: u64 = 8;
 
-/// No record is longer.
+/// Maximum length of a record in bytes.
 pub(super) const LONGEST: usize = 1024 * 1024;
 
 const EXTENSION: &str = "records";
 
-/// What is known of one file.
+/// Known properties of one file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Segment {
-    /// The number of its first record.
+    /// Number of its first record.
     pub(super) first: u64,
-    /// How many records it has.
+    /// Number of records.
     pub(super) count: u64,
-    /// How long it is, with what behind the last record is none.
+    /// Length in bytes, including invalid data after the last record.
     pub(super) bytes: u64,
 }
 
 impl Segment {
-    /// The number behind its last record.
+    /// Number of the record after the last one.
     pub(super) fn end(&self) -> u64 {
         self.first.saturating_add(self.count)
     }
@@ -40,12 +40,12 @@ impl Segment {
         directory.join(format!("{:020}.{EXTENSION}", self.first))
     }
 
-    /// What it takes of a disk that gives away 4 kB at a time.
+    /// Size on a disk with blocks of 4 kB.
     pub(super) fn on_disk(bytes: u64) -> u64 {
         bytes.next_multiple_of(4096)
     }
 
-    /// A new file.
+    /// Creates a file.
     pub(super) fn create(directory: &Path, first: u64) -> io::Result<(Segment, File)> {
         let segment = Segment { first, count: 0, bytes: HEADER };
         let mut file = super::create(&segment.path(directory))?;
@@ -56,7 +56,7 @@ impl Segment {
         Ok((segment, file))
     }
 
-    /// Adds a record.
+    /// Appends a record.
     pub(super) fn push(&mut self, file: &mut File, record: &Record) -> io::Result<()> {
         let length = u32::try_from(record.0.len()).map_err(io::Error::other)?;
         let mut frame = length.to_le_bytes().to_vec();
@@ -68,7 +68,7 @@ impl Segment {
         Ok(())
     }
 
-    /// The file of this number as it is found; `None` where it has no record.
+    /// Opens the file of this number; `None` if it contains no record.
     pub(super) fn open(directory: &Path, first: u64) -> io::Result<Option<Segment>> {
         let mut segment = Segment { first, count: 0, bytes: 0 };
         let mut file = File::open(segment.path(directory))?;
@@ -83,11 +83,12 @@ impl Segment {
         Ok((segment.count > 0).then_some(segment))
     }
 
-    /// Up to `most` records from the one of this number on. Fewer than there should be: what follows is damaged.
+    /// Returns up to `most` records, from the one with number `from` on. Fewer records than expected mean that the rest
+    /// is damaged.
     pub(super) fn records(&self, directory: &Path, from: u64, most: u64) -> io::Result<Vec<Record>> {
         let mut found = Vec::new();
         let mut file = match File::open(self.path(directory)) {
-            // Somebody has made room by hand.
+            // The file may have been deleted by hand.
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(found),
             opened => opened?,
         };
@@ -107,7 +108,7 @@ impl Segment {
     }
 }
 
-/// The numbers in the names of the files of a directory, in order.
+/// Numbers in the file names of a directory, in order.
 pub(super) fn numbers(directory: &Path) -> io::Result<Vec<u64>> {
     let mut found = Vec::new();
     for entry in fs::read_dir(directory)? {
@@ -130,7 +131,7 @@ fn has_header(file: &mut File, first: u64) -> io::Result<bool> {
     Ok(is_whole && named == [MAGIC, first.to_le_bytes()].concat())
 }
 
-/// The next record, if it is whole and has this number.
+/// Reads the next record; `None` if it is incomplete or has another number.
 fn read_record(reader: &mut impl Read, number: u64) -> io::Result<Option<Record>> {
     let Some((length, expected)) = read_frame(reader)? else { return Ok(None) };
     let mut bytes = vec![0; length];
@@ -145,7 +146,7 @@ fn skip_record(reader: &mut io::BufReader<File>) -> io::Result<()> {
     Ok(())
 }
 
-/// Length and checksum; `None` where the file ends, or at a length that no record has.
+/// Reads length and checksum; `None` at the end of the file, or if the length is invalid.
 fn read_frame(reader: &mut impl Read) -> io::Result<Option<(usize, u32)>> {
     let mut frame = [0; 8];
     if !fill(reader, &mut frame)? {
@@ -156,7 +157,7 @@ fn read_frame(reader: &mut impl Read) -> io::Result<Option<(usize, u32)>> {
     Ok((length <= LONGEST).then_some((length, u32::from_le_bytes([e, f, g, h]))))
 }
 
-/// Reads so many bytes; `false` where the file ends before.
+/// Fills `bytes`; `false` if the file ends before.
 fn fill(reader: &mut impl Read, bytes: &mut [u8]) -> io::Result<bool> {
     match reader.read_exact(bytes) {
         Ok(()) => Ok(true),
@@ -165,7 +166,7 @@ fn fill(reader: &mut impl Read, bytes: &mut [u8]) -> io::Result<bool> {
     }
 }
 
-/// With its number: a record at another place is none.
+/// Checksum that includes the number, so that a record at another position is invalid.
 fn checksum(number: u64, bytes: &[u8]) -> u32 {
     let mut digest = CHECKSUM.digest();
     digest.update(&number.to_le_bytes());

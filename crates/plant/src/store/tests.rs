@@ -10,7 +10,7 @@ use crate::seam::Record;
 mod crashed;
 mod damaged;
 
-/// Six files, each with two or three records.
+/// Size for six files with two or three records each.
 const MOST: u64 = 6 * 4096;
 const IN_ONE_FILE: u64 = 100;
 
@@ -18,7 +18,7 @@ fn open(directory: &Path) -> Store {
     Store::in_files_of(directory, MOST, IN_ONE_FILE).unwrap()
 }
 
-/// Each is told from every other one.
+/// Record that differs from every other one.
 fn record(number: u64) -> Record {
     let length = usize::try_from(number * 7 % 23).unwrap();
     Record([number.to_le_bytes().to_vec(), vec![0xa5; length]].concat())
@@ -33,7 +33,7 @@ fn numbers(records: &[Record]) -> Vec<u64> {
 }
 
 fn all(store: &mut Store) -> Vec<u64> {
-    // What is in one file comes at once.
+    // The records of one file are returned together.
     let mut found = Vec::new();
     loop {
         let some = store.first(2).unwrap();
@@ -45,7 +45,7 @@ fn all(store: &mut Store) -> Vec<u64> {
     }
 }
 
-/// What is in a directory.
+/// Files in a directory, with their content.
 fn files(directory: &Path) -> BTreeMap<String, Vec<u8>> {
     let entries = fs::read_dir(directory).unwrap().map(Result::unwrap);
     let read =
@@ -169,7 +169,7 @@ fn a_record_that_is_longer_than_all_may_be_is_refused_and_counted_and_the_disk_i
         assert_eq!(error.to_string(), "longer than a record may be");
     }
     assert_eq!((store.dropped(), store.news()), (2, None));
-    // One that just fits has all of it.
+    // A record of exactly the maximum size fits.
     let longest = Record(vec![7; 6 * 4096 - 28]);
     store.push(&longest).unwrap();
     assert_eq!((store.dropped(), store.first(9).unwrap()), (1, vec![longest]));
@@ -252,8 +252,8 @@ fn steps() -> impl Strategy<Value = Vec<Step>> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Whatever is pushed, told and restarted in whatever order: nothing twice, nothing out of order, and what is missing is
-    /// what was counted.
+    /// With any sequence of writes, publications and restarts, no record is returned twice or out of order. The number
+    /// of missing records equals the count.
     #[test]
     fn each_record_is_told_once_in_order_or_counted(steps in steps()) {
         let directory = tempfile::tempdir().unwrap();

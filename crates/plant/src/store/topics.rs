@@ -1,4 +1,4 @@
-//! Names of topics in a file of their own, replaced as a whole.
+//! Topic names in their own file, which is replaced as a whole.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -7,25 +7,26 @@ use std::path::PathBuf;
 
 use super::{CHECKSUM, create};
 
-/// More is none of ours.
+/// Maximum size of the file in bytes. A larger one was not written by this program.
 const LARGEST: u64 = 4 << 20;
 
-/// Topics that outlive the program. Killed at any instant, the file has those before or those after.
+/// Topics that are stored over restarts. After a kill, the file contains either the topics before or those after a
+/// change.
 #[derive(Clone, Debug)]
 pub struct TopicsFile {
     path: PathBuf,
 }
 
 impl TopicsFile {
-    /// The topics in this file.
+    /// Refers to the topics in this file.
     pub fn at(path: impl Into<PathBuf>) -> TopicsFile {
         TopicsFile { path: path.into() }
     }
 
-    /// The topics; none where there is no file, or none of this form.
+    /// Reads the topics; empty if the file is missing or invalid.
     ///
     /// # Errors
-    /// There is a file that cannot be read.
+    /// The file exists and cannot be read.
     pub fn read(&self) -> io::Result<BTreeSet<String>> {
         let bytes = match fs::metadata(&self.path) {
             Ok(about) if about.is_file() && about.len() <= LARGEST => fs::read(&self.path)?,
@@ -36,10 +37,10 @@ impl TopicsFile {
         Ok(topics(&bytes).unwrap_or_default())
     }
 
-    /// Replaces the topics. A power cut may bring the old ones back, or none; a kill does not.
+    /// Replaces the topics. After a power failure, the file may contain the old topics, or be invalid.
     ///
     /// # Errors
-    /// The old ones are there still.
+    /// The file still contains the old topics.
     pub fn write<'t>(&self, topics: impl IntoIterator<Item = &'t String>) -> io::Result<()> {
         let fresh = self.path.with_extension("new");
         let lines: String = topics.into_iter().flat_map(|topic| [topic.as_str(), "\n"]).collect();

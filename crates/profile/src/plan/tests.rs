@@ -58,7 +58,7 @@ fn planned(quirks: Quirks, signals: &[Signal]) -> Vec<ReadRequest> {
     plan(&device(quirks), signals.iter().enumerate().map(|(index, signal)| (SignalId(index), signal)))
 }
 
-/// Each request as `input:0+8 [0 1 2]`: first register, count, the signals in it.
+/// Formats each request as `input:0+8 [0 1 2]`: first register, count, signals.
 fn shape(requests: &[ReadRequest]) -> Vec<String> {
     let one = |request: &ReadRequest| {
         let fields: Vec<String> = request.fields.iter().map(|field| field.signal.0.to_string()).collect();

@@ -1,12 +1,12 @@
-//! What the kernel lets through of a CAN line, and what is sent to all of its nodes. Everything else on the line costs
-//! nothing but this.
+//! Preview of a CAN line: the filters in the kernel, and the frames sent to all nodes. The kernel discards all other
+//! frames.
 
 use crate::document::{Section, grouped};
 use crate::duration::shown;
 use crate::{BusId, Profile};
 use isotherm_core::codec::{Address, CanId, CanMatch};
 
-/// What a CANopen node sends beside its values: from which identifier on, and what.
+/// Services of a CANopen node, each with the base of its identifiers.
 const SERVICES: [(u32, &str); 3] =
     [(0x80, "emergencies"), (0x580, "SDO answers"), (0x700, "boot-up and heartbeat")];
 
@@ -26,7 +26,7 @@ pub(super) fn preview(profile: &Profile, id: BusId) -> Section {
             })
         })
     });
-    // A device may have many values in one frame.
+    // A device may have several values in one frame.
     let once =
         grouped(values.chain(services).map(|filter| (filter, ()))).into_iter().map(|(filter, _)| filter);
     let mut filters = grouped(once);

@@ -1,4 +1,4 @@
-//! How often the checks of a device are read while the gateway runs, and what may happen between two of them.
+//! Period of the checks of a device in operation, and the effect of a change between two checks.
 
 use std::time::Duration;
 
@@ -10,11 +10,11 @@ use crate::tables::device::verify::Expected;
 use crate::{BusId, Device, DeviceId, Profile};
 use isotherm_core::compensation::model::Model;
 
-/// Largest part of a line's time for the checks of its devices.
+/// Largest share of a line's time for checks of its devices.
 const SHARE: f64 = 0.01;
 
-/// Returns the factor by which the periods of all checks on a line are longer than the profile says, so that they take at most
-/// 1 % of its time. At least 1.
+/// Returns the factor by which the periods of all checks on a line are extended, so that they take at most 1 % of its
+/// time. At least 1.
 pub fn stretch(profile: &Profile, bus: BusId) -> f64 {
     let checks =
         profile.devices_on(bus).flat_map(|(id, device)| device.verify.iter().map(move |check| (id, check)));
@@ -23,7 +23,7 @@ pub fn stretch(profile: &Profile, bus: BusId) -> f64 {
     (share.sum::<f64>() / SHARE).max(1.0)
 }
 
-/// Returns the real period of a check: that of the profile, or in whole seconds if it is stretched.
+/// Returns the actual period of a check. An extended period is in whole seconds.
 pub fn period(check: &Expected, stretch: f64) -> Duration {
     if stretch <= 1.0 {
         return check.every;
@@ -32,7 +32,8 @@ pub fn period(check: &Expected, stretch: f64) -> Duration {
     Duration::from_secs(seconds.as_secs() + u64::from(seconds.subsec_nanos() > 0))
 }
 
-/// Returns the names of the devices that nothing identifies: they answer or are written to, and no `verify` says which they are.
+/// Returns the names of the devices without identification. They answer requests or are written to, but have no
+/// `verify`.
 pub(super) fn unidentified(profile: &Profile) -> Vec<&str> {
     let is_asked = |device: &Device| match &device.can {
         Some(can) => can.node.is_some(),
@@ -49,8 +50,8 @@ fn time_of(profile: &Profile, device: DeviceId, check: &Expected) -> Duration {
     exchange_time(profile.bus(owner.bus), owner, &asked)
 }
 
-/// Returns the checks of a device with their real periods, and by how much each axis that reads from it may move before a change
-/// of settings is found.
+/// Returns the checks of a device with their actual periods. The second list states how far each axis that reads from
+/// the device may move before a changed setting is detected.
 pub(super) fn preview(profile: &Profile, id: DeviceId, device: &Device) -> (Vec<Section>, Vec<String>) {
     let stretch = stretch(profile, device.bus);
     let checks = device.verify.iter().map(|check| check.preview(period(check, stretch))).collect();
@@ -79,7 +80,7 @@ mod tests {
     use super::*;
     use crate::parse;
 
-    /// A line at 9600 baud with so many units of one check each.
+    /// Creates a line at 9600 baud with this number of units, each with one check.
     fn line(units: usize, every: &str) -> Profile {
         let mut text = "[machine]\nname = \"line\"\n[bus.b]\ntype = \"modbus-rtu\"\nport = \"/dev/serial/by-id/usb-x\"\nbaud = 9600\n".to_owned();
         for unit in 1..=units {
@@ -98,7 +99,7 @@ mod tests {
 
     #[test]
     fn the_checks_of_a_line_take_at_most_one_percent_of_its_time() {
-        // One exchange takes 34 ms with the time that a device is assumed to need.
+        // One exchange takes 34 ms, including the assumed answer time of a device.
         assert_eq!(periods(&line(8, "")), [60; 8]);
         for (units, every, shortest) in [(8, ", every = \"10s\"", 25), (32, "", 105)] {
             let periods = periods(&line(units, every));

@@ -1,7 +1,7 @@
-//! How full a line is: what is asked on it in a second, and what part of its time that takes.
+//! Load of a line: the exchanges per second, and the share of its time that they take.
 //!
-//! Counted is the busiest time without a fault: every axis moves at each of its updates. How long a device takes to
-//! answer no profile says, so it is assumed, and the answer time at which the line would be full stands beside it.
+//! The load is that of the busiest time without a fault: every axis moves at each update. Profiles do not state the
+//! answer time of devices, so it is assumed. The answer time at which the line would be full is shown with it.
 
 use std::time::Duration;
 
@@ -12,48 +12,49 @@ use crate::document::Section;
 use crate::wording::counted;
 use crate::{Bus, BusId, Device, Profile, ProfileError, Transport};
 
-/// What a device of today needs to begin its answer, its network included.
+/// Assumed time until a current device begins its answer, including its network.
 const ANSWER: Duration = Duration::from_millis(10);
-/// The same through a plain serial server: two short frames at 9600 baud, whose speed no profile knows, come on top.
+/// Assumed answer time through a plain serial server. It includes two short frames at 9600 baud, because profiles do
+/// not state the baud rate.
 const ANSWER_THROUGH_SERVER: Duration = Duration::from_millis(30);
-/// Beyond this part of its time, in percent, a line has no room for lost answers and repetitions.
+/// Load in percent above which a line has no reserve for lost answers and repetitions.
 const TIGHT: f64 = 80.0;
 const FULL: f64 = 100.0;
 
-/// What is asked of a line, and what that takes of its time.
+/// Load of a line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Load {
-    /// Questions in a second while every axis moves at each of its updates.
+    /// Exchanges per second while every axis moves at each update.
     pub exchanges_per_second: f64,
-    /// The part of the line's time that reading signals takes, in percent.
+    /// Share of the line's time for reading signals, in percent.
     pub polls_percent: f64,
-    /// The part that writing takes, with what is read for it, in percent.
+    /// Share for writing, including the reads for it, in percent.
     pub writes_percent: f64,
-    /// Both.
+    /// Total, in percent.
     pub percent: f64,
-    /// How long a device is assumed to take for an answer, milliseconds; on a serial port besides the bytes.
+    /// Assumed answer time of a device in milliseconds, on a serial port without the transfer of the bytes.
     pub answer_ms: f64,
-    /// With a longer one the line would be full, milliseconds; `None`: it is full whatever its devices do.
+    /// Answer time at which the line would be full, in milliseconds. `None` if it is full with any answer time.
     pub full_at_answer_ms: Option<f64>,
-    /// Whether it fits.
+    /// Assessment of the load.
     pub verdict: Verdict,
     timeout_ms: f64,
     is_serial: bool,
 }
 
-/// Whether what is asked fits into a line's time.
+/// Assessment of the load of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
-    /// It does.
+    /// The exchanges fit into the time of the line.
     Fits,
-    /// It does, with no room for lost answers.
+    /// The exchanges fit, but without reserve for lost answers.
     Tight,
-    /// It does not.
+    /// The exchanges do not fit.
     Full,
 }
 
-/// What an exchange takes: a time that is known, and how often an answer is waited for.
+/// Time of an exchange: the known part, and the number of answer times.
 struct Cost {
     known: Duration,
     waits: f64,
@@ -69,19 +70,19 @@ fn cost(bus: &Bus, device: &Device, asked: &Exchange) -> Cost {
     };
     let known = bytes + quirks.pause_between_requests;
     if quirks.close_after_each {
-        // The next question waits for a new connection first.
+        // The next request requires a new connection first.
         return Cost { known: known + quirks.pause_after_connect, waits: 2.0 };
     }
     Cost { known, waits: 1.0 }
 }
 
-/// Returns how long one exchange takes, with the time that a device is assumed to need for its answer.
+/// Returns the time of one exchange, including the assumed answer time of the device.
 pub(super) fn exchange_time(bus: &Bus, device: &Device, asked: &Exchange) -> Duration {
     let Cost { known, waits } = cost(bus, device, asked);
     known + answer_time(bus.transport).mul_f64(waits)
 }
 
-/// Returns how long a device on such a line is assumed to take for an answer.
+/// Returns the assumed answer time of a device on such a line.
 fn answer_time(transport: Transport) -> Duration {
     match transport {
         Transport::RtuOverTcp => ANSWER_THROUGH_SERVER,
@@ -95,7 +96,7 @@ pub(super) fn ms(span: Duration) -> f64 {
     1000.0 * span.as_secs_f64()
 }
 
-/// Lines of which more is asked than there is time for.
+/// Warns about lines that have less time than their exchanges require.
 pub fn warnings(profile: &Profile) -> Vec<ProfileError> {
     let loads = (0..profile.buses.len())
         .filter_map(|place| Load::of(profile, BusId(place)).zip(profile.buses.get(place)));
@@ -115,8 +116,8 @@ pub fn warnings(profile: &Profile) -> Vec<ProfileError> {
 }
 
 impl Load {
-    /// The load of a line; `None` where nobody is asked, as on a CAN line whose devices send by themselves, and where all are asked at
-    /// once, as the sensors of this computer.
+    /// Calculates the load of a line. Returns `None` if nothing is requested, for example on a CAN line whose devices
+    /// send by themselves. Returns `None` for sensors of this computer too, because all are read at the same time.
     pub fn of(profile: &Profile, id: BusId) -> Option<Load> {
         let bus = profile.bus(id);
         if bus.transport == Transport::Sysfs {
@@ -176,7 +177,7 @@ impl Load {
         section
     }
 
-    /// `load 241 % (polls 1 %, writes 240 %), up to 241 exchanges a second at 10 ms an answer`.
+    /// Describes the load: `load 241 % (polls 1 %, writes 240 %), up to 241 exchanges a second at 10 ms an answer`.
     fn asked_of_it(&self) -> String {
         let answer = if self.is_serial { "for a device to begin its answer" } else { "an answer" };
         let exchanges = counted(figure(self.exchanges_per_second), "exchange");
@@ -190,7 +191,7 @@ impl Load {
     }
 }
 
-/// Two digits where there are few, whole numbers beyond.
+/// Formats a number with one decimal below 10, and without decimals from there on.
 fn figure(number: f64) -> String {
     if number < 9.95 && number.fract().abs() > 0.0 {
         let text = format!("{number:.1}");

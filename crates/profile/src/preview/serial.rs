@@ -1,11 +1,11 @@
-//! A serial port, and how much of its time the polls take.
+//! Preview of a serial port, with the share of its time for polls.
 
 use super::load::ms;
 use super::traffic::read_frames;
 use crate::document::Section;
 use crate::{BusId, Profile, Serial};
 
-/// A serial port's settings, and what its polls need of its time, without the time its devices need to answer.
+/// Settings of a serial port, and the time of its polls without the answer times of the devices.
 pub(super) fn preview(profile: &Profile, id: BusId, serial: Serial) -> Section {
     let (settings, character, silence) = (serial.to_string(), ms(serial.character()), ms(serial.silence()));
     let mut section = Section::default();

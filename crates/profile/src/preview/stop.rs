@@ -1,4 +1,4 @@
-//! What a stop does to the registers, and how long it takes at most.
+//! Preview of a stop: its effect on the registers, and its longest duration.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! What is asked on a line, and how often: polls, heartbeat, outputs, sets. Pure.
+//! Exchanges on a line and their rates: polls, heartbeat, outputs, sets. Pure.
 
 use std::time::Duration;
 
@@ -9,23 +9,23 @@ use crate::{
 use isotherm_core::codec::{Address, Register, Table};
 use isotherm_core::reading::SignalId;
 
-/// How often a handshake asks for its acknowledge: that it is down; that it rises, at once and after the control's cycle;
-/// that it drops, at once and after the control's cycle.
+/// Reads of the acknowledge in one handshake: once before the strobe, twice for its rise, twice for its fall. The
+/// second read of each pair comes after the cycle of the control.
 const ASKS: u8 = 5;
 
-/// One question that comes again and again.
+/// Repeated exchange.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Exchange {
     pub(super) device: DeviceId,
     pub(super) per_second: f64,
-    /// Bytes of the frames on a serial line, with unit and checksum.
+    /// Length of the request on a serial line in bytes, with unit and checksum.
     pub(super) question: usize,
     pub(super) answer: usize,
-    /// It belongs to an output or the heartbeat.
+    /// Whether it belongs to an output or the heartbeat.
     pub(super) writes: bool,
 }
 
-/// Everything that is asked on this line while every axis moves at each of its updates.
+/// Returns all exchanges on a line while every axis moves at each update.
 pub(super) fn traffic(profile: &Profile, bus: BusId) -> Vec<Exchange> {
     let mut traffic = Traffic { profile, bus, asked: Vec::new() };
     traffic.polls();
@@ -93,12 +93,12 @@ impl Traffic<'_> {
                 self.write(output, often);
                 self.read_back(output, often, 1.0);
             }
-            // Promised on disk between the reads, so that what an operator writes meanwhile is seen.
+            // Between the reads the promise is written to disk, so that an operator's write in between is detected.
             (_, Share::Ledger) => {
                 self.write(output, per(every));
                 self.read_back(output, per(every), 3.0);
             }
-            // A constant, written when it does not stand there.
+            // Constant, which is written only if the register holds another value.
             (Writes::Reference, Share::Whole) => {
                 let often = output.refresh.map_or(0.0, per);
                 self.write(output, often);
@@ -112,7 +112,7 @@ impl Traffic<'_> {
         }
     }
 
-    /// How often a position is read, and so corrected.
+    /// Rate at which a position is read, and therefore corrected.
     fn position(&self, position: SignalId) -> f64 {
         let signal = self.profile.signal(position);
         let device = self.profile.device(signal.device);
@@ -120,7 +120,7 @@ impl Traffic<'_> {
         per(sync.map_or(device.every, |sync| sync.every))
     }
 
-    /// The value of an output, with what a display is given beside it.
+    /// Adds the writes of an output's value, with the other registers of a display.
     fn write(&mut self, output: &Output, per_second: f64) {
         if !is_asked_for(&output.address) {
             return;
@@ -147,7 +147,7 @@ impl Traffic<'_> {
         }
     }
 
-    /// What the control says it applies, at once after each change and once more when it does.
+    /// Adds the reads of the applied value: after each change, and again when the control applies it.
     fn applied(&mut self, output: &Output, per_second: f64) {
         if let Some(applied) = &output.applied {
             let registers = applied.encoding.data_type.registers();
@@ -155,7 +155,7 @@ impl Traffic<'_> {
         }
     }
 
-    /// What is read around a write of an output that is read back: this many times.
+    /// Adds this number of reads for each write of an output that is read back.
     fn read_back(&mut self, output: &Output, per_second: f64, times: f64) {
         let from = output.reads_at();
         if !output.verify.reads() || !is_asked_for(&from) {
@@ -167,7 +167,7 @@ impl Traffic<'_> {
         }
     }
 
-    /// All its registers are read, written and read again, with the handshake in between.
+    /// Adds the exchanges of a set: all registers are read, written and read again, with the handshake in between.
     fn set(&mut self, set: &OutputSet) {
         let device = self.profile.device(set.device);
         let moving = set.members(self.profile).filter(|output| output.writes != Writes::Reference);
@@ -198,12 +198,12 @@ impl Traffic<'_> {
     }
 }
 
-/// Values in CAN frames come and go without a question.
+/// Returns whether a value is requested. Values in CAN frames are not.
 fn is_asked_for(address: &Address) -> bool {
     !address.is_in_frames()
 }
 
-/// What is in no register, as a node, is counted as the shortest request would be.
+/// Returns the register of a value. A value without a register, such as a node, counts as the shortest request.
 fn register_for(address: &Address) -> Register {
     address.register().unwrap_or(holding(0))
 }
@@ -212,12 +212,12 @@ const fn holding(offset: u16) -> Register {
     Register { table: Table::Holding, offset }
 }
 
-/// Exchanges that one value takes: an object of more than four bytes comes in segments of seven.
+/// Number of exchanges for one value. A CANopen object of more than four bytes is transferred in segments of seven.
 fn transfers(address: &Address, registers: u16) -> usize {
     if matches!(address, Address::Object(_)) { segments(registers) } else { 1 }
 }
 
-/// The same for what one read asks for.
+/// Number of exchanges for one read request.
 fn transfers_of(request: &ReadRequest) -> usize {
     let registers = request.fields.iter().map(|field| field.len).sum();
     if matches!(request.asks, ReadTarget::Object(_)) { segments(registers) } else { 1 }
@@ -232,7 +232,7 @@ fn per(every: Duration) -> f64 {
     1.0 / every.as_secs_f64()
 }
 
-/// Refreshes in a second between the changes of a value: each change begins the time anew.
+/// Refreshes per second between the changes of a value. Each change restarts the period.
 fn refreshes(every: Duration, refresh: Option<Duration>) -> f64 {
     refresh.map_or(0.0, |refresh| {
         let spans = (every.as_secs_f64() / refresh.as_secs_f64()).ceil();
@@ -240,7 +240,7 @@ fn refreshes(every: Duration, refresh: Option<Duration>) -> f64 {
     })
 }
 
-/// Updates in a second of axes with these periods, the shortest first: those at the same moment count once.
+/// Updates per second of axes with these periods, shortest first. Simultaneous updates count once.
 fn together(periods: &[Duration]) -> f64 {
     let own = periods.iter().enumerate().filter(|(place, period)| {
         periods[..*place].iter().all(|shorter| !period.as_nanos().is_multiple_of(shorter.as_nanos()))
@@ -248,12 +248,12 @@ fn together(periods: &[Duration]) -> f64 {
     own.map(|(_, period)| per(*period)).sum()
 }
 
-/// Bytes of a read request's frame and of its answer's, with unit and checksum.
+/// Lengths of a read request and its answer in bytes, with unit and checksum.
 pub(super) fn read_frames(request: &ReadRequest) -> (usize, usize) {
     request.span().map_or((0, 0), |(from, count)| cells_read(from.table, count))
 }
 
-/// Returns the bytes of the frames that read a value of this many registers, with unit and checksum.
+/// Lengths of the request and the answer that read this many registers, in bytes, with unit and checksum.
 pub(super) fn read_cells(address: &Address, registers: u16) -> (usize, usize) {
     cells_read(register_for(address).table, registers)
 }

@@ -1,4 +1,4 @@
-//! `[axis.*]`: what is computed, and how far it may go.
+//! `[axis.*]`: models, limits and fault action of an axis.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -20,55 +20,57 @@ pub(super) mod intercept_slope;
 pub(crate) mod model;
 pub(crate) mod probe;
 
-/// One compensated axis.
+/// Compensated axis.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Axis")]
 pub(crate) struct RawAxis {
-    /// What people call it, in any script: shown beside the name.
+    /// Display name of the axis in any script, shown next to its name.
     label: Option<String>,
-    /// Largest |Cz|, µm.
+    /// Largest absolute value of Cz, µm.
     #[schemars(required, extend("x-layers" = "less"))]
     limit: Option<f64>,
-    /// Largest change of one update, µm.
+    /// Largest change of Cz in one update, µm.
     #[schemars(required, extend("x-layers" = "less"))]
     pub(super) step: Option<f64>,
-    /// Largest speed, µm/s.
+    /// Largest rate of change of Cz, µm/s.
     #[schemars(required, extend("x-layers" = "less"))]
     rate: Option<f64>,
-    /// A smaller change is not made, µm. Default 0.
+    /// Smallest change of Cz that is made, µm. Default 0.
     deadband: Option<f64>,
-    /// Update period.
+    /// Period of the updates.
     #[schemars(required)]
     pub(super) every: Option<Timespan>,
-    /// What happens when no model or no output can be used.
+    /// Action if no model or no output can be used.
     #[schemars(required, extend("x-layers" = "same"))]
     on_fault: Option<FaultAction>,
-    /// Told once when |Cz| passes it, µm; at most `limit`.
+    /// Level of |Cz| for a warning, µm; at most `limit`. Each time it is exceeded is reported once.
     warn: Option<f64>,
-    /// A model that asks for more than this is not believed, µm; at least `limit`. The axis takes its fault action and
-    /// stays off until it is armed.
+    /// Level of the model's value for an error, µm; at least `limit`. Beyond it, the axis executes its fault action,
+    /// and stays off until it is armed.
     error: Option<f64>,
-    /// zero: Cz is measured from what the model asked for at the last zero. Default: from the model's own zero.
+    /// Zero point of Cz. With "zero", Cz is measured from the model's value at the last zero. Default: the model's own
+    /// zero.
     datum: Option<DatumWord>,
-    /// A lathe's X: the offset acts on the diameter, Cz is doubled when written. Default false.
+    /// Whether the offset is a diameter, as for X of a lathe. Cz is then doubled when written. Default false.
     #[schemars(extend("x-layers" = "arrives"))]
     diameter: Option<bool>,
-    /// Measured errors correct the models.
+    /// Correction of the models by measured errors.
     probe: Option<RawProbe>,
-    /// Models in order of preference: the first whose signals are all good is used. None yet: `record` and `identify`
-    /// find one, and the axis stays off until then.
+    /// Models in order of preference. The first one whose signals are all good is used. Without a model the axis stays
+    /// off; `isotherm record` and `isotherm identify` find one.
     pub(super) model: Option<Vec<RawModel>>,
 }
 
-/// What happens on a fault.
+/// Fault action of an axis.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct FaultAction {
-    /// hold: keep the last value; ramp: keep it for `after`, then to zero at `rate`; zero: to zero at once, `step` by `step`.
+    /// Action. "hold" keeps the last value. "ramp" keeps it for `after`, then returns to zero at `rate`. "zero" returns
+    /// to zero at once, in steps of `step`.
     #[schemars(required)]
     action: Option<FaultActionWord>,
-    /// How long the last value is kept before the ramp; required for it.
+    /// Time before the ramp during which the last value is kept. Required for "ramp".
     after: Option<Timespan>,
 }
 
@@ -80,7 +82,7 @@ enum FaultActionWord {
     Zero,
 }
 
-/// What Cz is measured from.
+/// Zero point of Cz.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 enum DatumWord {
@@ -93,27 +95,28 @@ pub enum Purpose {
     /// The axis compensates.
     #[default]
     Compensation,
-    /// The axis takes a register that is no output's any more back to its base. No profile file has such an axis.
+    /// The axis returns a released register to its base. Such a register belongs to no output any more. No profile file
+    /// has such an axis.
     Release,
 }
 
-/// One axis as the profile has it.
+/// Resolved axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
-    /// What the pure step needs.
+    /// Settings for the pure step.
     pub settings: AxisSettings,
-    /// What people call it; empty where the profile does not say.
+    /// Display name. Empty if the profile has none.
     pub label: String,
-    /// A lathe's X: the offset acts on the diameter, Cz is doubled when written.
+    /// Whether the offset is a diameter, as for X of a lathe. Cz is then doubled when written.
     pub diameter: bool,
-    /// Where its measured error is read; `None`: errors come by command only, if it takes any.
+    /// Input of measured errors. `None` if errors are only given by command, or not at all.
     pub probe_input: Option<ProbeInput>,
-    /// Its purpose.
+    /// Purpose of the axis.
     pub purpose: Purpose,
 }
 
 impl Axis {
-    /// How Cz is computed, which way it moves, how far and how fast.
+    /// Preview of the axis: calculation, direction, limits and rate of Cz.
     pub(crate) fn preview(&self, profile: &Profile, all_over: &[AllOver]) -> Section {
         let AxisSettings { name, models, guard, levels, .. } = &self.settings;
         let mut section = Section::default();
@@ -174,24 +177,24 @@ impl Axis {
         section
     }
 
-    /// Whether there is a way to compute its Cz yet; without one it stays off.
+    /// Returns whether the axis has a model. Without one it stays off.
     pub fn has_model(&self) -> bool {
         !self.settings.models.is_empty()
     }
 
-    /// Returns whether its Cz is measured from this: its datum, or the reference of an input of its models.
+    /// Returns whether Cz is measured from this reference. It is the datum of the axis, or a reference in its models.
     pub fn counts_from(&self, reference: Reference) -> bool {
         let by_datum = reference == Reference::Zero && self.settings.datum == Datum::Zero;
         by_datum
             || self.settings.models.iter().flat_map(Model::rises).any(|input| input.reference == reference)
     }
 
-    /// Whether some model of it says how wrong it is expected to be.
+    /// Returns whether a model of the axis states its expected error.
     pub fn says_how_wrong(&self) -> bool {
         self.settings.models.iter().any(|model| model.expected.is_some())
     }
 
-    /// How much of Cz is written: twice as much where it acts on a diameter.
+    /// Factor of Cz in the written value: 2 for a diameter, otherwise 1.
     pub(super) fn factor(&self) -> f64 {
         if self.diameter { 2.0 } else { 1.0 }
     }
@@ -216,7 +219,7 @@ impl RawAxis {
             Some(probe) => probe.resolve(&at.key("probe"), self).map(Some),
             None => Some(None),
         };
-        // Each is looked at, also where one before it is wrong.
+        // All models are checked, even after one with an error.
         let models: Vec<Option<Model>> =
             models.iter().enumerate().map(|(index, model)| model.resolve(&list.item(index))).collect();
         let (probe, probe_input) = probe?.unzip();
@@ -267,7 +270,8 @@ impl RawAxis {
         })
     }
 
-    /// A reference and a datum that are both taken at zero would subtract the same drift twice.
+    /// Resolves the datum. It must not be "zero" if a reference is captured at zero: the same drift would be subtracted
+    /// twice.
     fn datum(&self, at: &At<'_>) -> Datum {
         let Some(DatumWord::Zero) = self.datum else { return Datum::Model };
         let models = || self.model.iter().flatten();
@@ -284,7 +288,7 @@ impl RawAxis {
         Datum::Zero
     }
 
-    /// warn ≤ limit ≤ error.
+    /// Checks and resolves the levels: warn ≤ limit ≤ error.
     fn levels(&self, at: &At<'_>) -> Option<Levels> {
         let warn = level(&at.key("warn"), self.warn);
         let error = level(&at.key("error"), self.error);
@@ -324,7 +328,7 @@ impl FaultAction {
     }
 }
 
-/// A level that may be left out, which is `Some(None)`.
+/// Resolves an optional level. `Some(None)` if there is none.
 fn level(at: &At<'_>, level: Option<f64>) -> Option<Option<Micron>> {
     match level {
         Some(_) => at.positive(level).map(Micron::new),

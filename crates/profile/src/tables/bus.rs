@@ -21,20 +21,20 @@ pub(super) mod periods;
 pub(crate) mod serial;
 pub(crate) mod tls;
 
-/// A network, with the boxes in it, keeps a write at most this long where nothing else is known of it.
+/// Longest time for which a network and its devices are assumed to delay a write.
 const LATE: Duration = Duration::from_secs(30);
 const LATE_TIMEOUTS: u32 = 2;
 const LONGEST_LATE: Duration = Duration::from_mins(10);
 /// Longest name of a network interface on Linux.
 const LONGEST_NAME: usize = 15;
-/// What `pipeline = 2` cannot be together with.
+/// Reason why `pipeline = 2` is not possible with some quirks.
 pub(super) const APART: &str =
     "two questions in one go have neither a pause nor a connection of their own between them";
-/// The usual port of Modbus TCP.
+/// Default port of Modbus TCP.
 const USUAL: u16 = 502;
-/// Host and port, as an example.
+/// Example of host and port.
 const EXAMPLE: &str = "192.168.0.10:502";
-/// SYNC, where nothing else is said.
+/// Default identifier of SYNC.
 const SYNC: u32 = 0x80;
 
 /// One physical line.
@@ -42,31 +42,31 @@ const SYNC: u32 = 0x80;
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Bus")]
 pub(crate) struct RawBus {
-    /// What it speaks.
+    /// Type of the line.
     #[serde(rename = "type")]
     #[schemars(required)]
     pub(super) kind: Option<BusType>,
-    /// Host and port of a line over TCP: "192.168.0.10:502". With `tls` the port may be left out: 802. Of an opcua line
-    /// the server's URL: "opc.tcp://192.168.214.241:4840". Of a sysfs line the directory where the kernel shows its sensors; default
-    /// "/sys".
+    /// Address of the line. TCP lines: host and port, for example "192.168.0.10:502". With `tls` the default port is
+    /// 802. OPC UA lines: URL of the server, for example "opc.tcp://192.168.214.241:4840". Sysfs lines: directory of
+    /// the kernel's sensors, default "/sys".
     address: Option<String>,
-    /// Longest wait for one answer. Default "500ms", or half the shortest period of what is read and
-    /// written there if that is less; "2s" on a sysfs line.
+    /// Timeout of an answer. Default "500ms", or half the shortest period of reads and writes on the line if that is
+    /// less; "2s" on a sysfs line.
     pub(super) timeout: Option<Timespan>,
-    /// How long a write that was not answered may still arrive, held back on its way: `timeout` to "10min". Default "30s";
-    /// on a modbus-rtu line, where nothing holds it back, twice `timeout`.
+    /// Time during which a write without an answer may still arrive, from `timeout` to "10min". Default "30s"; on a
+    /// modbus-rtu line twice `timeout`, because no network delays the write.
     late: Option<Timespan>,
-    /// Modbus/TCP Security: the certificate files of a modbus-tcp line.
+    /// Certificate files of a modbus-tcp line with Modbus/TCP Security.
     tls: Option<RawTls>,
-    /// Questions of a modbus-tcp line that may be under way together: 1 or 2. Default 1. With 2 a corrected position is
-    /// written and the next one asked for in one go.
+    /// Largest number of requests under way on a modbus-tcp line, 1 or 2. Default 1. With 2, a corrected position is
+    /// written together with the request for the next one.
     #[schemars(range(min = 1, max = 2))]
     pipeline: Option<u8>,
-    /// What all its devices need to be treated like.
+    /// Quirks of all devices on the line.
     quirks: Option<RawQuirks>,
-    /// Serial port of a modbus-rtu line: "/dev/serial/by-id/usb-…".
+    /// Serial port of a modbus-rtu line, for example "/dev/serial/by-id/usb-…".
     port: Option<String>,
-    /// Bits per second of a modbus-rtu line; required.
+    /// Baud rate of a modbus-rtu line, in bits per second. Required there.
     #[schemars(range(min = 300, max = 4_000_000))]
     baud: Option<u32>,
     /// Parity of a modbus-rtu line. Default "none".
@@ -74,33 +74,34 @@ pub(crate) struct RawBus {
     /// Stop bits of a modbus-rtu line, 1 or 2. Default 1.
     #[schemars(range(min = 1, max = 2))]
     stop_bits: Option<u8>,
-    /// Network interface of a CAN line: "can0".
+    /// Network interface of a CAN line, for example "can0".
     interface: Option<String>,
-    /// SYNC that is sent on a CAN line. Default: none.
+    /// SYNC that the gateway sends on a CAN line. Default: none.
     #[schemars(extend("x-layers" = "arrives"))]
     sync: Option<RawSync>,
-    /// What protects the messages of an opcua line: the strongest way that both ends know. Required.
+    /// Protection of the messages on an opcua line. The strongest policy that both ends support is used. Required
+    /// there.
     security: Option<Security>,
-    /// As whom the gateway speaks on an opcua line: { name = "isotherm", password_file = "opcua.password" }, or
-    /// { cert = "user.der", key = "user.pem" }. Default: as nobody (anonymous).
+    /// User of the gateway on an opcua line: { name = "isotherm", password_file = "opcua.password" }, or { cert =
+    /// "user.der", key = "user.pem" }. Default: anonymous.
     user: Option<RawUser>,
-    /// The gateway's own certificate of a secured opcua line, in DER or PEM form.
+    /// Certificate of the gateway for a secured opcua line, in DER or PEM form.
     cert: Option<String>,
-    /// The private key of `cert`, in PEM form.
+    /// Private key of `cert`, in PEM form.
     key: Option<String>,
-    /// A directory with the certificates of the servers that a secured opcua line trusts.
+    /// Directory with the certificates of the servers that a secured opcua line trusts.
     trusted: Option<String>,
 }
 
-/// SYNC, sent to all nodes of a line.
+/// SYNC message for all nodes of a line.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Sync")]
 struct RawSync {
-    /// Its CAN identifier. Default 0x80.
+    /// CAN identifier of SYNC. Default 0x80.
     #[schemars(range(min = 1, max = 2047))]
     cob_id: Option<u32>,
-    /// How often it is sent.
+    /// Period of SYNC.
     #[schemars(required)]
     every: Option<Timespan>,
 }
@@ -117,21 +118,21 @@ pub(super) enum BusType {
     Sysfs,
 }
 
-/// What the devices of a line understand.
+/// Protocol family of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum LineKind {
-    /// Registers.
+    /// Modbus: registers, coils and discrete inputs.
     Modbus,
-    /// Frames and CANopen objects.
+    /// CAN: frames and CANopen objects.
     Can,
-    /// Nodes of a server.
+    /// OPC UA: nodes of a server.
     OpcUa,
     /// Sensors that the kernel of this computer reads.
     Sysfs,
 }
 
 impl BusType {
-    /// What its devices understand.
+    /// Protocol family of this type of line.
     pub(super) const fn kind(self) -> LineKind {
         match self {
             BusType::Can => LineKind::Can,
@@ -142,37 +143,37 @@ impl BusType {
     }
 }
 
-/// One line.
+/// Resolved line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bus {
-    /// Its name in the profile.
+    /// Name in the profile.
     pub name: String,
-    /// What it is made of.
+    /// Transport of the line.
     pub transport: Transport,
-    /// Host and port, the serial port's path, the CAN interface, the server's URL, or the directory of the kernel's sensors, as written.
+    /// Host and port, serial port, CAN interface, URL of the server, or directory of the kernel's sensors, as written.
     pub address: String,
-    /// Modbus/TCP Security; `None`: in the clear.
+    /// Modbus/TCP Security. `None` without encryption.
     pub tls: Option<Tls>,
-    /// How an OPC UA server is spoken to; `None` on every other line.
+    /// Settings of an OPC UA connection. `None` on every other line.
     pub opcua: Option<OpcUa>,
-    /// Longest wait for one answer, and for a connection.
+    /// Timeout of an answer and of a connection.
     pub timeout: Duration,
-    /// How long a write that was not answered may still arrive. Never less than `timeout`.
+    /// Time during which a write without an answer may still arrive. Never less than `timeout`.
     pub late: Duration,
-    /// So many questions may be under way together, 1 or 2.
+    /// Largest number of requests under way, 1 or 2.
     pub pipeline: u8,
-    /// What its devices need to be treated like.
+    /// Quirks of the devices.
     pub quirks: Quirks,
-    /// The SYNC that is sent on a CAN line.
+    /// SYNC that the gateway sends on a CAN line.
     pub sync: Option<Sync>,
 }
 
-/// What a bus is made of.
+/// Transport of a bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Transport {
     /// Modbus TCP.
     Tcp,
-    /// RTU frames through a TCP connection, as simple gateways pass them on.
+    /// RTU frames over a TCP connection, as simple gateways forward them.
     RtuOverTcp,
     /// Modbus RTU on a serial port of this computer.
     Serial(Serial),
@@ -180,31 +181,31 @@ pub enum Transport {
     Can,
     /// An OPC UA server.
     OpcUa,
-    /// The sensors of this computer, as its kernel shows them.
+    /// Sensors of this computer, from its kernel.
     Sysfs,
 }
 
-/// Who sends SYNC on a line: we do.
+/// SYNC that the gateway sends on a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sync {
-    /// With this identifier.
+    /// CAN identifier.
     pub id: CanId,
-    /// This often.
+    /// Period.
     pub every: Duration,
 }
 
 impl Transport {
-    /// It is a CAN interface.
+    /// Returns whether the transport is a CAN interface.
     pub const fn is_can(self) -> bool {
         matches!(self, Transport::Can)
     }
 
-    /// How long a write that was not answered may still arrive, where the profile does not say. On a port of our own
-    /// nothing but its device holds it back.
+    /// Default time during which a write without an answer may still arrive. On a local serial port only the device can
+    /// delay a write.
     pub fn late(self, timeout: Duration) -> Duration {
         match self {
             Transport::Serial(_) => timeout.saturating_mul(LATE_TIMEOUTS),
-            // Nothing is written there.
+            // Nothing is written to a sysfs line.
             Transport::Sysfs => timeout,
             Transport::Tcp | Transport::RtuOverTcp | Transport::Can | Transport::OpcUa => LATE.max(timeout),
         }
@@ -268,7 +269,7 @@ impl RawBus {
             _ => at.check.periods.timeout(name),
         });
         let Some(kind) = self.kind else {
-            // Wrong itself: what is written all the same is looked at.
+            // The type has an error. The other keys are checked nevertheless.
             self.address.as_ref().filter(|_| !self.is_at_a_server()).and_then(|_| self.host_and_port(at));
             self.interface.as_ref().and_then(|_| self.interface(at));
             self.late(&at.key("late"), timeout, LATE.max(timeout));
@@ -288,7 +289,7 @@ impl RawBus {
         };
         let late = self.late(&at.key("late"), timeout, transport.late(timeout));
         let tls = self.tls.as_ref().filter(|_| kind == BusType::ModbusTcp).map(|tls| {
-            // Its files are looked at even where the address is wrong.
+            // The files are checked even if the address is wrong.
             let host = address.as_deref().and_then(|address| host_and_port(address).ok());
             let host = host.map_or("localhost", |(host, _)| host);
             tls.resolve(&at.key("tls"), host)
@@ -320,7 +321,7 @@ impl RawBus {
         })
     }
 
-    /// What its devices understand; where its type is wrong, what its address says.
+    /// Returns the protocol family from the type. If that is wrong, the address may show an OPC UA server.
     pub(super) fn line_kind(&self) -> Option<LineKind> {
         self.kind.map(BusType::kind).or_else(|| self.is_at_a_server().then_some(LineKind::OpcUa))
     }
@@ -415,7 +416,7 @@ impl RawBus {
     }
 }
 
-/// Keys that belong to another type of line.
+/// Reports keys that belong to another type of line.
 fn foreign_keys(at: &At<'_>, kind: BusType) {
     let modbus = [BusType::ModbusTcp, BusType::ModbusRtu, BusType::ModbusRtuOverTcp];
     let by_address = [BusType::ModbusTcp, BusType::ModbusRtuOverTcp, BusType::OpcUa, BusType::Sysfs];
@@ -437,8 +438,8 @@ fn foreign_keys(at: &At<'_>, kind: BusType) {
     }
 }
 
-/// One rule for whatever is due on a line: an answer is not waited for as long as that, else one that is lost costs more
-/// than one of them. It is a warning, as nothing else comes of it: what is due meanwhile is left out.
+/// Warns if the timeout is as long as the shortest period on the line. A lost answer then costs more than one exchange.
+/// It is only a warning, because overdue exchanges are skipped.
 pub(super) fn none_waits_for_a_period(check: &Check<'_>) {
     for (name, bus) in &check.raw.bus {
         let at = check.at("bus").key(name).key("timeout");
@@ -460,7 +461,7 @@ pub(super) fn none_waits_for_a_period(check: &Check<'_>) {
     }
 }
 
-/// Two buses on one RTU line would speak at once, and take each other's answers.
+/// Reports two buses on one line. They would send at the same time, and receive each other's answers.
 pub(super) fn one_owner_each(check: &Check<'_>) {
     let is_shared = |transport| matches!(transport, Transport::Tcp | Transport::OpcUa | Transport::Sysfs);
     let lines: Vec<&Bus> = check.buses.right().filter(|bus| !is_shared(bus.transport)).collect();

@@ -1,4 +1,4 @@
-//! What is written of CAN: objects of a node, values inside process data and frames.
+//! Keys for CAN: objects of a node, and values in process data and frames.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -15,80 +15,79 @@ mod written;
 pub(super) use conflicts::check as conflicts;
 pub(super) use written::{Written, fill, resolve as written_frames};
 
-/// Bytes of a classic frame.
+/// Length of a classic frame in bytes.
 const CLASSIC: usize = 8;
 
-/// A value inside a CANopen process data object.
+/// Value in a CANopen process data object (PDO).
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Pdo")]
 pub(super) struct RawPdo {
-    /// CAN identifier. Either this or `number`.
+    /// CAN identifier. Alternative: `number`.
     #[schemars(range(min = 1, max = 2047))]
     cob_id: Option<u32>,
-    /// Number of the process data object, where it has the usual identifier of its node: 1 is 0x180 + node for what is
-    /// read, 0x200 + node for what is written.
+    /// Number of the process data object, if it has the default identifier of its node. Number 1 is 0x180 + node for
+    /// reading, and 0x200 + node for writing.
     #[schemars(range(min = 1, max = 4))]
     number: Option<u8>,
-    /// First bit, the least significant one: byte · 8 + bit.
+    /// First and least significant bit: byte · 8 + bit.
     #[schemars(required)]
     start: Option<u16>,
     /// Number of bits.
     #[schemars(required)]
     length: Option<u16>,
-    /// Two's complement. Default false.
+    /// Whether the value is signed (two's complement). Default false.
     signed: Option<bool>,
-    /// IEEE 754, 32 or 64 bits. Default false.
+    /// Whether the value is a float (IEEE 754, 32 or 64 bits). Default false.
     float: Option<bool>,
-    /// Written: the whole frame in hexadecimal, before the value is put in: "00 00 00 00 00 00 01 00". Default: zeros,
-    /// as many bytes as the values need.
+    /// For writing: the whole frame in hexadecimal without the value, for example "00 00 00 00 00 00 01 00". Default:
+    /// zeros, as many bytes as the values need.
     pub(super) fill: Option<String>,
 }
 
-/// A value inside a raw CAN frame.
+/// Value in a raw CAN frame.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Frame")]
 pub(super) struct RawFrame {
-    /// CAN identifier; above 0x7FF it has 29 bits.
+    /// CAN identifier. Above 0x7FF it has 29 bits.
     #[schemars(required, range(min = 0, max = 536_870_911))]
     id: Option<u32>,
-    /// The identifier has 29 bits though it is small. Default: true above 0x7FF.
+    /// Whether a small identifier has 29 bits. Default: true above 0x7FF.
     extended: Option<bool>,
-    /// A CAN FD frame, up to 64 bytes. Default false.
+    /// Whether the frame is a CAN FD frame of up to 64 bytes. Default false.
     fd: Option<bool>,
-    /// First bit, as a DBC file counts: byte · 8 + bit; the least significant one where `order` is "little", the most
-    /// significant one where it is "big".
+    /// First bit, counted as in a DBC file: byte · 8 + bit. It is the least significant bit for order "little", and the
+    /// most significant bit for "big".
     #[schemars(required)]
     start: Option<u16>,
     /// Number of bits.
     #[schemars(required)]
     length: Option<u16>,
-    /// Byte order: "little" (Intel) or "big" (Motorola). Required for more than one bit: devices differ.
+    /// Byte order: "little" (Intel) or "big" (Motorola). Required for more than one bit, because devices differ.
     order: Option<ByteOrderWord>,
-    /// Two's complement. Default false.
+    /// Whether the value is signed (two's complement). Default false.
     signed: Option<bool>,
-    /// IEEE 754, 32 or 64 bits. Default false.
+    /// Whether the value is a float (IEEE 754, 32 or 64 bits). Default false.
     float: Option<bool>,
-    /// Only frames in which another value says so.
+    /// Multiplexer: only frames in which it has a certain value contain this value.
     multiplex: Option<RawMultiplex>,
-    /// Written: the whole frame in hexadecimal, before the value is put in. Default: zeros, as many bytes as the values
-    /// need.
+    /// For writing: the whole frame in hexadecimal without the value. Default: zeros, as many bytes as the values need.
     pub(super) fill: Option<String>,
 }
 
-/// The value that says what else a frame holds.
+/// Multiplexer of a frame. Its value selects which values the frame contains.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Multiplex")]
 struct RawMultiplex {
-    /// First bit, counted as that of the frame's value.
+    /// First bit, counted like that of the frame's value.
     #[schemars(required)]
     start: Option<u16>,
     /// Number of bits.
     #[schemars(required)]
     length: Option<u16>,
-    /// What it must be.
+    /// Value of the multiplexer in the selected frames.
     #[schemars(required)]
     equals: Option<u64>,
 }
@@ -101,7 +100,7 @@ enum ByteOrderWord {
     Big,
 }
 
-/// Who sends.
+/// Sender of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Sender {
     Device,
@@ -109,7 +108,7 @@ pub(super) enum Sender {
 }
 
 impl RawPdo {
-    /// The process data of a device, with the identifier and the bits of the value.
+    /// Resolves process data of a device: identifier, and bits of the value.
     pub(super) fn resolve(&self, at: &At<'_>, device: &str, sender: Sender) -> Option<Field> {
         let bits = bits(at, (self.start, self.length), ByteOrder::Intel, (self.signed, self.float), CLASSIC);
         let id = match (self.cob_id, self.number) {
@@ -141,7 +140,7 @@ impl RawPdo {
 }
 
 impl RawFrame {
-    /// The frame, with the bits of the value.
+    /// Resolves a frame, and the bits of the value.
     pub(super) fn resolve(&self, at: &At<'_>) -> Option<Field> {
         let is_long = self.id.is_some_and(|id| id > CanId::LARGEST_STANDARD);
         if is_long && self.extended == Some(false) {
@@ -186,7 +185,7 @@ impl RawMultiplex {
 }
 
 impl Sender {
-    /// The usual identifier of a process data object, by CiA 301.
+    /// Returns the default identifier of a process data object, by CiA 301.
     fn usual_identifier(self, number: u8, node: u8) -> u32 {
         let first = match self {
             Sender::Device => 0x180,
@@ -236,7 +235,7 @@ fn bits(
     None
 }
 
-/// The object at this key: index and subindex, as "1800:05".
+/// Parses the object at this key: index and sub-index, for example "1800:05".
 pub(super) fn entry(at: &At<'_>, text: &str) -> Option<Entry> {
     let parsed = text.split_once(':').and_then(|(index, sub)| {
         let is_plain =
@@ -252,10 +251,10 @@ pub(super) fn entry(at: &At<'_>, text: &str) -> Option<Entry> {
     parsed
 }
 
-/// The type at this key as an object has it.
+/// Returns the type at this key as an object has it.
 pub(super) fn object_type(at: &At<'_>, TypeWord(kind): TypeWord) -> Option<DataType> {
     match kind {
-        // A BOOLEAN takes a byte of its own.
+        // A BOOLEAN occupies a whole byte.
         DataType::Bool => Some(DataType::unsigned(8)),
         DataType::Decimal24(_) => {
             let help = "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64";
@@ -266,7 +265,7 @@ pub(super) fn object_type(at: &At<'_>, TypeWord(kind): TypeWord) -> Option<DataT
     }
 }
 
-/// The object at the key `sdo` of a signal or an output.
+/// Resolves the object at the key `sdo` of a signal or an output.
 pub(super) fn object(
     at: &At<'_>,
     sdo: &str,
@@ -283,7 +282,7 @@ pub(super) fn object(
     Some(Address::Object(Object { entry: entry?, data_type }))
 }
 
-/// What stands here is an object: its device must be a CANopen node.
+/// Reports an object whose device is not a CANopen node.
 pub(super) fn needs_node(at: &At<'_>, device: &str) {
     if !at.check.at("device").key(device).key("node").is_written() {
         let help = format!("write node = 5 at device `{device}`, the node number set there");

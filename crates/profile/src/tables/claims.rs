@@ -1,4 +1,4 @@
-//! Which registers belong to whom: two things may not half share one.
+//! Ownership of registers and nodes: two tables must not overlap, or write the same place.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 
@@ -8,13 +8,13 @@ use super::{At, Check};
 use crate::DeviceId;
 use isotherm_core::codec::{Address, DataType, NodeId, Register};
 
-/// A stretch of registers that something reads or writes.
+/// Registers that a table reads or writes.
 struct Claim<'c> {
-    /// The line's address and the unit: the same device may have two names.
+    /// Address of the line, and unit. The same device may have two names.
     device: (String, u8),
     address: Register,
     data_type: DataType,
-    /// The key that names it.
+    /// Key that names the registers.
     at: At<'c>,
     what: String,
     is_written: bool,
@@ -25,7 +25,7 @@ impl Claim<'_> {
         u32::from(self.address.offset) + u32::from(self.data_type.registers()) - 1
     }
 
-    /// All of its registers that there are.
+    /// Iterates over the registers, without those beyond the last address.
     fn registers(&self) -> impl Iterator<Item = Register> {
         let Register { table, offset } = self.address;
         (offset..=u16::try_from(self.last()).unwrap_or(u16::MAX))
@@ -55,7 +55,7 @@ impl Claim<'_> {
 
 pub(super) fn check(check: &Check<'_>, heartbeat: Option<&Heartbeat>) {
     let mut claims = claims(check, heartbeat);
-    // The later of two is the one to blame.
+    // The later one of two keys gets the error.
     claims.sort_by_key(|claim| check.spans.rank(&claim.at.path));
     let mut claimed: HashMap<(&str, u8, Register), Vec<usize>> = HashMap::new();
     for (index, later) in claims.iter().enumerate() {
@@ -158,7 +158,7 @@ fn collision(earlier: &Claim<'_>, later: &Claim<'_>) {
     later.at.wrong(message, help);
 }
 
-/// A corrected position that is read back as the position grows by Cz at every write.
+/// Reports a corrected position in the registers of its own position. It would grow by Cz with every write.
 fn runaway(check: &Check<'_>, claims: &[Claim<'_>]) {
     let by_path: HashMap<&str, &Claim<'_>> =
         claims.iter().rev().map(|claim| (claim.at.path.as_str(), claim)).collect();
@@ -177,20 +177,20 @@ fn runaway(check: &Check<'_>, claims: &[Claim<'_>]) {
     }
 }
 
-/// What is written into a node.
+/// Node that a table writes.
 struct Written<'c> {
-    /// The server's address: two devices may be one server.
+    /// Address of the server. Two devices may be one server.
     server: String,
     node: NodeId,
-    /// The key that names it.
+    /// Key that names the node.
     at: At<'c>,
     what: String,
 }
 
-/// Two that write one node would undo each other.
+/// Reports two writers of one node.
 pub(super) fn one_writer_each(check: &Check<'_>, heartbeat: Option<&Heartbeat>) {
     let mut written = written(check, heartbeat);
-    // The later of two is the one to blame.
+    // The later one of two keys gets the error.
     written.sort_by_key(|written| check.spans.rank(&written.at.path));
     for (place, later) in written.iter().enumerate() {
         let is_same = |first: &&Written<'_>| (&first.server, &first.node) == (&later.server, &later.node);

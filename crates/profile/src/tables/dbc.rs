@@ -1,4 +1,4 @@
-//! The DBC files of a profile, each read once.
+//! DBC files of a profile. Each is read once.
 
 use std::collections::BTreeMap;
 use std::rc::Rc;
@@ -9,10 +9,10 @@ use crate::error::ProfileError;
 use crate::span::around;
 use crate::template;
 
-/// Files by their names; `None` where one cannot be read, which has been reported.
+/// Files by name. `None` if a file cannot be read, which has been reported.
 pub(super) type Dbcs = BTreeMap<String, Option<Rc<DbcFile>>>;
 
-/// What the device's DBC file says of the signal that is named here.
+/// Returns the description of a signal in the DBC file of its device.
 pub(super) fn described(at: &At<'_>, name: &str, device: &str) -> Option<Described> {
     let key = at.check.at("device").key(device).key("dbc");
     let raw = at.check.raw.device.get(device)?;
@@ -35,7 +35,7 @@ pub(super) fn described(at: &At<'_>, name: &str, device: &str) -> Option<Describ
     None
 }
 
-/// The file that is named here. It is read though no signal names it: it may be the only mistake.
+/// Reads the named file. It is read even if no signal uses it, so that its errors are reported.
 pub(super) fn read(at: &At<'_>, name: &str) -> Option<Rc<DbcFile>> {
     if let Some(known) = at.check.dbcs.borrow().get(name) {
         return known.clone();
@@ -46,7 +46,7 @@ pub(super) fn read(at: &At<'_>, name: &str) -> Option<Rc<DbcFile>> {
 }
 
 fn parse(at: &At<'_>, name: &str) -> Option<DbcFile> {
-    // The user's own comes before the shipped one.
+    // The user's file takes precedence over the shipped one.
     let bytes = match (at.check.files.read(name), template::dbc(name)) {
         (Ok(bytes), _) => bytes,
         (Err(_), Some(shipped)) => shipped.as_bytes().to_vec(),

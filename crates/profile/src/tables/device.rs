@@ -27,71 +27,75 @@ pub(crate) mod functions;
 pub(crate) mod node;
 pub(crate) mod verify;
 
-/// One unit on a line.
+/// Unit on a line.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Device", extend("x-layers" = "arrives"))]
 pub(crate) struct RawDevice {
-    /// What people call it, in any script: shown beside the name.
+    /// Display name of the device in any script, shown next to its name.
     #[schemars(extend("x-layers" = "free"))]
     label: Option<String>,
-    /// The line it hangs on.
+    /// Line to which the device is connected.
     #[schemars(required)]
     pub(super) bus: Option<String>,
-    /// Modbus unit identifier; required on a Modbus line.
+    /// Modbus unit identifier. Required on a Modbus line.
     unit: Option<u8>,
-    /// Poll period of its signals. Default "1s".
+    /// Poll period of the device's signals. Default "1s".
     #[schemars(extend("x-layers" = "free"))]
     pub(super) every: Option<Timespan>,
-    /// A device template that gives channels their registers, types and sentinels.
+    /// Device template with the registers, types and sentinels of its channels.
     template: Option<String>,
-    /// Which of the template's variants it is, as "T" for a thermocouple's type.
+    /// Variant of the template, for example "T" for a thermocouple type.
     #[allow(dead_code, reason = "resolved before the profile is checked")]
     variant: Option<String>,
-    /// The SHA-256 of the template, as `check` prints it: another one, as after an upgrade, is refused. Default: any is taken.
+    /// SHA-256 of the template, as `check` prints it. A different template, for example after an upgrade, is rejected.
+    /// Default: any template is accepted.
     #[allow(dead_code, reason = "resolved before the profile is checked")]
     sha256: Option<String>,
-    /// Added to every register of the template, where its maker leaves open at which register it begins.
+    /// Number added to every register of the template, if the manufacturer lets the first register be set.
     #[allow(dead_code, reason = "resolved before the profile is checked")]
     base: Option<u16>,
-    /// What the template's checks must find on this device, by their names; "unchecked" leaves one out.
+    /// Expected results of the template's checks on this device, by name. "unchecked" omits a check.
     #[allow(dead_code, reason = "resolved before the profile is checked")]
     expect: Option<BTreeMap<String, ExpectValue>>,
-    /// The only function codes it may be sent. Default: all.
+    /// Function codes that the gateway may send to the device. Default: all.
     functions: Option<Vec<Function>>,
-    /// What it needs to be treated like, over the bus's quirks.
+    /// Quirks of the device. They take precedence over those of the bus.
     #[schemars(extend("x-layers" = "free"))]
     quirks: Option<RawQuirks>,
-    /// CAN: a DBC file beside the profile that describes its frames.
+    /// CAN: DBC file next to the profile that describes the frames of the device.
     pub(super) dbc: Option<String>,
-    /// CAN, with a DBC file: its J1939 source address. Its messages are parameter groups, and only its own are taken.
+    /// CAN, with a DBC file: J1939 source address of the device. Its messages are parameter groups, and those of other
+    /// senders are ignored.
     pub(super) source_address: Option<u8>,
     /// CANopen node number.
     #[schemars(range(min = 1, max = 127))]
     pub(super) node: Option<u8>,
-    /// OPC UA: what the time says that the server stamps a value with. "sampled": when it was measured, so that the reading is
-    /// as old as that. "changed": when it changed last, which says nothing of its age. Default "sampled".
+    /// OPC UA: meaning of the server's timestamps. "sampled": time of measurement, which is the age of the reading.
+    /// "changed": time of the last change, which does not affect the age. Default "sampled".
     #[schemars(extend("x-layers" = "free"))]
     source_time: Option<SourceTime>,
-    /// OPC UA: how its signals come. "poll": they are asked for. "subscription": the server looks at them and sends what has changed,
-    /// both once in `every`. Default "poll".
+    /// OPC UA: way of reading signals. "poll": the gateway requests them. "subscription": the server samples them once
+    /// in `every` and sends changes. Default "poll".
     #[schemars(extend("x-layers" = "free"))]
     read: Option<ReadBy>,
-    /// CANopen: whether it is started by NMT, at the beginning and after each boot-up. Default true.
+    /// CANopen: whether the gateway starts the node by NMT, at the beginning and after each boot-up. Default true.
     start: Option<bool>,
-    /// CANopen: its heartbeat missed this long, or never seen this long, is a fault. Default: not watched.
+    /// CANopen: timeout of the node's heartbeat. A heartbeat missing for this time, also at the start, is a fault.
+    /// Default: not monitored.
     #[schemars(extend("x-layers" = "free"))]
     heartbeat: Option<Timespan>,
     /// CANopen: objects written before each start, in this order.
     setup: Option<Vec<RawSetup>>,
-    /// CANopen: what its emergency codes mean, beside those of CiA 301.
+    /// CANopen: meanings of the device's emergency codes, in addition to those of CiA 301.
     #[schemars(extend("x-layers" = "free"))]
     emergency: Option<Vec<RawEmergency>>,
-    /// Registers (CANopen: objects) read before arming and while the gateway runs; a mismatch refuses to arm, and makes readings bad.
+    /// Registers (CANopen: objects) that are read before arming and in operation. A mismatch prevents arming, and makes
+    /// the readings of the device bad.
     verify: Option<Vec<RawVerify>>,
 }
 
-/// What a check of the template must find.
+/// Expected result of a check of the template.
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
 #[allow(dead_code, reason = "resolved before the profile is checked")]
@@ -116,39 +120,40 @@ impl JsonSchema for ExpectValue {
     }
 }
 
-/// One unit on a bus.
+/// Resolved device on a bus.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Device {
-    /// Its name in the profile.
+    /// Name in the profile.
     pub name: String,
-    /// What people call it; empty where the profile does not say.
+    /// Display name. Empty if the profile has none.
     pub label: String,
-    /// Its line.
+    /// Line of the device.
     pub bus: BusId,
-    /// Modbus unit identifier; a CANopen node's number, and 0 for a device that only sends frames.
+    /// Modbus unit identifier, or CANopen node number. 0 for a device that only sends frames, a server, or sensors of
+    /// this computer.
     pub unit: u8,
-    /// Poll period of its signals.
+    /// Poll period of the device's signals.
     pub every: Duration,
-    /// The function codes it may be sent.
+    /// Function codes that may be sent.
     pub functions: Functions,
-    /// The bus's quirks with the device's own over them.
+    /// Quirks of the bus, replaced by those of the device.
     pub quirks: Quirks,
-    /// What is read before anything that depends on it is armed.
+    /// Registers, objects or nodes that are read before arming.
     pub verify: Vec<Expected>,
-    /// What it has from its template.
+    /// Template of the device.
     pub template: Option<Template>,
-    /// What it has on a CAN line.
+    /// Settings of a device on a CAN line.
     pub can: Option<CanDevice>,
-    /// What the time stamps of an OPC UA server say; `None` on every other line.
+    /// Meaning of an OPC UA server's timestamps. `None` on every other line.
     pub source_time: Option<SourceTime>,
-    /// How the signals of an OPC UA server come; of any other device they are asked for.
+    /// Way of reading the signals of an OPC UA server. Other devices are polled.
     pub read: ReadBy,
-    /// It is sensors of this computer.
+    /// Whether the device is sensors of this computer.
     pub is_pc: bool,
 }
 
 impl Device {
-    /// Where it is on its bus, behind its name: ` (unit 3)`, ` (node 5)`, nothing for one that only sends CAN frames.
+    /// Formats the unit or node number after the name: ` (unit 3)`, ` (node 5)`, or nothing.
     pub fn at(&self) -> String {
         match &self.can {
             None if self.source_time.is_some() || self.is_pc => String::new(),
@@ -157,12 +162,12 @@ impl Device {
         }
     }
 
-    /// Whether something is read or set up before the device is used: its `verify`, or the setup list of a CANopen node.
+    /// Returns whether the device has `verify`, or the setup list of a CANopen node.
     pub fn is_checked(&self) -> bool {
         !self.verify.is_empty() || self.can.as_ref().is_some_and(|can| !can.setup.is_empty())
     }
 
-    /// Preview of the device: its reads, its checks with what may happen between two of them, and its template.
+    /// Preview of the device: its reads, its checks with their bounds, and its template.
     pub(crate) fn preview(
         &self,
         profile: &Profile,
@@ -210,7 +215,8 @@ impl Device {
         section
     }
 
-    /// `channel 0 of icp-das-m7019r; the profile itself says scale`, of a signal or an output with this name.
+    /// Describes the channel of a signal or an output with this name: `channel 0 of icp-das-m7019r; the profile itself
+    /// says scale`.
     pub(crate) fn channel(&self, user: &str) -> Option<String> {
         let template = self.template.as_ref()?;
         let used = template.uses.iter().find(|used| used.name == user)?;
@@ -221,14 +227,14 @@ impl Device {
         Some(format!("channel {} of {}{own}", used.channel, template.name))
     }
 
-    /// The most registers that one request carries, writing and reading.
+    /// Returns the largest number of registers that one request can write and read.
     pub fn longest_request(&self) -> u16 {
-        // Function 16 carries 123 registers, function 06 one.
+        // Function 16 writes 123 registers, function 06 one.
         let most = if self.functions.write_multiple { 123 } else { 1 };
         self.quirks.max_registers_per_request.min(most)
     }
 
-    /// So many registers of it can be written; where not, what stands here is wrong.
+    /// Reports an error if the device does not allow writing this number of registers.
     pub(super) fn must_write(&self, at: &At<'_>, registers: u16) {
         if self.functions.writes(registers).is_none() {
             let functions =
@@ -237,7 +243,7 @@ impl Device {
         }
     }
 
-    /// This table of it can be read; where not, what stands here is wrong.
+    /// Reports an error if the device does not allow reading this table.
     pub(super) fn must_read(&self, at: &At<'_>, table: Table) {
         if !self.functions.reads(table) {
             let function = match table {
@@ -250,7 +256,7 @@ impl Device {
         }
     }
 
-    /// What stands here needs functions that it may not be sent.
+    /// Reports functions that the device does not allow.
     pub(super) fn lacks(&self, at: &At<'_>, needs: &str, functions: &str) {
         let help = format!("add {functions} to `functions` of the device, if the device can do it");
         at.wrong(format!("{needs}, which `{}` may not be sent", self.name), help);
@@ -337,7 +343,7 @@ impl RawDevice {
         })
     }
 
-    /// The unit of a Modbus device.
+    /// Checks the unit of a Modbus device.
     fn unit(&self, at: &At<'_>, transport: Option<Transport>) -> Option<u8> {
         let at = at.key("unit");
         if self.unit.is_none() {
@@ -356,7 +362,7 @@ impl RawDevice {
         self.unit
     }
 
-    /// What it understands, by its line; `None` where that is not known.
+    /// Returns the protocol family of the device's line. `None` if that is unknown.
     pub(super) fn line_kind(&self, check: &Check<'_>) -> Option<LineKind> {
         check.raw.bus.get(self.bus.as_ref()?)?.line_kind()
     }

@@ -1,4 +1,4 @@
-//! Conditions and formulas: errors point into the text.
+//! Conditions and formulas. Errors have a position within the text.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -8,10 +8,10 @@ use crate::error::allowed;
 use isotherm_core::compensation::model::{Condition, Expression, ExpressionError, Formula, Symbol};
 use isotherm_core::reading::SignalId;
 
-/// What an expression understands by itself.
+/// Names that an expression has itself.
 const WORDS: [&str; 9] = ["and", "or", "not", "abs", "exp", "ln", "sqrt", "min", "max"];
 
-/// The condition over signals at this key; `of` is the signal that it condemns.
+/// Parses the condition at this key. `of` is the signal that it marks as bad.
 pub(super) fn condition(at: &At<'_>, text: Option<&String>, of: Option<&str>) -> Option<Condition> {
     let (text, signals) = (text?, &at.check.signals);
     match Condition::parse(text, &|name: &str| signals.place(name).map(SignalId)) {
@@ -33,7 +33,7 @@ pub(super) fn condition(at: &At<'_>, text: Option<&String>, of: Option<&str>) ->
     }
 }
 
-/// The formula of the model at this table, over its inputs, its constants and the time since machine start.
+/// Parses the formula of a model over its inputs, its constants and the time since machine start.
 pub(super) fn formula(
     at: &At<'_>,
     text: &str,
@@ -44,7 +44,7 @@ pub(super) fn formula(
     for (name, signal) in inputs {
         let at = at.key("inputs").key(name);
         check_symbol(&at, name);
-        // An unknown signal is an error by now; the formula itself can still be read.
+        // An unknown signal has been reported. The formula is parsed nevertheless.
         let id = at.signal(Some(signal)).unwrap_or(SignalId(0));
         symbols.insert(name.as_str(), Symbol::Signal(id));
     }
@@ -59,7 +59,7 @@ pub(super) fn formula(
     let seen = RefCell::new(BTreeSet::new());
     let find = |name: &str| {
         seen.borrow_mut().insert(name.to_owned());
-        // One that is there but wrong has been reported: the rest of the formula can still be read.
+        // A name with a wrong value has been reported. The rest of the formula is parsed nevertheless.
         let is_wrong = || ["inputs", "constants"].iter().any(|table| at.key(table).key(name).is_written());
         symbols.get(name).copied().or_else(|| is_wrong().then_some(Symbol::Constant(0.0)))
     };

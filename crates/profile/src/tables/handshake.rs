@@ -13,46 +13,46 @@ use crate::document::Section;
 use crate::duration::{Timespan, shown};
 use isotherm_core::codec::{Address, Node, Table};
 
-/// A strobe and its acknowledgement.
+/// Handshake with a strobe and its acknowledgement.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Handshake")]
 pub(super) struct RawHandshake {
-    /// Ours, "take it": a coil ("coil:20"), a holding register (1 and 0), or one bit of one ("holding:101.3"); of an OPC UA
-    /// server a node (1 and 0): { node = "ns=2;s=…", type = "bool" }.
+    /// Strobe, written by the gateway. A coil ("coil:20"), a holding register (1 and 0), or one bit of a register
+    /// ("holding:101.3"). On an OPC UA server a node (1 and 0): { node = "ns=2;s=…", type = "bool" }.
     #[schemars(required)]
     strobe: Option<Place>,
-    /// The control's, "taken": a coil, a discrete input ("discrete:20"), a register (0 or not), or one bit of one
-    /// ("input:16.0"); of an OPC UA server a node (0 or not): { node = "ns=2;s=…" }.
+    /// Acknowledgement, read from the control. A coil, a discrete input ("discrete:20"), a register (0 or not), or one
+    /// bit of a register ("input:16.0"). On an OPC UA server a node (0 or not): { node = "ns=2;s=…" }.
     #[schemars(required)]
     acknowledge: Option<Place>,
-    /// Longest wait for the acknowledge to come, and again for it to drop.
+    /// Timeout for the acknowledge to rise, and again for it to drop.
     #[schemars(required)]
     timeout: Option<Timespan>,
 }
 
-/// One bit of a handshake.
+/// Bit of a handshake.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Bit {
-    /// Of a Modbus device.
+    /// Bit of a Modbus device.
     Flag(Flag),
-    /// Of an OPC UA server: 0 or not.
+    /// Node of an OPC UA server: 0 or not.
     Node(Node),
 }
 
-/// A strobe and its acknowledgement.
+/// Resolved handshake.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Handshake {
-    /// Ours: "take it".
+    /// Strobe, written by the gateway.
     pub strobe: Bit,
-    /// The control's: "taken".
+    /// Acknowledgement, read from the control.
     pub acknowledge: Bit,
-    /// Longest wait for the acknowledge to rise, and again for it to drop.
+    /// Timeout for the acknowledge to rise, and again for it to drop.
     pub timeout: Duration,
 }
 
 impl Handshake {
-    /// Its two exchanges; `function` writes one register of its device.
+    /// Preview of both exchanges. `function` writes one register of the device.
     pub(super) fn preview(&self, function: u8) -> Section {
         let function = match &self.strobe {
             Bit::Flag(flag) if flag.address.table.is_bits() => 5,
@@ -123,7 +123,7 @@ impl RawHandshake {
 }
 
 impl Bit {
-    /// The register or node that it is, or is in.
+    /// Returns the register or node of the bit.
     pub fn address(&self) -> Address {
         match self {
             Bit::Flag(flag) => flag.address.into(),
@@ -131,7 +131,7 @@ impl Bit {
         }
     }
 
-    /// It, of a Modbus device.
+    /// Returns the bit of a Modbus device. `None` for a node.
     pub const fn flag(&self) -> Option<Flag> {
         if let Bit::Flag(flag) = self { Some(*flag) } else { None }
     }
@@ -144,7 +144,7 @@ impl Bit {
     }
 }
 
-/// `holding:101.3`, `node ns=2;s=…`.
+/// Formats the bit: `holding:101.3`, `node ns=2;s=…`.
 impl fmt::Display for Bit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -1,4 +1,4 @@
-//! `[heartbeat]`: the register or node that counts while the gateway lives.
+//! `[heartbeat]`: register or node with a counter that shows that the gateway runs.
 
 use std::time::Duration;
 
@@ -14,53 +14,53 @@ use crate::duration::{Timespan, shown};
 use crate::{DeviceId, Profile};
 use isotherm_core::codec::{Address, DataType, Node};
 
-/// A heartbeat that goes round sooner is hardly one.
+/// Smallest useful range of a heartbeat's counter.
 const FEW: u16 = 100;
 
-/// A register, or a node of an OPC UA server, that counts while the gateway lives.
+/// Register or node with a counter that shows the control that the gateway runs.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Heartbeat", extend("x-layers" = "arrives"))]
 pub(crate) struct RawHeartbeat {
-    /// The device it is written to.
+    /// Device to which the heartbeat is written.
     #[schemars(required)]
     pub(super) device: Option<String>,
-    /// A holding register, 16 bits.
+    /// Holding register of 16 bits.
     register: Option<String>,
-    /// A node of an OPC UA server: "ns=2;s=…".
+    /// Node of an OPC UA server, for example "ns=2;s=…".
     node: Option<String>,
-    /// The node's own type, a whole number; required with a node.
+    /// Type of the node, an integer. Required for a node.
     #[serde(rename = "type")]
     kind: Option<TypeWord>,
-    /// How often it counts.
+    /// Period of the heartbeat.
     #[schemars(required, extend("x-layers" = "free"))]
     pub(super) every: Option<Timespan>,
 }
 
-/// The register or node that counts while the gateway lives.
+/// Resolved heartbeat.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Heartbeat {
-    /// Where.
+    /// Device to which it is written.
     pub device: DeviceId,
-    /// A holding register, or a node.
+    /// Holding register or node.
     pub address: Address,
-    /// How often it counts.
+    /// Period of the heartbeat.
     pub every: Duration,
 }
 
 impl Heartbeat {
-    /// How it lies there.
+    /// Type of the counter.
     pub fn data_type(&self) -> DataType {
         self.address.node().map_or(DataType::U16, Node::taken_as)
     }
 
-    /// Returns the largest count: that of the register type, at most 65535.
+    /// Returns the largest count: that of the type, at most 65535.
     pub fn highest(&self) -> u16 {
         let highest = self.data_type().integer_range().map_or(0, |(_, highest)| highest);
         u16::try_from(highest).unwrap_or(u16::MAX)
     }
 
-    /// Where it counts, and how often.
+    /// Preview of the heartbeat: register or node, and period.
     pub(crate) fn preview(&self, profile: &Profile) -> Section {
         let device = profile.device(self.device);
         let function = self.address.register().map_or(0, |_| device.functions.write_code(1));

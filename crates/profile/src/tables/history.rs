@@ -1,4 +1,4 @@
-//! `[history]`: state and logs.
+//! `[history]`: storage of state and logs.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -10,32 +10,32 @@ use super::At;
 use crate::duration::Timespan;
 use crate::size::Size;
 
-/// Logs are kept this long where nothing else is said.
+/// Default time for keeping logs.
 const KEEP: Duration = Duration::from_hours(90 * 24);
-/// And need no more room than this, in bytes.
+/// Default limit for the size of all logs, in bytes.
 const MAX_SIZE: u64 = 2_000_000_000;
 
-/// State and logs.
+/// Storage of state and logs.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "History")]
 pub(crate) struct RawHistory {
-    /// Where state, ledger and log are kept. Default: the platform's state directory.
+    /// Directory of state, ledger and logs. Default: the state directory of the platform.
     directory: Option<String>,
-    /// How long logs are kept, by the newest log's date. Default "90d".
+    /// Time for keeping logs, counted back from the date of the newest one. Default "90d".
     keep: Option<Timespan>,
-    /// How much room all logs together may take; then the oldest go, but never today's. Default "2GB".
+    /// Largest size of all logs together. Beyond it the oldest are deleted, but never today's. Default "2GB".
     max_size: Option<Size>,
 }
 
-/// State and logs.
+/// Storage of state and logs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct History {
-    /// `None`: the platform's state directory.
+    /// Directory. `None` for the state directory of the platform.
     pub directory: Option<PathBuf>,
-    /// How long logs are kept.
+    /// Time for keeping logs.
     pub keep: Duration,
-    /// How many bytes all logs together may need.
+    /// Largest size of all logs together, in bytes.
     pub max_size: u64,
 }
 

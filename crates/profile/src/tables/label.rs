@@ -1,12 +1,12 @@
-//! `label`: what people call a machine, an axis, a signal or a device, in any script. It stands beside the name, and is
-//! never used in its place.
+//! `label`: display name of a machine, an axis, a signal or a device, in any script. It is shown next to the name, and
+//! never replaces it.
 
 use super::At;
 
-/// More does not fit beside a figure.
+/// Largest length in characters. A longer label does not fit next to a figure.
 const LONGEST: usize = 60;
 
-/// Empty where there is none.
+/// Checks a label. Returns an empty text if there is none.
 pub(super) fn resolve(at: &At<'_>, raw: Option<&String>) -> String {
     let Some(label) = raw.map(|label| label.trim()) else { return String::new() };
     let count = label.chars().count();
@@ -18,7 +18,7 @@ pub(super) fn resolve(at: &At<'_>, raw: Option<&String>) -> String {
     label.to_owned()
 }
 
-/// A name with its label, if it has one: `bed (床温)`.
+/// Formats a name with its label, if it has one: `bed (床温)`.
 pub fn labelled(name: &str, label: &str) -> String {
     if label.is_empty() { name.to_owned() } else { format!("{name} ({label})") }
 }

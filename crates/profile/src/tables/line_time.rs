@@ -1,4 +1,4 @@
-//! Serial lines, and whether what is polled fits into their time.
+//! Check that the polls of a serial line fit into its time.
 
 use std::collections::BTreeSet;
 
@@ -9,13 +9,13 @@ use super::device::Device;
 use super::signal::Signal;
 use isotherm_core::codec::Table;
 
-/// Frame bytes of a read request, and of its answer beside the data: unit, function, byte count, checksum.
+/// Lengths of a read request, and of its answer without data, in bytes: unit, function, byte count, checksum.
 const READ: usize = 8;
 const AROUND_DATA: usize = 5;
-/// Beyond this share of its time a line has no room for writes, thinking devices and repetitions.
+/// Share of its time above which a line has no reserve for writes, slow devices and repetitions.
 const FULL: f64 = 0.8;
 
-/// What is polled needs time on the line: that it is more than there is shows before the first poll.
+/// Reports lines whose polls take more time than there is, before the first poll.
 pub(super) fn check(check: &Check<'_>) {
     for (place, bus) in check.buses.resolved.iter().enumerate() {
         let Some(bus) = bus else { continue };
@@ -41,7 +41,7 @@ pub(super) fn check(check: &Check<'_>) {
     }
 }
 
-/// Seconds that one poll of a device takes at the very least: every register once, in the fewest requests.
+/// Least time of one poll of a device in seconds: every register once, in the fewest requests.
 fn least_time(serial: Serial, device: &Device, signals: &[&Signal]) -> f64 {
     let mut seconds = 0.0;
     for table in [Table::Coil, Table::Discrete, Table::Input, Table::Holding] {

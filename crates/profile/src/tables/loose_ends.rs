@@ -1,13 +1,13 @@
-//! What leads nowhere: axes without a model or an output, silent devices. A warning, because a profile grows piece by
-//! piece. Signals that nobody uses are recorded, which is what many are for: `check` lists them.
+//! Warnings about incomplete parts: axes without a model or an output, unused devices. They are not errors, because a
+//! profile grows step by step. Unused signals are recorded on purpose, and `check` lists them.
 
 use std::collections::HashSet;
 
 use super::Check;
 
-/// The signals that no model, condition, output or machine state uses.
+/// Returns the signals that no model, condition, output or machine state uses.
 pub(super) fn only_recorded(check: &Check<'_>) -> Vec<String> {
-    // Which of them a model will use is not known before there is one.
+    // The signals of a missing model are unknown.
     if check.axes.names.iter().any(|name| lacks_model(check, name)) {
         return Vec::new();
     }
@@ -49,7 +49,7 @@ pub(super) fn warn(check: &Check<'_>) {
     }
 }
 
-/// `pipeline` of a line on which no corrected position is written, or nothing is read that could go with it.
+/// Warns about `pipeline` on a line without a corrected position, or without a read that could be sent with it.
 fn two_at_a_time(check: &Check<'_>) {
     let line = |device: usize| check.devices.get(device).map(|device| device.bus.0);
     let corrected = check.outputs.right().filter(|output| output.writes.position().is_some());

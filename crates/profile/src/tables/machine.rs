@@ -1,4 +1,4 @@
-//! `[machine]`.
+//! `[machine]`: settings of the whole machine.
 
 use std::time::Duration;
 
@@ -11,73 +11,75 @@ use crate::error::allowed;
 use crate::guarded::guarded_keys;
 use isotherm_core::compensation::settings::MachineSettings;
 
-/// What the machine is.
+/// Settings of the whole machine.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Machine")]
 pub(crate) struct RawMachine {
-    /// Used in topics, metrics and file names.
+    /// Name of the machine in topics, metrics and file names.
     #[schemars(required, regex(pattern = "^[a-z0-9-]+$"))]
     name: Option<String>,
-    /// The form of the profile itself; this program knows 1. Default 1.
+    /// Version of the profile's format. This program supports 1. Default 1.
     version: Option<u64>,
-    /// One line for people.
+    /// Description of the machine in one line.
     description: Option<String>,
-    /// What people call it, in any script: shown beside the name.
+    /// Display name of the machine in any script, shown next to its name.
     label: Option<String>,
-    /// The signal whose rising edge starts `t`, the time since machine start. Default: the first good reading starts it.
+    /// Signal whose rising edge starts `t`, the time since machine start. Default: the first good reading starts it.
     on: Option<String>,
-    /// The signal whose rising edge captures the references given as "zero".
+    /// Signal whose rising edge captures the references given as "zero".
     zero: Option<String>,
-    /// Captured references are the mean over this long. Default "0s": the first good reading.
+    /// Averaging time of captured references. Default "0s": the first good reading.
     pub(super) settle: Option<Timespan>,
-    /// When an axis begins to write: by itself once all is verified and good, or when a person says so. Default "auto".
+    /// Arming of the axes. "auto": by itself, once all devices are verified and all readings are good. "manual": by the
+    /// operator. Default "auto".
     arm: Option<Arm>,
-    /// How long a request to arm that cannot be served yet waits, visibly. Default "10min".
+    /// Timeout of a request to arm that cannot be executed yet. The request is shown while it waits. Default "10min".
     arm_timeout: Option<Timespan>,
-    /// What a stop does to the registers: the axes' fault actions run, or what stands there stays. Default "fault-action".
+    /// Action on the registers at a stop. "fault-action": the fault actions of the axes. "hold": the register values
+    /// stay. Default "fault-action".
     on_stop: Option<OnStop>,
-    /// Keys that a layer above this file may set though they guard an axis, as "axis.z.limit" and "machine.arm", or change what
-    /// arrives at the machine, as "output.cnc_z.scale": those that are marked in this chapter. Default: none; layers may make
-    /// `limit`, `step` and `rate` smaller, and `arm` "manual".
+    /// Keys that a layer above this file may set, although they protect an axis or change what arrives at the machine.
+    /// These keys are marked in this chapter, for example "axis.z.limit", "machine.arm" and "output.cnc_z.scale".
+    /// Default: none. Layers may always reduce `limit`, `step` and `rate`, and set `arm` to "manual".
     allow_override: Option<Vec<String>>,
 }
 
-/// The form of a profile that this program knows.
+/// Version of the profile's format that this program supports.
 const FORM: u64 = 1;
-/// With a date and an ending it is the name of a file.
+/// Longest name. With a date and an extension it must be a valid file name.
 const LONGEST_NAME: usize = 64;
-/// A request to arm waits this long where nothing else is said.
+/// Default timeout of a request to arm.
 const ARM_TIMEOUT: Duration = Duration::from_secs(600);
-/// A request that is older says nothing of what a person wants now.
+/// Longest timeout of a request to arm. An older request may not be what the operator wants now.
 const LONGEST_ARM_TIMEOUT: Duration = Duration::from_secs(24 * 3600);
 
-/// When an axis may begin to write.
+/// Condition for arming an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "ArmWord", description = "")]
 pub enum Arm {
-    /// Once its devices are verified and its readings good.
+    /// By itself, once its devices are verified and its readings are good.
     #[default]
     Auto,
-    /// When a person says so.
+    /// By the operator.
     Manual,
 }
 
-/// What a stop of the gateway does to the registers that it writes.
+/// Action on the registers when the gateway stops.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "OnStopWord", description = "")]
 pub enum OnStop {
-    /// The axes' fault actions run, without their waiting time.
+    /// The fault actions of the axes, without their waiting time.
     #[default]
     FaultAction,
-    /// What stands there stays, and the next start goes on from it.
+    /// None: the register values stay, and the next start resumes from them.
     Hold,
 }
 
 impl OnStop {
-    /// Its word in a profile.
+    /// Value of `on_stop` in a profile.
     pub fn word(self) -> &'static str {
         match self {
             OnStop::FaultAction => "fault-action",
@@ -86,7 +88,7 @@ impl OnStop {
     }
 }
 
-/// What of a profile is about the whole machine.
+/// Resolved settings of the whole machine.
 #[derive(Default)]
 pub(super) struct Machine {
     pub(super) name: String,
@@ -140,7 +142,7 @@ pub(super) fn resolve(at: &At<'_>, raw: Option<&RawMachine>) -> Machine {
     }
 }
 
-/// Each of these keys is one that a layer would otherwise not set.
+/// Reports keys that a layer may set without permission, or that do not exist.
 fn only_guarded(at: &At<'_>, keys: &[String]) {
     let check = at.check;
     let guarded = guarded_keys(&[

@@ -1,7 +1,7 @@
-//! `[mqtt]`: what is published to a broker.
+//! `[mqtt]`: publication to a broker.
 //!
-//! The files are read with the profile, so that one that is missing is reported at its key. What is in them is judged by whoever
-//! connects, who has TLS.
+//! The files are read with the profile, so that a missing one is reported at its key. The module that connects checks
+//! their content, because it has TLS.
 
 use std::time::Duration;
 
@@ -18,55 +18,55 @@ use broker::BrokerUrl;
 pub(crate) mod broker;
 mod preview;
 
-/// So often where nothing else is said.
+/// Default period of publication.
 const EVERY: Duration = Duration::from_secs(1);
-/// More often nobody reads it, and the state is copied for each.
+/// Shortest period. The state is copied for each publication.
 const SHORTEST: Duration = Duration::from_millis(100);
-/// What has not changed is published again after this much time.
+/// Default time after which unchanged values are published again.
 const REFRESH: Duration = Duration::from_secs(60);
-/// On disk, while the broker is away.
+/// Default size of the buffer on disk in bytes, while the broker is unreachable.
 const BUFFER: u64 = 100_000_000;
-/// Topics are sent with every message.
+/// Longest group. Every message contains its topic.
 const LONGEST_GROUP: usize = 100;
 
-/// Publishing to a broker.
+/// Publication to a broker.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Mqtt")]
 pub(crate) struct RawMqtt {
-    /// The broker's address: "mqtts://broker.plant.example:8883", or mqtt:// without TLS.
+    /// Address of the broker: "mqtts://broker.plant.example:8883", or mqtt:// without TLS.
     #[schemars(required)]
     broker: Option<String>,
-    /// How a message is written. Default "json".
+    /// Format of the messages. Default "json".
     format: Option<MqttFormat>,
-    /// The first part of every topic, default "isotherm"; with format = "sparkplug-b" the Sparkplug group, which is required.
+    /// First part of every topic, default "isotherm". With format "sparkplug-b" the Sparkplug group, which is required.
     group: Option<String>,
-    /// As whom the gateway speaks to the broker.
+    /// User of the gateway on the broker.
     user: Option<RawMqttUser>,
-    /// Whom the gateway trusts, and what it shows of itself; with mqtts:// only.
+    /// Trusted certificates, and the certificate of the gateway. Only with mqtts://.
     tls: Option<RawMqttTls>,
-    /// At most so often, by topic; not under "100ms". Default "1s".
+    /// Shortest period of each topic, at least "100ms". Default "1s".
     every: Option<Timespan>,
-    /// What has not changed is published again after this much time. Default "1min".
+    /// Time after which an unchanged value is published again. Default "1min".
     refresh: Option<Timespan>,
-    /// How much is kept on disk while the broker is away, with format = "sparkplug-b". Default "100MB".
+    /// Size of the buffer on disk while the broker is unreachable, with format "sparkplug-b". Default "100MB".
     buffer: Option<Size>,
-    /// What may be asked for over the broker: nothing, or "measured". Nothing that arrives arms, disarms or moves.
+    /// Commands that are accepted from the broker: none, or "measured". No message can arm, disarm or move an axis.
     #[serde(default)]
     commands: Vec<MqttCommand>,
-    /// Whether Home Assistant is told what there is, by its discovery topics. Default false.
+    /// Whether discovery topics for Home Assistant are published. Default false.
     home_assistant: Option<bool>,
 }
 
-/// As whom the gateway speaks.
+/// User of the gateway.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "MqttUser")]
 struct RawMqttUser {
-    /// The user's name at the broker.
+    /// Name of the user on the broker.
     #[schemars(required)]
     name: Option<String>,
-    /// A file, beside the profile, that holds the password alone, not readable by others.
+    /// File next to the profile that contains only the password, not readable by others.
     password_file: Option<String>,
 }
 
@@ -75,80 +75,81 @@ struct RawMqttUser {
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "MqttTls")]
 struct RawMqttTls {
-    /// Who signs the broker's certificate, or that very certificate. Default: whom this computer trusts.
+    /// Certificate of the authority that signed the broker's certificate, or the broker's certificate itself. Default:
+    /// the authorities that this computer trusts.
     ca: Option<String>,
-    /// The gateway's certificate, for a broker that knows gateways by it.
+    /// Certificate of the gateway, for a broker that requires one.
     cert: Option<String>,
-    /// Its private key.
+    /// Private key of `cert`.
     key: Option<String>,
 }
 
-/// How a message is written.
+/// Format of the messages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "MqttFormatWord", description = "")]
 pub enum MqttFormat {
-    /// Readable, a topic for each thing.
+    /// JSON, with a topic for each item.
     #[default]
     Json,
-    /// As Sparkplug B has it.
+    /// Sparkplug B.
     SparkplugB,
 }
 
-/// What may be asked for over the broker.
+/// Command that is accepted from the broker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 #[schemars(rename = "MqttCommandWord", description = "")]
 enum MqttCommand {
-    /// To learn from an axis's measured error.
+    /// Measured error of an axis, from which it learns.
     Measured,
 }
 
-/// What is published to a broker.
+/// Resolved settings of the publication.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mqtt {
-    /// Which.
+    /// Address of the broker.
     pub broker: BrokerUrl,
-    /// How a message is written.
+    /// Format of the messages.
     pub format: MqttFormat,
-    /// The first part of every topic, or the Sparkplug group.
+    /// First part of every topic, or the Sparkplug group.
     pub group: String,
-    /// As whom the gateway speaks; `None`: as nobody.
+    /// User of the gateway. `None` for an anonymous user.
     pub user: Option<MqttUser>,
-    /// Who signs the broker's certificate; `None`: whom this computer trusts.
+    /// Trusted certificate. `None` for the authorities that this computer trusts.
     pub ca: Option<NamedFile>,
-    /// What the gateway shows of itself.
+    /// Certificate and private key of the gateway.
     pub own: Option<(NamedFile, NamedFile)>,
-    /// At most so often.
+    /// Shortest period of each topic.
     pub every: Duration,
-    /// What has not changed is published again after this much time.
+    /// Time after which an unchanged value is published again.
     pub refresh: Duration,
-    /// How many bytes are kept on disk while the broker is away.
+    /// Size of the buffer on disk in bytes, while the broker is unreachable.
     pub buffer: u64,
-    /// Measured errors are taken.
+    /// Whether measured errors are accepted.
     pub takes_measured: bool,
-    /// Home Assistant is told what there is.
+    /// Whether discovery topics for Home Assistant are published.
     pub home_assistant: bool,
     table_at: ProfileError,
 }
 
-/// As whom the gateway speaks.
+/// User of the gateway.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MqttUser {
-    /// The user's name.
+    /// Name of the user.
     pub name: String,
-    /// The file whose content, without the end of its line, is the password.
+    /// File with the password. The line end at its end does not count.
     pub password: Option<NamedFile>,
 }
 
 impl Mqtt {
-    /// The error that this is wrong with the whole table.
+    /// Creates an error about the whole table.
     pub fn wrong(&self, message: &str, help: &str) -> ProfileError {
         let (message, help) = (message.to_owned(), Some(help.to_owned()));
         ProfileError { message, help, ..self.table_at.clone() }
     }
 
-    /// What nobody else may have: its password, and its private key.
+    /// Returns the secret files: password and private key.
     pub fn secrets(&self) -> impl Iterator<Item = &NamedFile> {
         let password = self.user.as_ref().and_then(|user| user.password.as_ref());
         self.own.iter().map(|(_, key)| key).chain(password)
@@ -252,7 +253,7 @@ impl RawMqtt {
         Some(group.clone())
     }
 
-    /// What goes to this broker so that others may read it.
+    /// Warns about publication without encryption.
     fn doubts(&self, at: &At<'_>, broker: &BrokerUrl) {
         if broker.tls {
             return;
@@ -288,7 +289,7 @@ impl RawMqttUser {
     }
 }
 
-/// Whom the broker's certificate is compared with, and the gateway's certificate with its key; `None` where that is wrong.
+/// Trusted certificate, and certificate with private key of the gateway. The outer `None` means an error.
 type Files = (Option<Option<NamedFile>>, Option<Option<(NamedFile, NamedFile)>>);
 
 impl RawMqttTls {

@@ -1,4 +1,4 @@
-//! What is written of OPC UA at signals, outputs, sets and devices: nodes, their types, and what their time stamps mean.
+//! Keys for OPC UA at signals, outputs, sets and devices: nodes, types, and the meaning of timestamps.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -7,31 +7,31 @@ use super::At;
 use super::register::{TypeWord, holding};
 use isotherm_core::codec::{Address, DataType, Node, NodeId};
 
-/// What the time says that a server stamps a value with.
+/// Meaning of a server's timestamps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "SourceTimeWord", description = "")]
 pub enum SourceTime {
-    /// When it was measured: the reading is as old as that.
+    /// Time of measurement: the age of the reading.
     #[default]
     Sampled,
-    /// When it changed last, which says nothing of its age.
+    /// Time of the last change, which does not affect the age of the reading.
     Changed,
 }
 
-/// How the signals of a server come.
+/// Way of reading the signals of a server.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "ReadWord", description = "")]
 pub enum ReadBy {
-    /// They are asked for.
+    /// The gateway requests them.
     #[default]
     Poll,
-    /// They are sent when they change.
+    /// The server sends changes.
     Subscription,
 }
 
-/// Where a word or a bit is that is no output's value: in a register, or in a node of an OPC UA server.
+/// Place of a word or bit that is not the value of an output: a register, or a node of an OPC UA server.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(untagged)]
 #[schemars(rename = "WordPlace", description = "")]
@@ -40,22 +40,22 @@ pub(super) enum Place {
     Node(RawNode),
 }
 
-/// A node of an OPC UA server.
+/// Node of an OPC UA server.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-// The walk chooses among alternatives by the types that it sees: not a `$ref` to it.
+// Inlined, because the walk selects an alternative by its type, which a `$ref` hides.
 #[schemars(rename = "NodePlace", inline)]
 pub(super) struct RawNode {
-    /// A node of an OPC UA server: "ns=2;s=…".
+    /// Node of an OPC UA server, for example "ns=2;s=…".
     #[schemars(required)]
     pub(super) node: Option<String>,
-    /// The node's own type; required where it is written.
+    /// Type of the node. Required for writing.
     #[serde(rename = "type")]
     pub(super) kind: Option<TypeWord>,
 }
 
 impl Place {
-    /// The register or node of a word that is written and counts up to this.
+    /// Resolves the register or node of a word that is written. `most` is its largest value.
     pub(super) fn word(&self, at: &At<'_>, is_in_nodes: bool, most: u16) -> Option<Address> {
         match (self, is_in_nodes) {
             (Place::Register(text), false) => holding(at, Some(text)).map(Address::Modbus),
@@ -64,7 +64,7 @@ impl Place {
         }
     }
 
-    /// It is on another kind of line.
+    /// Reports a place on the other kind of line.
     pub(super) fn is_foreign<T>(&self, at: &At<'_>, is_in_nodes: bool) -> Option<T> {
         match is_in_nodes {
             true => at.wrong(
@@ -78,7 +78,7 @@ impl Place {
 }
 
 impl RawNode {
-    /// The node of a word that is written and counts up to this.
+    /// Resolves the node of a word that is written. `most` is its largest value.
     pub(super) fn word(&self, at: &At<'_>, most: u16) -> Option<Node> {
         let node = written(at, self.node.as_ref(), self.kind)?;
         holds(at, &node, most)?;
@@ -86,7 +86,7 @@ impl RawNode {
     }
 }
 
-/// A whole number up to this fits a node.
+/// Checks that a node can hold integers up to `most`.
 pub(super) fn holds(at: &At<'_>, node: &Node, most: u16) -> Option<()> {
     let name = node.taken_as().name();
     let message = match node.taken_as().integer_range() {
@@ -99,7 +99,7 @@ pub(super) fn holds(at: &At<'_>, node: &Node, most: u16) -> Option<()> {
     None
 }
 
-/// What a scale is the worth of: a node with a floating-point number has no counts.
+/// Unit to which a scale applies. A node with a float has no counts.
 pub(super) fn one_of(address: &Address) -> &'static str {
     match address.node().map(|node| node.taken_as().integer_range()) {
         Some(None) => "unit",
@@ -107,11 +107,11 @@ pub(super) fn one_of(address: &Address) -> &'static str {
     }
 }
 
-/// The types that a node may have, as a profile names them.
+/// Types of a node, as named in a profile.
 pub(super) const TYPES: &str =
     "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64; a browser of the server shows which";
 
-/// The node at the key `node`.
+/// Parses the node at the key `node`.
 pub(super) fn id(at: &At<'_>, text: Option<&String>, what: &str) -> Option<NodeId> {
     let at = at.key("node");
     let help = "write the server's name for it, as \"ns=2;s=/Nck/State\" or \"nsu=http://plc.example;s=/Nck/State\"; `isotherm read --browse` shows it";
@@ -122,7 +122,7 @@ pub(super) fn id(at: &At<'_>, text: Option<&String>, what: &str) -> Option<NodeI
     text.parse().map_err(|why: String| at.wrong(why, help)).ok()
 }
 
-/// The type at the key `type`, as a node has it.
+/// Checks the type at the key `type` for a node.
 pub(super) fn node_type(at: &At<'_>, kind: Option<TypeWord>) -> Result<Option<DataType>, ()> {
     match kind {
         Some(TypeWord(DataType::Decimal24(_))) => {
@@ -134,18 +134,18 @@ pub(super) fn node_type(at: &At<'_>, kind: Option<TypeWord>) -> Result<Option<Da
     }
 }
 
-/// The node of a signal: where it names no type, whatever number it has is taken.
+/// Resolves the node of a signal. Without a type, any number is accepted.
 pub(super) fn read(at: &At<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
     let (id, data_type) = (id(at, text, "which node is read?"), node_type(at, kind));
     Some(Node { id: id?, data_type: data_type.ok()? })
 }
 
-/// The node of an output, which is written in its own type.
+/// Resolves the node of an output, which is written in its own type.
 pub(super) fn written(at: &At<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
     typed(at, text, kind, ("which node is written?", "a server takes a value in the node's own type only"))
 }
 
-/// The node of a check, which is read in its own type.
+/// Resolves the node of a check, which is compared in its own type.
 pub(super) fn compared(at: &At<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
     typed(at, text, kind, ("which node is read?", "it is compared in the node's own type"))
 }

@@ -33,7 +33,7 @@ pub(crate) mod stated;
 pub(crate) mod verify;
 pub(crate) mod writes;
 
-/// One value that is written.
+/// Value that is written to a device.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Output", extend("x-layers" = "arrives"))]
@@ -44,114 +44,118 @@ pub(crate) struct RawOutput {
     /// Device that is written to.
     #[schemars(required)]
     pub(super) device: Option<String>,
-    /// What of the device's template is written: its register, type and scale.
+    /// Target of the device's template, which sets register, type and scale.
     #[allow(dead_code, reason = "resolved before the profile is checked")]
     channel: Option<ChannelValue>,
-    /// corrected: position + Cz; offset: Cz; intercept, slope, reference: K0 (µm), tanβ (µm/mm) and P0 (mm), for a
-    /// control that applies K0 + tanβ·(P − P0) itself.
+    /// Quantity that is written. "corrected": position + Cz. "offset": Cz. "intercept", "slope" and "reference": K0
+    /// (µm), tanβ (µm/mm) and P0 (mm), for a control that applies K0 + tanβ·(P − P0) itself.
     #[schemars(required)]
     writes: Option<WritesWord>,
-    /// corrected: the scale's signal, in mm.
+    /// corrected: signal of the scale, in mm.
     position: Option<String>,
-    /// A holding register: "holding:104" or "40105".
+    /// Holding register, for example "holding:104" or "40105".
     register: Option<String>,
-    /// A node of an OPC UA server that is written: "ns=2;s=…".
+    /// Node of an OPC UA server that is written, for example "ns=2;s=…".
     node: Option<String>,
-    /// How the value lies in its registers, in its CANopen object or in its node; required for all of them.
+    /// Type of the value. Required for registers, CANopen objects and nodes.
     #[serde(rename = "type")]
     kind: Option<TypeWord>,
-    /// CANopen process data that is written: { cob_id = 0x20C, start = 0, length = 32, signed = true }.
+    /// CANopen process data that is written, for example { cob_id = 0x20C, start = 0, length = 32, signed = true }.
     pdo: Option<RawPdo>,
-    /// CANopen object that is written: "2000:01".
+    /// CANopen object that is written, for example "2000:01".
     #[schemars(regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
     sdo: Option<String>,
-    /// CAN frame that is written: { id = 0x300, start = 0, length = 32, order = "little", signed = true }.
+    /// CAN frame that is written, for example { id = 0x300, start = 0, length = 32, order = "little", signed = true }.
     frame: Option<RawFrame>,
-    /// register: another register, in which the control says what it applies. pdo, frame: the CANopen object that reads what
-    /// was written, of the same length: "6004:00"; required but for a display.
+    /// Other place for verification. Modbus: the register in which the control reports the applied value. Process data
+    /// and frames: the CANopen object that reads the written value, of the same length, for example "6004:00". Required
+    /// for them, except for a display.
     read_back: Option<ReadBackValue>,
-    /// Which register comes first; required for 32 bits and more.
+    /// Order of the registers. Required for 32 bits and more.
     word_order: Option<WordOrderWord>,
-    /// The two bytes inside every register are exchanged. Default false.
+    /// Whether the two bytes of each register are exchanged. Default false.
     byte_swap: Option<bool>,
-    /// offset, intercept: µm per count; slope: µm/mm per count; corrected, reference: mm per count. Required for whole counts; default 1 for f32 and f64.
+    /// Size of one count. offset and intercept: µm. slope: µm/mm. corrected and reference: mm. Required for integers;
+    /// default 1 for f32 and f64.
     scale: Option<f64>,
-    /// Added to the raw count. Default 0.
+    /// Number added to the raw count. Default 0.
     bias: Option<i64>,
-    /// How a write is believed. Default "read-back".
+    /// Verification of a write. "read-back" reads the value again. "echo" accepts the answer of the device; an offset
+    /// outside of a set is read back all the same if possible. Default "read-back".
     verify: Option<VerifyWord>,
-    /// Written again after this long though unchanged.
+    /// Period for writing an unchanged value again.
     #[schemars(extend("x-layers" = "free"))]
     pub(super) refresh: Option<Timespan>,
-    /// Interlock, a condition on signals: otherwise held.
+    /// Interlock: condition on signals for writing. While it is not met, the register value stays.
     when: Option<String>,
-    /// whole: the register is ours; ledger: an operator's register, of which we own a share, kept in a ledger on disk. Default "whole".
+    /// Ownership of the register. "whole": the gateway owns it. "ledger": an operator also writes to it, and a ledger
+    /// on disk stores the gateway share. Default "whole".
     share: Option<Share>,
-    /// The set it belongs to: outputs of one device that the control sees together or not at all.
+    /// Set of the output: outputs of one device that the control receives together.
     pub(super) set: Option<String>,
-    /// A strobe and its acknowledgement around each write.
+    /// Strobe and acknowledgement around each write.
     pub(super) handshake: Option<RawHandshake>,
-    /// How a restart of the CNC is seen, besides the register going to zero.
+    /// Detection of a CNC restart, in addition to the register becoming zero.
     pub(super) restart: Option<RawRestart>,
-    /// The largest step that the control follows within `shortest_every`, µm; the axis's `step` must not be larger.
+    /// Largest step that the control can follow within `shortest_every`, µm. The axis's `step` must not be larger.
     largest_step: Option<f64>,
-    /// The shortest time between two updates that the control follows; the axis's `every` must not be shorter.
+    /// Shortest time between two updates that the control can follow. The axis's `every` must not be shorter.
     shortest_every: Option<Timespan>,
-    /// corrected: words of a display that go beside the value, as its decimal point and its colour.
+    /// corrected: further words of a display, for example its decimal point and colour.
     beside: Option<Vec<RawBeside>>,
-    /// corrected: what a display shows where there is no position to correct, or the axis is off.
+    /// corrected: text on a display if there is no position to correct, or the axis is off.
     stale: Option<RawStale>,
 }
 
-/// One value that is written.
+/// Resolved output.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Output {
-    /// Its name in the profile.
+    /// Name in the profile.
     pub name: String,
     /// Axis whose Cz is written.
     pub axis: AxisId,
     /// Device that is written to.
     pub device: DeviceId,
-    /// Its first register, its object, its place in a frame.
+    /// First register, object, node, or place in a frame.
     pub address: Address,
-    /// How the value becomes registers.
+    /// Encoding of the value in registers.
     pub encoding: Encoding,
-    /// What is written.
+    /// Quantity that is written.
     pub writes: Writes,
-    /// How a write is believed.
+    /// Verification of a write.
     pub verify: Verify,
-    /// Written again though unchanged.
+    /// Period for writing an unchanged value again.
     pub refresh: Option<Duration>,
-    /// Interlock: otherwise held.
+    /// Interlock: condition for writing.
     pub when: Option<Condition>,
-    /// What it is written with: a set of its own where it has a handshake of its own.
+    /// Set of the output. An output with its own handshake has a set of its own.
     pub set: Option<SetId>,
-    /// The signal that changes at every start of the CNC.
+    /// Signal that changes at every start of the CNC.
     pub boot_counter: Option<SignalId>,
-    /// Whose register it is.
+    /// Ownership of the register.
     pub share: Share,
-    /// Where the control says what it applies.
+    /// Register in which the control reports the applied value.
     pub applied: Option<Applied>,
-    /// What a display shows beside the value, and instead of it.
+    /// Further words of a display, and its text without a value.
     pub display: Display,
-    /// Values of the profile file itself, if layers lie above it.
+    /// Values of the profile file itself, if there are layers above it.
     pub stated: Option<Stated>,
 }
 
 impl Output {
-    /// An offset that is written by itself, not with a set.
+    /// Returns whether this is an offset that is written separately, without a set.
     pub fn is_single_offset(&self) -> bool {
         let is_offset = self.writes.is_scheduled();
         is_offset && self.set.is_none()
     }
 
-    /// These contents by the registers that they stand in; none where it is not in registers.
+    /// Pairs these values with the registers in which they are. Empty for an output that is not in registers.
     pub fn cells(&self, contents: &[u16]) -> impl Iterator<Item = (u16, u16)> {
         let first = self.address.register().map(|register| register.offset..);
         first.into_iter().flatten().zip(contents.iter().copied())
     }
 
-    /// Where what stands there is read: where it is written, unless another place is said.
+    /// Returns the address that is read back: the written one, unless another one is set.
     pub fn reads_at(&self) -> Address {
         match self.verify {
             Verify::ReadBackAt(object) => Address::Object(object),
@@ -159,7 +163,7 @@ impl Output {
         }
     }
 
-    /// What is written, where, how, and how it is believed.
+    /// Preview of the output: quantity, address, encoding, and verification.
     pub(crate) fn preview(&self, profile: &Profile) -> Section {
         let (axis, device, encoding) = (profile.axis(self.axis), profile.device(self.device), &self.encoding);
         let (name, device_name) = (&self.name, &device.name);
@@ -238,7 +242,7 @@ impl Output {
         section
     }
 
-    /// How a restart of the control is seen, besides the register going to zero.
+    /// Describes the detection of a restart of the control, in addition to the register becoming zero.
     fn restart(&self, profile: &Profile) -> Option<String> {
         let counter = self.boot_counter.map(|id| format!("{} changes", profile.signal(id).address));
         let on = profile.machine.on.filter(|_| self.writes.is_scheduled());
@@ -248,7 +252,7 @@ impl Output {
     }
 }
 
-/// Where an output goes, how its value lies there, and how it is believed.
+/// Address, encoding and verification of an output.
 struct Target {
     address: Address,
     encoding: Encoding,
@@ -304,7 +308,7 @@ impl RawOutput {
         })
     }
 
-    /// Keys that belong to another kind of line.
+    /// Reports keys that belong to another kind of line.
     fn foreign_keys(&self, at: &At<'_>, kind: Option<LineKind>) {
         let (Some(kind), Some(device)) = (kind, &self.device) else { return };
         if kind == LineKind::OpcUa {
@@ -337,12 +341,12 @@ impl RawOutput {
         at.foreign(&["pdo", "sdo", "frame"], "a device on a CAN line", &help);
     }
 
-    /// Whether it is said to write something else than a corrected position.
+    /// Returns whether the output writes another quantity than a corrected position.
     fn is_written_as_cz(&self) -> bool {
         self.writes.is_some_and(|writes| writes != WritesWord::Corrected)
     }
 
-    /// Whether it is said to write something else than an offset.
+    /// Returns whether the output writes another quantity than an offset.
     fn is_no_offset(&self) -> bool {
         self.writes.is_some_and(|writes| writes != WritesWord::Offset)
     }
@@ -404,7 +408,7 @@ impl RawOutput {
         Some(Target { address: Address::Node(node), encoding, verify, share, applied, display })
     }
 
-    /// The worth of one count, at its key.
+    /// Resolves the size of one count at its key.
     fn scale(&self, at: &At<'_>, data_type: Option<DataType>) -> Option<Scale> {
         let is_whole = data_type?.integer_range().is_some();
         match self.scale {
@@ -501,7 +505,7 @@ impl RawOutput {
         Some((Address::Frame(field), verify?))
     }
 
-    /// A control that follows only so fast would be behind, and nobody would see it.
+    /// Reports an axis that is faster than the control can follow. The control would lag unnoticed.
     fn keeps_pace(&self, at: &At<'_>) {
         let most = at.key("largest_step").positive(self.largest_step);
         let least = at.key("shortest_every").duration(self.shortest_every);
@@ -529,7 +533,7 @@ fn not_one_bit(at: &At<'_>, data_type: Option<DataType>) {
     }
 }
 
-/// Looks at each output together with its axis, and gives the axes the coarsest count that is written of them.
+/// Checks each output with its axis, and gives each axis the coarsest count of its outputs.
 pub(super) fn note_counts(check: &mut Check<'_>) {
     for output in check.outputs.right() {
         let at = check.at("output").key(&output.name);

@@ -1,4 +1,4 @@
-//! `quirks` of a bus or a device: what it needs to be treated like.
+//! `quirks` of a bus or a device: special requirements of a device.
 
 use std::time::Duration;
 
@@ -8,62 +8,64 @@ use serde::Deserialize;
 use super::bus::Transport;
 use crate::duration::Timespan;
 
-/// Owner of `gateway`, and what to do about it on a line of RTU frames.
+/// Owner of `gateway`, and the hint for it on a line of RTU frames.
 pub(super) const OF_TCP: &str = "a modbus-tcp line";
 pub(super) const WAITS: &str = "remove it: a line of RTU frames waits for late answers by itself";
 
-/// Ways in which a device is peculiar.
+/// Special requirements of a device.
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Quirks")]
 pub(crate) struct RawQuirks {
-    /// Silence after connecting. Default "0s".
+    /// Pause after connecting. Default "0s".
     pause_after_connect: Option<Timespan>,
-    /// Silence between two requests. Default "0s".
+    /// Pause between two requests. Default "0s".
     pause_between_requests: Option<Timespan>,
-    /// Reads are not merged at all. Default false.
+    /// Whether each value is read with its own request. Default false.
     one_request_per_field: Option<bool>,
     /// Largest number of registers in one read. Default 125.
     #[schemars(range(min = 1, max = 125))]
     max_registers_per_request: Option<u16>,
-    /// Unused registers that a merged read may bridge; 0 for a device that refuses registers it does not have. Default 8.
+    /// Largest number of unused registers in between that a merged read includes. 0 for a device that refuses registers
+    /// that it does not have. Default 8.
     #[schemars(range(max = 124))]
     max_gap: Option<u16>,
-    /// The connection is closed after each answer, for a device that lets in one client at a time. Default false.
+    /// Whether the connection is closed after each answer, for a device that accepts only one client at a time. Default
+    /// false.
     close_after_each: Option<bool>,
-    /// The device is behind a gateway from Modbus TCP to a serial line: after a missed answer it is not asked before its late answer has had
-    /// its time. Default: true if two units or more share the modbus-tcp bus.
+    /// Whether the device is behind a gateway from Modbus TCP to a serial line. After a missed answer, the next request
+    /// then waits for the time of a late answer. Default: true if two or more units share the modbus-tcp bus.
     gateway: Option<bool>,
 }
 
-/// Ways in which a device is peculiar, by the names users know from Telegraf.
+/// Special requirements of a device, with the names that Telegraf uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Quirks {
-    /// Silence after connecting.
+    /// Pause after connecting.
     pub pause_after_connect: Duration,
-    /// Silence between two requests.
+    /// Pause between two requests.
     pub pause_between_requests: Duration,
-    /// Reads are not merged at all.
+    /// Whether each value is read with its own request.
     pub one_request_per_field: bool,
     /// Largest number of registers in one read, 1 to 125.
     pub max_registers_per_request: u16,
-    /// Unused registers that a merged read may bridge.
+    /// Largest number of unused registers in between that a merged read includes.
     pub max_gap: u16,
-    /// The connection is closed after each answer.
+    /// Whether the connection is closed after each answer.
     pub close_after_each: bool,
-    /// A gateway to a serial line in front of the device.
+    /// Whether a gateway to a serial line is in front of the device.
     pub gateway: Gateway,
 }
 
-/// Whether a device of a Modbus TCP line is behind a gateway to a serial line.
+/// Whether a device on a Modbus TCP line is behind a gateway to a serial line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Gateway {
-    /// Not said: it is if two units or more share the line.
+    /// Not stated: true if two or more units share the line.
     #[default]
     ByUnits,
-    /// It is.
+    /// The device is behind a gateway.
     Present,
-    /// It is not.
+    /// The device is not behind a gateway.
     Absent,
 }
 
@@ -96,14 +98,14 @@ impl Default for Quirks {
 }
 
 impl Quirks {
-    /// Neither a pause between two requests nor a connection of its own for each keeps two of them apart.
+    /// Returns whether two requests may be under way: neither a pause nor a new connection separates them.
     pub const fn bear_two(self) -> bool {
         self.pause_between_requests.is_zero() && !self.close_after_each
     }
 }
 
 impl RawQuirks {
-    /// What is written, over what the bus says or what is usual.
+    /// Returns the quirks with the written keys in place of those `below`.
     pub(super) fn over(&self, below: Quirks) -> Quirks {
         let span = |raw: Option<Timespan>, below| raw.map_or(below, |Timespan(span)| span);
         Quirks {

@@ -1,4 +1,4 @@
-//! Registers and types as a profile writes them: `register`, `type`, `word_order`, `scale`; and as they are shown.
+//! Registers and types in a profile (`register`, `type`, `word_order`, `scale`), and their display.
 
 use std::fmt;
 use std::str::FromStr;
@@ -10,7 +10,7 @@ use super::At;
 use crate::document::{Json, Section};
 use isotherm_core::codec::{Address, DataType, Encoding, Register, Scale, Table, WordOrder};
 
-/// How a value lies in its registers, as a profile names it.
+/// Type of a value, as named in a profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct TypeWord(pub(crate) DataType);
 
@@ -49,7 +49,7 @@ impl JsonSchema for TypeWord {
     }
 }
 
-/// Which register comes first.
+/// Order of the registers of a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(description = "")]
@@ -58,17 +58,17 @@ pub(crate) enum WordOrderWord {
     LswFirst,
 }
 
-/// One bit: a coil, a discrete input, a register as a whole (0 or not), or one bit of a register.
+/// Single bit: a coil, a discrete input, a whole register (0 or not), or one bit of a register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Flag {
-    /// Where.
+    /// Register, coil or discrete input.
     pub address: Register,
-    /// Which bit of the register, 0 to 15; `None` for a coil, a discrete input, or a whole register.
+    /// Bit of the register, 0 to 15. `None` for a coil, a discrete input, or a whole register.
     pub bit: Option<u8>,
 }
 
 impl Flag {
-    /// What raises a strobe in a register.
+    /// Register value of a raised strobe.
     pub const fn raised(self) -> u16 {
         match self.bit {
             Some(bit) => 1 << bit,
@@ -76,7 +76,7 @@ impl Flag {
         }
     }
 
-    /// Whether it is up in this content of its register.
+    /// Returns whether the bit is set in this register value.
     pub const fn is_up(self, content: u16) -> bool {
         match self.bit {
             Some(bit) => content >> bit & 1 == 1,
@@ -84,7 +84,7 @@ impl Flag {
         }
     }
 
-    /// In the notation of the other world, as `30017.0`.
+    /// Modicon notation, for example `30017.0`.
     pub fn modicon(self) -> String {
         let number = self.address.modicon();
         self.bit.map_or_else(|| number.clone(), |bit| format!("{number}.{bit}"))
@@ -94,10 +94,10 @@ impl Flag {
 impl FromStr for Flag {
     type Err = String;
 
-    /// `coil:20`, `input:16`, `input:16.0`.
+    /// Parses `coil:20`, `input:16` or `input:16.0`.
     ///
     /// # Errors
-    /// A sentence that says what is allowed.
+    /// A sentence with the allowed notations.
     fn from_str(text: &str) -> Result<Flag, String> {
         let (register, bit) = match text.split_once('.') {
             Some((register, bit)) => (register, Some(bit.trim())),
@@ -124,16 +124,16 @@ impl fmt::Display for Flag {
     }
 }
 
-/// A register in both notations, or where a value is on another kind of line.
+/// Register in both notations, or an address on another kind of line.
 pub(crate) struct Notation {
-    /// Zero-based: `holding:104`; `object 6150:01`; `0x185, 16 bits from 0 up (Intel), signed`.
+    /// Zero-based notation: `holding:104`; `object 6150:01`; `0x185, 16 bits from 0 up (Intel), signed`.
     protocol: String,
-    /// One-based: `40105`; empty where there are none.
+    /// One-based notation: `40105`. Empty if there is none.
     modicon: String,
 }
 
 impl Notation {
-    /// Where a value of this type is.
+    /// Creates the notation of an address with a value of this type.
     pub(crate) fn of(address: &Address, data_type: DataType) -> Notation {
         match (address, data_type) {
             (Address::Modbus(address), DataType::Bit(bit)) => {
@@ -144,7 +144,7 @@ impl Notation {
         }
     }
 
-    /// Neither a register nor an object nor a node nor a sensor, but bits that say themselves of which kind they are.
+    /// Returns whether the value is in CAN frames: it is no register, object, node or sensor.
     pub(crate) fn is_in_frames(&self) -> bool {
         let is_asked_for = ["object ", "node ", "sensor "].iter().any(|kind| self.protocol.starts_with(kind));
         self.modicon.is_empty() && !is_asked_for
@@ -181,13 +181,13 @@ impl fmt::Display for Notation {
     }
 }
 
-/// Which register of a value comes first, where there are several.
+/// Returns the order of the registers, if a value has several.
 pub(super) fn shown_order(address: &Address, encoding: &Encoding) -> Option<String> {
     let is_long = encoding.data_type.registers() > 1 && address.register().is_some();
     is_long.then(|| encoding.word_order.to_string())
 }
 
-/// Whole counts as they stand there.
+/// Creates an encoding of counts without scale, offset and bias.
 pub(super) fn plain(data_type: DataType) -> Encoding {
     Encoding {
         data_type,
@@ -200,12 +200,12 @@ pub(super) fn plain(data_type: DataType) -> Encoding {
     }
 }
 
-/// What a whole register or bit holds.
+/// Returns the type of a whole register or bit.
 pub(super) fn one(register: Register) -> DataType {
     if register.table.is_bits() { DataType::Bool } else { DataType::U16 }
 }
 
-/// The register at this key.
+/// Parses the register at this key.
 pub(super) fn register(at: &At<'_>, text: Option<&String>) -> Option<Register> {
     let text = text?;
     let why = match text.parse::<Register>() {
@@ -221,7 +221,7 @@ pub(super) fn register(at: &At<'_>, text: Option<&String>) -> Option<Register> {
     None
 }
 
-/// A register, or one bit of it.
+/// Parses a register, or one bit of it.
 pub(super) fn cell(at: &At<'_>, text: &String) -> Option<Flag> {
     match text.parse::<Flag>() {
         Ok(flag) => Some(flag),
@@ -234,7 +234,7 @@ pub(super) fn cell(at: &At<'_>, text: &String) -> Option<Flag> {
     }
 }
 
-/// A register that can be written.
+/// Parses a holding register.
 pub(super) fn holding(at: &At<'_>, text: Option<&String>) -> Option<Register> {
     let address = register(at, text)?;
     if address.table == Table::Holding {
@@ -249,7 +249,7 @@ pub(super) fn holding(at: &At<'_>, text: Option<&String>) -> Option<Register> {
     None
 }
 
-/// The last register is one that exists.
+/// Reports a value that ends beyond the last register.
 pub(super) fn fits(at: &At<'_>, address: Register, data_type: DataType) {
     let last = u32::from(address.offset) + u32::from(data_type.registers()) - 1;
     if last > u32::from(u16::MAX) {
@@ -258,7 +258,7 @@ pub(super) fn fits(at: &At<'_>, address: Register, data_type: DataType) {
     }
 }
 
-/// The key `word_order`, which stands here or is missing.
+/// Resolves the key `word_order`. Reports it if it is missing and required.
 pub(super) fn word_order(
     at: &At<'_>,
     data_type: Option<DataType>,
@@ -287,7 +287,7 @@ pub(super) fn scale(at: &At<'_>, scale: f64) -> Option<Scale> {
     Some(Scale::of(scale))
 }
 
-/// A type that registers have; a smaller one has been reported.
+/// Reports a type that is smaller than a register.
 pub(super) fn not_smaller_than_a_register(at: &At<'_>, kind: Option<TypeWord>, help: &str) {
     if let Some(TypeWord(small)) = kind.filter(|kind| kind.0.width() == 8) {
         at.wrong(format!("{} is smaller than a register", small.name()), help);

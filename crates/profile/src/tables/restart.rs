@@ -1,5 +1,5 @@
-//! `restart` of an output: a boot counter, a register or node of the CNC that changes at every start, read as a signal of
-//! its device.
+//! `restart` of an output: a boot counter. It is a register or node of the CNC that changes at every start, and is read
+//! as a signal of its device.
 
 use std::time::Duration;
 
@@ -16,23 +16,23 @@ use crate::DeviceId;
 use isotherm_core::codec::{Address, DataType, Node};
 use isotherm_core::reading::SignalId;
 
-/// How a restart of the CNC is seen.
+/// Detection of a CNC restart.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Restart")]
 pub(super) struct RawRestart {
-    /// A register that changes at every start of the CNC, read with the device's signals; of an OPC UA server a node:
-    /// { node = "ns=2;s=…" }.
+    /// Register that changes at every start of the CNC, read with the device's signals. On an OPC UA server a node: {
+    /// node = "ns=2;s=…" }.
     #[schemars(required)]
     boot_counter: Option<Place>,
 }
 
-/// The boot counter of a device.
+/// Boot counter of a device.
 struct Known {
     device: DeviceId,
     address: Address,
     signal: SignalId,
-    /// Where the first output names it, as `profiles/x.toml:41`.
+    /// Place where the first output names it, for example `profiles/x.toml:41`.
     line: String,
 }
 
@@ -59,7 +59,7 @@ pub(super) fn boot_counters(check: &mut Check<'_>) {
     }
 }
 
-/// The device, the register and the line of the boot counter that an output rightly names.
+/// Returns the device, the register and the place of the boot counter of an output, if it is valid.
 fn boot_counter(check: &Check<'_>, place: usize, known: &[Known]) -> Option<(DeviceId, Address, String)> {
     let name = &check.outputs.names[place];
     let counts = check.raw.output.get(name)?.restart.as_ref()?.boot_counter.as_ref()?;
@@ -85,7 +85,7 @@ fn boot_counter(check: &Check<'_>, place: usize, known: &[Known]) -> Option<(Dev
     Some((output.device, address, at.line()))
 }
 
-/// Where it counts.
+/// Resolves the register or node of a boot counter.
 fn counts_there(at: &At<'_>, place: &Place, is_in_nodes: bool) -> Option<Address> {
     let text = match (place, is_in_nodes) {
         (Place::Register(text), false) => text,
@@ -101,7 +101,7 @@ fn counts_there(at: &At<'_>, place: &Place, is_in_nodes: bool) -> Option<Address
     Some(address.into())
 }
 
-/// The dot keeps its name apart from those that a profile can give.
+/// Creates the signal of a boot counter. The dot keeps its name different from all names in a profile.
 fn counter(device: &Device, id: DeviceId, address: Address, timeout: Duration) -> Signal {
     let data_type = address.node().map_or(DataType::U16, Node::taken_as);
     Signal {

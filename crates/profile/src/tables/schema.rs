@@ -1,4 +1,4 @@
-//! The JSON Schema of a profile, made from its tables as they are written.
+//! JSON Schema of a profile, generated from its tables as they are written.
 
 use std::sync::LazyLock;
 
@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use super::RawProfile;
 
-/// Made once: it takes longer than reading a small profile.
+/// Schema, generated once. That takes longer than reading a small profile.
 static SCHEMA: LazyLock<Value> = LazyLock::new(|| {
     let settings = SchemaSettings::draft2020_12()
         .for_deserialize()
@@ -17,12 +17,13 @@ static SCHEMA: LazyLock<Value> = LazyLock::new(|| {
     settings.into_generator().into_root_schema_for::<RawProfile>().to_value()
 });
 
-/// The JSON Schema of a profile, draft 2020-12. Editors complete from it; the loader checks against it.
+/// JSON Schema of a profile, draft 2020-12. Editors use it for completion, and the loader checks against it.
 pub fn schema() -> &'static Value {
     &SCHEMA
 }
 
-/// TOML has no null: an optional key is absent. A choice of words is a list of words, whatever each of them means.
+/// Removes null, which TOML does not have: an optional key is absent. Replaces a choice of documented words by a list
+/// of words.
 fn without_null(schema: &mut Schema) {
     let Some(object) = schema.as_object_mut() else { return };
     if let Some(Value::Array(words)) = object.get("oneOf") {

@@ -1,8 +1,8 @@
-//! `[set.*]`: outputs that land together, and how a control knows that they are there.
+//! `[set.*]`: outputs that are written together, and how the control recognises a complete set.
 //!
-//! A control that is given several values must never see half of them. So the values of a set are written side by side
-//! in one request where the registers allow it; a sequence word that changes last says "a new set is whole"; and a
-//! handshake (strobe up, acknowledge up, strobe down, acknowledge down) asks the control to take it.
+//! A control that receives several values must never use an incomplete set. The values of a set are written with one
+//! request if their registers are adjacent. A sequence word that changes last shows that a set is complete. A handshake
+//! (strobe up, acknowledge up, strobe down, acknowledge down) requests the control to take it.
 
 use std::time::Duration;
 
@@ -24,71 +24,74 @@ use words::RawVersion;
 mod waits;
 mod words;
 
-/// Outputs of one device that a control must see together or not at all.
+/// Outputs of one device that a control must receive together.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Set", extend("x-layers" = "arrives"))]
 pub(crate) struct RawSet {
-    /// A holding register that counts up with every whole set, written last: the control takes the set when it changes. Not
-    /// of an OPC UA server.
+    /// Holding register that counts up with every complete set and is written last. The control takes the set when it
+    /// changes. Not for an OPC UA server.
     sequence: Option<String>,
-    /// A holding register that counts up with every write of the set, 0 to 32767: the control sees the gateway die.
-    /// Of an OPC UA server a node: { node = "ns=2;s=…", type = "i16" }.
+    /// Holding register that counts up with every write of the set, 0 to 32767. It shows the control that the gateway
+    /// runs. On an OPC UA server a node: { node = "ns=2;s=…", type = "i16" }.
     heartbeat: Option<Place>,
-    /// A holding register that says what the gateway does: bit 0 all its axes are armed, bit 1 one keeps its value, bit 2
-    /// one takes its fault action, bit 3 one follows a fallback model. Of an OPC UA server a node:
-    /// { node = "ns=2;s=…", type = "u16" }.
+    /// Holding register with the state of the axes. Bit 0: all axes are armed. Bit 1: one is frozen. Bit 2: one
+    /// executes its fault action. Bit 3: one follows a fallback model. On an OPC UA server a node: { node = "ns=2;s=…",
+    /// type = "u16" }.
     control: Option<Place>,
-    /// A holding register, or a node of an OPC UA server, with a number that control and profile agree on.
+    /// Version number, for a check by the control. A holding register, or a node of an OPC UA server.
     version: Option<RawVersion>,
-    /// Registers between its words that are nobody's are written as 0, so that one request carries all of it. Default false.
+    /// Whether unused registers between the words of the set are written as 0, so that one request is enough. Default
+    /// false.
     zeros: Option<bool>,
-    /// A holding register for the check word: all other words of the set summed to 16 bits, inverted. Not of an OPC UA server.
+    /// Holding register for the check word: sum of all other words of the set in 16 bits, inverted. Not for an OPC UA
+    /// server.
     complement: Option<String>,
-    /// A strobe and its acknowledgement around each write of the set.
+    /// Strobe and acknowledgement around each write of the set.
     handshake: Option<RawHandshake>,
 }
 
-/// Outputs of one device that are written as one. An output with a handshake of its own is a set of one.
+/// Outputs of one device that are written together. An output with its own handshake is a set of one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutputSet {
-    /// Its name in the profile; that of its only output where it is no `[set.*]`.
+    /// Name in the profile. For a set without a table of its own, the name of its only output.
     pub name: String,
-    /// It stands in the profile as `[set.*]`.
+    /// Whether the profile has a table `[set.*]` for it.
     pub is_named: bool,
-    /// Where all of it goes.
+    /// Device to which the set is written.
     pub device: DeviceId,
-    /// What belongs to it, in the order of the file. Never empty.
+    /// Outputs in the order of the file. Never empty.
     pub outputs: Vec<OutputId>,
-    /// Counts up with every whole set, written last: one register, 1 to 65535, then 1 again.
+    /// Register that counts up with every complete set and is written last: 1 to 65535, then 1 again.
     pub sequence: Option<Register>,
-    /// All other words of the set, the sequence with them, summed to 16 bits and inverted: one register.
+    /// Register with the sum of all other words of the set in 16 bits, inverted. The sum includes the sequence.
     pub complement: Option<Register>,
-    /// Counts up with every write: one register or node, 0 to 32767.
+    /// Register or node that counts up with every write, 0 to 32767.
     pub heartbeat: Option<Address>,
-    /// Control word: one register or node with the state of the axes in bits. See [`ControlWord`](isotherm_core::output::ControlWord).
+    /// Control word: register or node with the state of the axes in bits. See
+    /// [`ControlWord`](isotherm_core::output::ControlWord).
     pub control: Option<Address>,
-    /// A number that control and profile agree on.
+    /// Register or node with the version number, and the number.
     pub version: Option<(Address, u16)>,
-    /// Registers between its words are written as 0.
+    /// Whether unused registers between the words are written as 0.
     pub zeros: bool,
-    /// How the control is asked to take it.
+    /// Handshake with the control.
     pub handshake: Option<Handshake>,
 }
 
-/// A word that a set writes into a node besides its outputs' values.
+/// Word that a set writes into a node, apart from the values of its outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OwnWord {
-    /// The count of its writes.
+    /// Count of the writes.
     Heartbeat,
-    /// What the gateway does.
+    /// State of the axes.
     Control,
-    /// The number that control and profile agree on.
+    /// Version number.
     Version(u16),
 }
 
 impl OwnWord {
-    /// Its key in the profile.
+    /// Key in the profile.
     pub const fn name(self) -> &'static str {
         match self {
             OwnWord::Heartbeat => "heartbeat",
@@ -98,27 +101,27 @@ impl OwnWord {
     }
 }
 
-/// Registers side by side: one request.
+/// Adjacent registers for one request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stretch {
-    /// The first one.
+    /// First register.
     pub from: u16,
-    /// How many.
+    /// Number of registers.
     pub count: u16,
 }
 
 impl OutputSet {
-    /// As events and errors call it: `set plc`, `output cnc_z`.
+    /// Name in events and errors: `set plc`, `output cnc_z`.
     pub fn label(&self) -> String {
         format!("{} {}", if self.is_named { "set" } else { "output" }, self.name)
     }
 
-    /// A key of it in the profile.
+    /// Returns the table of the set in the profile.
     pub(super) fn at<'c>(&self, check: &'c Check<'c>) -> At<'c> {
         check.at(if self.is_named { "set" } else { "output" }).key(&self.name)
     }
 
-    /// Where it writes besides its outputs, with the keys.
+    /// Iterates over the addresses of the set's own words, with their keys.
     pub(super) fn own(&self) -> impl Iterator<Item = (&'static str, Address)> {
         let own = [
             ("sequence", self.sequence.map(Address::from)),
@@ -130,12 +133,12 @@ impl OutputSet {
         own.into_iter().filter_map(|(key, at)| Some((key, at?)))
     }
 
-    /// The registers that it writes besides its outputs'.
+    /// Iterates over the registers of the set's own words.
     pub fn own_registers(&self) -> impl Iterator<Item = Register> {
         self.own().filter_map(|(_, at)| at.register())
     }
 
-    /// The nodes that it writes besides its outputs', in the order in which they are written.
+    /// Iterates over the nodes of the set's own words, in the order in which they are written.
     pub fn own_nodes(&self) -> impl Iterator<Item = (OwnWord, &Node)> {
         let version = self.version.as_ref().map(|(at, number)| (OwnWord::Version(*number), at));
         let own = [
@@ -146,14 +149,15 @@ impl OutputSet {
         own.into_iter().flatten().filter_map(|(word, at)| Some((word, at.node()?)))
     }
 
-    /// Returns whether heartbeat and control word may be written without the members: the control does not take the set as a whole.
+    /// Returns whether heartbeat and control word may be written without the members, because the control does not take
+    /// the set as a whole.
     pub fn has_own_words_apart(&self) -> bool {
         let is_whole = self.sequence.is_some() || self.complement.is_some() || self.handshake.is_some();
         !is_whole && (self.heartbeat.is_some() || self.control.is_some())
     }
 
-    /// How long heartbeat and control word can wait for a write that may still arrive, if they are written with the members only: until
-    /// it cannot arrive any more, until the next read shows that, and until the next set.
+    /// Returns how long heartbeat and control word can wait for a late write. `None` if they are written without the
+    /// members. They wait until that write can no longer arrive, until the next read, and until the next set.
     fn longest_silence(&self, profile: &Profile) -> Option<Duration> {
         let has_own = self.heartbeat.is_some() || self.control.is_some();
         (has_own && !self.has_own_words_apart()).then(|| {
@@ -164,7 +168,7 @@ impl OutputSet {
         })
     }
 
-    /// What lands together: its requests, its sequence and check word, its handshake.
+    /// Preview of the set: its requests, its own words, its handshake.
     pub(crate) fn preview(&self, profile: &Profile) -> Section {
         let device = profile.device(self.device);
         let function = |registers| device.functions.write_code(registers);
@@ -231,8 +235,9 @@ impl OutputSet {
         section
     }
 
-    /// How its registers are written, in this order: one stretch where all lie side by side; else the values (and the
-    /// complement) first and the sequence, alone, last. None is longer than `most` registers.
+    /// Returns the requests for writing the registers, in order. It is one request if all are adjacent. Otherwise the
+    /// values and the complement come first, and the sequence alone comes last. No request has more than `most`
+    /// registers.
     pub fn stretches<'a>(&self, outputs: impl Iterator<Item = &'a Output>, most: u16) -> Vec<Stretch> {
         let values = outputs.filter_map(|output| {
             Some((output.address.register()?.offset, output.encoding.data_type.registers()))
@@ -253,18 +258,18 @@ impl OutputSet {
         cells.into_iter().chain(last).map(|(from, count)| Stretch { from, count }).collect()
     }
 
-    /// It is written in nodes of an OPC UA server: all of them by one call, or none.
+    /// Returns whether the set is written into nodes of an OPC UA server, all with one call.
     pub fn is_in_nodes(&self, profile: &Profile) -> bool {
         self.members(profile).any(|output| output.address.node().is_some())
     }
 
-    /// Those: its outputs' in the order of the set, and its own words'.
+    /// Nodes of the set: those of its outputs, then those of its own words.
     pub fn nodes(&self, profile: &Profile) -> Vec<Node> {
         let values = self.members(profile).filter_map(|output| output.address.node());
         values.chain(self.own_nodes().map(|(_, node)| node)).cloned().collect()
     }
 
-    /// What stands in the node at this place among [`OutputSet::nodes`]: `output cnc_z`, `heartbeat of set plc`.
+    /// Describes the node at this index of [`OutputSet::nodes`]: `output cnc_z`, `heartbeat of set plc`.
     pub fn holds_at(&self, profile: &Profile, place: usize) -> Option<String> {
         let values = self.members(profile).map(|output| format!("output {}", output.name));
         let words = self.own_nodes().map(|(word, _)| format!("{} of {}", word.name(), self.label()));
@@ -272,7 +277,7 @@ impl OutputSet {
         all.nth(place).map(|(what, node)| format!("{what} (node {node})"))
     }
 
-    /// The call that writes its nodes, where it has some.
+    /// Describes the call that writes the nodes, if there are any.
     fn call(&self, profile: &Profile) -> Option<String> {
         let nodes = self.nodes(profile);
         let listed: Vec<String> =
@@ -283,14 +288,14 @@ impl OutputSet {
             .then(|| format!("one call that writes {count} nodes, in an order of the server's: {listed}"))
     }
 
-    /// Its outputs.
+    /// Outputs of the set.
     pub fn members<'a>(&'a self, profile: &'a Profile) -> impl Iterator<Item = &'a Output> {
         self.outputs.iter().map(|id| profile.output(*id))
     }
 }
 
 impl Stretch {
-    /// Cells (the first register of each, and how many) as the fewest stretches, none longer than `most`.
+    /// Merges cells, given as first register and number, into the fewest requests of at most `most` registers.
     pub fn joined(cells: Vec<(u16, u16)>, most: u16) -> Vec<Stretch> {
         joined(cells, most)
     }
@@ -317,7 +322,7 @@ fn joined(mut cells: Vec<(u16, u16)>, most: u16) -> Vec<Stretch> {
     stretches
 }
 
-/// The named sets, and one for each output that has a handshake of its own; the outputs know then where they belong.
+/// Resolves the named sets, and one set for each output with its own handshake. Stores the set at each output.
 pub(super) fn resolve(check: &mut Check<'_>) {
     let members = members(check);
     let mut sets: Vec<Option<OutputSet>> = Vec::new();
@@ -369,7 +374,7 @@ pub(super) fn resolve(check: &mut Check<'_>) {
     check.sets.resolved = sets;
 }
 
-/// Which output belongs to which set, by their places.
+/// Returns pairs of an output's index and its set's index.
 fn members(check: &Check<'_>) -> Vec<(usize, usize)> {
     let mut members = Vec::new();
     for (place, name) in check.outputs.names.iter().enumerate() {
@@ -384,7 +389,7 @@ fn members(check: &Check<'_>) -> Vec<(usize, usize)> {
     members
 }
 
-/// What is compared before and after each exchange must be read, and be nobody else's.
+/// Reports an output that cannot be in a set or handshake, because its register must be read and not be shared.
 fn can_be_exchanged(at: &At<'_>, key: &str, output: &Output) {
     if output.writes.position().is_some() {
         let help = format!("remove `{key}`: the readout is written as soon as its scale is read");

@@ -25,76 +25,77 @@ mod bad;
 pub(crate) mod counter;
 pub(crate) mod unit;
 
-/// One value that is read.
+/// Value that is read from a device.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Signal", extend("x-layers" = "arrives"))]
 pub(crate) struct RawSignal {
-    /// What people call it, in any script: shown beside the name.
+    /// Display name of the signal in any script, shown next to its name.
     #[schemars(extend("x-layers" = "free"))]
     label: Option<String>,
-    /// Where it is read.
+    /// Device from which the signal is read.
     #[schemars(required)]
     pub(super) device: Option<String>,
-    /// Channel of the device's template: its number or its name.
+    /// Channel of the device's template, by number or name.
     #[allow(dead_code, reason = "resolved before the profile is checked")]
     channel: Option<ChannelValue>,
-    /// "input:0", "holding:84", "coil:1", "discrete:3": table and zero-based protocol address; or the one-based Modicon
-    /// number "30001"; "input:50.3" is bit 3 of a register.
+    /// Register as table and zero-based address ("input:0", "holding:84", "coil:1", "discrete:3"), or as one-based
+    /// Modicon number ("30001"). "input:50.3" is bit 3 of a register.
     register: Option<String>,
-    /// OPC UA: the server's name of a node: "ns=2;s=/Nck/State" or "ns=3;i=1005".
+    /// OPC UA: node, for example "ns=2;s=/Nck/State" or "ns=3;i=1005".
     node: Option<String>,
-    /// A sensor of this computer: "w1:28-0316a2794f01", "hwmon:NAME/LABEL" or "iio:NAME/LABEL"; "hwmon:NAME@DEVICE/LABEL" where
-    /// several chips have one name.
+    /// Sensor of this computer: "w1:28-0316a2794f01", "hwmon:NAME/LABEL" or "iio:NAME/LABEL". If several chips have the
+    /// same name: "hwmon:NAME@DEVICE/LABEL".
     sensor: Option<String>,
-    /// How the value lies in its registers; required for input and holding registers. Of a node: its own type; default: whatever
-    /// number it has.
+    /// Type of the value. Required for input and holding registers. For a node, its own type; by default any number is
+    /// accepted.
     #[serde(rename = "type")]
     kind: Option<TypeWord>,
-    /// Which register comes first; required for 32 bits and more, because devices differ.
+    /// Order of the registers. Required for 32 bits and more, because devices differ.
     word_order: Option<WordOrderWord>,
-    /// The two bytes inside every register are exchanged. Default false.
+    /// Whether the two bytes of each register are exchanged. Default false.
     byte_swap: Option<bool>,
     /// Engineering units per count, not zero. Default 1.
     scale: Option<f64>,
     /// Engineering value of raw zero. Default 0.
     offset: Option<f64>,
-    /// Raw values that mean "no measurement", compared before scaling: [-32768], or with what the device says by them,
-    /// [{ raw = -512, means = "open circuit" }].
+    /// Raw values that mean "no measurement", compared before scaling: [-32768]. They may have a meaning: [{ raw =
+    /// -512, means = "open circuit" }].
     bad: Option<Vec<BadValue>>,
-    /// Engineering unit. Default: "bool" for a coil or a discrete input, else "1".
+    /// Engineering unit. Default: "bool" for a coil or a discrete input, otherwise "1".
     #[serde(default)]
     #[schemars(schema_with = "units")]
     unit: Option<String>,
-    /// Smallest and largest believable value, in the unit; outside: bad.
+    /// Smallest and largest plausible value, in the unit. A value outside is bad.
     #[schemars(extend("x-layers" = "free"))]
     range: Option<[f64; 2]>,
-    /// Fastest believable change, units per second; faster: bad.
+    /// Largest plausible rate of change, units per second. A faster change is bad.
     #[schemars(extend("x-layers" = "free"))]
     max_rate: Option<f64>,
-    /// Older is stale. Default: five polls, and at least three timeouts.
+    /// Largest age of a reading. An older one is stale. Default: five polls, and at least three timeouts.
     #[schemars(extend("x-layers" = "free"))]
     max_age: Option<Timespan>,
-    /// A condition on other signals that condemns this one: "bed_open == 1".
+    /// Condition on other signals under which this one is bad, for example "bed_open == 1".
     #[schemars(extend("x-layers" = "free"))]
     fault_when: Option<String>,
-    /// May share a read request with its neighbours. Default true.
+    /// Whether a read request may include adjacent registers of other signals. Default true.
     #[schemars(extend("x-layers" = "free"))]
     merge: Option<bool>,
-    /// It counts: what a rollover and a step mean.
+    /// Settings of a counting signal: rollover and new reference.
     counter: Option<RawCounter>,
-    /// CAN: message and signal of the device's DBC file: "Message.Signal".
+    /// CAN: message and signal in the device's DBC file: "Message.Signal".
     dbc: Option<String>,
-    /// CANopen process data: { cob_id = 0x185, start = 0, length = 16, signed = true }.
+    /// CANopen process data, for example { cob_id = 0x185, start = 0, length = 16, signed = true }.
     pdo: Option<RawPdo>,
-    /// CANopen object polled every `every`: "7130:01".
+    /// CANopen object, polled with the period `every` of the device, for example "7130:01".
     #[schemars(regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
     sdo: Option<String>,
-    /// CAN frame without a DBC file: { id = 0x100, start = 0, length = 16, order = "little", signed = true }.
+    /// CAN frame without a DBC file, for example { id = 0x100, start = 0, length = 16, order = "little", signed = true
+    /// }.
     frame: Option<RawFrame>,
 }
 
-/// A channel of a template.
+/// Channel of a template.
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
 #[allow(dead_code, reason = "resolved before the profile is checked")]
@@ -117,39 +118,39 @@ fn units(_: &mut SchemaGenerator) -> Schema {
     schemars::json_schema!({ "type": "string", "enum": Unit::WORDS })
 }
 
-/// One value that is read.
+/// Resolved signal.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Signal {
-    /// Its name in the profile.
+    /// Name in the profile.
     pub name: String,
-    /// What people call it; empty where the profile does not say.
+    /// Display name. Empty if the profile has none.
     pub label: String,
-    /// Where it is read.
+    /// Device from which it is read.
     pub device: DeviceId,
-    /// Its first register or its bit, its object, its place in frames.
+    /// First register, bit, object, node, sensor, or place in frames.
     pub address: Address,
-    /// How registers become the value.
+    /// Encoding of the value.
     pub encoding: Encoding,
-    /// Its engineering unit.
+    /// Engineering unit.
     pub unit: Unit,
-    /// Smallest and largest believable value.
+    /// Smallest and largest plausible value.
     pub range: Option<(f64, f64)>,
-    /// Fastest believable change per second.
+    /// Largest plausible change per second.
     pub max_rate: Option<f64>,
-    /// Older is stale.
+    /// Largest age of a reading. An older one is stale.
     pub max_age: Duration,
-    /// A condition on other signals that condemns this one.
+    /// Condition on other signals under which this one is bad.
     pub fault_when: Option<Condition>,
-    /// May share a read request with its neighbours.
+    /// Whether a read request may include adjacent registers of other signals.
     pub merge: bool,
-    /// It counts: it rolls over, and may be set anew.
+    /// Settings of a counting signal: rollover and new reference.
     pub counter: Option<Counter>,
-    /// Written before each read, so that there is something to read.
+    /// Command that is written before each read, to capture the count.
     pub capture: Option<Capture>,
 }
 
 impl Signal {
-    /// Where it lies, how it is read, and when it is not believed.
+    /// Preview of the signal: address, encoding, and conditions under which it is bad.
     pub(crate) fn preview(&self, profile: &Profile) -> Section {
         let (encoding, unit) = (&self.encoding, self.unit);
         let (name, device) = (&self.name, profile.device(self.device));
@@ -206,7 +207,7 @@ impl Signal {
         section
     }
 
-    /// What is written before each read: `holding:132 (40133) = 1`.
+    /// Describes the command before each read: `holding:132 (40133) = 1`.
     pub(crate) fn shown_capture(&self) -> Option<String> {
         self.capture.map(|capture| format!("{} = {}", Notation::from(capture.address), capture.value))
     }
@@ -240,11 +241,11 @@ impl Signal {
     }
 }
 
-/// Where a signal lies, and how its value lies there.
+/// Address and encoding of a signal.
 struct Located {
     address: Address,
     encoding: Encoding,
-    /// The unit where the profile names none.
+    /// Unit if the profile names none.
     unit: Option<Unit>,
 }
 
@@ -273,7 +274,7 @@ impl RawSignal {
         let (on_can, on_opcua) = (kind == Some(LineKind::Can), kind == Some(LineKind::OpcUa));
         let on_sysfs = kind == Some(LineKind::Sysfs);
         let on_can_somewhere = self.comes_by_itself() || self.sdo.is_some();
-        // A channel that brought no place has been reported.
+        // A channel without an address has been reported.
         let is_somewhere = self.register.is_some()
             || on_sysfs
             || on_can && on_can_somewhere
@@ -294,7 +295,7 @@ impl RawSignal {
         };
         sentinels_fit(&at.key("bad"), &encoding);
         let every = device.map_or(Duration::ZERO, |device| device.every);
-        // Of what comes by itself two values must come before it is stale.
+        // A value that arrives without a request must arrive twice before it is stale.
         let apart =
             max_age.filter(|_| on_can && self.comes_by_itself()).map_or(every, |age| every.min(age / 2));
         let (counter, capture) = match &self.counter {
@@ -320,7 +321,7 @@ impl RawSignal {
         })
     }
 
-    /// Keys that belong to another kind of line.
+    /// Reports keys that belong to another kind of line.
     fn foreign_keys(&self, at: &At<'_>, kind: Option<LineKind>) {
         let (Some(kind), Some(device)) = (kind, &self.device) else { return };
         if kind == LineKind::Sysfs {
@@ -395,7 +396,7 @@ impl RawSignal {
                 None
             }
         };
-        // What is wrong with the register hides nothing of what is wrong beside it.
+        // An error of the register must not hide other errors.
         let data_type = match cell {
             Some(cell) => self.type_in(&at.key("type"), cell),
             None => self.kind.map(|TypeWord(kind)| kind),
@@ -406,7 +407,7 @@ impl RawSignal {
         register::fits(&at.key("register"), address, data_type);
         if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
             device.must_read(&at.key("register"), address.table);
-            // A value that comes in two answers may be two halves of different values.
+            // A value in two answers could consist of parts of different values.
             let most = device.quirks.max_registers_per_request;
             if data_type.registers() > most {
                 let (name, registers) = (data_type.name(), data_type.registers());
@@ -427,7 +428,7 @@ impl RawSignal {
         Some(Located { address: address.into(), encoding, unit: is_bit.then_some(Unit("bool")) })
     }
 
-    /// The type of a register or a bit.
+    /// Resolves the type of a register or a bit.
     fn type_in(&self, at: &At<'_>, cell: Flag) -> Option<DataType> {
         let kind = self.kind.map(|TypeWord(kind)| kind);
         let is_bits = cell.address.table.is_bits();
@@ -498,7 +499,7 @@ impl RawSignal {
         }
     }
 
-    /// The scale and the offset go together: half of each file's makes a wrong value.
+    /// Resolves scale and offset, which belong together. Replacing only one of them would give wrong values.
     fn scale_over(&self, at: &At<'_>, found: &Described) -> Option<(f64, f64)> {
         let (missing, there, is_plain) = match (self.scale, self.offset) {
             (None, None) => return Some((found.scale, found.offset)),
@@ -529,7 +530,7 @@ impl RawSignal {
         }
     }
 
-    /// Whether its value comes by itself: there is no poll that its age could be measured by.
+    /// Returns whether the value arrives without a request, so that no poll period limits its age.
     fn comes_by_itself(&self) -> bool {
         self.dbc.is_some() || self.pdo.is_some() || self.frame.is_some()
     }
@@ -566,10 +567,10 @@ impl RawSignal {
     }
 }
 
-/// Sampled, sent, asked for by the round before and taken by the next: so many periods old may be what a subscription brings.
+/// Largest age of a value from a subscription, in periods: sampled, sent, requested in one round, used in the next.
 const SENT_WITHIN: u32 = 4;
 
-/// Why a value in frames has no `type`.
+/// Hint for `type` of a value in frames.
 const OF_BITS: &str = "remove it: `length`, `signed` and `float` say it";
 
 fn no_fill(at: &At<'_>, is_there: bool) {

@@ -1,4 +1,4 @@
-//! What is written of sensors of this computer: which, in which unit, and how long they take.
+//! Keys for sensors of this computer: name, unit and timing.
 
 use std::time::Duration;
 
@@ -7,17 +7,18 @@ use super::{At, Check};
 use crate::duration::shown;
 use isotherm_core::codec::PcSensor;
 
-/// Where the kernel has its sensors.
+/// Default directory of the kernel's sensors.
 pub(super) const ROOT: &str = "/sys";
-/// Longest wait for all sensors of a device, where nothing else is said: one of 1-Wire takes most of a second.
+/// Default timeout for all sensors of a device. A 1-Wire sensor needs most of a second.
 pub(super) const TIMEOUT: Duration = Duration::from_secs(2);
-/// A 1-Wire sensor measures for 750 ms at 12 bits (DS18B20), and is asked before and read after that.
+/// Time for reading a 1-Wire sensor. It measures for 750 ms at 12 bits (DS18B20), with a request before and a read
+/// after it.
 const ONE_WIRE: Duration = Duration::from_secs(1);
-/// Why nothing is written there.
+/// Reason why nothing is written to a sysfs line.
 pub(super) const ONLY_READ: &str =
     "sensors of this computer are only read: nothing is written to a sysfs line";
 
-/// The directory of a sysfs line.
+/// Checks the directory of a sysfs line.
 pub(super) fn root(at: &At<'_>, address: Option<&String>) -> Option<String> {
     let Some(address) = address else { return Some(ROOT.to_owned()) };
     if !address.starts_with('/') {
@@ -36,7 +37,7 @@ pub(super) fn root(at: &At<'_>, address: Option<&String>) -> Option<String> {
     Some(address.clone())
 }
 
-/// The sensor at this key of a signal.
+/// Parses the sensor at this key of a signal.
 pub(super) fn sensor(signal: &At<'_>, text: Option<&String>) -> Option<PcSensor> {
     let at = signal.key("sensor");
     let Some(text) = text else {
@@ -56,14 +57,14 @@ pub(super) fn sensor(signal: &At<'_>, text: Option<&String>) -> Option<PcSensor>
     text.parse().map_err(report).ok()
 }
 
-/// The unit of such a sensor, which the kernel fixes.
+/// Checks the unit of a sensor, which the kernel fixes.
 pub(super) fn unit(at: &At<'_>, unit: Option<&str>) {
     if let Some(unit) = unit.filter(|unit| *unit != "degC") {
         at.wrong(format!("a sensor of this computer is read in °C, not in \"{unit}\""), "leave `unit` out");
     }
 }
 
-/// 1-Wire sensors that are not given the time they take, or asked before it is over.
+/// Warns about 1-Wire sensors whose timeout or period is too short for a measurement.
 pub(super) fn too_quick(check: &Check<'_>) {
     for signal in check.signals.right() {
         let Some(PcSensor::OneWire(id)) = signal.address.sensor() else { continue };

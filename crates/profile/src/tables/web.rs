@@ -14,56 +14,58 @@ use crate::host_port::host_and_port;
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Web")]
 pub(crate) struct RawWeb {
-    /// Host and port. Default "127.0.0.1:8080"; port 0 takes any free one.
+    /// Host and port. Default "127.0.0.1:8080". Port 0 selects any free port.
     listen: Option<String>,
-    /// A file, beside the profile, with the operator's token, who may look and command. Beyond loopback it or `viewer_token_file` is required.
-    /// At least 16 characters, not readable by others; `isotherm token` makes one. It is read anew when it changes.
+    /// File next to the profile with the operator's token, for viewing and for commands. At least 16 characters, not
+    /// readable by others; `isotherm token` creates one. Beyond loopback, this file or `viewer_token_file` is required.
+    /// A changed file is read again.
     token_file: Option<String>,
-    /// The page's certificate and its key: it is served over https alone then. Read again when they change.
+    /// Certificate and key of the page, which is then only served over https. Changed files are read again.
     tls: Option<RawWebTls>,
-    /// With `true` the page is served beyond loopback without `tls`: for a network on which nobody else listens.
+    /// Whether the page may be served beyond loopback without `tls`. Only for a network without other listeners.
+    /// Default false.
     plain: Option<bool>,
-    /// A file with the token of those who may look: page, API, metrics. Without it looking is open on loopback, and wants the
-    /// operator's token from elsewhere.
+    /// File with the token for viewing only: page, API, metrics. Without it, viewing needs no token on loopback, and
+    /// the operator's token from elsewhere.
     viewer_token_file: Option<String>,
-    /// A file with the token of what collects the metrics, as Prometheus: it reads /metrics, and nothing else.
+    /// File with the token of a collector such as Prometheus. It gives access to /metrics only.
     scrape_token_file: Option<String>,
-    /// Who may command through page and API: "token", whoever has the operator's token (the default); "local", everybody on
-    /// this computer too.
+    /// Source of commands through page and API. "token": holders of the operator's token (default). "local": also every
+    /// user of this computer.
     commands: Option<Commands>,
-    /// Names under which the page may be asked for without a token, besides localhost and its addresses.
+    /// Names under which the page may be opened without a token, in addition to localhost and its addresses.
     #[serde(default)]
     hosts: Vec<String>,
-    /// The language of the page. Default: the first that the browser wants and the page speaks, else English.
+    /// Language of the page. Default: the first language that the browser prefers and the page has, otherwise English.
     language: Option<Language>,
 }
 
-/// What the page shows of itself, as PEM files beside the profile.
+/// Certificate of the page, as PEM files next to the profile.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "WebTls")]
 struct RawWebTls {
-    /// Its certificate, for the name by which browsers call it, those that lead to its authority after it.
+    /// Certificate for the name that browsers use, followed by those that lead to its authority.
     #[schemars(required)]
     cert: Option<String>,
-    /// The private key of that certificate.
+    /// Private key of the certificate.
     #[schemars(required)]
     key: Option<String>,
 }
 
-/// Who may command over HTTP.
+/// Source of commands over HTTP.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 #[schemars(rename = "CommandsWord", description = "")]
 pub enum Commands {
-    /// Whoever has the operator's token.
+    /// Holders of the operator's token.
     #[default]
     Token,
-    /// Everybody on this computer too.
+    /// Also every user of this computer.
     Local,
 }
 
-/// A language that the page speaks.
+/// Language of the page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 #[schemars(rename = "LanguageWord", description = "")]
@@ -74,12 +76,12 @@ pub enum Language {
     De,
     /// Japanese.
     Ja,
-    /// Chinese, in simplified characters.
+    /// Simplified Chinese.
     Zh,
 }
 
 impl Language {
-    /// As the profile, HTML and browsers write it.
+    /// Code in the profile, in HTML and in browsers.
     pub fn code(self) -> &'static str {
         match self {
             Language::En => "en",
@@ -90,43 +92,43 @@ impl Language {
     }
 }
 
-/// Page, API, metrics.
+/// Settings of page, API and metrics.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Web {
-    /// Host and port; port 0 takes any free one.
+    /// Host and port. Port 0 selects any free port.
     pub listen: String,
-    /// A file with the operator's token.
+    /// File with the operator's token.
     pub token_file: Option<PathBuf>,
-    /// By what it is served over https; `None`: over http.
+    /// Certificate and key for https. `None` for http.
     pub tls: Option<WebTls>,
-    /// Over http beyond loopback, too.
+    /// Whether http is allowed beyond loopback.
     pub plain: bool,
-    /// A file with the token of those who only look.
+    /// File with the token for viewing only.
     pub viewer_token_file: Option<PathBuf>,
-    /// A file with the token of what reads the metrics and nothing else.
+    /// File with the token for reading the metrics only.
     pub scrape_token_file: Option<PathBuf>,
-    /// Who may command.
+    /// Source of commands.
     pub commands: Commands,
-    /// Names of the page, besides localhost and its addresses.
+    /// Names of the page, in addition to localhost and its addresses.
     pub hosts: Vec<String>,
-    /// The language of the page; `None`: the browser's.
+    /// Language of the page. `None` for the browser's language.
     pub language: Option<Language>,
 }
 
-/// The files that the page's certificate and its key are in. They are read when it is served, and again when they change.
+/// Files with the page's certificate and key. They are read when the page is served, and again when they change.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WebTls {
-    /// The certificate.
+    /// Certificate of the page.
     pub cert: PathBuf,
-    /// Its private key.
+    /// Private key of the certificate.
     pub key: PathBuf,
 }
 
-/// The port of the page, if nothing else is said.
+/// Default port of the page.
 const USUAL: u16 = 8080;
 const LISTEN: &str = "write host and port, as \"127.0.0.1:8080\"; port 0 takes any free one";
 
-/// What to do about a page that listens beyond loopback in plain text.
+/// Hint for a page that listens beyond loopback without encryption.
 pub const PLAIN: &str = "whoever listens on that network reads the token: give `tls = { cert = …, key = … }` in [web], or \
     write `plain = true` there, where nobody else is on it";
 

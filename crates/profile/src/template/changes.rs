@@ -1,11 +1,11 @@
-//! What has changed from one text of a template to another.
+//! Changes between two texts of a template.
 
 use std::collections::BTreeMap;
 
 use toml::{Table, Value};
 
-/// Each key that is there in one of two texts only, or says something else: `channel.tc.scale: 0.1 → 0.01`. Comments and order
-/// are no change. A text that cannot be read is one line.
+/// Lists the keys that are only in one of two texts, or differ: `channel.tc.scale: 0.1 → 0.01`. Comments and order are
+/// ignored. If a text cannot be parsed, the list has a single line.
 #[must_use]
 pub fn changes(before: &str, now: &str) -> Vec<String> {
     let (Ok(before), Ok(now)) = (before.parse::<Table>(), now.parse::<Table>()) else {

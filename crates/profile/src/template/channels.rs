@@ -1,4 +1,4 @@
-//! Groups into channels: `count` alike, `{n}` their number, their registers one behind the other. Pure.
+//! Expansion of groups into `count` similar channels. `{n}` is the number; the registers follow each other. Pure.
 
 use serde_json::{Map, Value};
 
@@ -6,28 +6,28 @@ use super::{Group, text, texts};
 use crate::Flag;
 use crate::tables::register::TypeWord;
 
-/// The keys of a group that say how its channels follow each other.
+/// Keys of a group that describe its sequence of channels.
 pub(super) const OF_GROUP: [&str; 6] = ["name", "count", "from", "stride", "unverified", "ask"];
 
-/// One channel, check or target.
+/// Channel, check or target.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Channel {
-    /// As a profile names it: "0", "cjc".
+    /// Name in the profile: "0", "cjc".
     pub(super) name: String,
-    /// The group it belongs to.
+    /// Name of the group.
     pub(super) group: String,
-    /// Its place in the group, from 0.
+    /// Index in the group, from 0.
     pub(super) place: u16,
-    /// Keys that the profile must give.
+    /// Keys that the profile must set.
     pub(super) asks: Vec<String>,
-    /// What it brings to a signal or an output.
+    /// Keys that it adds to a signal or an output.
     pub(super) keys: Map<String, Value>,
 }
 
-/// The channels of a group, their registers moved by `base`.
+/// Expands a group into its channels. All registers are moved by `base`.
 ///
 /// # Errors
-/// A sentence: a register that is none, or lies beyond the last one.
+/// A sentence: a register is invalid, or beyond the last one.
 pub(super) fn of_group(name: &str, group: &Group, base: u16) -> Result<Vec<Channel>, String> {
     let number = |key: &str, default: u16| {
         let value = group.get(key).and_then(Value::as_u64);
@@ -54,7 +54,7 @@ pub(super) fn of_group(name: &str, group: &Group, base: u16) -> Result<Vec<Chann
         .collect()
 }
 
-/// How many registers, bits of a frame or subindexes one channel takes.
+/// Number of registers, bits of a frame or sub-indices of one channel.
 fn width(group: &Group) -> u16 {
     for place in ["pdo", "frame"] {
         let length = group.get(place).and_then(|place| place.get("length")).and_then(Value::as_u64);
@@ -69,7 +69,7 @@ fn width(group: &Group) -> u16 {
     kind.map_or(1, |TypeWord(kind)| kind.registers())
 }
 
-/// The bits of a frame so far behind the first channel's.
+/// Moves the bits of a frame away from those of the first channel.
 fn farther(mut frame: Value, bits: u64) -> Value {
     if let Some(start) = frame.get("start").and_then(Value::as_u64)
         && let Some(frame) = frame.as_object_mut()
@@ -79,7 +79,7 @@ fn farther(mut frame: Value, bits: u64) -> Value {
     frame
 }
 
-/// The object of the channel at this place: the subindexes follow each other.
+/// Returns the object of the channel with this index. The sub-indices follow each other.
 pub(super) fn of_member(object: &str, place: u16, stride: u16) -> Result<String, String> {
     let far = u32::from(place) * u32::from(stride);
     let (index, sub) = object.split_once(':').ok_or_else(|| format!("`{object}` is no CANopen object"))?;
@@ -95,7 +95,7 @@ fn numbered(value: &Value, label: &str) -> Value {
     }
 }
 
-/// Every `register` inside, also in tables and lists, as this channel has it.
+/// Moves every `register` in a value, including tables and lists, to that of this channel.
 fn moved(value: Value, key: &str, place: u16, stride: u16, base: u16) -> Result<Value, String> {
     let inner = |(key, value): (String, Value)| Ok((key.clone(), moved(value, &key, place, stride, base)?));
     Ok(match value {
@@ -111,12 +111,12 @@ fn moved(value: Value, key: &str, place: u16, stride: u16, base: u16) -> Result<
     })
 }
 
-/// The keys whose text is a register.
+/// Returns whether the text of a key is a register.
 fn is_register(key: &str) -> bool {
     matches!(key, "register" | "sequence" | "complement" | "heartbeat" | "control" | "strobe" | "acknowledge")
 }
 
-/// The register of the channel at this place; of one bit of a register, the bit that follows.
+/// Returns the register of the channel with this index. If the register is a single bit, the bits follow each other.
 pub(super) fn shifted(register: &str, place: u16, stride: u16, base: u16) -> Result<String, String> {
     let mut flag: Flag = register.parse()?;
     let far = u32::from(place) * u32::from(stride);

@@ -1,4 +1,4 @@
-//! A template's checks, as registers that the device must be found to hold.
+//! Checks of a template, as registers with expected values.
 
 use serde_json::Value;
 
@@ -9,7 +9,7 @@ use crate::error::allowed;
 use crate::span::{child, element};
 
 impl Filling<'_> {
-    /// The template's checks before what the device says itself.
+    /// Adds the checks of the template to those of the profile.
     pub(super) fn checks(&mut self, device: &str) {
         let path = child("device", device);
         let table = self.table("device", device).cloned().unwrap_or_default();

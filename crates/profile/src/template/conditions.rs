@@ -1,4 +1,4 @@
-//! Conditions over channels become conditions over signals.
+//! Conversion of conditions on channels into conditions on signals.
 
 use serde_json::{Value, json};
 
@@ -8,7 +8,7 @@ use super::fill::Filling;
 use crate::span::child;
 
 impl Filling<'_> {
-    /// A condition over channels, as one over signals. A channel that no signal of the profile reads becomes one.
+    /// Converts a condition on channels into one on signals. If no signal reads a channel, a signal is added.
     pub(super) fn condition(&mut self, condition: &str, device: &str, at: &str) -> String {
         let mut out = String::new();
         let mut rest = condition;
@@ -22,7 +22,7 @@ impl Filling<'_> {
                 continue;
             }
             let word = &rest[..end];
-            // Channels are named by numbers as well; a number in a condition is a number.
+            // Channels may be named by numbers, but a number in a condition is a number.
             let is_name = !word.starts_with(|first: char| first.is_ascii_digit());
             let known = self.known.get(device).filter(|_| is_name);
             let channel =
@@ -36,7 +36,7 @@ impl Filling<'_> {
         out
     }
 
-    /// The signal that reads a channel: the profile's own, or one that is made for it.
+    /// Returns the signal that reads a channel: one of the profile, or a new one.
     fn signal_of(&mut self, device: &str, channel: &Channel, at: &str) -> String {
         let signals = self.profile.get("signal").and_then(Value::as_object).into_iter().flatten();
         let reads = |signal: &Value| {
@@ -48,7 +48,7 @@ impl Filling<'_> {
             named && signal.get("device").and_then(Value::as_str) == Some(device)
         };
         let readers = signals.filter(|(_, signal)| reads(signal)).map(|(name, _)| name.clone());
-        // A name with a hyphen cannot stand in a condition.
+        // A name with a hyphen is not allowed in a condition.
         if let Some(name) = readers.into_iter().find(|name| !name.contains('-')) {
             return name;
         }

@@ -1,5 +1,5 @@
-//! What a template brings is put into the profile where the profile says nothing, as if it had been written there.
-//! A key that is filled in stands, for errors, where the profile named the template or the channel.
+//! Addition of the keys of a template to a profile, as if they had been written there. In errors, an added key has the
+//! place where the profile named the template or the channel.
 
 use std::collections::BTreeMap;
 
@@ -20,7 +20,7 @@ pub(super) struct Filling<'a> {
     pub(super) errors: &'a mut Found,
     pub(super) known: BTreeMap<String, Definition>,
     pub(super) templates: Templates,
-    /// Devices whose template could not be used, which has been reported.
+    /// Devices whose template cannot be used. That has been reported.
     broken: Vec<String>,
 }
 
@@ -102,7 +102,7 @@ impl<'a> Filling<'a> {
         self.known.insert(name.to_owned(), definition);
     }
 
-    /// What a CANopen node is given. Of its lists the profile's own entries come first, and win over those for the same
+    /// Adds the keys of a CANopen node. In lists, entries of the profile come first, and replace those for the same
     /// object or code.
     fn node(&mut self, name: &str, definition: &Definition, at: &str, note: &str) {
         for (key, value) in definition.node.iter().flatten() {
@@ -144,7 +144,7 @@ impl<'a> Filling<'a> {
         }
     }
 
-    /// A signal or an output that names a channel.
+    /// Adds the keys of a channel to a signal or an output that names it.
     fn user(&mut self, table: &'static str, name: &str, is_signal: bool) {
         let Some(user) = self.table(table, name) else { return };
         let channel = match user.get("channel") {
@@ -195,7 +195,7 @@ impl<'a> Filling<'a> {
         }
     }
 
-    /// What a channel would have brought is not reported as missing: that it cannot has been reported.
+    /// Prevents reports of missing keys that the channel would have added. The failure itself has been reported.
     fn nothing_missing(&mut self, table: &str, name: &str, at: &str) {
         let path = child(table, name);
         for key in ["register", "node", "type", "writes", "scale", "word_order", "read_back"]
@@ -207,7 +207,7 @@ impl<'a> Filling<'a> {
         }
     }
 
-    /// What the template leaves to the profile, because a wrong guess would move an axis.
+    /// Reports keys that the template leaves to the profile, because a wrong assumption would move an axis.
     fn ask(&mut self, table: &str, name: &str, device: &str, channel: &Channel) {
         let path = child(table, name);
         for key in &channel.asks {
@@ -223,7 +223,7 @@ impl<'a> Filling<'a> {
         }
     }
 
-    /// Puts a channel's keys where the profile has none; which ones it has.
+    /// Adds the keys of a channel that the profile does not set. Returns the keys that it does set.
     pub(super) fn bring(
         &mut self,
         table: &'static str,
@@ -263,7 +263,7 @@ impl<'a> Filling<'a> {
         format!("it comes from channel `{channel}` of template `{template}`")
     }
 
-    /// Targets that land together: a set of the device's name, unless the profile has put the output into one.
+    /// Adds an output to the set of its device, if the template has one and the profile names no other.
     fn set(&mut self, output: &str, device: &str, at: &str) {
         let Some(set) = self.known[device].set.clone() else { return };
         let note = format!("it comes from template `{}`", self.templates[device].name);
@@ -302,7 +302,7 @@ impl<'a> Filling<'a> {
         }
     }
 
-    /// The control of a template looks for a heartbeat, and the profile writes to it but sends none.
+    /// Reports devices that need a heartbeat, if the profile writes to them but sends no heartbeat.
     fn silent_heartbeats(&mut self) {
         let of_heartbeat = self.profile.get("heartbeat").and_then(|beat| text(beat.as_object()?, "device"));
         let outputs = self.profile.get("output").and_then(Value::as_object);
@@ -330,7 +330,7 @@ impl<'a> Filling<'a> {
         self.profile.get_mut(table)?.get_mut(name)?.as_object_mut()
     }
 
-    /// Puts a value where there is none.
+    /// Adds a key unless it exists.
     fn put(&mut self, table: &str, name: &str, key: &str, value: Value, at: &str, note: &str) {
         let Some(into) = self.table_mut(table, name) else { return };
         if into.contains_key(key) {
@@ -345,7 +345,7 @@ impl<'a> Filling<'a> {
     }
 }
 
-/// A device that says which template it was written for has no other.
+/// Checks the SHA-256 of a template, if the profile states it.
 fn pinned(template: &str, pin: Option<&str>, text: &str) -> Result<(), Wrong> {
     let found = sha256(text.as_bytes());
     match pin {

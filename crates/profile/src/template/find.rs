@@ -1,4 +1,4 @@
-//! From a template's name to its text, read strictly: the user's own before the shipped one.
+//! Finding and parsing of a template by its name. The user's own template takes precedence over the shipped one.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -13,10 +13,10 @@ use crate::span::Spans;
 use crate::tables::signal::unit::Scaling;
 use crate::walk::Walk;
 
-/// Where the user's own templates lie, beside the profile.
+/// Directory of the user's own templates, next to the profile.
 const DIRECTORY: &str = "devices";
 
-/// A template as a device uses it: the variant chosen, the registers moved.
+/// Template as a device uses it: with the chosen variant and the moved registers.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Definition {
     pub(super) title: String,
@@ -24,34 +24,34 @@ pub(super) struct Definition {
     pub(super) own_file: Option<String>,
     pub(super) notes: Vec<String>,
     pub(super) unverified: Vec<String>,
-    /// What is not verified of a group, by its name.
+    /// Unverified facts by the name of their group.
     pub(super) unverified_of: BTreeMap<String, String>,
     pub(super) functions: Option<Value>,
     pub(super) quirks: Option<Value>,
     pub(super) channels: Vec<Channel>,
     pub(super) targets: Vec<Channel>,
-    /// The groups of checks, as written.
+    /// Groups of checks, as written.
     pub(super) checks: Vec<(String, Group)>,
     pub(super) set: Option<Value>,
     pub(super) heartbeat: Option<Value>,
-    /// The DBC file, by the path that the profile would give it.
+    /// Path of the DBC file, relative to the profile.
     pub(super) dbc: Option<String>,
-    /// What a CANopen node is given.
+    /// Keys of a CANopen node.
     pub(super) node: Option<Group>,
 }
 
-/// What is wrong with a choice: the device's key that is to blame, what, and the remedy.
+/// Mistake in a choice: key of the device, message, and hint.
 pub(super) type Wrong = (&'static str, String, String);
 
-/// A template as it was found.
+/// Text of a template that was found.
 pub(super) struct Written {
     pub(super) own_file: Option<String>,
     pub(super) text: Cow<'static, str>,
-    /// Strictly read; `None` where something is wrong with it, which has been reported.
+    /// Parsed content. `None` if it has mistakes, which have been reported.
     pub(super) body: Option<Group>,
 }
 
-/// The template of this name.
+/// Finds the template with this name.
 pub(super) fn find(name: &str, files: &Files<'_>, errors: &mut Found) -> Result<Written, Wrong> {
     let plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
     let file = format!("{DIRECTORY}/{name}.toml");
@@ -75,8 +75,8 @@ pub(super) fn find(name: &str, files: &Files<'_>, errors: &mut Found) -> Result<
     Ok(Written { own_file, text, body })
 }
 
-/// A model number is rarely written as its maker does: what begins with the same letters and digits comes first, then
-/// the nearest word, then what has its number.
+/// Builds a hint for an unknown name. Users often abbreviate a model number. The suggestion is a name with the same
+/// beginning, the nearest word, or a name with the same number, in this order.
 fn nearest_names(name: &str, known: &[String]) -> String {
     let bare = |text: &str| text.chars().filter(char::is_ascii_alphanumeric).collect::<String>();
     let digits = |text: &str| text.chars().filter(char::is_ascii_digit).collect::<String>();
@@ -100,7 +100,7 @@ fn read(shown: &str, written: &str, errors: &mut Found) -> Option<Group> {
     let mut walk = Walk { schema, layer, spans: &mut spans, errors, beside: Scaling::default() };
     let (table, _) = walk.parsed(written);
     let value = walk.table(schema, "", table);
-    // What a group leaves out, the profile may say.
+    // Keys that a group omits may be set by the profile.
     walk.missing(&json!({ "required": schema.get("required") }), "", &value);
     match value {
         Value::Object(group) if errors.len() == before => Some(group),
@@ -109,7 +109,7 @@ fn read(shown: &str, written: &str, errors: &mut Found) -> Option<Group> {
 }
 
 impl Definition {
-    /// The template as a device of this variant has it, its registers moved by `base`.
+    /// Creates the definition for a device with this variant. The registers are moved by `base`.
     ///
     /// # Errors
     /// The variant or the base does not fit the template.
@@ -188,12 +188,12 @@ impl Definition {
     }
 }
 
-/// Lays a variant over its template, table by table.
+/// Merges a variant into its template, table by table.
 fn lay(below: &mut Group, over: &Value) {
     for (key, value) in over.as_object().into_iter().flatten() {
         match (below.get_mut(key), value) {
             (Some(Value::Object(below)), Value::Object(_)) => lay(below, value),
-            // The variant's own title does not replace the device's.
+            // The title of the variant does not replace that of the device.
             (Some(_), Value::String(_)) if key == "title" => {}
             _ => {
                 below.insert(key.clone(), value.clone());

@@ -1,31 +1,31 @@
-//! What a shipped template offers, for whoever writes a profile with it.
+//! Outlines of shipped templates, for programs that write new profiles.
 
 use toml::{Table, Value};
 
 use super::shipped;
 
-/// The parts of a template that a new profile names.
+/// Parts of a template that a new profile names.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Outline {
-    /// Its name.
+    /// Name of the template.
     pub name: &'static str,
-    /// Make and kind.
+    /// Manufacturer and type.
     pub title: String,
-    /// The channels with temperatures, as a profile writes them: `3`, `"TL"`.
+    /// Temperature channels, in the notation of a profile: `3`, `"TL"`.
     pub temperatures: Vec<String>,
-    /// What the template leaves to the profile of each of them, and why: `word_order`, `scale`.
+    /// Keys of these channels that the profile must set, such as `word_order` or `scale`, and why.
     pub asks: Vec<(String, String)>,
-    /// What a Cz can be written to: x, y, z.
+    /// Targets for a Cz: x, y, z.
     pub targets: Vec<String>,
-    /// One of these must be chosen, if there are any.
+    /// Variants, one of which must be chosen. Empty if there are none.
     pub variants: Vec<String>,
-    /// It wants a heartbeat, and takes its register for granted.
+    /// Whether the device needs a heartbeat, whose register the template knows.
     pub has_heartbeat: bool,
-    /// The profile says where its registers begin (`base`).
+    /// Whether the profile states where its registers begin (`base`).
     pub is_movable: bool,
 }
 
-/// The shipped templates of devices on Modbus.
+/// Returns the shipped templates of Modbus devices.
 pub fn on_modbus() -> impl Iterator<Item = Outline> {
     shipped::names().filter_map(|name| {
         let text: Table = shipped::text(name)?.parse().ok()?;
@@ -53,7 +53,7 @@ fn outline(name: &'static str, text: &Table) -> Outline {
     }
 }
 
-/// The first group of channels whose unit is °C, but for those beside the measuring ones.
+/// Returns the first group of measuring channels with the unit °C. Cold junctions and fine channels are skipped.
 fn measuring(text: &Table) -> Option<(&String, &Value)> {
     let mut groups = text.get("channel").and_then(Value::as_table).into_iter().flatten();
     let is_beside =
@@ -61,7 +61,7 @@ fn measuring(text: &Table) -> Option<(&String, &Value)> {
     groups.find(|(name, group)| group.get("unit").and_then(Value::as_str) == Some("degC") && !is_beside(name))
 }
 
-/// The channels of a group, as a profile writes them.
+/// Returns the channels of a group, in the notation of a profile.
 fn channels(name: &str, group: &Value) -> Vec<String> {
     let number = |key: &str| group.get(key).and_then(Value::as_integer);
     match (group.get("name").and_then(Value::as_str), number("count")) {

@@ -1,22 +1,22 @@
-//! What a template's file may say: the keys of signals, outputs, sets and checks as a profile has them, in groups.
+//! Schema of a template file: groups with the keys of signals, outputs, sets and checks of a profile.
 
 use std::sync::LazyLock;
 
 use serde_json::{Map, Value, json};
 
-/// Keys of a signal that only a profile can know.
+/// Keys of a signal that only a profile can set.
 const OF_SIGNAL: [&str; 4] = ["device", "channel", "max_rate", "merge"];
 
-/// Keys of an output that only a profile can know.
+/// Keys of an output that only a profile can set.
 const OF_OUTPUT: [&str; 9] =
     ["axis", "device", "channel", "position", "when", "set", "share", "handshake", "restart"];
 
-/// Keys of a device that a CANopen node has from its template.
+/// Keys of a device that a template sets for a CANopen node.
 pub(super) const NODE: [&str; 3] = ["heartbeat", "setup", "emergency"];
 
 static SCHEMA: LazyLock<Value> = LazyLock::new(made);
 
-/// The JSON Schema of a device template, draft 2020-12.
+/// JSON Schema of a device template, draft 2020-12.
 pub fn schema() -> &'static Value {
     &SCHEMA
 }
@@ -79,7 +79,7 @@ fn made() -> Value {
     whole
 }
 
-/// What a CANopen node of this kind is given.
+/// Schema of the keys of a CANopen node.
 fn node(device: &Map<String, Value>) -> Value {
     let keys = NODE.map(|key| (key.to_owned(), device.get(key).cloned().unwrap_or_default()));
     let mut table = closed(Map::from_iter(keys), &[]);
@@ -89,7 +89,7 @@ fn node(device: &Map<String, Value>) -> Value {
     table
 }
 
-/// Groups by name: the keys of what they bring, and those that say how its members follow each other.
+/// Schema of groups by name. A group has the keys of its members, and those that describe their sequence.
 fn groups(mut keys: Map<String, Value>, what: &str) -> Value {
     let whole =
         |what: &str| json!({ "description": what, "type": "integer", "minimum": 0, "maximum": 65535 });

@@ -1,18 +1,18 @@
-//! The templates that are part of the program: what the build finds in `profiles/devices`.
+//! Templates that are part of the program. The build script embeds the files of `profiles/devices`.
 
 include!(concat!(env!("OUT_DIR"), "/shipped.rs"));
 
-/// Their names.
+/// Names of the shipped templates.
 pub fn names() -> impl Iterator<Item = &'static str> {
     TEMPLATES.iter().map(|(name, _)| *name)
 }
 
-/// The text of one.
+/// Text of a shipped template.
 pub(super) fn text(name: &str) -> Option<&'static str> {
     TEMPLATES.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
 }
 
-/// The text of a shipped DBC file, by the name that a template gives it.
+/// Text of a shipped DBC file, by its name in a template.
 pub(crate) fn dbc(name: &str) -> Option<&'static str> {
     let name = name.strip_prefix("devices/")?.strip_suffix(".dbc")?;
     DBC_FILES.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)

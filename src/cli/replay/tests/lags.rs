@@ -23,7 +23,7 @@ fn model(reference: Reference) -> Model {
 
 const STEPS: [&[f64]; 4] = [&[1.0], &[10.0], &[60.0], &[0.3, 9.7, 47.0, 1e-3, 120.0]];
 
-/// A log by these time steps, with a row at each moment that is asked for; the model's value there.
+/// Replays a log with these time steps, and returns the value of the model at each moment of `moments`.
 fn at(moments: &[f64], begin: &str, steps: &[f64], bed: impl Fn(f64) -> f64) -> Vec<f64> {
     let (mut log, mut time, mut steps) = (format!("time,bed\n{begin}"), 0.0, steps.iter().cycle());
     for moment in moments {
@@ -43,8 +43,9 @@ const MOMENTS: [f64; 3] = [600.0, 1800.0, 3600.0];
 
 #[test]
 fn m4_the_step_is_reproduced_whatever_the_logs_time_step() {
-    // Between two rows a temperature is a straight line, so a log must say that its step takes no time. It may begin
-    // warm, for a term begins at rest on its reference; or have two rows at one moment; or two very close together.
+    // Between two rows, a temperature changes linearly. A log must therefore show that its step takes no time. The log
+    // may begin warm, because a term begins at its reference. It may also have two rows at one time, or two rows with a
+    // very short time between them.
     for begin in ["0,25\n", "0,20\n0,25\n", "0,20\n1e-6,25\n"] {
         for steps in STEPS {
             let found = at(&MOMENTS, begin, steps, |_| 25.0);
@@ -67,7 +68,7 @@ fn m4_the_ramp_is_reproduced_whatever_the_logs_time_step() {
     }
 }
 
-/// The same, as a matrix along axis z's last signal and as a network.
+/// The lagging model as a matrix along the last signal of axis z, and as a network.
 fn lagging_files(reference: Reference) -> [Model; 2] {
     let gain = 11.5e-6 * 300.0 * 1000.0;
     let input = Input::of(SignalId(0), reference, Some(Duration::from_secs(1800)));
@@ -78,7 +79,7 @@ fn lagging_files(reference: Reference) -> [Model; 2] {
     let matrix =
         Matrix::new("m.json", vec![input], SignalId(3), vec![of(0.0), of(1.0)], vec![of(gain), of(gain)])
             .unwrap();
-    // An axis that is kept outside goes by its last step, too: a wide region has a wide edge.
+    // Outside its envelope, an axis also follows its last step. The wide region has a wide edge.
     let known = Identified { input: Input { lag: None, ..input }, mean: 0.0, range: (-100.0, 6.0) };
     let envelope = Envelope::new(vec![known], &[vec![900.0]], None, Outside::Hold).unwrap();
     [("matrix", Kind::Matrix(matrix)), ("network", Kind::Network(network))]

@@ -1,5 +1,5 @@
-//! The reference values of the models' sources through a log, whatever its time step. M4, the lag, stands in `lags`; M6,
-//! M8 and M12 are about finding models and places for sensors, not about following them.
+//! The reference values of the models' sources, from logs with different time steps. M4, the lag, is in `lags`. M6, M8
+//! and M12 identify models and place sensors, so that a replay does not use them.
 
 use super::*;
 use isotherm_core::compensation::model::network::{Activation, Layer, Layers, Net, Node, Radial, Scaling};
@@ -14,7 +14,7 @@ use sample::of;
 
 const ABSOLUTE: Reference = Reference::Fixed(Celsius::ZERO);
 
-/// The sample machine whose axis z follows this sum; its four signals take what the log says.
+/// The sample machine with this sum as the model of axis z. Its four signals accept all values of the log.
 fn following(offset: f64, terms: &[(usize, f64, Reference)], slope: Option<Slope>) -> Profile {
     let mut profile = sample::profile();
     for signal in &mut profile.signals {
@@ -29,7 +29,7 @@ fn following(offset: f64, terms: &[(usize, f64, Reference)], slope: Option<Slope
     profile
 }
 
-/// 0.007 µm/mm for each degree of the bed over 20 °C, about P0 = 0; the position is the last signal.
+/// 0.007 µm/mm for each degree of the bed above 20 °C, with P0 = 0. The last signal is the position.
 fn inclined() -> Slope {
     let term = Term { input: Input::of(SignalId(0), Reference::Fixed(of(20.0)), None), gain: of(0.007) };
     Slope {
@@ -43,7 +43,7 @@ fn inclined() -> Slope {
 /// Time steps of a log, s.
 const STEPS: [&[f64]; 4] = [&[1.0], &[10.0], &[60.0], &[0.3, 9.7, 47.0, 1e-3, 120.0]];
 
-/// What each axis's model asks for at the end of a log whose values stand still for this long, by these steps.
+/// Target of each axis's model at the end of a log with constant values over `span` seconds, with these time steps.
 fn raws(profile: &Profile, values: &str, span: f64, steps: &[f64]) -> Vec<f64> {
     let mut log = format!("time,bed,wheelhead,hydraulics_on,zero_button\n0,{values}\n");
     let (mut time, mut steps) = (0.0, steps.iter().cycle());
@@ -56,7 +56,7 @@ fn raws(profile: &Profile, values: &str, span: f64, steps: &[f64]) -> Vec<f64> {
     profile.axes.iter().map(last).collect()
 }
 
-/// The first axis's model gives this, whatever the log's time step.
+/// Asserts that the model of the first axis gives this value with all time steps.
 fn gives(name: &str, profile: &Profile, values: &str, span: f64, wanted: f64) {
     let mut alone = profile.clone();
     alone.axes.truncate(1);
@@ -101,7 +101,7 @@ fn m2_one_sensor_and_machine_on_time() {
     let mut profile = sample::profile();
     profile.axes[0].settings.models.remove(0);
     gives("M2", &profile, "27.5,24,1,0", 30_000.0, 8.4);
-    // The other way round: Kz′ = −Kz, and A as K·√t, here 0.02 °C/√s over 24 °C.
+    // The opposite sign: Kz′ = −Kz, and A as K·√t, here 0.02 °C/√s over 24 °C.
     let resolve = |name: &str| match name {
         "B" => Some(Symbol::Signal(SignalId(1))),
         "t" => Some(Symbol::Time),
@@ -150,7 +150,7 @@ fn m10_networks_by_hand() {
     let node = Node { centre: vec![1.0, 0.5], width: 2.0, weight: 3.0 };
     let radial = Radial::new(scaling(), vec![node], 0.25, (0.0, 4.0)).unwrap();
     let network = |net| one(Kind::Network(Network::new("n.json", net, rises(&[0, 1], 0.0)).unwrap()));
-    // tanh 0.25 = 0.244918662404; at its centre a node gives its weight, and e^(−1/2) of it one width away.
+    // tanh 0.25 = 0.244918662404. A node gives its weight at its centre, and e^(−1/2) of it at a distance of one width.
     gives("back-propagation", &network(Net::Layers(layers)), "24,22,0,0", 200.0, 3.449_186_624);
     gives("radial basis, at its centre", &network(Net::Radial(radial.clone())), "24,22,0,0", 200.0, 13.0);
     let away = 1.0 + 12.0 * 0.606_530_659_713;

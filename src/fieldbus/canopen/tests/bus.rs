@@ -1,4 +1,4 @@
-//! The client against a server of the virtual machine, over a bus that loses frames and is late.
+//! Test of the SDO client with a server of the virtual machine, over a bus that loses and delays frames.
 
 use std::collections::VecDeque;
 
@@ -10,12 +10,12 @@ use crate::fieldbus::error::Fault;
 use crate::virtual_machine::can::dictionary::{Dictionary, Server};
 use isotherm_core::codec::Entry;
 
-/// What the bus does with one frame.
+/// Effect of the bus on one frame.
 #[derive(Clone, Copy, Debug)]
 enum Fate {
     Arrives,
     IsLost,
-    /// It and all behind it wait for so many steps: a bus keeps the order.
+    /// The frame and all later ones wait for this number of steps, because a bus keeps the order.
     Waits(u8),
 }
 
@@ -60,7 +60,7 @@ struct Bus {
     fates: std::iter::Cycle<std::vec::IntoIter<Fate>>,
 }
 
-/// Longer than two lost frames, shorter than the longest delay: late answers do come.
+/// Timeout in steps: longer than two lost frames need, and shorter than the longest delay, so that late answers occur.
 const PATIENCE: u32 = 40;
 
 impl Bus {

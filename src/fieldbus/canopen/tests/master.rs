@@ -19,7 +19,7 @@ pub(super) fn of_three_nodes() -> Master {
     Master::new(nodes, None, at(0))
 }
 
-/// A master, and what it has done since it was asked last.
+/// Master with its outputs since the last call.
 struct Led {
     master: Master,
     outputs: Vec<Output>,

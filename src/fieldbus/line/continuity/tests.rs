@@ -1,4 +1,4 @@
-//! The rule by itself; and over real sockets, how each end of a connection looks.
+//! Tests of the rule alone, and of each end of a connection over real sockets.
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -20,7 +20,7 @@ fn at(seconds: u64) -> Moment {
     Moment::default().after(Duration::from_secs(seconds))
 }
 
-/// A connection with so many answers, closed in order at this second.
+/// Returns the result for a connection with this number of answers and an orderly close at this second.
 fn closes(line: &mut Evidence, answers: u32, second: u64) -> Broken {
     line.connected();
     (0..answers).for_each(|_| line.answered());
@@ -67,21 +67,21 @@ fn one_lost_answer_is_no_exchange_and_a_long_silence_is() {
     assert_eq!(line.ends(wrong, Ending::Lost, at(10), at(20)), Broken::None, "it answers");
 }
 
-/// Treatment of one question by a device. [`serve`] answers the questions beyond the list of a connection.
+/// Reaction of a device to one request. [`serve`] answers the requests after the end of a connection's list.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Does {
     Answers,
-    /// Says nothing.
+    /// Sends no answer.
     Ignores,
-    /// Closes in order, in the place of an answer.
+    /// Closes in order instead of an answer.
     Closes,
-    /// Resets the connection in the place of an answer.
+    /// Resets the connection instead of an answer.
     Resets,
     /// Closes in the middle of an answer.
     Breaks,
-    /// Answers, and closes in order behind that.
+    /// Answers, then closes in order.
     AnswersAndCloses,
-    /// Answers, and resets behind that.
+    /// Answers, then resets the connection.
     AnswersAndResets,
 }
 
@@ -94,7 +94,7 @@ fn resets(stream: TcpStream) {
     SockRef::from(&stream).set_linger(Some(Duration::ZERO)).unwrap();
 }
 
-/// Serves a connection; the rest of its questions are answered.
+/// Serves a connection. Requests after the end of the list are answered.
 fn serve(mut stream: TcpStream, does: &[Does]) {
     for step in does.iter().copied().chain(std::iter::repeat(Does::Answers)) {
         let Some(question) = question(&mut stream) else { return };
@@ -117,7 +117,7 @@ fn serve(mut stream: TcpStream, does: &[Does]) {
     }
 }
 
-/// Reports about devices, and the devices that have passed.
+/// Reports about devices, and whether the checks have passed.
 #[derive(Default)]
 struct Seen {
     exchanged: Vec<Option<DeviceId>>,
@@ -141,10 +141,10 @@ impl Witness for Sees {
     }
 }
 
-/// Name of the thread of the other end.
+/// Name of the thread that simulates the other end.
 const PEER: &str = "peer";
 
-/// Waits until the other end waits as well: what it has done has arrived then.
+/// Waits until the other end waits as well. All that it sent has arrived then.
 async fn settles() {
     tokio::time::sleep(Duration::from_millis(50)).await;
     while is_busy() {
@@ -152,7 +152,7 @@ async fn settles() {
     }
 }
 
-/// Returns whether the other end is running or ready to run. On a busy computer that takes longer than any pause.
+/// Returns whether the other end is running or ready to run. On a busy computer this lasts longer than any pause.
 fn is_busy() -> bool {
     let threads = std::fs::read_dir("/proc/self/task").unwrap().flatten();
     let status = threads.filter_map(|thread| std::fs::read_to_string(thread.path().join("status")).ok());
@@ -166,7 +166,7 @@ const READ: Request<'static> =
     Request::Read { from: Register { table: Table::Holding, offset: 1 }, count: 1 };
 const WRITE: Request<'static> = Request::WriteSingle { at: 1, value: 7 };
 
-/// A line to a device of this kind, which does that on its connections; afterwards nobody listens any more.
+/// Line to a device with this behaviour on its connections. Afterwards no program listens.
 struct Rig {
     line: DeviceLine,
     sees: Sees,
@@ -221,7 +221,7 @@ async fn each_end_of_a_connection_but_an_orderly_one_is_a_possible_exchange_and_
         &[&[Does::Answers, Does::Answers, Does::Resets], &[]],
         &[&[Does::Answers, Does::Answers, Does::Breaks], &[]],
         &[&[Does::Answers, Does::AnswersAndResets], &[]],
-        // It may be that its program was started anew: that is found out once.
+        // The program of the device may have been started again. This is checked once.
         &[&[Does::Answers, Does::Answers, Does::Closes], &[]],
     ];
     for way in WAYS {
@@ -293,7 +293,7 @@ async fn one_answer_that_is_lost_is_no_exchange() {
     let mut rig = Rig::new(&[&[Does::Answers, Does::Ignores], &[]]);
     assert!(rig.reads().await.is_ok());
     assert_eq!(rig.reads().await, Err(Fault::Timeout));
-    // The unit rests for a while.
+    // The unit backs off for a while.
     let mut again = rig.reads().await;
     for _ in 0..100 {
         if again.is_ok() {

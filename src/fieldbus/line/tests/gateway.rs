@@ -1,12 +1,12 @@
-//! Units behind a gateway to a serial line.
+//! Tests of units behind a gateway to a serial line.
 
 use super::*;
 use isotherm_profile::{Gateway, Transport};
 
-/// Another register of the same form.
+/// Read of another register, with an answer of the same form.
 const OIL: Request<'static> =
     Request::Read { from: Register { table: Table::Holding, offset: 100 }, count: 1 };
-/// One of another form.
+/// Read with an answer of another form.
 const LONG: Request<'static> =
     Request::Read { from: Register { table: Table::Holding, offset: 100 }, count: 2 };
 const MISSED: Result<Answer, Fault> = Err(Fault::Exception(11));
@@ -15,12 +15,12 @@ fn asked(script: &Shared) -> usize {
     script.lock().unwrap().asked.len()
 }
 
-/// A line with timeouts of 300 ms: a late answer has had its time after 1200.
+/// Returns a line with timeouts of 300 ms. A late answer may arrive until 1200 ms.
 fn behind(gateway: Gateway) -> (Rig, Shared) {
     line(|device| device.quirks.gateway = gateway)
 }
 
-/// Reads of the first unit that are answered at once.
+/// Sends 100 reads to the first unit, which answers at once.
 async fn is_prompt(line: &mut Rig) {
     for _ in 0..100 {
         assert_eq!(line.ask(0, READ, 0).await, Ok(good()));
@@ -86,7 +86,7 @@ async fn a_prompt_unit_is_asked_the_same_again_and_another_register_waits_for_th
     assert_eq!(script.asked.last().map(|(.., at)| *at), Some(15), "three times the longest answer");
 }
 
-/// The gateway gives up after 200 ms: the late answer has had its time 900 ms after that.
+/// The gateway gives up after 200 ms. The late answer may arrive for another 900 ms.
 #[tokio::test(start_paused = true)]
 async fn a_request_fails_at_once_while_the_late_answer_has_its_time_after_the_gateway_gave_up() {
     let (mut line, script) = behind(Gateway::ByUnits);

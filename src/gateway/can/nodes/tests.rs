@@ -55,7 +55,7 @@ fn frame(id: u32, data: &[u8]) -> Frame {
     Frame::classic(CanId::standard(id).unwrap(), data).unwrap()
 }
 
-/// Each thing in a few words.
+/// Each reaction in a few words.
 fn reported(follows: &[Reaction]) -> Vec<String> {
     let words = |follow: &Reaction| match follow {
         Reaction::Send(frame) => format!("send {frame}"),
@@ -91,7 +91,7 @@ fn silence_is_reported_once_by_heartbeat_or_by_age_also_of_what_was_never_heard(
     assert_eq!(reported(&nodes.tick(vec![], at(60))), [""; 0]);
     nodes.heard(SENDER, at(61));
     assert!(!nodes.is_lost(SENDER));
-    // Values of a node do not stand in for its heartbeat.
+    // Values of a node do not replace its heartbeat.
     nodes.heard(MODULE, at(61));
     assert!(nodes.is_lost(MODULE));
     assert_eq!(reported(&nodes.tick(vec![], at(64))), ["1 silent for 3s, heard before: true"]);
@@ -110,7 +110,7 @@ fn an_emergency_is_reported_once_a_code_until_all_are_over() {
     assert_eq!(say(0x8130), ["0 complains 8130"]);
     assert_eq!(say(0), ["0 content after 3"]);
     assert_eq!(say(0x5031), ["0 complains 5031"]);
-    // A babbler's codes are not all told apart.
+    // Not every code of a node that sends very many is recorded.
     let counted = (0x6000..0x6100).filter(|code| !say(*code).is_empty()).count();
     assert_eq!(counted, MOST_CODES - 1);
 }

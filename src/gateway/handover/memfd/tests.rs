@@ -21,7 +21,7 @@ fn document(process: &Process) -> Vec<u8> {
     serde_json::to_vec(&Document { process, handover, sources: None }).unwrap()
 }
 
-/// A sealed memfd of these bytes, opened again.
+/// Sealed memfd with these bytes, opened again.
 fn sealed(bytes: &[u8]) -> File {
     let mut file = memory::create(NAME).unwrap();
     file.write_all(bytes).unwrap();
@@ -33,7 +33,7 @@ fn again(file: &File) -> File {
     File::open(format!("/proc/self/fd/{}", file.as_raw_fd())).unwrap()
 }
 
-/// What a program finds in a memfd of these bytes, when this digest lies in the state directory.
+/// Result for a program that finds these bytes in a memfd, and this digest in the state directory.
 fn accepted(bytes: &[u8], digest: Option<&str>, process: &Process) -> Result<Handover, String> {
     let directory = tempfile::tempdir().unwrap();
     let path = digest_path(directory.path(), "mill");
@@ -48,7 +48,7 @@ fn accepted(bytes: &[u8], digest: Option<&str>, process: &Process) -> Result<Han
     Ok(accepted?.unwrap())
 }
 
-/// A profile, as a check writes its sources.
+/// Profile whose sources a check has written.
 fn profile(directory: &Path) -> KeptProfile {
     let path = directory.join("mill.toml");
     std::fs::write(&path, "[machine]\nname = \"mill\"\n").unwrap();
@@ -77,9 +77,9 @@ fn what_is_sealed_is_read_back_and_its_digest_lies_in_the_state_directory() {
         }
         assert_eq!(arrival().accept(&path), Ok(Some(handover())));
         assert!(!path.exists(), "the digest is gone");
-        // Once more: it was used.
+        // The handover was used, so it is not accepted again.
         assert!(arrival().accept(&path).unwrap_err().contains("was used before"));
-        // Nobody changes it.
+        // The memory cannot be changed.
         assert!(
             through.write(b"{").is_err() && through.set_len(0).is_err() && (&sealed).write(b"{").is_err()
         );
@@ -88,7 +88,7 @@ fn what_is_sealed_is_read_back_and_its_digest_lies_in_the_state_directory() {
     }
 }
 
-/// An older version reads all of the memfd as one document, and knows no other key of it.
+/// An older version reads the whole memfd as one document, and accepts no other key in it.
 #[test]
 fn a_program_of_an_older_version_is_given_what_it_knows() {
     let directory = tempfile::tempdir().unwrap();
@@ -131,7 +131,7 @@ fn a_profile_that_was_changed_cut_or_exchanged_is_refused() {
     for length in [0, 1, LARGEST + 1, u64::MAX] {
         assert!(refused(&with_length(length)).contains("not accepted"), "{length}");
     }
-    // A document without a profile has none before it.
+    // A document without a profile must not have sources before it.
     let document = document(&this);
     let length = (document.len() as u64).to_le_bytes();
     let sources = &whole[..usize::try_from(kept.seal.length).unwrap()];
@@ -231,7 +231,7 @@ fn bytes_that_were_cut_or_changed_are_refused_with_their_own_digest_too_unless_t
     changed.push([&whole[..], &whole[..]].concat());
     for bytes in changed.iter().filter(|bytes| **bytes != whole) {
         assert!(accepted(bytes, Some(&digest), &this).is_err(), "{}", String::from_utf8_lossy(bytes));
-        // With a digest of its own it is what its writer says, or nothing; never a panic.
+        // With a matching digest, the content is accepted as it was written, or rejected. It never causes a panic.
         if let Ok(found) = accepted(bytes, Some(&sha256(bytes)), &this) {
             assert!(found.armed.values().all(|cz| cz.get().is_finite()), "{found:?}");
         }

@@ -1,4 +1,4 @@
-//! Controllers whose rows have their turns as JSON: sets, corrected positions, and the heartbeat in a register of its own.
+//! Controllers whose turns are logged as JSON: sets, corrected positions, and the heartbeat in a separate register.
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -20,16 +20,16 @@ const HEARTBEAT_BEGIN: &str = "heartbeat-begin";
 /// State of a controller.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ControllerState {
-    /// Set.
+    /// Controller of a set.
     Set(Box<SetController>),
-    /// Corrected position.
+    /// Controller of a corrected position.
     Position(PositionController),
-    /// Heartbeat in a register of its own.
+    /// Controller of a heartbeat in a separate register.
     Heartbeat(HeartbeatController),
 }
 
 impl ControllerState {
-    /// Returns whether both decide alike from the next turn on.
+    /// Returns whether both controllers decide equally from the next turn on.
     pub fn is_like(&self, other: &ControllerState) -> bool {
         match (self, other) {
             (ControllerState::Set(one), ControllerState::Set(other)) => one.is_like(other),
@@ -39,15 +39,15 @@ impl ControllerState {
     }
 }
 
-/// Turn of a controller: input, action and, if the controller takes it in the same turn, result.
+/// Turn of a controller: input, action, and the result if the controller takes it in the same turn.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Turn {
-    /// Set.
+    /// Turn of a set.
     Set(Box<SetTurn>),
-    /// Corrected position.
+    /// Turn of a corrected position.
     Position(PositionTurn),
-    /// Heartbeat in a register of its own.
+    /// Turn of a heartbeat in a separate register.
     Heartbeat(HeartbeatTurn),
 }
 
@@ -55,9 +55,9 @@ pub enum Turn {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SetTurn {
-    /// Input.
+    /// Input of the turn.
     pub input: SetInput,
-    /// Action.
+    /// Action that the controller returned.
     pub action: SetAction,
 }
 
@@ -91,7 +91,7 @@ impl Turn {
         }
     }
 
-    /// Largest number of repetitions that its row may count. Those of a minute are fewer. Turns of a set are never counted.
+    /// Largest number of repetitions that a row may count. One minute has fewer. Turns of a set are never counted.
     pub(super) fn most_repetitions(&self) -> u64 {
         if matches!(self, Turn::Set(_)) { 0 } else { MOST_REPETITIONS }
     }
@@ -105,7 +105,8 @@ impl Turn {
         }
     }
 
-    /// Returns whether this turn repeats `last`: the log counts such turns. `before`, `after`: state after each of them.
+    /// Returns whether this turn repeats `last`: the log counts such turns. `before`, `after`: state after each of
+    /// them.
     pub(in crate::gateway) fn repeats(
         &self,
         last: &Turn,
@@ -124,7 +125,7 @@ impl Turn {
         }
     }
 
-    /// Returns whether both ask for the same. Each turn of a heartbeat has its own count.
+    /// Returns whether both have the same action. The counts of two heartbeats may differ.
     pub(super) fn is_same_action(&self, other: &Turn) -> bool {
         match (self, other) {
             (Turn::Heartbeat(one), Turn::Heartbeat(other)) => one.beat == other.beat,
@@ -132,7 +133,7 @@ impl Turn {
         }
     }
 
-    /// Returns the action, as a message says it.
+    /// Action as text of a message.
     pub(super) fn in_words(&self) -> String {
         // Numbers, names and lists of them always have a JSON form.
         match self {
@@ -151,7 +152,7 @@ impl Turn {
         }
     }
 
-    /// Reads the detail of a row. `None` if no controller has rows of this name.
+    /// Parses the detail of a row. Returns `None` if no controller has rows of this name.
     pub(super) fn parse(row: &str, detail: &str) -> Option<serde_json::Result<Turn>> {
         Some(match row {
             SET => parse(detail, Turn::Set),
@@ -175,24 +176,24 @@ impl Shifted for Turn {
     }
 }
 
-/// Controller that resumes, with its settings.
+/// Controller from which a replay resumes, with its settings.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum ControllerSnapshot {
-    /// Set.
+    /// Controller of a set.
     Set(Box<SetSnapshot>),
-    /// Corrected position.
+    /// Controller of a corrected position.
     Position(PositionSnapshot),
-    /// Heartbeat in a register of its own.
+    /// Controller of a heartbeat in a separate register.
     Heartbeat(HeartbeatSnapshot),
 }
 
 /// Controller of a set, with its settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SetSnapshot {
-    /// Settings.
+    /// Settings of the set and its members.
     pub settings: SetSettings,
-    /// State.
+    /// State of the controller.
     pub set: SetController,
 }
 
@@ -201,7 +202,7 @@ pub struct SetSnapshot {
 pub struct PositionSnapshot {
     /// Largest change of Cz from one decision to the next.
     pub step: Micron,
-    /// State.
+    /// State of the controller.
     pub position: PositionController,
 }
 
@@ -210,12 +211,12 @@ pub struct PositionSnapshot {
 pub struct HeartbeatSnapshot {
     /// Largest count of the register.
     pub highest: u16,
-    /// State.
+    /// State of the controller.
     pub heartbeat: HeartbeatController,
 }
 
 impl ControllerSnapshot {
-    /// Name of the row that has it.
+    /// Name of the row that contains the snapshot.
     pub(super) fn name(&self) -> &'static str {
         match self {
             ControllerSnapshot::Set(_) => SET_BEGIN,
@@ -233,7 +234,7 @@ impl ControllerSnapshot {
         }
     }
 
-    /// Reads the detail of a row. `None` if no controller begins with rows of this name.
+    /// Parses the detail of a row. Returns `None` if no controller begins with rows of this name.
     pub(super) fn parse(row: &str, detail: &str) -> Option<serde_json::Result<ControllerSnapshot>> {
         Some(match row {
             SET_BEGIN => parse(detail, ControllerSnapshot::Set),
@@ -243,8 +244,8 @@ impl ControllerSnapshot {
         })
     }
 
-    /// Carries out the input of a turn again, and returns the turn with the action that comes out. `None` if it is that of another
-    /// kind of controller.
+    /// Executes the input of a turn again, and returns the turn with the resulting action. Returns `None` if the turn
+    /// belongs to another kind of controller.
     pub(super) fn again(&mut self, turn: &Turn, now: Moment) -> Option<Turn> {
         Some(match (self, turn) {
             (ControllerSnapshot::Set(snapshot), Turn::Set(turn)) => {

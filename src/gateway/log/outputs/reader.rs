@@ -1,4 +1,4 @@
-//! Reads what the recorder wrote.
+//! Reader of the log of the outputs.
 
 use std::fmt::Display;
 use std::io::Read;
@@ -15,45 +15,45 @@ use isotherm_core::output::{Action, Fact, Input};
 use isotherm_core::quantity::{Counts, Moment, time};
 use isotherm_profile::regular::{self, Lines};
 
-/// One row.
+/// Row of the log.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutputRow {
-    /// Its line in the file.
+    /// Line number in the file.
     pub line: u64,
-    /// When the output took the fact.
+    /// Time at which the controller took the input.
     pub now: Moment,
-    /// The output's name.
+    /// Name of the output.
     pub output: String,
-    /// What the row says.
+    /// Content of the row.
     pub entry: Entry,
 }
 
-/// What a row says.
+/// Content of a row.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Entry {
-    /// The output goes on from this.
+    /// State from which the output resumes.
     Begins(Box<Beginning>),
-    /// Its controller took an input, and asked for something.
+    /// Input of its controller, and the action.
     Step {
-        /// The input.
+        /// Input of the controller.
         input: Input,
-        /// What was to be done next.
+        /// Action that the controller returned.
         action: Action,
     },
     /// State from which a controller with turns resumes.
     Resumes(Box<ControllerSnapshot>),
     /// Turn of a controller.
     Turn {
-        /// Repetitions of the turn before.
+        /// Repetitions of the previous turn.
         repetitions: u64,
-        /// The turn.
+        /// Turn with its input and action.
         turn: Turn,
     },
-    /// Something for people alone.
+    /// Information for readers of the log, which is not replayed.
     Noted,
 }
 
-/// Gives the rows of a log of outputs, one after the other.
+/// Reads the rows of a log of outputs, one after another.
 #[derive(Debug)]
 pub struct OutputLogReader<R> {
     csv: csv::Reader<Lines<R>>,
@@ -74,10 +74,10 @@ const ACTION_UNTIL: usize = 7;
 const DETAIL: usize = 8;
 
 impl<R: Read> OutputLogReader<R> {
-    /// Reads the header. `file` is the log's name in messages.
+    /// Reads the header. `file` is the name of the log in messages.
     ///
     /// # Errors
-    /// A header of something else.
+    /// The header is not that of a log of outputs.
     pub fn open(input: R, file: &str) -> Result<OutputLogReader<R>, LogError> {
         let (_, input) =
             regular::first_line(input).map_err(|cause| unreadable(file, 1, &csv::Error::from(cause)))?;
@@ -90,15 +90,15 @@ impl<R: Read> OutputLogReader<R> {
         Ok(OutputLogReader { csv, file: file.to_owned(), record: StringRecord::new(), warnings: Vec::new() })
     }
 
-    /// What is odd about the log, but did not keep it from being read.
+    /// Defects of the log that did not prevent reading.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
     }
 
-    /// The next row; `None` at the end.
+    /// Reads the next row. Returns `None` at the end.
     ///
     /// # Errors
-    /// The place of what cannot be read.
+    /// The row cannot be read. The error contains its place.
     pub fn next_row(&mut self) -> Result<Option<OutputRow>, LogError> {
         if !self.read_record()? {
             return Ok(None);
@@ -108,7 +108,7 @@ impl<R: Read> OutputLogReader<R> {
             Ok(row) => return Ok(Some(row)),
             Err(error) => error,
         };
-        // A power cut leaves half of the last row at most: too few cells, or half of its last one.
+        // A power cut can leave a part of the last row: too few cells, or a part of its last cell.
         let may_be_cut = self.record.len() < COLUMNS || error.column.as_deref() == name(DETAIL);
         if may_be_cut && !self.read_record()? {
             self.warnings.push(format!("{}, line {line}: the last row is cut off, left out", self.file));
@@ -162,7 +162,7 @@ impl<R: Read> OutputLogReader<R> {
         count.filter(|count| *count <= most).ok_or_else(wrong)
     }
 
-    /// A fact or an action, from where its name, its value and its moment stand.
+    /// Parses an input or an action. The tuple contains the columns of its name, value and moment.
     fn named<T>(
         &self,
         line: u64,
@@ -179,7 +179,7 @@ impl<R: Read> OutputLogReader<R> {
         of(self.cell(what), count, at).ok_or_else(wrong)
     }
 
-    /// A value, if there is one, and a moment, which may never come.
+    /// Parses a value, if there is one, and a moment, which may never come.
     fn value_and_moment(
         &self,
         line: u64,
@@ -201,7 +201,7 @@ impl<R: Read> OutputLogReader<R> {
         Ok((count, at))
     }
 
-    /// An input with its detail. Decisions of earlier versions have none.
+    /// Adds the detail to an input. Decisions of earlier versions have none.
     fn with_detail(&self, line: u64, input: Input) -> Result<Input, LogError> {
         let text = self.cell(DETAIL);
         let wrong = |why: &dyn Display| self.error(line, DETAIL, why);

@@ -1,4 +1,4 @@
-//! Formats rows into one buffer that is used again; knows nothing of files.
+//! Formats rows into one buffer that is reused. Does not access files.
 
 use std::fmt::Display;
 use std::io::Write;
@@ -12,16 +12,16 @@ use crate::gateway::log::recorder::{cell, has_to_be_quoted};
 use isotherm_core::output::{Action, Input};
 use isotherm_core::quantity::{Moment, Shift, Shifted, time};
 
-/// Turns what happens to outputs into rows, each with its line break.
+/// Formats inputs and actions of outputs as rows, each with its line break.
 #[derive(Clone, Debug, Default)]
 pub struct OutputRecorder {
     line: Vec<u8>,
-    /// What brings counted moments to the stamps of the file.
+    /// Shift from counted moments to the stamps of the file.
     pub(in crate::gateway) shift: Shift,
 }
 
 impl OutputRecorder {
-    /// An output goes on from this.
+    /// Formats the state from which an output resumes.
     pub fn begin(&mut self, now: Moment, output: &str, beginning: &Beginning) -> &[u8] {
         // Numbers, names and lists of them always have a JSON form.
         let (state, policy) = (beginning.state.shifted(self.shift), beginning.policy.shifted(self.shift));
@@ -30,7 +30,7 @@ impl OutputRecorder {
         self.ends(",,,,,,", &cell(&detail))
     }
 
-    /// A controller took an input, and asked for something.
+    /// Formats an input of a controller, and its action.
     pub fn step(&mut self, now: Moment, output: &str, input: Input, action: Action) -> &[u8] {
         // Numbers and names always have a JSON form.
         let detail = Detail::of(input, self.shift).map(|one| serde_json::to_string(&one).unwrap_or_default());
@@ -62,23 +62,23 @@ impl OutputRecorder {
         self.ends(",,,", &cell(&detail))
     }
 
-    /// What is written again and again was not.
+    /// Formats the fault of a repeated write.
     pub fn fault(&mut self, now: Moment, output: &str, why: &str) -> &[u8] {
         self.begins(now, output, FAULT);
         self.ends(",,,,,,", &cell(why))
     }
 
-    /// So many writes were answered as done since that moment.
+    /// Formats the number of writes that were answered since this moment.
     pub fn writes(&mut self, now: Moment, output: &str, count: u64, since: Moment) -> &[u8] {
         self.count(now, output, WRITES, count, since)
     }
 
-    /// So many failed.
+    /// Formats the number of writes that failed since this moment.
     pub fn failures(&mut self, now: Moment, output: &str, count: u64, since: Moment) -> &[u8] {
         self.count(now, output, FAILURES, count, since)
     }
 
-    /// The computer's clock was set before this file.
+    /// Formats a correction of the computer's clock before this file.
     pub(in crate::gateway) fn clock(&mut self, now: Moment, correction: Correction) -> &[u8] {
         self.begins(now, "", CLOCK);
         self.ends(",,,,,,", &correction.to_string())

@@ -1,4 +1,4 @@
-//! Gives the inputs of a log to the controllers again, and compares what is to be done next.
+//! Gives the inputs of a log to the controllers again, and compares the actions.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use super::{ControllerSnapshot, Entry, OutputRow, Turn, message};
 use isotherm_core::output::{Controller, Settings};
 use isotherm_core::quantity::Moment;
 
-/// The outputs of a log as they go on.
+/// Replay of the outputs of a log.
 #[derive(Clone, Debug, Default)]
 pub struct OutputReplay {
     running: BTreeMap<String, Box<(Settings, Controller)>>,
@@ -17,26 +17,26 @@ pub struct OutputReplay {
 /// Controller with turns, and its last turn.
 type Resumed = (Box<ControllerSnapshot>, Option<Turn>);
 
-/// What a row came to.
+/// Result of replaying a row.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Replayed {
-    /// There was nothing to be done again.
+    /// The row has no action to compare.
     Nothing,
-    /// The action of the log came out again.
+    /// The replay returned the action of the log.
     Same,
-    /// Another one did.
+    /// The replay returned another action.
     Different {
-        /// What the log says, in words.
+        /// Action in the log, as text.
         recorded: String,
-        /// What came out.
+        /// Action of the replay, as text.
         replayed: String,
     },
-    /// The output has not begun: nobody knows from where it went on.
+    /// The log does not contain the state from which the output resumed.
     Unknown,
 }
 
 impl OutputReplay {
-    /// Takes the next row in.
+    /// Replays the next row.
     pub fn row(&mut self, row: &OutputRow) -> Replayed {
         let (input, recorded) = match &row.entry {
             Entry::Begins(beginning) => {
@@ -65,7 +65,7 @@ impl OutputReplay {
         Replayed::Different { recorded: message(recorded), replayed: message(replayed) }
     }
 
-    /// Carries out a turn, and before it the repetitions of the one before. The first difference counts.
+    /// Replays a turn, and before it the repetitions of the previous turn. Returns the first difference.
     fn turn(&mut self, name: &str, (repetitions, recorded): (u64, &Turn), now: Moment) -> Replayed {
         let key = (name.to_owned(), recorded.row());
         let Some((snapshot, last)) = self.resumed.get_mut(&key) else { return Replayed::Unknown };

@@ -90,7 +90,7 @@ fn replayed(log: &str) -> Vec<(u64, Replayed)> {
     rows(log).unwrap().iter().map(|row| (row.line, replay.row(row))).collect()
 }
 
-/// Two outputs that are given what chance gives them, and do as they are told most of the time.
+/// Log of two outputs with random inputs. Most of the time they execute the requested actions.
 fn log_of(chances: &[u8]) -> (String, [Controller; 2]) {
     let settings = [settings(false), settings(true)];
     let mut running =
@@ -218,7 +218,7 @@ proptest! {
     }
 }
 
-/// One in which both are armed, and go where they are wanted.
+/// Log in which both outputs are armed and reach their targets.
 fn some_log() -> String {
     let chances = [1, 10, 18, 26, 3, 3, 34, 5, 4, 9, 42, 6, 7, 3];
     log_of(&chances.into_iter().cycle().flat_map(|chance| [chance; 2]).take(800).collect::<Vec<_>>()).0

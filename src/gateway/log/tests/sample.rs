@@ -1,4 +1,4 @@
-//! A profile for tests of logs: two axes, four signals.
+//! Sample profile for tests of logs: two axes, four signals.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use isotherm_core::compensation::settings::{
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{Arm, Axis, DeviceId, History, Profile, Purpose, Signal, Unit};
 
-/// A number as the quantity that is asked for.
+/// Converts a number to a quantity.
 pub(crate) fn of<Quantity: TryFrom<f64, Error = &'static str>>(value: f64) -> Quantity {
     Quantity::try_from(value).unwrap()
 }
@@ -83,7 +83,8 @@ fn axis(name: &str, every: u64, count: f64, on_fault: OnFault, models: Vec<Model
     }
 }
 
-/// `bed`, `wheelhead`, `hydraulics_on`, `zero_button`; z every 10 s (M1, then M2), x every 7 s (rises over zero and start).
+/// Signals: `bed`, `wheelhead`, `hydraulics_on`, `zero_button`. Axes: z every 10 s (M1, then M2), x every 7 s (rises
+/// over zero and start).
 pub(crate) fn profile() -> Profile {
     let resolve = |name: &str| match name {
         "A" => Some(Symbol::Signal(SignalId(0))),

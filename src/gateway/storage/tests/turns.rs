@@ -1,4 +1,4 @@
-//! Turns of corrected positions and of the heartbeat: what repeats is counted, and all of them are replayed.
+//! Turns of corrected positions and of the heartbeat: repetitions are counted, and all turns are replayed.
 
 use proptest::prelude::*;
 
@@ -14,7 +14,7 @@ use isotherm_core::output::{
 use isotherm_core::quantity::Micron;
 use isotherm_profile::OutputId;
 
-/// A readout and a heartbeat, whose rows are in memory.
+/// Readout and heartbeat, whose rows are in memory.
 struct Bench {
     log: OutputsLog,
     jobs: Receiver<Job>,
@@ -22,7 +22,7 @@ struct Bench {
     heartbeat: HeartbeatController,
     decision: Option<PositionDecision>,
     now: Moment,
-    /// Turns that asked for something, or changed a controller.
+    /// Turns with an action, or with a change of a controller.
     turns: u64,
 }
 
@@ -107,7 +107,7 @@ impl Bench {
     }
 }
 
-/// Turns that a log gives again, with those that it counts.
+/// Number of turns that a replay confirms, including the counted ones.
 fn replayed(text: &str) -> u64 {
     let mut reader = OutputLogReader::open(text.as_bytes(), "day").unwrap();
     let (mut replay, mut turns) = (OutputReplay::default(), 0);
@@ -174,7 +174,7 @@ fn a_difference_is_reported_and_the_rows_behind_it_are_compared_too() {
     bench.goes_on(0xc808);
     (0..150).for_each(|_| bench.goes_on(65_021));
     let text = bench.rows();
-    // A heartbeat that counts to another number.
+    // The heartbeat now has another highest count.
     let text = text.replacen(r#"""highest"":9"#, r#"""highest"":7"#, 1);
     let mut reader = OutputLogReader::open(text.as_bytes(), "day").unwrap();
     let mut replay = OutputReplay::default();

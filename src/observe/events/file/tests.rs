@@ -10,7 +10,7 @@ fn entry(second: u64) -> Entry {
     Event::KeptAgain { what: format!("number {second}") }.entry(noon.after(Duration::from_secs(second)))
 }
 
-/// A file of so many events, and what is read of it after it was spoilt.
+/// Texts and damage that are read from a file of `count` events after `spoil` has changed its lines.
 fn spoilt(count: u64, spoil: impl FnOnce(&mut Vec<String>)) -> (Vec<String>, Vec<String>) {
     let directory = tempfile::tempdir().unwrap();
     let path = path(directory.path(), "m", DAY);
@@ -61,7 +61,7 @@ fn a_line_that_was_changed_cut_or_taken_out_is_found_and_the_rest_is_read() {
     for cut in 1..40 {
         let (texts, damage) = spoilt(5, |lines| {
             let left = lines[4].len() - cut;
-            // Without its end of line alone, it is whole.
+            // A line without its line end is still complete.
             lines[4].truncate(left);
         });
         assert_eq!((texts.len(), damage.len()), if cut == 1 { (5, 0) } else { (4, 1) }, "{cut}: {damage:?}");
@@ -82,7 +82,7 @@ fn every_bit_of_a_line_that_falls_over_is_found() {
             let end = bytes.len() * 8 - 8;
             let bit = bit % end;
             bytes[bit / 8] ^= 1 << (bit % 8);
-            // What is no text any more is written as it is.
+            // A line that is no valid text any more is replaced by one invalid character.
             lines[1] = String::from_utf8(bytes).unwrap_or_else(|_| "\u{fffd}\n".to_owned());
         });
         assert!(!damage.is_empty(), "bit {bit} fell over and nobody noticed");

@@ -1,7 +1,7 @@
 use super::*;
 use crate::observe::events::{Broker, Delivery};
 
-/// Every event that counts something, which is one.
+/// Every event with a count, each with the count one.
 fn of_one() -> Vec<Event> {
     let text = String::new;
     vec![

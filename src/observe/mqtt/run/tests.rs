@@ -1,4 +1,4 @@
-//! Hours of a broker that is away, too slow or gone, in no time.
+//! Hours with a broker that is unreachable, slow or gone, in simulated time.
 
 use std::path::PathBuf;
 use std::sync::Mutex;
@@ -16,23 +16,23 @@ mod arrived;
 mod dated;
 mod stopped;
 
-/// A gateway at which something happens with each look, as long as it is told so.
+/// A gateway in which a set number of events happens between two samples of its status.
 #[derive(Default)]
 struct Machine {
     happened: Mutex<(u64, u64)>,
     looks: Mutex<u64>,
-    /// The measured errors that were taken.
+    /// Measured errors that were accepted.
     measured: Mutex<Vec<MeasuredReport>>,
     reported: Mutex<Vec<Event>>,
 }
 
 impl Machine {
-    /// So many events happen between two looks.
+    /// Sets the number of events between two samples.
     fn is_busy(&self, events: u64) {
         self.happened.lock().unwrap().1 = events;
     }
 
-    /// So many more have happened since the last look.
+    /// Adds events since the last sample.
     fn has(&self, events: u64) {
         self.happened.lock().unwrap().0 += events;
     }
@@ -137,31 +137,31 @@ impl Source for Machine {
     }
 }
 
-/// A broker that is what it is told to be.
+/// A broker with adjustable faults.
 #[derive(Clone, Default)]
 struct Fake(Arc<Mutex<State>>);
 
 #[derive(Default)]
 struct State {
     is_away: bool,
-    /// It is there, and takes nothing.
+    /// Connected, but accepts no message.
     is_full: bool,
-    /// Nothing of it arrives, and what is sent to it does not either.
+    /// No data passes in either direction.
     is_cut_off: bool,
     attempts: u64,
     taken: Vec<Message>,
-    /// `None`: it has everything that was sent.
+    /// Time up to which all messages have arrived; `None` if all have.
     last_heard: Option<Moment>,
     arrives: VecDeque<Arrived>,
 }
 
 impl Fake {
-    /// It has this message for the gateway.
+    /// Queues a message for the gateway.
     fn brings(&self, topic: &str, payload: &[u8]) {
         self.delivers(topic, payload, false);
     }
 
-    /// The same, and it does not know whether the gateway has it already.
+    /// Queues a message as a repeated delivery.
     fn brings_again(&self, topic: &str, payload: &[u8]) {
         self.delivers(topic, payload, true);
     }
@@ -227,12 +227,12 @@ impl Connection for Fake {
     async fn close(self) {}
 }
 
-/// Runs beside a broker, until `day` is over; how publishing went then.
+/// Runs the publisher with a broker until `day` is over. Returns the publishing status at that time.
 async fn run(machine: &Arc<Machine>, broker: &Fake, day: impl Future<Output = ()>) -> BrokerStatus {
     run_as((json(false), Kept::in_memory()), machine, broker, day).await
 }
 
-/// The same with this publisher.
+/// Runs this publisher in the same way.
 async fn run_as(
     (publisher, kept): (Box<dyn Publisher>, Kept),
     machine: &Arc<Machine>,
@@ -247,7 +247,7 @@ async fn run_as(
         publisher,
         source,
         figures: figures.clone(),
-        // It goes by the runtime's.
+        // Clock that follows the runtime's paused time.
         clock: Clock::wall_by(Passing::by(move || begun.elapsed()), TimeOfDay::default()),
         commands: Commands::from("mqtt://here"),
         address: "mqtt://here".into(),
@@ -283,7 +283,7 @@ async fn passes(seconds: u64) {
     tokio::time::sleep(Duration::from_secs(seconds)).await;
 }
 
-/// The numbers of the events that the broker has taken, as they came.
+/// Numbers of the events that the broker has received, in order.
 fn events_of(broker: &Fake) -> Vec<u64> {
     let state = broker.0.lock().unwrap();
     state.taken.iter().flat_map(|message| numbers(&message.payload)).collect()
@@ -341,7 +341,7 @@ async fn what_was_told_in_vain_is_told_again_before_what_waits_behind_it() {
         while broker.0.lock().unwrap().attempts == begun {
             passes(1).await;
         }
-        // Half of what waits has been told, and none of it has arrived.
+        // Half of the queued events have been published, and none has arrived.
         while events_of(&broker).is_empty() {
             tokio::time::sleep(Duration::from_millis(100)).await;
         }

@@ -1,4 +1,4 @@
-//! Hours of a server that fails, in no time.
+//! Hours with a failing server, in simulated time.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -9,7 +9,7 @@ use crate::observe::events::{Change, Event, Happened};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Notify, Url};
 
-/// A server that answers so, one after the other, and then takes everything.
+/// A server that gives these answers, one after the other, and then accepts everything.
 #[derive(Default)]
 struct Fake {
     answers: Mutex<VecDeque<Answer>>,
@@ -27,7 +27,7 @@ impl Fake {
         Fake { answers: Mutex::new(answers), taken: Mutex::default() }
     }
 
-    /// Count and dropped of each message that it took.
+    /// Fields `count` and `dropped` of each accepted message.
     fn taken(&self) -> Vec<(u64, u64)> {
         let number = |message: &serde_json::Value, key: &str| message[key].as_u64().unwrap();
         self.taken.lock().unwrap().iter().map(|one| (number(one, "count"), number(one, "dropped"))).collect()
@@ -61,7 +61,7 @@ fn lay(outbox: &Outbox, messages: usize) {
     }
 }
 
-/// What was reported, and the seconds that passed, until nothing waits or this span is over.
+/// Events that were reported until no message waits or the span is over.
 async fn carried(
     outbox: &Outbox,
     server: &impl Post,
@@ -171,7 +171,7 @@ async fn at_the_end_what_waits_is_tried_once_more_and_no_pause_is_waited_out() {
 
 #[tokio::test(start_paused = true)]
 async fn a_stop_waits_for_nobody_who_has_said_nothing_before() {
-    // In the pause after the first attempt, and while the second one goes on.
+    // During the pause after the first attempt, and during the second attempt.
     for stopped_at in [10_200, 15_000].map(Duration::from_millis) {
         let answers = (0..9).map(|_| Answer::Never).collect();
         let (outbox, server) = (outbox(), Fake { answers: Mutex::new(answers), taken: Mutex::default() });
@@ -190,7 +190,7 @@ async fn one_attempt_in_vain_is_no_news() {
     assert_eq!((server.taken(), said), (vec![(1, 0)], Vec::new()));
 }
 
-/// A server that takes everything, and its time.
+/// A server that accepts everything, one second after the request.
 struct Slow(Fake);
 
 impl Post for Slow {

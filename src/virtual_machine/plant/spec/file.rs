@@ -1,5 +1,4 @@
-//! The plant file as TOML has it, and the way from its names and numbers to a checked [`PlantSpec`], or to every complaint
-//! at once.
+//! Plant file in TOML, and its conversion to a checked [`PlantSpec`]. All errors are reported at once.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -95,7 +94,7 @@ fn moment<'de, D: Deserializer<'de>>(input: D) -> Result<Moment, D::Error> {
 }
 
 impl PlantFile {
-    /// `read` gives the text of a file that the plant names.
+    /// Checks the file, and converts it. `read` returns the text of a file that it names.
     pub(super) fn resolve(self, read: &dyn Fn(&str) -> Option<String>) -> Result<PlantSpec, Vec<String>> {
         let modes = self.structure.as_ref().map(|structure| structure.read(read));
         let modes = modes.transpose().map_err(|why| vec![why])?;
@@ -244,8 +243,8 @@ impl Position {
     }
 }
 
-/// The network is stepped explicitly: a step must be short against every node's own time constant, and a structure's
-/// port must not warm in it by more than a part of what drives the heat.
+/// Checks the stability of the explicit time steps. A step must be short compared with the time constant of every node.
+/// In one step, a port of the structure may warm only by a small part of the driving temperature difference.
 fn stable(nodes: &[Node], links: &[Link], structure: Option<&Structure>, check: &mut Check) {
     for (index, node) in nodes.iter().enumerate() {
         let total: f64 = links

@@ -1,9 +1,9 @@
-//! A structure by its modes, with the shipped column.
+//! Tests of a structure with modes, for the shipped column.
 
 use super::super::structure::dot;
 use super::*;
 
-/// The column alone in a closed room: nothing goes to the air outside, nothing is switched on.
+/// The column alone in a closed room. No heat flows to the air outside, and no source is switched on.
 const CLOSED: &str = r#"
 start = "2026-01-05T06:00:00Z"
 soak  = "1s"
@@ -51,7 +51,7 @@ fn begun(spec: &PlantSpec) -> Plant {
     Plant::new(spec, NOMINAL, spec.start())
 }
 
-/// All heat above 0 °C, J.
+/// Total heat above 0 °C, J.
 fn heat(plant: &Plant) -> f64 {
     let nodes: f64 =
         plant.spec.nodes.iter().zip(&plant.warm.nodes).map(|(node, warm)| node.capacity * warm).sum();
@@ -64,7 +64,8 @@ fn no_heat_is_made_or_lost_between_the_structure_and_what_is_around_it() {
     let before = heat(&plant);
     for hours in [1, 10, 60] {
         after(&mut plant, hours * HOUR);
-        // What the sinks get is counted at the beginning of a step: half a step late, once over the whole run.
+        // The heat flow to the sinks is taken from the start of a step. The error is half a step, once in the whole
+        // run.
         let far = heat(&plant) / before - 1.0;
         assert!(far.abs() < 1e-5, "{far} after {hours} h");
     }

@@ -61,7 +61,7 @@ fn short_frames_lack_the_last_byte_and_garbage_has_them_all() {
     let sent: Vec<_> = rig.until(400).into_iter().filter_map(|(_, sent)| text(&sent)).collect();
     let lengths: Vec<_> =
         sent.iter().filter(|text| text.starts_with("002#")).map(|text| text.len()).collect();
-    // Before it come the two of the multiplexed frame.
+    // The first two lengths belong to the multiplexed frame.
     assert_eq!(lengths, [12, 14, 14], "{sent:?}");
     let mut good = Rig::new("");
     let mut bad = Rig::new(&fault("canmod", "garbage", ""));

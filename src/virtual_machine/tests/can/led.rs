@@ -1,4 +1,4 @@
-//! The gateway's master and SDO client against these nodes.
+//! Tests of the gateway's CANopen master and SDO client with these nodes.
 
 use super::*;
 use crate::fieldbus::canopen::NodeId;
@@ -21,7 +21,7 @@ impl Bus {
         Bus { rig: Rig::new(faults), master, events: Vec::new() }
     }
 
-    /// Both ends go on until then. Gives how many frames of measured values came.
+    /// Runs both ends until this time. Returns the number of frames with measured values.
     fn run(&mut self, from: u64, until: u64) -> usize {
         let mut measured = 0;
         for now in from..=until {
@@ -48,7 +48,7 @@ impl Bus {
         }
     }
 
-    /// Writes the setup list, after which the node is started.
+    /// Writes the setup list. The node is started afterwards.
     fn set_up(&mut self, now: u64) {
         let mut client = Client::new(NodeId::new(AXTC).unwrap());
         let mut asking = Some(client.write(Entry::new(0x1800, 5), &200_u16.to_le_bytes()));

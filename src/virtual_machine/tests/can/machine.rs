@@ -1,4 +1,4 @@
-//! A machine on one CAN line: a thermocouple module, one that only sends, an encoder, a display and a drive.
+//! A machine on one CAN line: a thermocouple module, a device that only sends, an encoder, a display and a drive.
 
 use super::super::support::{bus, device, output, plain, profile};
 use super::*;
@@ -52,12 +52,12 @@ fn written(name: &str, device: usize, address: Address, writes: Writes, verify: 
     Output { address, verify, ..output(name, device, "holding:0", 0.001, writes) }
 }
 
-/// What the display shows comes in this frame.
+/// Frame with the value of the display.
 pub(super) fn shown() -> Address {
     Address::Frame(field(0x20c, 0, 32, BitKind::Signed))
 }
 
-/// Where the drive takes its offset.
+/// Object with the offset of the drive.
 pub(super) fn offset() -> Address {
     Address::Object(Object::new(0x2000, 1, DataType::I32))
 }

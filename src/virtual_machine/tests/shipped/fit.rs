@@ -1,14 +1,14 @@
-//! Least squares over any number of columns.
+//! Least squares with any number of columns.
 
-/// What fits best, and what is left.
+/// Best fit, and the RMS of its residuals.
 #[derive(Debug)]
 pub(super) struct Fit {
     pub(super) coefficients: Vec<f64>,
     pub(super) rms: f64,
 }
 
-/// Coefficients for `Σ column · coefficient ≈ target`, one row a sample. Columns are scaled first: µm, K and mm·K differ
-/// by thousands.
+/// Finds coefficients for `Σ column · coefficient ≈ target`, with one row for each sample. Columns are scaled first,
+/// because µm, K and mm·K differ by factors of thousands.
 pub(super) fn least_squares(rows: &[Vec<f64>], target: &[f64]) -> Fit {
     let columns = rows[0].len();
     let norm = |column: usize| rows.iter().map(|row| row[column].powi(2)).sum::<f64>().sqrt().max(1e-12);
@@ -29,7 +29,7 @@ pub(super) fn least_squares(rows: &[Vec<f64>], target: &[f64]) -> Fit {
     Fit { coefficients, rms }
 }
 
-/// What these coefficients leave of the target.
+/// Residuals with these coefficients.
 pub(super) fn left(rows: &[Vec<f64>], coefficients: &[f64], target: &[f64]) -> Vec<f64> {
     let of = |row: &Vec<f64>| row.iter().zip(coefficients).map(|(x, c)| x * c).sum::<f64>();
     rows.iter().zip(target).map(|(row, target)| target - of(row)).collect()
@@ -41,7 +41,7 @@ pub(super) fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|value| value * value).sum::<f64>() / count).sqrt()
 }
 
-/// Gauss with pivots; the right side is the last column.
+/// Gaussian elimination with pivoting. The last column is the right-hand side.
 fn solve(mut system: Vec<Vec<f64>>) -> Vec<f64> {
     let size = system.len();
     for column in 0..size {

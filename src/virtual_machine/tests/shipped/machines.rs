@@ -1,13 +1,13 @@
-//! The machines of the sources: each one's coefficients are those of its recorded days, and hold on other days.
+//! The published machines: the coefficients of each fit its recorded days, and are valid on other days.
 
 use super::RECORDED;
 use super::rig::{Fitted, Rig};
 
-/// What a machine is held to.
+/// A machine with the figures that it must reach.
 struct Held {
     rig: Rig,
     hours: u64,
-    /// For each axis, in the order of their names: the least range without compensation, the largest with it, µm.
+    /// Smallest range without compensation and largest range with it, µm, for each axis in the order of names.
     figures: &'static [(&'static str, f64, f64)],
 }
 
@@ -66,10 +66,11 @@ fn screw() -> Held {
     Held { rig: rig!("screw-axis"), hours: 8, figures: &[("x", 90.0, 7.5)] }
 }
 
-/// A method that chooses, holds its gains small or counts from a place's first visit does not leave quite the least.
+/// Largest ratio to the least-squares residual. Methods that select inputs, limit gains or use the first visit of a
+/// position as reference do not reach the minimum.
 const CLEARLY: f64 = 2.5;
 
-/// Seeds of other days; `TEST_DAYS=20` takes more.
+/// Number of seeds for other days; `TEST_DAYS=20` tests more.
 const DAYS: u64 = 3;
 
 fn number_of_days() -> u64 {
@@ -92,7 +93,7 @@ impl Held {
         }
     }
 
-    /// No other gains leave clearly less of the recorded days.
+    /// Asserts that no other gains leave clearly smaller residuals on the recorded days.
     fn recorded(&self) {
         let shipped = self.rig.lines();
         assert_eq!(shipped.len(), self.figures.len());
@@ -170,7 +171,8 @@ fn a_matrix_and_places_from_its_decks_hold_the_column_on_any_day() {
     column(COLUMN).other_days();
 }
 
-/// What `isotherm place` is for: the same column, the same P, and sensors where one would put them without it.
+/// Purpose of `isotherm place`: with the same column and the same P, sensors at the intuitive places leave a larger
+/// error.
 #[test]
 fn sensors_at_the_centres_of_their_blocks_leave_more_of_the_column() {
     let mut naive = COLUMN.to_owned();

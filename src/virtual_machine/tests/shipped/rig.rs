@@ -1,4 +1,4 @@
-//! A shipped machine without sockets: its plant, its profile, and the core of the gateway between them.
+//! A shipped machine without sockets: its plant, its profile, and the compensation of `core`.
 
 use std::path::Path;
 use std::time::Duration;
@@ -12,7 +12,7 @@ use isotherm_core::quantity::{Micron, MicronPerCelsius};
 use isotherm_core::reading::Reading;
 use isotherm_profile::Profile;
 
-/// What the truth of the first minute is worth: setting up.
+/// Seconds at the start of a day that are ignored.
 const FIRST: u64 = 60;
 
 pub(super) struct Rig {
@@ -21,16 +21,16 @@ pub(super) struct Rig {
     plant: PlantSpec,
 }
 
-/// An axis over its recorded days.
+/// An axis on its recorded days.
 pub(super) struct Fitted {
     pub(super) axis: String,
-    /// The gains that leave least.
+    /// Gains with the smallest residuals.
     pub(super) fit: Fit,
-    /// The root mean square that the profile's gains leave, µm.
+    /// Root mean square of the residuals with the profile's gains, µm.
     pub(super) shipped_rms: f64,
 }
 
-/// Smallest and largest of a day, without compensation and with it.
+/// Smallest and largest error of a day, without and with compensation.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Extents {
     pub(super) uncompensated: (f64, f64),
@@ -58,7 +58,7 @@ impl Rig {
         Rig { name: name.to_owned(), profile, plant }
     }
 
-    /// Each axis with its first model, where that is a sum.
+    /// Axes with a linear first model.
     pub(super) fn lines(&self) -> Vec<(String, Linear)> {
         let axes = self.profile.axes.iter().map(|axis| &axis.settings);
         let line = |axis: &AxisSettings| match &axis.models[0].kind {
@@ -68,7 +68,7 @@ impl Rig {
         axes.filter_map(line).collect()
     }
 
-    /// The seed's day second by second: what the plant is, and what the gateway reads.
+    /// Calls `look` for every second of the seed's day, with the plant and the readings of the gateway.
     pub(super) fn day(&self, seed: u64, hours: u64, mut look: impl FnMut(u64, &Plant, &Snapshot<'_>)) {
         let begin = self.plant.start();
         let mut plant = Plant::new(&self.plant, seed, begin);
@@ -85,9 +85,9 @@ impl Rig {
         }
     }
 
-    /// Fits these sums, as they stand but for their gains, to the days of these seeds, one sample a minute.
+    /// Fits the gains of these linear models to the days of these seeds, with one sample each minute.
     pub(super) fn fitted(&self, lines: &[(String, Linear)], seeds: &[u64], hours: u64) -> Vec<Fitted> {
-        // An axis for each term, that asks for the rise alone.
+        // One axis for each term, with the temperature rise as its target.
         let inputs: Vec<Input> = lines.iter().flat_map(|(_, line)| line.rises()).copied().collect();
         let controls = vec![Control::default(); inputs.len()];
         let mut rows = vec![Vec::new(); lines.len()];
@@ -131,14 +131,14 @@ impl Rig {
         Compensation::new(self.profile.machine.clone(), axes, Remembered::default())
     }
 
-    /// What the core of the gateway makes of this seed's day.
+    /// Extents of this seed's day with the compensation of the profile.
     pub(super) fn extents(&self, seed: u64, hours: u64) -> Vec<(String, Extents)> {
         let axes: Vec<_> = self.profile.axes.iter().map(|axis| axis.settings.clone()).collect();
         let mut all: Vec<_> = axes.iter().map(|axis| (axis.name.clone(), Extents::NOTHING)).collect();
         let mut core = self.core(axes);
         let controls = vec![Control { permit: Permit::Armed, ..Control::default() }; all.len()];
         self.day(seed, hours, |second, plant, snapshot| {
-            // What stood there until now is what the new position met.
+            // The value that was active until now applies to the new position.
             for (place, (axis, extent)) in all.iter_mut().enumerate().filter(|_| second >= FIRST) {
                 let error = plant.true_error_um(axis).unwrap();
                 let left = error + core.decision(place).unwrap().cz.get();

@@ -68,7 +68,7 @@ fn a_signed_field_of_any_length_has_its_sign_and_a_float_its_point() {
     assert_eq!(value(double, 1.0, 0.0, &25.5f64.to_be_bytes()), Ok(25.5));
 }
 
-/// CSS Electronics' documentation of the CANmod.temp, frame 0x001.
+/// Source: CSS Electronics, documentation of CANmod.temp, frame 0x001.
 #[test]
 fn the_published_frame_of_a_thermocouple_module_decodes_to_its_published_values() {
     const FRAME: [u8; 8] = [0x99, 0x04, 0x60, 0x0a, 0x28, 0x19, 0x8e, 0xbe];

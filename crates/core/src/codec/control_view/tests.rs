@@ -35,20 +35,20 @@ fn view(data_type: DataType, scale: f64, bias: i64, per_micron: f64, limit: f64)
     ControlView { encoding, per_micron, limit: of(limit) }
 }
 
-/// Each of the 65,536 contents of a register, against arithmetic in whole counts.
+/// Compares all 65,536 register values with arithmetic in whole counts.
 #[test]
 fn of_all_contents_of_a_register_those_within_the_limit_are_admitted() {
     for (signed, bias, count, factor) in
         [(true, 0, 1, 1), (true, 0, -1, 1), (false, 32768, 1, 2), (true, -100, 5, 2), (false, 0, 1, 1)]
     {
         let data_type = if signed { DataType::I16 } else { DataType::U16 };
-        // Counts of a tenth of `count` µm, and a limit of 40 µm.
+        // One count is a tenth of `count` µm. The limit is 40 µm.
         let view = view(data_type, f64::from(count) / 10.0, i64::from(bias), f64::from(factor), 40.0);
         for word in 0..=u16::MAX {
             let raw = if signed { i32::from(word.cast_signed()) } else { i32::from(word) };
-            // Tenths of µm of the value, which is `factor` times the correction.
+            // Value in tenths of µm. It is `factor` times the correction.
             let tenths = (raw - bias) * count;
-            // Half a count more than the limit is the limit.
+            // A value up to half a count beyond the limit is admitted.
             let is_within = 2 * tenths.abs() <= 2 * 400 * factor + count.abs();
             let meant = of(f64::from(tenths) / 10.0 / f64::from(factor));
             let admitted = view.admit(&[word], meant, 0.0, Micron::ZERO);
@@ -79,7 +79,7 @@ fn a_share_is_measured_from_the_operators_part_and_a_correction_from_the_positio
     assert_eq!((sent(1239.5, 39.5), sent(1160.0, -40.0)), (Ok(()), Ok(())));
     assert!(matches!(sent(1240.1, 40.1), Err(Inadmissible::Beyond { .. })));
     assert!(matches!(sent(39.5, 39.5), Err(Inadmissible::Beyond { .. })));
-    // mm, of a diameter: 40 µm are 0.08 mm.
+    // Position in mm of a diameter: 40 µm are 0.08 mm.
     let position = view(DataType::I32, 0.0001, 0, 2.0 / 1000.0, 40.0);
     let sent = |value: f64, meant: f64| {
         let encoded = position.encoding.encode(value);
@@ -87,7 +87,7 @@ fn a_share_is_measured_from_the_operators_part_and_a_correction_from_the_positio
     };
     assert_eq!(sent(123.4567 + 0.08, 40.0), Ok(()));
     assert!(matches!(sent(123.4567 + 0.0802, 40.1), Err(Inadmissible::Beyond { .. })));
-    // A register that cannot hold the position holds something else.
+    // A register too narrow for the position holds another value.
     let narrow = view(DataType::I16, 0.0001, 0, 1.0 / 1000.0, 40.0);
     let cut = narrow.encoding.encode(123.4567);
     assert!(cut.saturated);
@@ -122,7 +122,7 @@ prop_compose! {
     }
 }
 
-/// Half a count in µm, and what floats lose.
+/// Returns half a count plus the rounding error of floats, µm.
 fn slack(view: &ControlView, size: f64) -> f64 {
     let is_whole = view.encoding.data_type.integer_range().is_some();
     let count = if is_whole { 0.5 * view.encoding.scale.get().abs() / view.per_micron } else { 0.0 };
@@ -130,7 +130,7 @@ fn slack(view: &ControlView, size: f64) -> f64 {
 }
 
 proptest! {
-    /// The check refuses nothing that the gateway computes rightly.
+    /// The check admits everything that the gateway computes correctly.
     #[test]
     fn what_is_encoded_as_the_control_reads_it_is_admitted(
         view in views(), share in -1.0..=1.0f64, centre in select(vec![0.0, 0.0, 120.0, -7.5]),
@@ -142,8 +142,8 @@ proptest! {
         prop_assert_eq!(admitted, Ok(()));
     }
 
-    /// Whatever scale, bias or factor the registers were made with, nothing passes that the control reads as more than the
-    /// limit, or as something else than is meant.
+    /// With any wrong scale, bias or factor, the check admits a value only if two conditions hold. The control reads at
+    /// most the limit, and it reads the intended correction.
     #[test]
     fn what_is_encoded_otherwise_is_admitted_only_if_the_control_reads_what_is_meant(
         view in views(), share in -1.0..=1.0f64,
@@ -172,7 +172,7 @@ proptest! {
         }
     }
 
-    /// Any registers at all.
+    /// Checks arbitrary register values.
     #[test]
     fn no_registers_at_all_carry_more_than_the_limit(
         view in views(), words in proptest::array::uniform4(any::<u16>()), centre in -500.0..500.0f64,

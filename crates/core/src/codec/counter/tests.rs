@@ -19,12 +19,13 @@ fn encoding(data_type: DataType) -> Encoding {
     }
 }
 
-/// A spindle head: rapid traverse 300 mm/s, half a micrometre per count.
+/// Spindle head: rapid traverse 300 mm/s, half a micrometre per count.
 fn counter() -> Counter {
     Counter { max_speed: 300.0, slack: POLL }
 }
 
-/// The counts, 20 ms apart, as positions in counts; what is doubtful is `None`.
+/// Positions, in counts, for counts read every 20 ms. `Err(None)` is a doubtful value; `Err(Some(…))` is a new
+/// reference.
 fn tracked(data_type: DataType, counts: &[i64]) -> Vec<Result<i64, Option<(i64, i64)>>> {
     let encoding = encoding(data_type);
     let mut tracked = Tracked::default();
@@ -62,7 +63,7 @@ fn one_garbled_value_is_no_motion_and_no_new_reference() {
         tracked(DataType::I32, &[1000, 1010, 900_000_000, 1020, 1030]),
         [Ok(1000), Ok(1010), Err(None), Ok(1020), Ok(1030)]
     );
-    // Two garbled values that contradict each other are none either.
+    // Two corrupted values that contradict each other are rejected as well.
     assert_eq!(
         tracked(DataType::I32, &[1000, 900_000_000, -900_000_000, 1020]),
         [Ok(1000), Err(None), Err(None), Ok(1020)]
@@ -75,7 +76,7 @@ fn a_step_that_the_axis_cannot_make_is_a_new_reference_once_it_is_confirmed() {
         tracked(DataType::I32, &[400_000, 0, 3, 6]),
         [Ok(400_000), Err(None), Err(Some((400_000, 3))), Ok(6)]
     );
-    // 300 mm/s for the poll and its slack are 12 mm, 24,000 counts.
+    // At 300 mm/s, poll period plus slack allow 12 mm, 24,000 counts.
     assert_eq!(tracked(DataType::I32, &[0, 24_000, 48_000]), [Ok(0), Ok(24_000), Ok(48_000)]);
     assert_eq!(tracked(DataType::I32, &[0, 24_002]), [Ok(0), Err(None)]);
 }
@@ -93,7 +94,7 @@ fn out_of_sight_for_longer_than_it_takes_to_go_round_only_what_it_shows_is_known
     at = at.after(Duration::from_secs(60));
     let motion = tracked.take(&counter(), &encoding, 100.0 * encoding.scale.get(), at);
     assert_eq!(motion, Motion::Rereferenced { from: 22.5, to: 0.05 });
-    // Where it never rolled over, what it shows is where it is.
+    // A counter that never rolled over shows its position.
     at = at.after(Duration::from_secs(60));
     let motion = tracked.take(&counter(), &encoding, 200.0 * encoding.scale.get(), at);
     assert_eq!(motion, Motion::To(0.1));

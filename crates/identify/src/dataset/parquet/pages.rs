@@ -1,4 +1,4 @@
-//! The pages of a column, looked at before they are unpacked: a small page may say that it is a huge one, and mean it.
+//! Checks of the pages of a column before they are decompressed. A small page can claim to be huge, and be so.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -8,23 +8,24 @@ use parquet::file::metadata::ColumnChunkMetaData;
 
 use super::thrift;
 
-/// What a page may hold unpacked. Writers make pages of 1 MB; some make one of a whole row group.
+/// Maximum decompressed size of a page, bytes. Most programs write pages of 1 MB; some write one page for each row
+/// group.
 const LARGEST_PAGE: u64 = 48_000_000;
-/// The same of a dictionary, whose texts take several times their length.
+/// Maximum decompressed size of a dictionary, bytes. Its texts take several times their length in memory.
 const LARGEST_DICTIONARY: u64 = 8_000_000;
-/// The head of a page: some numbers, and its smallest and largest value.
+/// Maximum size of a page header, bytes. It contains some numbers, and the smallest and largest value.
 const LONGEST_HEAD: usize = 64 * 1024;
-/// So much is read at a time.
+/// Number of bytes that are read at a time.
 const WINDOW: usize = 1 << 20;
 
-/// What is said of the pages of a column.
+/// Result of the check of a column.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Looked {
-    /// Texts are packed against each other, which is not read here.
+    /// Whether texts are delta-encoded. This reader does not support that.
     pub(super) has_deltas_of_texts: bool,
 }
 
-/// The head of one page, as far as it says how large it is.
+/// Header of a page: the fields that describe its size.
 #[derive(Clone, Copy, Debug, Default)]
 struct Head {
     kind: i64,
@@ -34,15 +35,15 @@ struct Head {
     encoding: i64,
 }
 
-/// The kind of a dictionary's page.
+/// Page type of a dictionary page.
 const DICTIONARY: i64 = 2;
-/// The two encodings of texts as what they have beyond the one before.
+/// Codes of the two encodings in which a text is a delta to the text before.
 const DELTAS_OF_TEXTS: [i64; 2] = [6, 7];
 
-/// Looks at every page of one column in one row group.
+/// Checks every page of one column in one row group.
 ///
 /// # Errors
-/// A sentence: they do not lie in the file, or one is larger than it may be.
+/// Message if a page is outside the file, or larger than allowed.
 pub(super) fn look(file: &File, length: u64, chunk: &ColumnChunkMetaData) -> Result<Looked, String> {
     let begin = chunk
         .dictionary_page_offset()
@@ -85,7 +86,7 @@ impl Head {
             [1] => head.kind = number,
             [2] => head.unpacked = number,
             [3] => head.packed = number,
-            // Version 1, dictionary, version 2.
+            // The header of data page version 1, of a dictionary page, or of data page version 2.
             [5 | 7 | 8, 1] => head.values = number,
             [5 | 7, 2] | [8, 4] => head.encoding = number,
             _ => {}
@@ -99,7 +100,7 @@ impl Head {
         let what = if is_dictionary { "a dictionary" } else { "a page" };
         match (u64::try_from(self.unpacked), u64::try_from(self.packed), u64::try_from(self.values)) {
             (Ok(unpacked), Ok(_), Ok(values)) if unpacked <= largest => {
-                // An entry of a dictionary takes a byte at least, mostly four or eight.
+                // An entry of a dictionary takes at least one byte, in most cases four or eight.
                 if is_dictionary && values > unpacked {
                     return Err(format!(
                         "a dictionary of {unpacked} bytes says that it has {values} entries"
@@ -116,18 +117,18 @@ impl Head {
     }
 }
 
-/// A part of the file, read on as it is needed.
+/// A part of the file, which is read as needed.
 struct Window<'f> {
     file: &'f File,
-    /// Where its first byte lies.
+    /// Offset of the first byte in the file.
     at: u64,
-    /// Where the column ends.
+    /// Offset of the end of the column in the file.
     end: u64,
     bytes: Vec<u8>,
 }
 
 impl Window<'_> {
-    /// The next head, which is taken.
+    /// Reads and consumes the next header.
     fn head(&mut self) -> Result<Head, String> {
         if self.bytes.len() < LONGEST_HEAD {
             self.fill().map_err(|why| why.to_string())?;
@@ -155,12 +156,12 @@ impl Window<'_> {
         }
     }
 
-    /// Unpacks what lies here, and keeps none of it.
+    /// Returns whether the data at this offset decompress to more than `claimed` bytes. The data are not kept.
     fn unpacks_to_more(&self, packed: u64, claimed: u64) -> io::Result<bool> {
         let mut file = self.file;
         file.seek(SeekFrom::Start(self.at))?;
         let unpacked = flate2::read::MultiGzDecoder::new(file.take(packed));
-        // What cannot be unpacked is told by the reader.
+        // If decompression fails, the reader reports it later.
         Ok(io::copy(&mut unpacked.take(claimed + 1), &mut io::sink()).is_ok_and(|count| count > claimed))
     }
 }

@@ -1,11 +1,11 @@
-//! The compact encoding in which the head of a page stands. Only whole numbers are taken out; whatever else stands there
-//! is passed over, and no length is believed that the bytes do not have.
+//! Decoder of the Thrift compact protocol, in which page headers are encoded. It extracts integers and skips everything
+//! else. It rejects a length that is greater than the available bytes.
 
-/// A head has structures in it that have structures in them; more there are not.
+/// Maximum nesting depth of structures. Page headers are less deep.
 const DEEPEST: u32 = 8;
 
-/// Tells of each whole number where it stands (the fields that lead to it, the outermost first) and what it is. Gives how
-/// many bytes the structure has; `None` where it is none, or goes on behind the bytes.
+/// Calls `tell` for each integer, with its path and its value. The path contains the field numbers, the outermost
+/// first. Returns the length of the structure in bytes; `None` if it is invalid or truncated.
 pub(super) fn read(bytes: &[u8], tell: &mut dyn FnMut(&[i16], i64)) -> Option<usize> {
     let rest = structure(bytes, &mut Vec::new(), DEEPEST, tell)?;
     Some(bytes.len() - rest.len())
@@ -46,7 +46,7 @@ fn value<'b>(
     tell: &mut dyn FnMut(&[i16], i64),
 ) -> Option<&'b [u8]> {
     match kind {
-        // In a field true and false are kinds of their own.
+        // As a field, true and false are types of their own.
         1 | 2 => Some(bytes),
         3 => bytes.get(1..),
         4..=6 => {
@@ -85,13 +85,13 @@ fn list<'b>(
     Some(rest)
 }
 
-/// Zigzag: 0, −1, 1, −2, …
+/// Decodes a zigzag integer: 0, −1, 1, −2, …
 fn integer(bytes: &[u8]) -> Option<(i64, &[u8])> {
     let (raw, rest) = varint(bytes)?;
     Some(((raw >> 1).cast_signed() ^ -(raw & 1).cast_signed(), rest))
 }
 
-/// Seven bits a byte, the lowest first; the last byte is without the highest bit.
+/// Decodes a varint: seven bits per byte, the lowest first. The highest bit of the last byte is zero.
 fn varint(bytes: &[u8]) -> Option<(u64, &[u8])> {
     let end = bytes.iter().take(10).position(|byte| byte & 0x80 == 0)?;
     let number = bytes[..=end].iter().rev().fold(0, |number, byte| number << 7 | u64::from(byte & 0x7f));
@@ -102,7 +102,7 @@ fn varint(bytes: &[u8]) -> Option<(u64, &[u8])> {
 mod tests {
     use super::*;
 
-    /// How long the structure is, and its numbers with their places.
+    /// Length of a structure, and its integers with their paths.
     type Told = (usize, Vec<(Vec<i16>, i64)>);
 
     fn told(bytes: &[u8]) -> Option<Told> {
@@ -113,7 +113,7 @@ mod tests {
 
     #[test]
     fn the_numbers_of_a_head_are_told_with_their_place() {
-        // 1: i32 0, 2: i32 1206, 5: { 1: i32 100, 5: { 5: binary "ab" } }, then what follows the head.
+        // 1: i32 0, 2: i32 1206, 5: { 1: i32 100, 5: { 5: binary "ab" } }, then the bytes after the header.
         let head = [0x15, 0, 0x15, 0xec, 0x12, 0x3c, 0x15, 0xc8, 1, 0x4c, 0x58, 2, b'a', b'b', 0, 0, 0, 9, 9];
         let expected = vec![(vec![1], 0), (vec![2], 1206), (vec![5, 1], 100)];
         assert_eq!(told(&head), Some((head.len() - 2, expected)));

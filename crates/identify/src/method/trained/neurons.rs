@@ -1,9 +1,10 @@
-//! `network`: one layer of tanh neurons, trained by back-propagation with Adam (Kingma and Ba 2015) on all rows at once.
+//! `network`: one layer of tanh neurons, trained by back-propagation with Adam (Kingma and Ba 2015) on all rows at
+//! once.
 //!
-//! Weights begin small, so that a short training gives a nearly linear network of the directions in which the sensors
-//! move most; the longer it goes on, the finer what it follows. How long is chosen on runs that were left out: early
-//! stopping by run. Then networks that begin elsewhere learn from all runs for that long, and their mean is one wider
-//! network.
+//! The initial weights are small. A short training therefore gives a nearly linear network in the directions in which
+//! the sensors change most. A longer training follows finer details. The number of rounds is chosen on held-out runs
+//! (early stopping by run). Then several networks with different initial weights are trained on all runs for that
+//! number of rounds. Their mean is one wider network.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
@@ -17,21 +18,21 @@ use serde_json::{Value, json};
 use super::{Fold, Samples, least, rows};
 use crate::statistics::count;
 
-/// Networks that are averaged.
+/// Number of networks in the mean.
 pub(super) const MEMBERS: usize = 5;
-/// Networks that are averaged where lengths are compared.
+/// Number of networks in the mean when training lengths are compared.
 const COMPARED: u64 = 2;
-/// Rounds of training after which a network may stop.
+/// Numbers of training rounds to compare.
 pub(super) const LENGTHS: [usize; 11] = [30, 60, 100, 150, 200, 300, 400, 600, 800, 1000, 1500];
-/// Where one run gives no validation.
+/// Number of training rounds for a single run, which allows no validation.
 const UNVALIDATED: usize = 100;
-/// How much of a weight is taken off its slope.
+/// Weight decay: share of a weight that is added to its gradient.
 const DECAY: f64 = 1e-3;
 const RATE: f64 = 0.01;
-/// Spread of the first weights: of a neuron's sum, of its bias, of what it adds.
+/// Standard deviations of the initial weights: input weights of a neuron, bias, and output weight.
 const BEGIN: (f64, f64, f64) = (0.2, 0.2, 0.5);
 
-/// y = Σ w·(tanh(W·x + b) − tanh b): zero where there is no rise.
+/// y = Σ w·(tanh(W·x + b) − tanh b), which is zero without a rise.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Neurons {
     first: DMatrix<f64>,
@@ -41,7 +42,7 @@ pub(super) struct Neurons {
 
 impl Neurons {
     fn begin(inputs: usize, neurons: usize, chance: &mut Pcg64Mcg) -> Neurons {
-        // Four uniforms have nearly a normal law.
+        // The sum of four uniform random numbers is nearly normal.
         let mut drawn = |spread: f64| {
             let sum: f64 = (0..4).map(|_| chance.random_range(-1.0..1.0)).sum();
             spread * sum * (3.0_f64 / 4.0).sqrt()
@@ -55,7 +56,7 @@ impl Neurons {
         }
     }
 
-    /// What each neuron says at each row.
+    /// Output of each neuron for each row.
     fn layer(&self, rises: &DMatrix<f64>) -> DMatrix<f64> {
         let mut layer = product(view(rises), view(&self.first).transpose());
         for (mut column, bias) in layer.column_iter_mut().zip(self.bias.iter()) {
@@ -73,7 +74,8 @@ impl Neurons {
         (self.layer(rises) * &self.second).add_scalar(-self.at_rest().dot(&self.second))
     }
 
-    /// Slopes of half the mean squared error of each network of so many neurons, with the decay: of W, b and w.
+    /// Gradient of half the mean squared error with weight decay, for each network of this number of neurons: for W, b
+    /// and w.
     fn slopes(&self, samples: &Samples, neurons: usize) -> (DMatrix<f64>, DVector<f64>, DVector<f64>) {
         let mut layer = self.layer(&samples.rises);
         let rest = self.at_rest();
@@ -102,7 +104,7 @@ impl Neurons {
         (first * each + &self.first * DECAY, bias, second)
     }
 
-    /// Networks as one with all their neurons.
+    /// Combines networks into one with all their neurons.
     fn stacked(parts: &[Neurons]) -> Neurons {
         let of = |of: fn(&Neurons) -> &DVector<f64>| {
             DVector::from_vec(parts.iter().flat_map(|part| of(part).iter().copied()).collect())
@@ -115,7 +117,7 @@ impl Neurons {
         }
     }
 
-    /// So many neurons from one on.
+    /// Selects `neurons` neurons from `begin` on.
     fn part(&self, begin: usize, neurons: usize) -> Neurons {
         Neurons {
             first: self.first.rows(begin, neurons).into_owned(),
@@ -125,7 +127,7 @@ impl Neurons {
     }
 }
 
-/// The product of two matrices. faer takes seven tenths of nalgebra's time here, which copies both first.
+/// Product of two matrices. faer takes 70 % of the time of nalgebra here, which copies both matrices first.
 fn product(one: MatRef<'_, f64>, other: MatRef<'_, f64>) -> DMatrix<f64> {
     let (rows, columns) = (one.nrows(), other.ncols());
     let mut product = DMatrix::zeros(rows, columns);
@@ -138,17 +140,19 @@ fn view(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
     MatRef::from_column_major_slice(matrix.as_slice(), matrix.nrows(), matrix.ncols())
 }
 
-/// tanh to a few 1e-16, without a branch or a call: a loop over it takes several at once. What is trained is mostly this.
+/// tanh with an error of a few 1e-16, without a branch or a call. The compiler can vectorize a loop over it, which is
+/// most of the training.
 ///
-/// With e = exp(−2·|x|) it is (1 − e) / (1 + e); e is 2^k·exp(r), and of exp(r) the series does where |r| is at most ln 2 / 2.
+/// With e = exp(−2·|x|), the result is (1 − e) / (1 + e). The exponential is 2^k·exp(r) with |r| at most ln 2 / 2,
+/// where a short series gives exp(r).
 #[inline]
 pub(super) fn tanh(x: f64) -> f64 {
-    /// Beyond it the answer is 1.
+    /// Argument above which the result is 1.
     const FLAT: f64 = 20.0;
-    /// Added to a small number it leaves none of its fraction, and the number itself in the last bits.
+    /// Number whose addition to a small number rounds it to an integer, which is then in the last bits of the sum.
     const WHOLE: f64 = 6_755_399_441_055_744.0;
     const LN_2: (f64, f64) = (6.931_471_803_691_238e-1, 1.908_214_929_270_587_7e-10);
-    /// One over the factorials of 0 to 13.
+    /// Reciprocals of the factorials of 0 to 13.
     const SERIES: [f64; 14] = {
         let mut shares = [1.0; 14];
         let mut place = 1;
@@ -163,7 +167,8 @@ pub(super) fn tanh(x: f64) -> f64 {
     let shifted = power * std::f64::consts::LOG2_E + WHOLE;
     let whole = shifted - WHOLE;
     let rest = power - whole * LN_2.0 - whole * LN_2.1;
-    // Term by term each would wait for the one before: by pairs, fours and eights none does.
+    // In a plain evaluation, each operation waits for the one before. Groups of two, four and eight terms are
+    // independent.
     let (square, fourth) = (rest * rest, (rest * rest) * (rest * rest));
     let two = |place: usize| SERIES[place] + SERIES[place + 1] * rest;
     let four = |place: usize| two(place) + two(place + 2) * square;
@@ -172,7 +177,7 @@ pub(super) fn tanh(x: f64) -> f64 {
     ((1.0 - exp) / (1.0 + exp)).copysign(x)
 }
 
-/// Adam's two running means of the slopes of some weights.
+/// The running means of Adam for the gradients of some weights: of the gradient and of its square.
 struct Adam {
     mean: Vec<f64>,
     square: Vec<f64>,
@@ -183,7 +188,7 @@ impl Adam {
         Adam { mean: vec![0.0; weights], square: vec![0.0; weights] }
     }
 
-    /// `begun`: what share of their final weight both means have by now.
+    /// Updates the weights. `begun` corrects the bias of both means.
     fn step(&mut self, weights: &mut [f64], slopes: &[f64], begun: (f64, f64)) {
         let means = self.mean.iter_mut().zip(&mut self.square);
         let all = weights.iter_mut().zip(slopes).zip(means);
@@ -199,8 +204,8 @@ impl Adam {
 
 const KEPT: (f64, f64) = (0.9, 0.999);
 
-/// A network from each of these seeds, as it was after each of these lengths, which ascend. All of them go over the rows
-/// together.
+/// Trains one network for each seed. Returns each network after each of `lengths`, which are ascending. All networks
+/// pass over the rows together.
 pub(super) fn train(
     samples: &Samples,
     neurons: usize,
@@ -228,7 +233,7 @@ pub(super) fn train(
     kept
 }
 
-/// How long to train: after which length the networks of the inner folds leave least.
+/// Number of training rounds with the least residual on the held-out runs of the folds.
 pub(super) fn length(folds: &[Fold<'_>], neurons: usize, seed: u64) -> usize {
     let costs = |fold: &Fold<'_>| {
         let seed = |member| seed.wrapping_mul(1000).wrapping_add(100 * member + fold.number);
@@ -248,7 +253,7 @@ fn mean(members: &[&Neurons], rises: &DMatrix<f64>) -> DVector<f64> {
     members.iter().fold(zero, |sum, member| sum + member.output(rises)) / count(members.len())
 }
 
-/// The networks that are averaged.
+/// Trains the networks of the mean.
 pub(super) fn fit(all: &Samples, folds: &[Fold<'_>], neurons: usize, seed: u64) -> Vec<Neurons> {
     let length = length(folds, neurons, seed);
     let members: Vec<u64> = (500..).take(MEMBERS).collect();
@@ -257,7 +262,7 @@ pub(super) fn fit(all: &Samples, folds: &[Fold<'_>], neurons: usize, seed: u64) 
     each.flatten().collect()
 }
 
-/// Their mean as one network of the project's own format.
+/// Mean of the networks, as one network in the format of the project.
 pub(super) fn file(members: &[Neurons]) -> Value {
     let share = 1.0 / count(members.len());
     let weights: Vec<Vec<f64>> = members.iter().flat_map(|member| rows(&member.first)).collect();

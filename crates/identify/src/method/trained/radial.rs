@@ -1,6 +1,6 @@
-//! `rbf`: Gaussian bumps of one width about centres that k-means finds among the rows; what each adds by least squares
-//! with a penalty. Width and penalty are chosen on runs that were left out. Wide bumps with large weights of both signs
-//! make a smooth surface, narrow ones follow each place by itself.
+//! `rbf`: Gaussian functions of one width around centres, which k-means finds among the rows. Penalized least squares
+//! gives their weights. Width and penalty are chosen on held-out runs. Wide functions with large weights of both signs
+//! give a smooth surface; narrow ones follow each region separately.
 
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
@@ -11,24 +11,24 @@ use super::{Fold, Samples, least, rows};
 use crate::solve::penalized;
 use crate::statistics::{count, smallest};
 
-/// Widths that are tried, in root mean squares of all inputs together.
+/// Widths to try, in root mean squares of all inputs together.
 const WIDTHS: [f64; 5] = [0.5, 1.0, 2.0, 4.0, 8.0];
-/// Penalties that are tried, in mean squares of what a bump says: 1e-10 to 0.1.
+/// Number of penalties to try, 1e-10 to 0.1 times the mean square of a basis function.
 const PENALTIES: i32 = 10;
-/// Where one run gives no validation.
+/// Width and penalty for a single run, which allows no validation.
 const UNVALIDATED: (f64, f64) = (4.0, 1e-4);
 const ROUNDS: usize = 50;
-/// k-means ends where no centre moves further than this.
+/// k-means ends if no centre moves further than this.
 const STILL: f64 = 1e-6;
 
-/// So many are found, each from centres of its own, and averaged: where k-means ends hangs on chance.
+/// Number of models in the mean. Each has its own centres, because the result of k-means depends on its random start.
 const MEMBERS: u8 = 5;
 
-/// The mean of several.
+/// Mean of several models.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Bumps(Vec<Member>);
 
-/// y = Σ w·(φ(x) − φ(0)): zero where there is no rise.
+/// y = Σ w·(φ(x) − φ(0)), which is zero without a rise.
 #[derive(Clone, Debug, PartialEq)]
 struct Member {
     centres: DMatrix<f64>,
@@ -46,7 +46,7 @@ impl Bumps {
 }
 
 impl Member {
-    /// With the weights that fit best; `width` in root mean squares of all inputs together: they are scaled one by one.
+    /// Fits the weights. `width` is in root mean squares of all inputs together, which are scaled one by one.
     fn new(samples: &Samples, centres: DMatrix<f64>, width: f64, penalty: f64) -> Member {
         let width = count(centres.ncols()).sqrt() * width;
         let said = said(&samples.rises, &centres, width);
@@ -61,7 +61,7 @@ impl Member {
     }
 }
 
-/// The width and the penalty that leave least on the inner folds.
+/// Width and penalty with the least residual on the held-out runs of the folds.
 fn chosen(folds: &[Fold<'_>], centres: usize, seed: u64) -> (f64, f64) {
     let penalties = || (0..PENALTIES).map(|place| 10f64.powi(place - PENALTIES));
     let tried: Vec<(f64, f64)> =
@@ -89,7 +89,7 @@ fn member_of(all: &Samples, folds: &[Fold<'_>], centres: usize, seed: u64) -> Me
     Member::new(all, centres, width, penalty)
 }
 
-/// As a network of the project's own format.
+/// Converts the model to a network in the format of the project.
 pub(super) fn file(bumps: &Bumps) -> Value {
     let share = 1.0 / count(bumps.0.len());
     let mut bias = 0.0;
@@ -114,7 +114,7 @@ fn at_rest(centres: &DMatrix<f64>, width: f64) -> DVector<f64> {
     )
 }
 
-/// What each bump says at each row, less what it says without a rise.
+/// Value of each basis function for each row, minus its value without a rise.
 fn said(rises: &DMatrix<f64>, centres: &DMatrix<f64>, width: f64) -> DMatrix<f64> {
     let rest = at_rest(centres, width);
     let apart = |row: usize, place: usize| apart(rises, row, centres, place);
@@ -123,12 +123,12 @@ fn said(rises: &DMatrix<f64>, centres: &DMatrix<f64>, width: f64) -> DMatrix<f64
     })
 }
 
-/// The squared distance of a row from a centre.
+/// Squared distance of a row from a centre.
 fn apart(rises: &DMatrix<f64>, row: usize, centres: &DMatrix<f64>, place: usize) -> f64 {
     (0..rises.ncols()).map(|column| (rises[(row, column)] - centres[(place, column)]).powi(2)).sum()
 }
 
-/// Centres of groups of rows, at most one per row: k-means from rows drawn far apart (k-means++, Arthur and
+/// Centres of groups of rows, at most one per row. k-means begins with rows that are far apart (k-means++, Arthur and
 /// Vassilvitskii 2007).
 fn k_means(rises: &DMatrix<f64>, centres: usize, seed: u64) -> DMatrix<f64> {
     let mut chance = Pcg64Mcg::seed_from_u64(seed);

@@ -7,7 +7,7 @@ use super::{Fold, Samples, about_mean, radial};
 use crate::statistics::count;
 use isotherm_profile::network;
 
-/// Runs of forty rows of two rises; the target is `truth` of them, scaled to about 1.
+/// Five runs of forty rows with two rises. The target is the function `truth` of them, with a size of about 1.
 fn runs(truth: &dyn Fn(f64, f64, &mut Pcg64Mcg) -> f64) -> Vec<Samples> {
     let mut chance = Pcg64Mcg::seed_from_u64(5);
     let mut run = || {

@@ -20,7 +20,7 @@ fn a_block_that_offers_one_temperature_only_has_that_one() {
 }
 
 proptest! {
-    /// At the minimum nothing free pulls, and what is held pulls outwards.
+    /// At the minimum, the gradient of a free variable is zero, and that of a fixed one points outwards.
     #[test]
     fn nothing_within_the_bounds_is_better(
         entries in prop::collection::vec(-1.0..1.0_f64, 40),

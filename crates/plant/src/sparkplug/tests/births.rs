@@ -53,7 +53,7 @@ fn a_will_is_a_death_of_the_next_number_and_so_is_the_farewell() {
     assert_eq!((verb, will.qos), ("NDEATH", Qos::AtLeastOnce));
     assert_eq!((payload.seq, payload.metrics.len()), (None, 1));
     assert_eq!(death_number(&payload), Some(Raw::Long(42)));
-    // Nobody was told that it is there.
+    // Nothing was published before, so that no death is necessary.
     assert_eq!(node.farewell(at(0)), []);
     let birth = node.connected(at(1), &snapshot(Some(1.0), true, at(0)));
     assert_eq!(death_number(&read(&birth[0]).1), Some(Raw::Long(42)));
@@ -73,7 +73,7 @@ fn each_connection_has_the_next_number_from_255_on_0_again() {
         assert_eq!(death_number(&read(&will).1), death_number(&read(&birth[0]).1));
         numbers.push((node.bd_seq(), death_number(&read(&will).1)));
         node.disconnected(at(round * 10 + 5));
-        // An attempt that comes to nothing.
+        // An attempt to connect that fails.
         node.will();
     }
     let number = |number: u8| (number, Some(Raw::Long(number.into())));

@@ -1,4 +1,4 @@
-//! What hosts ask for, and what they get.
+//! Commands of hosts, and their results.
 
 use super::*;
 use isotherm_core::compensation::MeasuredReport;
@@ -17,7 +17,7 @@ fn named(name: &str, value: Raw) -> Metric {
     Metric { name: Some(name.to_owned()), value: Some(value), ..Metric::default() }
 }
 
-/// What a node that has just been born does about this command, and what it says.
+/// Number of messages and outcome of a command, directly after the birth of a node.
 fn outcome_of(payload: &[u8], takes_measured: bool) -> (usize, Option<Outcome>) {
     let mut node = Sparkplug::new(Address::new("shop", "grinder-3").unwrap(), 0, takes_measured);
     node.will();
@@ -42,7 +42,7 @@ fn a_birth_is_told_to_whoever_asks_for_it_with_the_same_number_and_from_0_on() {
     assert_eq!((verb, birth.seq), ("NBIRTH", Some(0)));
     assert_eq!(find(&birth, "bdSeq").value, find(&first, "bdSeq").value);
     assert_eq!(find(&birth, "signal/bed/value").value, Some(Raw::Double(23.0)));
-    // What the birth has told is no change.
+    // The birth contains this value, so that it is no change.
     assert_eq!(node.publish(at(3_000), &now), []);
     assert_eq!(rows(&node.publish(at(4_000), &snapshot(Some(24.0), true, at(4_000))))[0].0, 1);
 }
@@ -79,7 +79,7 @@ fn a_clock_that_is_set_back_does_not_keep_a_birth() {
 #[test]
 fn the_measured_error_of_an_axis_is_taken_where_the_profile_takes_it() {
     let by_name = named("axis/z/measured_error_um", Raw::Double(3.2));
-    // By the alias that the birth has given to it.
+    // With the alias that the birth has assigned.
     let by_alias = Metric { alias: Some(4), value: Some(Raw::Double(-1.5)), ..Metric::default() };
     let single = Metric { datatype: Some(9), ..named("axis/z/measured_error_um", Raw::Float(0.5)) };
     let table = [(by_name, 3.2), (by_alias, -1.5), (single, 0.5)];
@@ -173,7 +173,7 @@ fn a_measured_error_with_an_id_that_comes_twice_is_left_to_the_gateway() {
     let (mut node, _) = connected(at(0), &state);
     let id = [("id", PropertyRaw::String("a".to_owned()))];
     let payload = command(&[with(named("axis/z/measured_error_um", Raw::Double(1.5)), &id)], ms(10));
-    // The gateway may not have taken it the first time.
+    // The gateway may not have accepted it the first time.
     for _ in 0..2 {
         let outcome = node.received(at(5_000), &state, NCMD, &payload).outcome;
         assert!(matches!(outcome, Some(Outcome::Asked(_))), "{outcome:?}");

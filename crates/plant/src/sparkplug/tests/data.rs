@@ -1,4 +1,4 @@
-//! What is told while the connection lasts.
+//! Data during a connection.
 
 use proptest::prelude::*;
 
@@ -80,7 +80,7 @@ fn what_is_no_number_is_not_told_as_one() {
 fn events_are_told_in_the_order_of_time_among_the_values_with_kind_and_importance() {
     let (mut node, birth) = connected(at(0), &snapshot(Some(21.5), true, at(0)));
     let mut state = snapshot(Some(22.0), true, at(50));
-    // Two in one millisecond, as hosts keep one value for each.
+    // Two events in one millisecond, because hosts store one value for each time.
     state.events = vec![happening("one", at(40)), happening("two", at(40)), happening("three", at(60))];
     let messages = node.publish(at(100), &state);
     let (event, bed) = (alias(&birth, "gateway/event"), alias(&birth, "signal/bed/value"));
@@ -126,7 +126,7 @@ fn much_at_once_becomes_several_messages_of_one_sequence() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 32, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// A host that knows the birth and each message after it: it has seen no gap, and knows every value as it is.
+    /// A host that receives the birth and each later message finds no gap, and stores the current state.
     #[test]
     fn a_host_that_missed_nothing_knows_the_state(
         states in proptest::collection::vec((proptest::option::of(-50i32..50), any::<bool>(), 0u8..12), 1..600),

@@ -1,10 +1,10 @@
-//! What could not be told is told later.
+//! Values that could not be published are published later.
 
 use proptest::prelude::*;
 
 use super::*;
 
-/// Time and value of the temperature in records, in their order.
+/// Times and values of the temperature in records, in their order.
 fn beds(records: &[Record]) -> Vec<(u64, Option<Raw>)> {
     let mut found = Vec::new();
     for record in records {
@@ -21,7 +21,7 @@ fn beds(records: &[Record]) -> Vec<(u64, Option<Raw>)> {
 fn a_gap_comes_as_historical_after_the_birth_with_the_times_of_its_values() {
     let (mut node, _) = connected(at(0), &snapshot(Some(0.0), true, at(0)));
     node.publish(at(10_000), &snapshot(Some(1.0), true, at(10_000)));
-    // Told, but the broker was not heard after it.
+    // Published, but the broker did not answer after it.
     node.publish(at(20_000), &snapshot(Some(2.0), true, at(20_000)));
     let mut records = node.disconnected(at(15_000));
     for second in [30u32, 40] {
@@ -50,7 +50,7 @@ fn a_gap_comes_as_historical_after_the_birth_with_the_times_of_its_values() {
         (1, event, 40_000, text),
     ];
     assert_eq!(rows(&messages), expected);
-    // What is told next is of now again, in the same sequence.
+    // The next messages contain current values again, in the same sequence.
     let next = node.publish(at(52_000), &snapshot(Some(6.0), true, at(52_000)));
     assert_eq!(rows(&next), [(2, bed, 52_000, Some(Raw::Double(6.0)))]);
     assert_eq!(read(&next[0]).1.metrics[0].is_historical, None);
@@ -109,15 +109,15 @@ fn what_happened_while_a_birth_was_owed_is_kept_when_the_connection_breaks() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Connections break at any moment, and lose everything that was sent after the broker was last heard. In the end the host
-    /// has every change with its time, the historical ones in order, and each at most once more than it was sent.
+    /// Connections break at any time, and everything is lost that was sent after the last answer of the broker. In the
+    /// end, the host has every change with its time.
     #[test]
     fn a_historian_has_every_change_in_the_end(
         steps in proptest::collection::vec((0u8..10, 0u64..8), 1..80),
     ) {
         let mut node = node();
         let (mut is_connected, mut sent, mut history) = (false, Vec::new(), Vec::new());
-        // On disk, and those of them that were told and may not have arrived.
+        // Records on disk, and records that were published but may be undelivered.
         let (mut kept, mut told): (Vec<Record>, Vec<(u64, Vec<Record>)>) = (Vec::new(), Vec::new());
         let mut changes = Vec::new();
         for (second, (what, back)) in (1u64..).zip(steps.into_iter().chain([(0, 0), (9, 0)])) {
@@ -156,7 +156,7 @@ proptest! {
     }
 }
 
-/// The times of the temperatures that a host sees.
+/// Times of the temperatures that a host receives.
 fn times(messages: &[Message]) -> Vec<u64> {
     let payloads = messages.iter().map(|message| read(message).1);
     let metrics = payloads.flat_map(|payload| payload.metrics).filter(|metric| metric.alias == Some(1));

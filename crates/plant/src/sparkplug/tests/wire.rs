@@ -1,4 +1,4 @@
-//! Bytes.
+//! Encoded bytes.
 
 use proptest::prelude::*;
 
@@ -64,12 +64,12 @@ fn what_is_no_value_of_a_type_is_not_written_and_not_read() {
     for (kind, raw) in read {
         assert_eq!(kind.read(&raw), None, "{kind:?} {raw:?}");
     }
-    // Others extend a negative number to 32 bits.
+    // Other implementations extend a negative number to 32 bits.
     assert_eq!(DataType::Int8.read(&Raw::Int(0xffff_ff80)), Some(Datum::Signed(-128)));
     assert_eq!(DataType::Int16.read(&Raw::Int(0xffff_fffe)), Some(Datum::Signed(-2)));
 }
 
-/// Written down by hand from the specification's table of fields.
+/// The expected bytes were derived by hand from the table of fields in the specification.
 #[test]
 fn a_message_has_the_bytes_of_the_specification() {
     let metric = Metric {
@@ -100,7 +100,7 @@ fn a_message_has_the_bytes_of_the_specification() {
 
 #[test]
 fn fields_that_are_not_read_here_are_skipped() {
-    // A transient metric with metadata, a body, a field of nobody.
+    // A transient metric with metadata, a body, and an unknown field.
     let bytes = b"\x08\x01\x12\x0b\x0a\x01a\x30\x01\x42\x02\x08\x01\x70\x01\x2a\x02xy\xa2\x06\x01z";
     let payload = Payload::arrived(bytes).unwrap();
     assert_eq!((payload.timestamp, payload.metrics.len()), (Some(1), 1));
@@ -168,7 +168,7 @@ proptest! {
         }
     }
 
-    /// Whatever arrives: an answer, and what it takes is bounded.
+    /// Any bytes give a result, and the memory for it is limited.
     #[test]
     fn bytes_of_nobody_are_heard_and_arm_nothing(
         start in proptest::collection::vec(metric(), 0..3),

@@ -1,15 +1,15 @@
-//! The program ends at any byte that it writes.
+//! Tests in which the program ends at any byte that it writes.
 
 use super::*;
 
-/// Where the child keeps its records.
+/// Environment variable with the directory of the child process.
 const KEPT_IN: &str = "TEST_KEPT_IN";
 
 type Files = BTreeMap<String, Vec<u8>>;
 
-/// Everything that the directory can be while what is `before` becomes what is `after`.
+/// All states of the directory between `before` and `after`.
 ///
-/// A push first removes files, then marks what they had, then writes; telling first marks, then removes.
+/// A write first removes files, then marks their records, then writes. A publication first marks, then removes.
 fn between(before: &Files, after: &Files, is_push: bool) -> Vec<Files> {
     let mut states = vec![before.clone()];
     if is_push {
@@ -59,10 +59,10 @@ fn grow(states: &mut Vec<Files>, after: &Files) {
     }
 }
 
-/// Opens what a crash has left; what is there, after one more record was pushed behind it.
+/// Opens the store after a crash, and appends one more record. Returns the numbers of the records before that one.
 fn found_after(crash: &Files, directory: &Path) -> Vec<u64> {
     lay(directory, crash);
-    // With room for one more file than there could be.
+    // Room for one more file than can exist.
     let open = || Store::in_files_of(directory, MOST + 8192, IN_ONE_FILE).unwrap();
     let mut store = open();
     let waiting = store.len();
@@ -80,7 +80,7 @@ fn killed_at_any_byte_every_record_is_there_once_unchanged_and_in_order() {
     let (live, crashed) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let mut store = open(live.path());
     let (mut pushed, mut first, mut crashes) = (0, 0, 0);
-    // Files begin, fill, are told in part and as a whole, and are dropped.
+    // Files are created, filled, published in part and as a whole, and removed.
     for step in "pppptpppttpppppppppppppppppppptttttttttttpp".chars() {
         let before = files(live.path());
         let (was_pushed, was_first) = (pushed, first);
@@ -107,7 +107,7 @@ fn killed_at_any_byte_every_record_is_there_once_unchanged_and_in_order() {
     assert_eq!(first, pushed - store.len());
 }
 
-/// As the child of the test below it does not end.
+/// As the child process of the test below, it does not end.
 #[test]
 fn a_record_is_on_disk_when_push_comes_back() {
     use std::io::Write;
@@ -148,7 +148,7 @@ fn a_process_that_is_killed_has_kept_every_record_that_it_has_said_to_have() {
             .unwrap();
         let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
         let kept = |line: &str| line.strip_prefix("kept ").and_then(|number| number.parse::<u64>().ok());
-        // Killed in the midst: behind another number of records each time.
+        // The process is killed after a different number of records each time.
         for line in lines.by_ref().take(round * 97) {
             said = kept(&line.unwrap()).unwrap_or(said);
         }
@@ -159,7 +159,7 @@ fn a_process_that_is_killed_has_kept_every_record_that_it_has_said_to_have() {
     let mut store = Store::in_files_of(directory.path(), 1 << 22, 4096).unwrap();
     assert!(said > 1000 && store.dropped() == 0, "{said}");
     let found = all(&mut store);
-    // One may be there that was not yet said.
+    // The last record may have been written but not yet reported.
     let last = *found.last().unwrap();
     assert!(last == said || last == said + 1, "{last} {said}");
     assert_eq!(found, (0..=last).collect::<Vec<u64>>());

@@ -1,4 +1,4 @@
-//! What a disk does to files.
+//! Damaged files.
 
 use super::*;
 
@@ -13,7 +13,7 @@ fn of_twelve() -> (tempfile::TempDir, BTreeMap<String, Vec<u8>>) {
     (directory, whole)
 }
 
-/// Whatever a file has become, what comes out was put in, in order, and nothing twice.
+/// Returns whether the records are a subset of those written, in order and without duplicates.
 fn is_part_of_what_was_there(found: &[u64]) -> bool {
     found.iter().all(|number| *number < 8) && found.is_sorted_by(|one, next| one < next)
 }
@@ -29,7 +29,7 @@ fn a_bit_that_has_turned_in_any_byte_loses_records_and_changes_none() {
             let mut store = open(directory.path());
             let found = all(&mut store);
             assert!(is_part_of_what_was_there(&found), "{name} {at}: {found:?}");
-            // Without the mark what was told comes again, where its file is there.
+            // Without the mark, published records are returned again if their file exists.
             let lost = 7u64.saturating_sub(u64::try_from(found.len()).unwrap());
             assert!(name == "told" || store.dropped() <= lost, "{name} {at}");
         }
@@ -66,7 +66,7 @@ fn a_file_under_the_name_of_another_gives_no_record() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Any bytes under the names of the store: it opens, and what comes out went in.
+    /// With any bytes in its files, the store opens, and returns only records that were written.
     #[test]
     fn any_bytes_in_any_of_its_files_are_survived(
         spoiled in proptest::collection::vec((0usize..8, proptest::collection::vec(any::<u8>(), 0..120), 0usize..120), 1..4),

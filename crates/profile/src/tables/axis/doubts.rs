@@ -1,4 +1,4 @@
-//! What is allowed and probably not meant: said as warnings, with the figure that gives it away.
+//! Warnings about settings that are allowed but probably wrong. Each contains the suspicious figure.
 
 use super::model::all_over::{AllOver, signed};
 use crate::Profile;
@@ -6,9 +6,9 @@ use crate::document;
 use crate::tables::Check;
 use isotherm_core::compensation::settings::Datum;
 
-/// A larger correction is rather one in another unit, µm.
+/// Largest plausible correction, µm. A larger one is probably in another unit.
 const LARGE_LIMIT: f64 = 500.0;
-/// A temperature at which a model should ask for little, °C.
+/// Temperature at which a model should give a small value, °C.
 const WORKSHOP: f64 = 20.0;
 
 pub(in crate::tables) fn warn(check: &Check<'_>, profile: &Profile) {
@@ -27,7 +27,7 @@ pub(in crate::tables) fn warn(check: &Check<'_>, profile: &Profile) {
             if all_over.counts_from_start(model) {
                 from_start.push(format!("`{}`", model.name));
             }
-            // A datum takes what the model asks for there off again.
+            // A datum subtracts the value that the model gives at zero.
             let asked = all_over.asked(model).filter(|asked| asked.cz.abs() > limit);
             let Some(asked) = asked.filter(|_| settings.datum == Datum::Model) else { continue };
             let position = asked.position.map(|(signal, place)| {

@@ -8,7 +8,7 @@ use isotherm_core::compensation::model::{Kind, Slope};
 use isotherm_core::compensation::settings::InterceptSlope;
 use isotherm_core::quantity::Millimetre;
 
-/// Where an axis's outputs write the parts of a line, the axis knows how far its slope reaches.
+/// Sets the reach of the slope at each axis whose outputs write the parts of a line.
 pub(in crate::tables) fn resolve(check: &mut Check<'_>) {
     let line = |(place, axis): (usize, &Option<Axis>)| {
         let of_axis: Vec<&Output> = check.outputs.right().filter(|output| output.axis.0 == place).collect();
@@ -23,7 +23,7 @@ pub(in crate::tables) fn resolve(check: &mut Check<'_>) {
     }
 }
 
-/// The line of an axis that the control is given in its parts.
+/// Checks the outputs of an axis that write the parts of a line, and returns the line.
 fn of_control(check: &Check<'_>, axis: &Axis, outputs: &[&Output]) -> Option<InterceptSlope> {
     let name = &axis.settings.name;
     let at = check.at("axis").key(name);
@@ -47,7 +47,7 @@ fn of_control(check: &Check<'_>, axis: &Axis, outputs: &[&Output]) -> Option<Int
     reach(axis, &at.key("model"))
 }
 
-/// The slopes of all models have one reference position, and a travel that bounds what they come to.
+/// Returns the common reference position of all slopes, and the largest distance from it within the travel.
 fn reach(axis: &Axis, list: &At<'_>) -> Option<InterceptSlope> {
     let mut line: Option<InterceptSlope> = None;
     for (place, model) in axis.settings.models.iter().enumerate() {

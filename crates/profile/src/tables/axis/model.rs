@@ -1,4 +1,4 @@
-//! `[[axis.*.model]]`: one way to compute Cz.
+//! `[[axis.*.model]]`: models of an axis.
 
 use std::collections::BTreeMap;
 
@@ -34,83 +34,88 @@ pub mod network;
 pub(crate) mod seals;
 mod stand_ins;
 
-/// Every kind of model. A new one is a file beside the others and a line here.
+/// All kinds of models. A new kind is a file next to the others and a line here.
 const KINDS: [&KindOfModel; 4] = [&linear::KIND, &formula::KIND, &matrix::KIND, &network::KIND];
 
-/// A kind of model, as a profile knows it.
+/// Kind of model.
 struct KindOfModel {
-    /// The word in `kind`.
+    /// Value of `kind`.
     word: &'static str,
-    /// As a message names one: "a matrix".
+    /// Name with its article in messages: "a matrix".
     one: &'static str,
-    /// The keys that belong to it, beside those of every model.
+    /// Keys of this kind, in addition to those of every model.
     keys: &'static [&'static str],
     resolve: fn(&RawModel, &At<'_>) -> Option<Kind>,
-    /// `None` for a model of another kind.
+    /// Preview of a model. `None` for a model of another kind.
     preview: fn(&Profile, &Kind) -> Option<Computation>,
-    /// `None` for a model that knows no position, or of another kind.
+    /// Positions at which the model is evaluated. `None` for a model without a position, or of another kind.
     places: fn(&Kind) -> Option<Places>,
 }
 
-/// The signal of the position that a model depends on, and where the axis may be, mm.
+/// Position signal of a model, with the positions to evaluate, mm.
 type Places = (SignalId, Vec<f64>);
 
-/// What a model computes, in words.
+/// Calculation of a model as text.
 #[derive(Default)]
 struct Computation {
-    /// `Cz = 2.4·(bed − 20) + 0 µm`.
+    /// Formula, for example `Cz = 2.4·(bed − 20) + 0 µm`.
     formula: String,
-    /// What one unit more of each signal does.
+    /// Effect of one unit of each signal.
     effects: Vec<String>,
 }
 
-/// One way to compute Cz.
+/// Calculation of Cz from signals.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Model")]
 pub(crate) struct RawModel {
-    /// For people: the page and the log say which model is used.
+    /// Name of the model, shown on the page and in the log.
     #[schemars(required)]
     pub(super) name: Option<String>,
-    /// How it computes.
+    /// Kind of calculation.
     #[schemars(required, schema_with = "kinds")]
     kind: Option<String>,
-    /// linear: Cz where every rise is zero, µm. Default 0.
+    /// linear: Cz if every rise is zero, µm. Default 0.
     offset: Option<f64>,
-    /// linear: gains times temperature rises, added up.
+    /// linear: list of terms, each a gain times a temperature rise. Cz is their sum.
     terms: Option<Vec<RawTerm>>,
-    /// formula: Cz in µm, as "Kz * (A - (b*t + c))".
+    /// formula: Cz in µm, for example "Kz * (A - (b*t + c))".
     formula: Option<String>,
-    /// formula: names and the signals they stand for; matrix: one signal per block; network: the signals in its order.
+    /// formula: signals by their names in the formula. matrix: one signal for each block. network: signals in the order
+    /// of its inputs.
     inputs: Option<Inputs>,
-    /// formula: names and their numbers.
+    /// formula: constants by their names in the formula.
     constants: Option<BTreeMap<String, f64>>,
-    /// linear: a second sum of terms that grows with the distance from a reference position, µm/mm.
+    /// linear: second sum of terms, in µm/mm. It is multiplied by the distance from a reference position.
     slope: Option<RawSlope>,
-    /// matrix, network: the file with the coefficients.
+    /// matrix, network: file with the coefficients.
     file: Option<String>,
-    /// A file with the temperatures the model was identified on.
+    /// File with the range of temperatures on which the model was identified.
     envelope: Option<String>,
-    /// How it was identified; `isotherm identify` writes it.
+    /// Settings of the identification; `isotherm identify` writes them.
     identified_with: Option<RawIdentifiedWith>,
-    /// What the axis does outside its envelope: agree: follow the model as far as its halves agree (default); warn: follow it;
-    /// hold: keep Cz; shrink: follow it less and less.
+    /// Action outside of the envelope. "agree" follows the model as far as its halves agree (default). "warn" follows
+    /// it. "hold" keeps Cz. "shrink" follows it less with increasing distance.
     outside: Option<OutsideWord>,
-    /// linear: a file with the two sums whose mean the model is; `isotherm identify` writes it. Without it `agree` is `warn`.
+    /// linear: file with two sums whose mean is the model; `isotherm identify` writes it. Without it, "agree" acts as
+    /// "warn".
     halves: Option<String>,
-    /// How wrong it was on runs that it had not seen; `isotherm identify` writes it, and the page shows it beside Cz.
+    /// Expected error, from runs that the identification did not use. `isotherm identify` writes it, and the page shows
+    /// it next to Cz.
     expected: Option<RawExpected>,
-    /// A file with what the sensors say of each other: finds one that is frozen, and stands in for one that is frozen or lost.
+    /// File that relates the sensors to each other. It detects a frozen sensor, and replaces a frozen or lost one.
     stand_ins: Option<String>,
-    /// The SHA-256 of its files, by the key that names each: one that was changed is refused; `isotherm identify` writes it.
+    /// SHA-256 of the model's files, by the key that names each file. A changed file is rejected. `isotherm identify`
+    /// writes them.
     sha256: Option<RawSeals>,
-    /// matrix: the signal with the position of the axis, mm.
+    /// matrix: signal with the position of the axis, mm.
     position: Option<String>,
-    /// matrix, network: what rises are measured from: a number, "start" or "zero". A network's default is 0.
+    /// matrix, network: reference from which rises are measured: a number, "start" or "zero". Default for a network: 0.
     reference: Option<ReferenceValue>,
-    /// matrix: the component of the guideway's displacement along the axis, as it moves the axis to plus.
+    /// matrix: direction of the guideway's displacement that moves the axis in the positive direction.
     component: Option<Component>,
-    /// matrix: what the guideway carries: displaced to plus, a tool is too far in plus, the work too far in minus.
+    /// matrix: part that the guideway carries. A positive displacement of the tool is a positive error, one of the
+    /// workpiece a negative error.
     carries: Option<Carries>,
 }
 
@@ -123,7 +128,7 @@ impl RawModel {
         let own = KINDS.into_iter().find(|known| Some(known.word) == self.kind.as_deref())?;
         for kind in KINDS {
             for key in kind.keys.iter().filter(|key| !own.keys.contains(key)) {
-                // Of those that several kinds have, the first one speaks.
+                // If several kinds have the key, the first one reports it.
                 if owners(key).next().is_some_and(|first| first.word == kind.word) {
                     at.foreign(&[key], &listed(key), "remove it, or change `kind`");
                 }
@@ -152,7 +157,7 @@ impl RawModel {
         self.sha256.as_ref()
     }
 
-    /// The file that this key names.
+    /// Returns the file that a key of the model names.
     fn file_of(&self, key: &str) -> Option<&str> {
         match key {
             "file" => self.file.as_deref(),
@@ -167,19 +172,19 @@ impl RawModel {
         self.kind.as_deref().is_none_or(|kind| kind == linear::KIND.word)
     }
 
-    /// Whether a term's rise is measured from its temperature at zero.
+    /// Returns whether the rise of a term is measured from its temperature at zero.
     pub(super) fn has_term_at_zero(&self) -> bool {
         let of_slope = self.slope.iter().flat_map(RawSlope::terms);
         self.terms.iter().flatten().chain(of_slope).any(RawTerm::is_at_zero)
     }
 
-    /// Whether the rise of an input of a file is measured from its value at zero.
+    /// Returns whether the rise of an input is measured from its value at zero.
     pub(super) fn has_input_at_zero(&self) -> bool {
         self.inputs.as_ref().is_some_and(|inputs| inputs.are_at_zero(self.reference))
     }
 }
 
-/// What the model in this place of an axis's list computes, and where that holds.
+/// Preview of a model at this index of the axis's list: its calculation, and where it is valid.
 pub(super) fn preview(profile: &Profile, place: usize, model: &Model, all_over: &[AllOver]) -> Section {
     let kind = KINDS.into_iter().find_map(|kind| (kind.preview)(profile, &model.kind));
     let Computation { formula, effects } = kind.unwrap_or_default();
@@ -212,7 +217,7 @@ fn owners(key: &str) -> impl Iterator<Item = &'static KindOfModel> {
     KINDS.into_iter().filter(move |kind| kind.keys.contains(&key))
 }
 
-/// `a formula, a matrix or a network`.
+/// Lists the kinds that have a key: `a formula, a matrix or a network`.
 fn listed(key: &str) -> String {
     let owners: Vec<&str> = owners(key).map(|kind| kind.one).collect();
     match owners.as_slice() {

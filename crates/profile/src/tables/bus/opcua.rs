@@ -1,7 +1,7 @@
-//! An OPC UA server: its endpoint, how the connection is secured, and as whom the gateway speaks.
+//! OPC UA connection: endpoint of the server, security, and user of the gateway.
 //!
-//! The files are read with the profile, so that one that is missing is reported at its key. What is in them is judged by
-//! whoever opens the line.
+//! The files are read with the profile, so that a missing one is reported at its key. The module that opens the line
+//! checks their content.
 
 use std::fmt;
 use std::net::Ipv4Addr;
@@ -15,93 +15,93 @@ use crate::error::ProfileError;
 use crate::host_port::host_and_port;
 use crate::tables::At;
 
-/// The port that the OPC Foundation has for it.
+/// Port registered for OPC UA by the OPC Foundation.
 const PORT: u16 = 4840;
 pub(super) const SCHEME: &str = "opc.tcp://";
 
-/// What protects the messages.
+/// Protection of the messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "SecurityWord", description = "")]
 pub enum Security {
-    /// Nothing: whoever is on the network reads them and changes them.
+    /// No protection: anyone on the network can read and change them.
     None,
-    /// They are signed.
+    /// Messages are signed.
     Sign,
-    /// They are signed and encrypted.
+    /// Messages are signed and encrypted.
     SignAndEncrypt,
 }
 
-/// As whom the gateway speaks: with a password, or with a certificate.
+/// User of the gateway, with a password or a certificate.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "OpcUaUser")]
 pub(crate) struct RawUser {
-    /// The user's name at the server.
+    /// Name of the user on the server.
     name: Option<String>,
-    /// A file that holds the password alone.
+    /// File that contains only the password.
     password_file: Option<String>,
-    /// The user's certificate, in DER or PEM form.
+    /// Certificate of the user, in DER or PEM form.
     cert: Option<String>,
-    /// Its private key, in PEM form.
+    /// Private key of the certificate, in PEM form.
     key: Option<String>,
 }
 
-/// How a server is spoken to.
+/// Settings of a connection to a server.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OpcUa {
-    /// What protects the messages.
+    /// Protection of the messages.
     pub security: Security,
-    /// As whom.
+    /// User of the gateway.
     pub user: User,
-    /// The gateway's own certificate and key; `None` where nothing is secured.
+    /// Certificate and key of the gateway. `None` without security.
     pub own: Option<(NamedFile, NamedFile)>,
-    /// The server certificates that are trusted.
+    /// Certificates of trusted servers.
     pub trusted: Vec<NamedFile>,
-    /// The directory of those, as written.
+    /// Directory of these certificates, as written.
     pub trusted_in: Option<String>,
     type_at: ProfileError,
 }
 
-/// As whom the gateway speaks.
+/// User of the gateway.
 #[derive(Clone, Debug, PartialEq)]
 pub enum User {
-    /// As nobody.
+    /// Anonymous user.
     Anonymous,
-    /// With a password.
+    /// User with a password.
     Named {
-        /// The user's name.
+        /// Name of the user.
         name: String,
-        /// The file whose content, without the end of its line, is the password.
+        /// File with the password. The line end at its end does not count.
         password: NamedFile,
     },
-    /// With a certificate.
+    /// User with a certificate.
     Certified {
-        /// The certificate.
+        /// Certificate of the user.
         cert: NamedFile,
-        /// Its private key.
+        /// Private key of the certificate.
         key: NamedFile,
     },
 }
 
-/// One of the files.
+/// File that a key of the profile names.
 #[derive(Clone, PartialEq)]
 pub struct NamedFile {
-    /// Its name, as written.
+    /// Name, as written.
     pub name: String,
-    /// What is in it.
+    /// Content of the file.
     pub bytes: Vec<u8>,
     named_at: Box<ProfileError>,
 }
 
 impl NamedFile {
-    /// The error that this is wrong with the file.
+    /// Creates an error about this file.
     pub fn wrong(&self, why: &str) -> ProfileError {
         ProfileError { message: format!("{}: {why}", self.name), ..(*self.named_at).clone() }
     }
 }
 
-/// Without its content: some of them are secrets.
+/// Formats the file without its content, which may be secret.
 impl fmt::Debug for NamedFile {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_tuple("NamedFile").field(&self.name).finish()
@@ -109,7 +109,7 @@ impl fmt::Debug for NamedFile {
 }
 
 impl OpcUa {
-    /// A server that nothing is secured at, spoken to as nobody: one that no profile names.
+    /// Creates settings without security and with an anonymous user, for a server that no profile names.
     pub fn plain() -> OpcUa {
         OpcUa {
             security: Security::None,
@@ -121,13 +121,13 @@ impl OpcUa {
         }
     }
 
-    /// The error that this is wrong with the type of the line.
+    /// Creates an error about the type of the line.
     pub fn wrong_type(&self, message: &str, help: &str) -> ProfileError {
         let (message, help) = (message.to_owned(), Some(help.to_owned()));
         ProfileError { message, help, ..self.type_at.clone() }
     }
 
-    /// What nobody else may have: its private keys, and its password.
+    /// Returns the secret files: private keys and password.
     pub fn secrets(&self) -> impl Iterator<Item = &NamedFile> {
         let of_user = match &self.user {
             User::Anonymous => None,
@@ -137,7 +137,7 @@ impl OpcUa {
         self.own.iter().map(|(_, key)| key).chain(of_user)
     }
 
-    /// What protects the messages, who speaks, and who is trusted.
+    /// Preview of the connection: protection, user, and trusted servers.
     pub(super) fn preview(&self) -> Section {
         let security = match self.security {
             Security::None => "neither signed nor encrypted",
@@ -164,7 +164,7 @@ impl OpcUa {
     }
 }
 
-/// The URL of the server of an opcua line.
+/// Returns the URL of the server of an opcua line.
 pub(super) fn address(raw: &RawBus, at: &At<'_>) -> Option<String> {
     let at = at.key("address");
     let Some(address) = &raw.address else {
@@ -175,10 +175,10 @@ pub(super) fn address(raw: &RawBus, at: &At<'_>) -> Option<String> {
     server_url(address).map_err(|(message, help)| at.wrong(message, help)).ok()
 }
 
-/// The URL of a server, with its port.
+/// Parses the URL of a server, and adds the default port.
 ///
 /// # Errors
-/// What is wrong, and how it is written.
+/// A message and a hint.
 pub fn server_url(text: &str) -> Result<String, (String, String)> {
     let example = format!("\"{SCHEME}192.168.214.241:{PORT}\"");
     let Some(rest) = text.strip_prefix(SCHEME) else {
@@ -217,7 +217,7 @@ fn is_host(host: &str) -> bool {
         || (host.chars().all(is_of_a_name) && (!is_numbers || host.parse::<Ipv4Addr>().is_ok()))
 }
 
-/// How the server of an opcua line is spoken to.
+/// Resolves the OPC UA settings of a line.
 pub(super) fn resolve(raw: &RawBus, at: &At<'_>) -> Option<OpcUa> {
     if raw.security.is_none() {
         let help =
@@ -275,7 +275,7 @@ impl RawUser {
     }
 }
 
-/// The file that this key has to name.
+/// Reads the file that a required key names.
 pub(in crate::tables) fn file(
     at: &At<'_>,
     key: &str,
@@ -298,7 +298,7 @@ pub(in crate::tables) fn file(
     })
 }
 
-/// The certificates in the directory that is named.
+/// Reads the certificates in the named directory.
 fn trusted(at: &At<'_>, directory: Option<&String>) -> Option<Vec<NamedFile>> {
     let at = at.key("trusted");
     let help = "name a directory with the certificates of the servers that are trusted, each in a file of its own that \

@@ -1,4 +1,4 @@
-//! How often something is due on each line: what is looked at once for all of them, however many there are.
+//! Periods of reads and writes on each line, collected once for all lines.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -6,16 +6,16 @@ use std::time::Duration;
 use crate::duration::Timespan;
 use crate::tables::RawProfile;
 
-/// How often a device is polled, where nothing else is said.
+/// Default poll period of a device.
 pub(in crate::tables) const EVERY: Duration = Duration::from_secs(1);
-/// Longest wait for an answer, where nothing is written and no device is polled faster.
+/// Default timeout if nothing is written and no device is polled faster.
 pub(super) const TIMEOUT: Duration = Duration::from_millis(500);
 const SHORTEST_TIMEOUT: Duration = Duration::from_millis(100);
 
-/// What is due, as the beginning of a sentence, and how often.
+/// Read or write, as the beginning of a sentence, with its period.
 pub(super) type Due = (String, Duration);
 
-/// By line: what is due there, where it is written how often.
+/// Reads and writes by the name of their line, with their periods.
 #[derive(Debug, Default)]
 pub(in crate::tables) struct Periods(BTreeMap<String, Vec<Due>>);
 
@@ -57,12 +57,12 @@ impl Periods {
         }
     }
 
-    /// On this line.
+    /// Reads and writes on a line.
     pub(super) fn of(&self, bus: &str) -> &[Due] {
         self.0.get(bus).map_or(&[], Vec::as_slice)
     }
 
-    /// Where nothing is written: half the shortest period on the line, but never so short that a sound device is missed.
+    /// Default timeout of a line: half the shortest period, but not so short that a healthy device misses it.
     pub(super) fn timeout(&self, bus: &str) -> Duration {
         let halves = self.of(bus).iter().map(|(_, period)| (*period / 2).max(SHORTEST_TIMEOUT));
         halves.fold(TIMEOUT, Duration::min)

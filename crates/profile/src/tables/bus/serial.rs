@@ -1,4 +1,4 @@
-//! A serial line: its settings, and how long things take on it.
+//! Serial lines: settings, and duration of transfers.
 
 use std::fmt;
 use std::str::FromStr;
@@ -10,36 +10,36 @@ use serde::Deserialize;
 use super::RawBus;
 use crate::tables::At;
 
-/// Bits per second up to which silence is measured in characters; above, it is a fixed time.
+/// Highest baud rate at which the silence between frames is measured in characters. Above, it is a fixed time.
 const FASTEST_BY_CHARACTERS: u32 = 19_200;
 
-/// The settings of a serial port. Always eight data bits: Modbus RTU knows nothing else.
+/// Settings of a serial port. There are always eight data bits, because Modbus RTU allows nothing else.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Serial {
-    /// Bits per second.
+    /// Baud rate in bits per second.
     pub baud: u32,
-    /// The bit that checks the eight before it.
+    /// Parity bit.
     pub parity: Parity,
-    /// 1 or 2.
+    /// Stop bits, 1 or 2.
     pub stop_bits: u8,
 }
 
-/// The bit that checks the eight before it.
+/// Parity bit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "ParityWord", description = "")]
 pub enum Parity {
-    /// There is none.
+    /// No parity bit.
     #[default]
     None,
-    /// An even number of ones.
+    /// Even parity.
     Even,
-    /// An odd number of ones.
+    /// Odd parity.
     Odd,
 }
 
 impl Parity {
-    /// Its word in a profile.
+    /// Value of `parity` in a profile.
     pub fn word(self) -> &'static str {
         match self {
             Parity::None => "none",
@@ -53,7 +53,7 @@ impl FromStr for Parity {
     type Err = String;
 
     /// # Errors
-    /// A sentence that says what is allowed.
+    /// A sentence with the allowed values.
     fn from_str(text: &str) -> Result<Parity, String> {
         let known = [Parity::None, Parity::Even, Parity::Odd].into_iter().find(|known| known.word() == text);
         known.ok_or_else(|| format!("`{text}` is no parity; allowed: none, even, odd"))
@@ -61,14 +61,14 @@ impl FromStr for Parity {
 }
 
 impl Serial {
-    /// Time of one character: start, eight data bits, parity, stop bits.
+    /// Time of one character: start bit, eight data bits, parity bit, stop bits.
     pub fn character(&self) -> Duration {
         let bits = 1 + 8 + u32::from(self.parity != Parity::None) + u32::from(self.stop_bits);
         Duration::from_secs(1) * bits / self.baud.max(1)
     }
 
-    /// Silence between two frames: 3.5 characters of eleven bits, and 1.75 ms above 19,200 baud (Modbus over Serial Line
-    /// V1.02, 2.5.1.1).
+    /// Silence between two frames: 3.5 characters of eleven bits, and 1.75 ms above 19,200 baud (Modbus over Serial
+    /// Line V1.02, 2.5.1.1).
     pub fn silence(&self) -> Duration {
         if self.baud > FASTEST_BY_CHARACTERS {
             return Duration::from_micros(1750);
@@ -76,20 +76,20 @@ impl Serial {
         Duration::from_secs(1) * 77 / (2 * self.baud.max(1))
     }
 
-    /// How long this many bytes are under way.
+    /// Time for transferring this number of bytes.
     pub fn bytes(&self, count: usize) -> Duration {
         self.character() * u32::try_from(count).unwrap_or(u32::MAX)
     }
 
-    /// How long one question and its answer occupy the line, bytes of the frames with unit and checksum; the device's own
-    /// time to think comes on top.
+    /// Time for which one request and its answer occupy the line. The arguments are the lengths of the frames in bytes,
+    /// with unit and checksum. The answer time of the device is not included.
     pub fn exchange(&self, request: usize, answer: usize) -> Duration {
         self.bytes(request + answer) + 2 * self.silence()
     }
 }
 
 impl fmt::Display for Serial {
-    /// `9600 baud 8N1`.
+    /// Formats the settings, for example as `9600 baud 8N1`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let parity = match self.parity {
             Parity::None => 'N',
@@ -100,7 +100,7 @@ impl fmt::Display for Serial {
     }
 }
 
-/// The settings of a modbus-rtu line.
+/// Resolves the settings of a modbus-rtu line.
 pub(super) fn settings(raw: &RawBus, at: &At<'_>) -> Option<Serial> {
     if raw.baud.is_none() {
         let help = "write what the devices are set to: 9600 and 19200 are usual";
@@ -110,7 +110,7 @@ pub(super) fn settings(raw: &RawBus, at: &At<'_>) -> Option<Serial> {
     Some(Serial { baud: raw.baud?, parity, stop_bits })
 }
 
-/// The port of a modbus-rtu line.
+/// Checks the serial port of a modbus-rtu line.
 pub(super) fn port(raw: &RawBus, at: &At<'_>) -> Option<String> {
     let at = at.key("port");
     let Some(port) = &raw.port else {

@@ -1,7 +1,7 @@
-//! Modbus/TCP Security: the files by which the two ends of a line know each other.
+//! Modbus/TCP Security: files with which the two ends of a line authenticate each other.
 //!
-//! They are read with the profile, so that one that is missing is reported at its key. What is in them is judged by
-//! whoever opens the line, who has TLS; each file knows where in the profile it is named, so that its fault is reported
+//! The files are read with the profile, so that a missing one is reported at its key. The module that opens the line
+//! checks their content, because it has TLS. Each file stores its place in the profile, so that an error is reported
 //! there.
 
 use std::fmt;
@@ -18,49 +18,49 @@ use crate::tables::At;
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Tls")]
 pub(crate) struct RawTls {
-    /// Who signs the device's certificate, or that very certificate.
+    /// Certificate of the authority that signed the device's certificate, or the device's certificate itself.
     #[schemars(required)]
     ca: Option<String>,
-    /// The gateway's certificate.
+    /// Certificate of the gateway.
     #[schemars(required)]
     cert: Option<String>,
-    /// The gateway's private key.
+    /// Private key of `cert`.
     #[schemars(required)]
     key: Option<String>,
-    /// The name in the device's certificate. Default: the host of `address`.
+    /// Name in the device's certificate. Default: host of `address`.
     name: Option<String>,
 }
 
-/// The port that the Modbus Organization has for it.
+/// Port registered for Modbus/TCP Security by the Modbus Organization.
 pub const TLS_PORT: u16 = 802;
 
-/// The security of a line.
+/// Security of a line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tls {
-    /// The certificates that are trusted.
+    /// Trusted certificates.
     pub ca: PemFile,
-    /// The gateway's certificate.
+    /// Certificate of the gateway.
     pub cert: PemFile,
-    /// Its private key.
+    /// Private key of the certificate.
     pub key: PemFile,
-    /// The name that the device's certificate must have.
+    /// Name that the device's certificate must have.
     pub name: String,
-    /// Where that name comes from.
+    /// Place of that name in the profile.
     name_at: ProfileError,
 }
 
-/// One of the files.
+/// File that a key of the profile names.
 #[derive(Clone, PartialEq)]
 pub struct PemFile {
-    /// Its name, as written.
+    /// Name, as written.
     pub name: String,
-    /// What is in it.
+    /// Content of the file.
     pub bytes: Vec<u8>,
     named_at: ProfileError,
 }
 
 impl Tls {
-    /// Whom a secured line trusts, and what it shows.
+    /// Preview of a secured line: trusted certificates, and the certificate of the gateway.
     pub(super) fn preview(&self) -> Section {
         let (name, trusts, shows) = (&self.name, &self.ca.name, &self.cert.name);
         let mut section = Section::default();
@@ -73,7 +73,7 @@ impl Tls {
         section
     }
 
-    /// The error that the name can be nobody's.
+    /// Creates an error about a name that no certificate can have.
     pub fn wrong_name(&self) -> ProfileError {
         let message = format!("no certificate can be for the name `{}`", self.name);
         ProfileError { message, ..self.name_at.clone() }
@@ -81,13 +81,13 @@ impl Tls {
 }
 
 impl PemFile {
-    /// The error that this is wrong with the file.
+    /// Creates an error about this file.
     pub fn wrong(&self, why: &str) -> ProfileError {
         ProfileError { message: format!("{}: {why}", self.name), ..self.named_at.clone() }
     }
 }
 
-/// Without its content: one of them is a secret.
+/// Formats the file without its content, which may be secret.
 impl fmt::Debug for PemFile {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_tuple("PemFile").field(&self.name).finish()
@@ -95,7 +95,7 @@ impl fmt::Debug for PemFile {
 }
 
 impl RawTls {
-    /// The security of a line to this host.
+    /// Resolves the security of a line to this host.
     pub(super) fn resolve(&self, at: &At<'_>, host: &str) -> Option<Tls> {
         let host = host.trim_start_matches('[').trim_end_matches(']');
         let (name, key) = match &self.name {
@@ -137,7 +137,7 @@ fn pem(at: &At<'_>, key: &str, name: Option<&String>, help: &str) -> Option<PemF
     pem_file(&at, name, help)
 }
 
-/// The file that this key names.
+/// Reads the file that this key names.
 pub(in crate::tables) fn pem_file(at: &At<'_>, name: &str, help: &str) -> Option<PemFile> {
     let bytes = at.file(name, help)?;
     let named_at = at.check.spans.at_value(&at.path, "", Some(help.to_owned()));

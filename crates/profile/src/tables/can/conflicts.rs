@@ -1,10 +1,10 @@
-//! What cannot be on one CAN line together: node numbers, identifiers, writers.
+//! Conflicts on one CAN line: node numbers, identifiers, writers.
 
 use crate::DeviceId;
 use crate::tables::Check;
 use isotherm_core::codec::{Address, CanId, Entry, Object};
 
-/// A CANopen node of a line.
+/// CANopen node on a line.
 #[derive(Clone, Debug)]
 struct Node {
     number: u8,
@@ -12,7 +12,7 @@ struct Node {
     index: usize,
 }
 
-/// Everything that two things on one line would do to each other.
+/// Checks all lines for conflicts.
 pub(in crate::tables) fn check(check: &Check<'_>) {
     for bus in 0..check.buses.resolved.len() {
         let nodes = nodes(check, bus);
@@ -23,7 +23,7 @@ pub(in crate::tables) fn check(check: &Check<'_>) {
     objects_written(check);
 }
 
-/// The nodes of a line; one number names one node.
+/// Returns the nodes of a line, and reports duplicate numbers.
 fn nodes(check: &Check<'_>, bus: usize) -> Vec<Node> {
     let mut nodes: Vec<Node> = Vec::new();
     for (index, device) in check.devices.resolved.iter().enumerate() {
@@ -103,7 +103,7 @@ fn written_identifiers(check: &Check<'_>, bus: usize, nodes: &[Node]) {
     }
 }
 
-/// One object has one writer, and a corrected position is not the object it is computed from.
+/// Reports objects with two writers, and a corrected position in the object from which it is computed.
 fn objects_written(check: &Check<'_>) {
     let mut known: Vec<((DeviceId, Entry), &str)> = Vec::new();
     let sdo = |output: &str| check.at("output").key(output).key("sdo");
@@ -134,10 +134,10 @@ fn objects_written(check: &Check<'_>) {
     }
 }
 
-/// What an identifier is already, and the remedy.
+/// Other use of an identifier, and the hint.
 type Blame = (String, &'static str);
 
-/// What an identifier is for on a line with these nodes, where it is for no value.
+/// Returns the use of an identifier that carries no values on a line with these nodes.
 fn taken(id: CanId, sync: Option<CanId>, nodes: &[Node], is_pdo: bool) -> Option<Blame> {
     const CORRECT: &str = "correct the identifier; process data is at 0x180 to 0x57F";
     if id.is_extended() {
@@ -169,7 +169,8 @@ fn taken(id: CanId, sync: Option<CanId>, nodes: &[Node], is_pdo: bool) -> Option
     })
 }
 
-/// By the usual identifiers: the number of the process data object, the node, and whether the node sends it.
+/// Returns the default use of an identifier: number of the process data object, its node, and whether the node sends
+/// it.
 fn usual(id: CanId, nodes: &[Node]) -> Option<(u32, &Node, bool)> {
     let raw = id.raw();
     if id.is_extended() || !(0x181..=0x57f).contains(&raw) {
@@ -186,7 +187,7 @@ fn sent_by_another(id: CanId, nodes: &[Node], device: usize, name: &str) -> Opti
         return None;
     }
     let message = format!("TPDO{number} of node {}, `{}`, and not of `{name}`", node.number, node.device);
-    // A number that two devices have been given has been reported.
+    // Two devices with one number have been reported.
     let is_own = nodes.iter().any(|other| (other.number, other.index) == (node.number, device));
     (!is_own).then_some((message, "name that device here, or correct the identifier"))
 }

@@ -1,21 +1,21 @@
-//! The frames that outputs write: several may put their values into one.
+//! Frames that outputs write. Several outputs may write their values into one frame.
 
 use crate::tables::{At, Check};
 use isotherm_core::codec::{CanId, Field, Frame};
 
-/// A frame that an output writes a value into.
+/// Frame with the value of an output.
 #[derive(Clone, Debug)]
 pub(in crate::tables) struct Written {
     pub(super) device: usize,
     pub(super) output: String,
-    /// The key that says so, `pdo` or `frame`.
+    /// Path of the key `pdo` or `frame`.
     pub(super) path: String,
     pub(super) field: Field,
     pub(super) fill: Option<Vec<u8>>,
 }
 
 impl Written {
-    /// A value of an output, at its key `pdo` or `frame`.
+    /// Creates the value of an output at its key `pdo` or `frame`.
     pub(in crate::tables) fn of(
         at: &At<'_>,
         device: usize,
@@ -38,7 +38,7 @@ impl Written {
         At { check, path: self.path.clone() }
     }
 
-    /// How many bytes the frame must have for the value.
+    /// Number of bytes that the frame needs for the value.
     fn bytes(&self) -> usize {
         self.field.bits.bytes()
     }
@@ -48,7 +48,7 @@ impl Written {
     }
 }
 
-/// The bytes of a frame before the value is put in, at the key `fill`.
+/// Parses the bytes of a frame without the value, at the key `fill`.
 pub(in crate::tables) fn fill(at: &At<'_>, text: &str, field: &Field) -> Option<Vec<u8>> {
     let digits: String = text.split_whitespace().collect();
     let is_hex = digits.bytes().all(|byte| byte.is_ascii_hexdigit()) && digits.len().is_multiple_of(2);
@@ -78,7 +78,7 @@ pub(in crate::tables) fn fill(at: &At<'_>, text: &str, field: &Field) -> Option<
     Some(bytes)
 }
 
-/// Gives each device the frames that are written to it, each with room for the values of all its outputs.
+/// Adds the written frames to each device. A frame has space for the values of all its outputs.
 pub(in crate::tables) fn resolve(check: &mut Check<'_>) {
     let written = check.written_frames.borrow().clone();
     for (place, one) in written.iter().enumerate() {
@@ -102,7 +102,7 @@ pub(in crate::tables) fn resolve(check: &mut Check<'_>) {
     }
 }
 
-/// Two values in one frame must leave each other alone.
+/// Reports two values that conflict in one frame.
 fn share_a_frame(check: &Check<'_>, earlier: &Written, later: &Written) {
     let at = later.at(check);
     let there = earlier.at(check).line();

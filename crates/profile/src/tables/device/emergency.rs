@@ -1,17 +1,17 @@
-//! What the codes of a CANopen emergency mean.
+//! Meanings of CANopen emergency codes.
 
-/// One code, or a class of codes.
+/// Meaning of an emergency code, or of a class of codes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Emergency {
-    /// The code.
+    /// Emergency code.
     pub code: u16,
-    /// Which bits of it count: 0xFFFF for one code, 0xFF00 for a class.
+    /// Bits of the code that are compared: 0xFFFF for one code, 0xFF00 for a class.
     pub mask: u16,
-    /// What it means.
+    /// Meaning of the code.
     pub meaning: String,
 }
 
-/// The error codes of CiA 301 (table of emergency error codes): the longest beginning that fits is the meaning.
+/// Error codes of CiA 301 (table of emergency error codes). The most specific entry that matches is the meaning.
 const GENERIC: [(u16, u16, &str); 34] = [
     (0x0000, 0xff00, "no error, or error gone"),
     (0x1000, 0xff00, "generic error"),
@@ -50,12 +50,12 @@ const GENERIC: [(u16, u16, &str); 34] = [
 ];
 
 impl Emergency {
-    /// Whether this is the meaning of a code.
+    /// Returns whether this entry applies to a code.
     pub const fn names(&self, code: u16) -> bool {
         (self.code ^ code) & self.mask == 0
     }
 
-    /// What a code means by CiA 301, whatever the device.
+    /// Returns the meaning of a code by CiA 301, for any device.
     pub fn generic(code: u16) -> &'static str {
         let fits = |(known, mask, _): &&(u16, u16, &str)| (known ^ code) & mask == 0;
         let class = |(known, ..): &&(u16, u16, &str)| known ^ (code & 0xf000) == 0;

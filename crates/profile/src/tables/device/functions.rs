@@ -1,11 +1,11 @@
-//! The function codes of Modbus that a device may be sent.
+//! Modbus function codes that may be sent to a device.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 use isotherm_core::codec::{Address, Table};
 
-/// A function code as `functions` names it.
+/// Function code, as named in `functions`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "FunctionWord", description = "")]
@@ -20,39 +20,39 @@ pub(super) enum Function {
     WriteMultiple,
 }
 
-/// The function codes that may be sent to a device.
+/// Function codes that may be sent to a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(clippy::struct_excessive_bools, reason = "eight independent permissions")]
 pub struct Functions {
-    /// 01
+    /// Function 01.
     pub read_coils: bool,
-    /// 02
+    /// Function 02.
     pub read_discrete: bool,
-    /// 03
+    /// Function 03.
     pub read_holding: bool,
-    /// 04
+    /// Function 04.
     pub read_input: bool,
-    /// 05
+    /// Function 05.
     pub write_coil: bool,
-    /// 06
+    /// Function 06.
     pub write_single: bool,
-    /// 15
+    /// Function 15.
     pub write_coils: bool,
-    /// 16
+    /// Function 16.
     pub write_multiple: bool,
 }
 
-/// A function code that writes.
+/// Function code for writing registers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WriteFunction {
-    /// 06: one register.
+    /// Function 06, one register.
     Single,
-    /// 16: any number of registers.
+    /// Function 16, any number of registers.
     Multiple,
 }
 
 impl WriteFunction {
-    /// The code on the wire.
+    /// Function code on the wire.
     pub const fn code(self) -> u8 {
         match self {
             WriteFunction::Single => 6,
@@ -62,7 +62,7 @@ impl WriteFunction {
 }
 
 impl Functions {
-    /// Every function.
+    /// All functions.
     pub const ALL: Functions = Functions {
         read_coils: true,
         read_discrete: true,
@@ -74,7 +74,7 @@ impl Functions {
         write_multiple: true,
     };
 
-    /// Those that are named.
+    /// Returns the permissions for the named functions.
     pub(super) fn of(named: &[Function]) -> Functions {
         let has = |function| named.contains(&function);
         Functions {
@@ -89,7 +89,7 @@ impl Functions {
         }
     }
 
-    /// Whether this function code may be sent; 0 is what is no function of Modbus.
+    /// Returns whether this function code may be sent. 0 means an exchange without a Modbus function.
     pub const fn allow(&self, function: u8) -> bool {
         match function {
             0 => true,
@@ -105,7 +105,7 @@ impl Functions {
         }
     }
 
-    /// May this table be read?
+    /// Returns whether this table may be read.
     pub const fn reads(self, table: Table) -> bool {
         match table {
             Table::Coil => self.read_coils,
@@ -115,7 +115,7 @@ impl Functions {
         }
     }
 
-    /// May what is there be read? A value inside frames comes by itself.
+    /// Returns whether this address may be read. A value in frames is not requested.
     pub const fn reads_at(self, address: &Address) -> bool {
         match address {
             Address::Modbus(register) => self.reads(register.table),
@@ -124,7 +124,9 @@ impl Functions {
         }
     }
 
-    /// What writes this many holding registers: 06 for a single one where it may be sent, else 16.
+    /// Returns the function that writes this number of holding registers. For one register it is 06 if allowed,
+    /// otherwise
+    /// 16. `None` if neither is allowed.
     pub const fn writes(self, registers: u16) -> Option<WriteFunction> {
         if registers == 1 && self.write_single {
             Some(WriteFunction::Single)
@@ -135,7 +137,7 @@ impl Functions {
         }
     }
 
-    /// The function code of that; 0 where nothing writes it.
+    /// Returns the function code for writing this number of registers. 0 if there is none.
     pub(crate) fn write_code(self, registers: u16) -> u8 {
         self.writes(registers).map_or(0, WriteFunction::code)
     }

@@ -1,4 +1,4 @@
-//! What a device on a CAN line has: its node, what that is set up with, and the frames that are written to it.
+//! Settings of a device on a CAN line: its node, its setup, and the frames written to it.
 
 use std::time::Duration;
 
@@ -14,72 +14,72 @@ use crate::tables::{At, can};
 use crate::{DeviceId, Profile};
 use isotherm_core::codec::{Address, CanId, Frame, Object};
 
-/// One object that is written before start.
+/// Object that is written before the node starts.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Setup")]
 pub(super) struct RawSetup {
-    /// Index and subindex, hexadecimal: "1800:05".
+    /// Index and sub-index in hexadecimal, for example "1800:05".
     #[schemars(required, regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
     sdo: Option<String>,
-    /// How the value lies in the object.
+    /// Type of the object.
     #[serde(rename = "type")]
     #[schemars(required)]
     kind: Option<TypeWord>,
-    /// What is written.
+    /// Value that is written.
     #[schemars(required)]
     value: Option<i64>,
-    /// What that is, for people: "TPDO1 every 100 ms".
+    /// Meaning of the value, for messages, for example "TPDO1 every 100 ms".
     what: Option<String>,
 }
 
-/// What an emergency code of the device means.
+/// Meaning of an emergency code of the device.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Emergency")]
 pub(super) struct RawEmergency {
-    /// The code.
+    /// Emergency code.
     #[schemars(required, range(min = 0, max = 65535))]
     code: Option<u16>,
-    /// Which bits of it count: 0xFF00 for a class of codes. Default 0xFFFF.
+    /// Bits of the code that are compared: 0xFF00 for a class of codes. Default 0xFFFF.
     #[schemars(range(min = 0, max = 65535))]
     mask: Option<u16>,
-    /// What it means.
+    /// Meaning of the code.
     #[schemars(required)]
     means: Option<String>,
 }
 
-/// What a device on a CAN line has beside what every device has.
+/// Settings of a device on a CAN line, in addition to those of every device.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CanDevice {
-    /// CANopen node number, 1 to 127; `None`: a device that only sends frames.
+    /// CANopen node number, 1 to 127. `None` if the device only sends frames.
     pub node: Option<u8>,
-    /// Whether it is started by NMT, at the beginning and after each of its boot-ups.
+    /// Whether the gateway starts the node by NMT, at the beginning and after each boot-up.
     pub start: bool,
-    /// Its heartbeat, missed this long or never seen this long, is a fault; `None`: not watched.
+    /// Timeout of the heartbeat, also at the start. `None` if it is not monitored.
     pub heartbeat: Option<Duration>,
     /// Objects written before each start, in this order.
     pub setup: Vec<Setup>,
-    /// What its emergency codes mean, beside those that every device has.
+    /// Meanings of emergency codes, in addition to those of every device.
     pub emergencies: Vec<Emergency>,
-    /// The frames that are written, as they are before an output has put its value in. Two outputs may share one; it is
-    /// sent once each of them has a value.
+    /// Frames that are written, without the values of outputs. Two outputs may share a frame. It is sent when each of
+    /// them has a value.
     pub written: Vec<Frame>,
 }
 
-/// An object that is written before the node is started.
+/// Object that is written before the node starts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Setup {
-    /// Which.
+    /// Object to write.
     pub object: Object,
-    /// What is written; it fits the type.
+    /// Value to write. It fits the type.
     pub value: i64,
-    /// What that is, for people; may be empty.
+    /// Meaning of the value, for messages. May be empty.
     pub what: String,
 }
 
 impl CanDevice {
-    /// What it is watched for, set up with, what it sends, is asked for and is sent.
+    /// Preview of the device: monitoring, setup, received frames, requested objects, written frames.
     pub(crate) fn preview(&self, profile: &Profile, id: DeviceId) -> Section {
         let own = || profile.signals_of(id).map(|(_, signal)| signal);
         let watched = self.node.map(|node| {
@@ -148,12 +148,12 @@ impl CanDevice {
         section
     }
 
-    /// The frame that is written with this identifier, without the values of its outputs.
+    /// Returns the written frame with this identifier, without the values of its outputs.
     pub fn written(&self, id: CanId) -> Option<&Frame> {
         self.written.iter().find(|frame| frame.id() == id)
     }
 
-    /// What an emergency code of this device means.
+    /// Returns the meaning of an emergency code of this device.
     pub fn emergency(&self, code: u16) -> String {
         let own = self.emergencies.iter().filter(|known| known.names(code));
         let own = own.max_by_key(|known| known.mask.count_ones());
@@ -162,7 +162,7 @@ impl CanDevice {
 }
 
 impl Setup {
-    /// The bytes that are written.
+    /// Bytes of the value.
     pub fn bytes(&self) -> Vec<u8> {
         self.value.to_le_bytes()[..self.object.size().min(8)].to_vec()
     }
@@ -190,7 +190,7 @@ impl RawSetup {
     }
 }
 
-/// What a device has on a CAN line; `None` where it hangs on another.
+/// Resolves the settings of a device on a CAN line. `None` on any other line.
 pub(super) fn resolve(raw: &RawDevice, at: &At<'_>, on_can: Option<bool>) -> Option<CanDevice> {
     if on_can? {
         let help = "remove it; a CANopen device has a `node`, and others are known by their frames";
@@ -233,7 +233,7 @@ pub(super) fn resolve(raw: &RawDevice, at: &At<'_>, on_can: Option<bool>) -> Opt
     })
 }
 
-/// Heartbeats that come too rarely to be missed in time are reported, where both are known.
+/// Reports a heartbeat that the node sends too rarely for its timeout, if both are known.
 pub(super) fn heartbeat_produced(at: &At<'_>, can: &CanDevice) {
     let produced = can.setup.iter().find(|setup| setup.object.entry.index == 0x1017);
     let Some((heartbeat, produced)) = can.heartbeat.zip(produced) else { return };

@@ -1,4 +1,4 @@
-//! `verify` of a device: what is read of it before anything that depends on it is armed, and again while the gateway runs.
+//! `verify` of a device: values that are read before arming, and again in operation.
 
 use std::fmt;
 use std::time::Duration;
@@ -15,56 +15,59 @@ use isotherm_core::codec::{Address, DataType, Encoding, Object};
 use isotherm_core::continuity::{Difference, Found};
 use isotherm_core::reading::Reason;
 
-/// Period of a check if the profile does not say.
+/// Default period of a check.
 const EVERY: Duration = Duration::from_secs(60);
 
-/// One register, or one object, that is read before arming and while the gateway runs.
+/// Register, object or node that is read before arming and in operation.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Verify")]
 pub(super) struct RawVerify {
-    /// A register, a bit, or one bit of a register: "holding:256", "coil:268", "holding:116.5".
+    /// Register, coil, discrete input, or one bit of a register, for example "holding:256", "coil:268",
+    /// "holding:116.5".
     register: Option<String>,
-    /// CANopen: index and subindex, hexadecimal: "6110:01".
+    /// CANopen: index and sub-index in hexadecimal, for example "6110:01".
     #[schemars(regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
     pub(super) sdo: Option<String>,
-    /// OPC UA: the server's name of a node: "ns=2;s=/Nck/State"; with its `type`.
+    /// OPC UA: node, for example "ns=2;s=/Nck/State". Requires `type`.
     node: Option<String>,
-    /// How the value lies there. Default: "bool" for a bit, else "u16"; required for a node.
+    /// Type of the value. Default: "bool" for a single bit, otherwise "u16". Required for a node.
     #[serde(rename = "type")]
     kind: Option<TypeWord>,
-    /// Which register comes first; required for 32 bits and more.
+    /// Order of the registers. Required for 32 bits and more.
     word_order: Option<WordOrderWord>,
-    /// What it must be; a mismatch refuses to arm.
+    /// Expected value. A mismatch prevents arming.
     #[schemars(required)]
     equals: Option<i64>,
-    /// What that is, for people: "data format: engineering units".
+    /// Meaning of the value, for messages, for example "data format: engineering units".
     what: Option<String>,
-    /// What to do where it reads something else.
+    /// Remedy for a different value, for messages.
     remedy: Option<String>,
-    /// How often it is read while the gateway runs; longer if the checks of a line would take more than 1 % of its time. Default "1min".
+    /// Period of the check in operation. It is longer if the checks of a line would take more than 1 % of its time.
+    /// Default "1min".
     every: Option<Timespan>,
 }
 
-/// A register or an object that must read a certain value: a type code, a data format, whether a broken wire is looked for.
+/// Register, object or node with an expected value, for example a type code, a data format, or the detection of broken
+/// wires.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Expected {
-    /// Its first register or its bit; its object.
+    /// First register, bit, object or node.
     pub address: Address,
-    /// How it is read; scale 1.
+    /// Encoding of the value, with scale 1.
     pub encoding: Encoding,
-    /// What it must read.
+    /// Expected value.
     pub equals: i64,
-    /// What that is, for people.
+    /// Meaning of the value, for messages.
     pub what: String,
-    /// What to do where it reads something else.
+    /// Remedy for a different value, for messages.
     pub remedy: String,
-    /// How often it is read while the gateway runs, before the line's stretch.
+    /// Period in operation, before the extension for the line.
     pub every: Duration,
 }
 
 impl Expected {
-    /// What is read before arming and at this period, and what it must be.
+    /// Preview of the check with this period.
     pub(crate) fn preview(&self, period: Duration) -> Section {
         let Expected { equals, what, .. } = self;
         let mut section = Section::default();
@@ -77,7 +80,7 @@ impl Expected {
         section
     }
 
-    /// Returns the difference if these registers are not as expected.
+    /// Returns the difference if the registers do not have the expected value.
     pub fn mismatch(&self, registers: &[u16]) -> Option<Difference> {
         match self.encoding.counts(registers) {
             Some(counts) if counts.0 == self.equals => None,
@@ -86,12 +89,12 @@ impl Expected {
         }
     }
 
-    /// Returns the difference that the device has no such register, as it says.
+    /// Creates the difference for a device that answered that it has no such register.
     pub fn absent(&self, why: impl fmt::Display) -> Difference {
         self.differs(Found::Absent(why.to_string()))
     }
 
-    /// Returns the difference that it cannot be read, for this reason.
+    /// Creates the difference for a value that cannot be read, for this reason.
     pub fn unreadable(&self, why: impl fmt::Display) -> Difference {
         self.differs(Found::Unreadable(why.to_string()))
     }
@@ -103,7 +106,7 @@ impl Expected {
 }
 
 impl fmt::Display for Expected {
-    /// `coil:268 (00269)`, `holding:116.5 (40117.5)`, `object 6110:01`.
+    /// Formats the address: `coil:268 (00269)`, `holding:116.5 (40117.5)`, `object 6110:01`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match (&self.address, self.encoding.data_type) {
             (Address::Modbus(register), DataType::Bit(bit)) => {
@@ -115,7 +118,7 @@ impl fmt::Display for Expected {
 }
 
 impl RawVerify {
-    /// A register that a Modbus device must be found to hold.
+    /// Resolves a check of a Modbus device.
     pub(super) fn register(&self, at: &At<'_>, functions: Functions) -> Option<Expected> {
         if self.sdo.is_some() {
             return None;
@@ -148,7 +151,7 @@ impl RawVerify {
         Some(self.expected(at, cell.address.into(), encoding, equals))
     }
 
-    /// An object that a CANopen node must be found to hold.
+    /// Resolves a check of a CANopen node.
     pub(super) fn object(&self, at: &At<'_>) -> Option<Expected> {
         at.foreign(&["register", "word_order"], "a Modbus device", "remove it, and write sdo = \"6110:01\"");
         let Some(sdo) = &self.sdo else {
@@ -165,7 +168,7 @@ impl RawVerify {
         Some(self.expected(at, address, plain(data_type), equals))
     }
 
-    /// A node that an OPC UA server must be found to hold.
+    /// Resolves a check of an OPC UA server.
     pub(super) fn node(&self, at: &At<'_>) -> Option<Expected> {
         let help = "remove it, and write node = \"ns=2;s=…\"";
         at.foreign(&["register", "word_order", "sdo"], "another kind of line", help);
@@ -175,7 +178,7 @@ impl RawVerify {
         Some(self.expected(at, Address::Node(node), plain(data_type), equals))
     }
 
-    /// What must be read, where a value of this type can ever be that.
+    /// Returns the expected value, after checking that the type can hold it.
     fn equal(&self, at: &At<'_>, data_type: DataType) -> Option<i64> {
         let Some((low, high)) = data_type.integer_range() else {
             let help = "take an integer type: u16, i16, u32, i32, …";

@@ -1,18 +1,18 @@
-//! The address of a broker, as a profile writes it.
+//! Address of a broker in a profile.
 
 use std::fmt;
 use std::net::{IpAddr, Ipv6Addr};
 
 use crate::host_port::host_and_port;
 
-/// A broker: whether it is spoken to inside TLS, its host and its port.
+/// Address of a broker.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BrokerUrl {
-    /// It is `mqtts`.
+    /// Whether the connection uses TLS (`mqtts`).
     pub tls: bool,
-    /// Its name or address, without brackets.
+    /// Name or address, without brackets.
     pub host: String,
-    /// Its port.
+    /// Port of the broker.
     pub port: u16,
 }
 
@@ -29,10 +29,10 @@ impl fmt::Display for BrokerUrl {
 const EXAMPLE: &str = "write it as \"mqtts://broker.plant.example:8883\"";
 
 impl BrokerUrl {
-    /// The parts of an address.
+    /// Parses an address.
     ///
     /// # Errors
-    /// What is wrong with it, and the remedy. Of a user or a password in it nothing is quoted.
+    /// A message and a hint. They do not quote a user or password.
     pub(super) fn parse(text: &str) -> Result<BrokerUrl, (String, String)> {
         let (scheme, place) = text.split_once("://").unwrap_or_default();
         let tls = match scheme {
@@ -63,7 +63,7 @@ impl BrokerUrl {
         Ok(BrokerUrl { tls, host: host.to_owned(), port })
     }
 
-    /// What is said there never leaves this computer.
+    /// Returns whether the broker is on this computer.
     pub fn is_loopback(&self) -> bool {
         self.host == "localhost" || self.host.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
     }

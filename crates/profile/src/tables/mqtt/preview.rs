@@ -1,4 +1,4 @@
-//! What is published, and to which topics.
+//! Preview of the publication, with its topics.
 
 use super::{Mqtt, MqttFormat};
 use crate::Profile;
@@ -6,7 +6,7 @@ use crate::document::Section;
 use crate::duration::shown;
 
 impl Mqtt {
-    /// To whom, what, how often, and what is taken.
+    /// Preview of the publication: broker, content, periods, and accepted commands.
     pub(crate) fn preview(&self, profile: &Profile) -> Section {
         let mut section = Section::default();
         let (broker, machine) = (self.broker.to_string(), &profile.name);
@@ -80,7 +80,7 @@ impl Mqtt {
         state.into_iter().chain(of.into_iter().chain(ends).flatten()).collect()
     }
 
-    /// Where something is taken.
+    /// Returns the topic of accepted commands.
     fn asked(&self, machine: &str) -> Option<String> {
         let group = &self.group;
         match self.format {

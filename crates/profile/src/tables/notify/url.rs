@@ -1,29 +1,29 @@
-//! The address of a web server, as a profile writes it. What of it may be secret, its path and its query, is shown nowhere.
+//! Address of a web server in a profile. Path and query may be secret, and are never shown.
 
 use std::fmt;
 use std::net::{IpAddr, Ipv6Addr};
 
 use crate::host_port::{NoPlace, host_and_port};
 
-/// Of an address that is longer something has gone wrong with copying.
+/// Longest address. A longer one is probably a copying mistake.
 const LONGEST: usize = 2000;
-/// Where the token belongs that is in a file of its own, in an address that has it.
+/// Placeholder in an address for a token that is in a separate file.
 const TOKEN: &str = "{token}";
 
-/// An address over http or https, in its parts.
+/// Parsed address for http or https.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Url {
-    /// It is https.
+    /// Whether the scheme is https.
     pub tls: bool,
-    /// The name or address of the server, without brackets.
+    /// Name or address of the server, without brackets.
     pub host: String,
-    /// Its port.
+    /// Port of the server.
     pub port: u16,
-    /// Path and query, as a request has them but for the token.
+    /// Path and query of a request, with the placeholder of the token.
     target: String,
 }
 
-/// Scheme, host and port: the rest may hold what only the server is to know.
+/// Formats scheme, host and port. The rest may be secret.
 impl fmt::Display for Url {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}://{}", if self.tls { "https" } else { "http" }, self.authority())
@@ -36,16 +36,16 @@ impl fmt::Debug for Url {
     }
 }
 
-/// What is wrong with it, and the remedy. Of the address itself nothing is quoted.
+/// Message and hint. They do not quote the address.
 type Wrong = (String, &'static str);
 
 const WRITE: &str = "write it as \"https://alarms.plant.example/isotherm\"";
 
 impl Url {
-    /// The parts of an address.
+    /// Parses an address.
     ///
     /// # Errors
-    /// What is wrong with it, and the remedy.
+    /// A message and a hint.
     pub fn parse(text: &str) -> Result<Url, Wrong> {
         let wrong = |message: &str, help| Err((message.to_owned(), help));
         let (scheme, rest) = text.split_once("://").unwrap_or_default();
@@ -95,24 +95,24 @@ impl Url {
         Ok(Url { tls, host: host.to_owned(), port, target: format!("{slash}{target}") })
     }
 
-    /// The token belongs into the address, and not beside it.
+    /// Returns whether the address contains the placeholder of a token.
     pub fn has_token(&self) -> bool {
         self.target.contains(TOKEN)
     }
 
-    /// Path and query as a request has them; `None` where no address can have such a token.
+    /// Returns path and query of a request. `None` if the token has characters that an address cannot contain.
     pub fn target(&self, token: Option<&str>) -> Option<String> {
         let token = token.unwrap_or_default();
         (is_of_an_address(token) && !token.contains('#')).then(|| self.target.replacen(TOKEN, token, 1))
     }
 
-    /// Host and port as a request names them: the port only where it is not the scheme's own.
+    /// Returns host and port of a request. The default port of the scheme is omitted.
     pub fn authority(&self) -> String {
         let host = if self.host.contains(':') { format!("[{}]", self.host) } else { self.host.clone() };
         if self.port == usual(self.tls) { host } else { format!("{host}:{}", self.port) }
     }
 
-    /// What is sent there never leaves this computer.
+    /// Returns whether the server is on this computer.
     pub(super) fn is_loopback(&self) -> bool {
         self.host == "localhost" || self.host.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
     }

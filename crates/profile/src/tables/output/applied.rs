@@ -1,4 +1,4 @@
-//! `read_back` of an output: what a control says it applies of an offset, or the object that reads what was written.
+//! `read_back` of an output: the applied value that a control reports, or the object that reads the written value.
 
 use std::time::Duration;
 
@@ -12,10 +12,10 @@ use crate::tables::At;
 use crate::tables::register::{self, TypeWord, WordOrderWord, plain};
 use isotherm_core::codec::{Encoding, Register, Scale};
 
-/// How long a control may take to apply a change, where nothing else is said.
+/// Default time for applying a change.
 const SETTLE: Duration = Duration::from_secs(1);
 
-/// What reads back an output: an object on CAN, a register on Modbus.
+/// Place that reads back an output: an object on CAN, a register on Modbus.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(untagged)]
 #[schemars(rename = "ReadBackPlace", description = "")]
@@ -24,44 +24,45 @@ pub(super) enum ReadBackValue {
     Register(RawReadBack),
 }
 
-/// The register in which a control says what it applies of an offset.
+/// Register in which a control reports the applied value of an offset.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-// The walk chooses among alternatives by the types that it sees: not a `$ref` to it.
+// Inlined, because the walk selects an alternative by its type, which a `$ref` hides.
 #[schemars(rename = "ReadBack", inline)]
 pub(super) struct RawReadBack {
-    /// An input or holding register: "input:12" or "30013".
+    /// Input or holding register, for example "input:12" or "30013".
     #[schemars(required)]
     register: Option<String>,
-    /// How the value lies in its registers. Default: as the output's.
+    /// Type of the value. Default: that of the output.
     #[serde(rename = "type")]
     kind: Option<TypeWord>,
-    /// Which register comes first. Default: as the output's.
+    /// Order of the registers. Default: that of the output.
     word_order: Option<WordOrderWord>,
-    /// The two bytes inside every register are exchanged. Default: as the output's.
+    /// Whether the two bytes of each register are exchanged. Default: as for the output.
     byte_swap: Option<bool>,
-    /// µm per count. Default: the output's.
+    /// Size of one count, µm. Default: that of the output.
     scale: Option<f64>,
-    /// What it may be away from what was written, µm. Default: one count, the output's or its own, whichever is more.
+    /// Largest deviation from the written value, µm. Default: the larger one of the two counts, of the output and of
+    /// this register.
     tolerance: Option<f64>,
-    /// How long the control may take to apply a change. Default 1s.
+    /// Time within which the control must apply a change. Default "1s".
     settle: Option<Timespan>,
 }
 
-/// What the control applies of an offset, where it says so in a register beside the one that is written.
+/// Applied value of an offset, which the control reports in another register.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Applied {
-    /// Where.
+    /// Register of the applied value.
     pub address: Register,
-    /// How the value lies there, in the output's unit.
+    /// Encoding of the value, in the unit of the output.
     pub encoding: Encoding,
-    /// It may be so far from what was written, in the output's unit.
+    /// Largest deviation from the written value, in the unit of the output.
     pub tolerance: f64,
-    /// The control may take so long to apply a change.
+    /// Time within which the control must apply a change.
     pub settle: Duration,
 }
 
-/// `written`: the output's own register and how the value lies in it.
+/// Resolves the applied value. `written` is the register of the output, with its encoding.
 pub(super) fn resolve(
     raw: &RawOutput,
     at: &At<'_>,

@@ -1,4 +1,4 @@
-//! `beside` and `stale` of an output: what a digit display shows beside a corrected position, and where there is none.
+//! `beside` and `stale` of an output: further words of a digit display, and its text without a position.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -8,38 +8,38 @@ use crate::tables::At;
 use crate::tables::register::{Notation, TypeWord, holding};
 use isotherm_core::codec::{DataType, Register, Table};
 
-/// Most decimals that a digit display has.
+/// Largest number of decimals of a digit display.
 const MOST_DECIMALS: u8 = 5;
 
-/// One word of a display beside its value.
+/// Further word of a display.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Beside")]
 pub(super) struct RawBeside {
-    /// A holding register.
+    /// Holding register.
     #[schemars(required)]
     register: Option<String>,
-    /// Always this word.
+    /// Constant word.
     value: Option<u16>,
-    /// The number of decimals that `scale` has, times this.
+    /// Factor for the number of decimals in `scale`. The word is their product.
     decimals: Option<u16>,
-    /// The word while the axis follows its first model.
+    /// Word while the axis follows its first model.
     good: Option<u16>,
-    /// The word while it follows another one. Default: as `good`.
+    /// Word while the axis follows another model. Default: as `good`.
     degraded: Option<u16>,
-    /// The word while it holds, ramps, is zeroed or off.
+    /// Word while the axis is frozen, ramps, is at zero or off.
     fault: Option<u16>,
 }
 
-/// The text that stands for no value.
+/// Text of a display without a value.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Stale")]
 pub(super) struct RawStale {
-    /// The first holding register of the display's text.
+    /// First holding register of the display's text.
     #[schemars(required)]
     register: Option<String>,
-    /// The text, as "----".
+    /// Text, for example "----".
     #[schemars(required)]
     text: Option<String>,
     /// Characters in one register: 1, or 2 with the first in the high byte. Default 2.
@@ -47,52 +47,52 @@ pub(super) struct RawStale {
     characters: Option<u8>,
 }
 
-/// The words of a display besides its value. An output to anything else has none.
+/// Words of a display, apart from its value. Other outputs have none.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Display {
-    /// Written with each value.
+    /// Words that are written with each value.
     pub beside: Vec<Beside>,
-    /// Written where there is no position to correct, or the axis is off.
+    /// Text that is written if there is no position to correct, or the axis is off.
     pub stale: Option<Stale>,
 }
 
-/// One word beside the value.
+/// Further word of a display.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Beside {
-    /// A holding register.
+    /// Holding register.
     pub register: u16,
-    /// The axis follows its first model.
+    /// Word while the axis follows its first model.
     pub good: u16,
-    /// It follows another one.
+    /// Word while the axis follows another model.
     pub degraded: u16,
-    /// It holds, ramps, is zeroed or off.
+    /// Word while the axis is frozen, ramps, is at zero or off.
     pub fault: u16,
 }
 
-/// The text that stands for no value.
+/// Text of a display without a value.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stale {
-    /// For people.
+    /// Text as written.
     pub text: String,
-    /// Its first holding register.
+    /// First holding register.
     pub register: u16,
-    /// Its characters.
+    /// Words with the characters.
     pub words: Vec<u16>,
 }
 
-/// How an axis does, for a display.
+/// State of an axis, for a display.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shown {
-    /// It follows its first model.
+    /// The axis follows its first model.
     Good,
-    /// It follows another one.
+    /// The axis follows another model.
     Degraded,
-    /// It follows none.
+    /// The axis follows no model.
     Fault,
 }
 
 impl Beside {
-    /// The word for this state.
+    /// Returns the word for this state.
     pub fn word(self, shown: Shown) -> u16 {
         match shown {
             Shown::Good => self.good,
@@ -103,7 +103,7 @@ impl Beside {
 }
 
 impl Stale {
-    /// The words of a text, `characters` to a register, filled up with blanks.
+    /// Encodes a text in words with this number of characters each, padded with blanks.
     pub fn words(text: &str, characters: u8) -> Vec<u16> {
         let bytes = text.as_bytes();
         if characters == 1 {
@@ -115,7 +115,7 @@ impl Stale {
 }
 
 impl Display {
-    /// What a display is given besides the value.
+    /// Preview of the further words and the text.
     pub(super) fn preview(&self) -> Vec<String> {
         let at = |offset| Notation::from(Register { table: Table::Holding, offset });
         let beside = self.beside.iter().map(|word| {
@@ -135,7 +135,7 @@ impl Display {
         beside.chain(stale).collect()
     }
 
-    /// Every register that it writes, besides the value's.
+    /// Iterates over the registers of the display, without those of the value.
     pub fn registers(&self) -> impl Iterator<Item = Register> + '_ {
         let texts = self.stale.iter().flat_map(|stale| (stale.register..).take(stale.words.len()));
         let words = self.beside.iter().map(|beside| beside.register);
@@ -143,7 +143,7 @@ impl Display {
     }
 }
 
-/// What a display is given besides the value.
+/// Resolves the further words and the text of a display.
 pub(super) fn resolve(raw: &RawOutput, at: &At<'_>, device: Option<usize>) -> Display {
     for key in ["beside", "stale"].into_iter().filter(|key| at.has(key) && raw.is_written_as_cz()) {
         let help = "remove it, or write writes = \"corrected\"";
@@ -158,7 +158,7 @@ pub(super) fn resolve(raw: &RawOutput, at: &At<'_>, device: Option<usize>) -> Di
     Display { beside, stale }
 }
 
-/// The type of an output, at the key `type`: that of a digit display has as many decimals as the scale.
+/// Returns the type of an output at the key `type`. The type of a digit display has the number of decimals of `scale`.
 pub(super) fn digits(raw: &RawOutput, at: &At<'_>) -> Option<DataType> {
     let TypeWord(kind) = raw.kind?;
     match (kind, raw.scale) {

@@ -1,4 +1,4 @@
-//! `share` of an output: whose register it writes to.
+//! `share` of an output: ownership of its register.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -7,20 +7,21 @@ use super::RawOutput;
 use crate::tables::At;
 use isotherm_core::codec::{DataType, Table};
 
-/// Whose register an output writes to.
+/// Ownership of an output's register.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "ShareWord", description = "")]
 pub enum Share {
-    /// Ours.
+    /// The gateway owns the register.
     #[default]
     Whole,
-    /// An operator's, of which we own a share; how much, a ledger says.
+    /// An operator also writes to the register. A ledger stores the gateway share.
     Ledger,
 }
 
 impl Share {
-    /// A change needs so many counts at least: the sum of a shared register is never zero, which a restarted CNC shows.
+    /// Least number of counts of a step. The sum in a shared register must not become zero, the value of a restarted
+    /// CNC, so it may have to skip a count.
     pub const fn counts_of_a_step(self) -> u32 {
         match self {
             Share::Whole => 1,
@@ -29,7 +30,7 @@ impl Share {
     }
 }
 
-/// An operator's register, of which we own a share: what must be known of it.
+/// Checks the requirements of a shared register.
 pub(super) fn resolve(raw: &RawOutput, at: &At<'_>, data_type: DataType, device: Option<usize>) -> Share {
     let share = raw.share.unwrap_or_default();
     if share == Share::Whole {
@@ -40,7 +41,7 @@ pub(super) fn resolve(raw: &RawOutput, at: &At<'_>, data_type: DataType, device:
         let message =
             "a share is known only from what is read: verify = \"echo\" does not do for share = \"ledger\"";
         at.key("verify").wrong(message, "remove `verify`, or write verify = \"read-back\"");
-        // Else the check of the read-back says so.
+        // Otherwise the check of the read-back reports it.
         let device = device.and_then(|device| at.check.devices.get(device));
         if device.is_some_and(|device| !device.functions.reads(Table::Holding)) {
             let message = "a share is known only from what is read, and the device cannot be read";

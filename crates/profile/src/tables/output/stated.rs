@@ -1,4 +1,4 @@
-//! Output as the profile file itself states it, and the view of the control on the registers that are written.
+//! Settings of an output in the profile file itself, and the view of the control on its registers.
 
 use serde_json::Value;
 
@@ -10,8 +10,8 @@ use crate::span::child;
 use isotherm_core::codec::{ControlView, Encoding, Scale};
 use isotherm_core::quantity::Micron;
 
-/// Scale, bias, diameter and limit of an output, as the profile file has them below every layer. A key that the file leaves
-/// to a template or a default, or that it names in `allow_override`, is as in the merged profile.
+/// Scale, bias, diameter and limit of an output in the profile file, without the layers above it. The value of the
+/// merged profile is used for a key that the file does not have, or that it names in `allow_override`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stated {
     scale: Scale,
@@ -20,7 +20,7 @@ pub struct Stated {
     limit: Micron,
 }
 
-/// Notes at each output what the profile file states of it.
+/// Adds to each output the settings of the profile file.
 pub(crate) fn by(file: &Value, profile: &mut Profile) {
     let allowed = allowed(file);
     let at = |kind: &str, name: &str, key: &str| {
@@ -43,7 +43,7 @@ pub(crate) fn by(file: &Value, profile: &mut Profile) {
 }
 
 impl Stated {
-    /// Returns the values of the merged profile.
+    /// Returns the settings of the merged profile.
     fn of(profile: &Profile, output: &Output) -> Stated {
         let axis = profile.axis(output.axis);
         let Encoding { scale, bias, .. } = output.encoding;
@@ -52,7 +52,8 @@ impl Stated {
 }
 
 impl Profile {
-    /// How the control reads what is written by this output; `None` for a reference position, which is no correction.
+    /// Returns the view of the control on the registers of this output. `None` for a reference position, which is not a
+    /// correction.
     pub fn control_view(&self, output: &Output) -> Option<ControlView> {
         let Stated { scale, bias, diameter, limit } =
             output.stated.unwrap_or_else(|| Stated::of(self, output));

@@ -1,4 +1,4 @@
-//! `verify` of an output: how a write is believed.
+//! `verify` of an output: verification of its writes.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -18,27 +18,28 @@ pub(super) enum VerifyWord {
     Echo,
 }
 
-/// How a write is believed.
+/// Verification of a write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verify {
     /// The register is read again.
     ReadBack,
     /// The answer repeats address and value.
     Echo,
-    /// This object is read, of the same type as what was written.
+    /// This object is read. It has the same type as the written value.
     ReadBackAt(Object),
-    /// Not at all: a display shows it, and nobody acts on it.
+    /// None: only a display shows the value.
     Shown,
 }
 
 impl Verify {
-    /// What was written is read back.
+    /// Returns whether the written value is read back.
     pub const fn reads(self) -> bool {
         matches!(self, Verify::ReadBack | Verify::ReadBackAt(_))
     }
 }
 
-/// A frame has no answer: what was written is read elsewhere, or a display shows it and nobody acts on it.
+/// Resolves the verification of a frame, which has no answer. The value is read in another object, or only shown on a
+/// display.
 pub(super) fn of_a_frame(raw: &RawOutput, at: &At<'_>, data_type: DataType, owner: &str) -> Option<Verify> {
     let place = at.key("read_back");
     let kept = |verify: &VerifyWord| *verify == VerifyWord::ReadBack && raw.read_back.is_some();
@@ -73,7 +74,7 @@ pub(super) fn of_a_frame(raw: &RawOutput, at: &At<'_>, data_type: DataType, owne
     Some(Verify::ReadBackAt(Object { entry: entry?, data_type }))
 }
 
-/// How a write of this output is believed, in a sentence.
+/// Describes the verification of this output's writes in a sentence.
 pub(super) fn preview(output: &Output, device: &Device) -> String {
     let is_object = matches!(output.address, Address::Object(_));
     let is_node = matches!(output.address, Address::Node(_));

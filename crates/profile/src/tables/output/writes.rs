@@ -1,7 +1,8 @@
-//! `writes` of an output: what it writes, in which unit, and how far that moves.
+//! `writes` of an output: its quantity, unit and range.
 //!
-//! A control that applies a line itself, as a SINUMERIK does with `ΔK = K0(T) + tanβ(T)·(P − P0)`, is given K0, tanβ and
-//! P0 as three numbers and applies them at its own rate; any other is given Cz at the axis's present position.
+//! Some controls apply a line themselves, for example a SINUMERIK: `ΔK = K0(T) + tanβ(T)·(P − P0)`. Such a control
+//! receives the three numbers K0, tanβ and P0, and applies them at its own rate. Any other control receives Cz at the
+//! present position of the axis.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -15,7 +16,7 @@ use crate::tables::axis::Axis;
 use isotherm_core::quantity::Micron;
 use isotherm_core::reading::SignalId;
 
-/// 1 mm in µm.
+/// µm per mm.
 pub(super) const MICRONS: f64 = 1000.0;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -28,26 +29,26 @@ pub(super) enum WritesWord {
     Reference,
 }
 
-/// What an output writes.
+/// Quantity that an output writes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Writes {
-    /// Cz, in µm, on the axis's period.
+    /// Cz in µm, with the period of the axis.
     Offset,
-    /// K0, in µm: Cz at the reference position, where the control applies the slope itself.
+    /// K0 in µm: Cz at the reference position, if the control applies the slope itself.
     Intercept,
-    /// tanβ, in µm/mm: the control multiplies it by the distance from the reference position.
+    /// tanβ in µm/mm. The control multiplies it by the distance from the reference position.
     Slope,
-    /// P0, in mm: the reference position, a constant of the profile.
+    /// P0 in mm: the reference position, a constant of the profile.
     Reference,
-    /// Position + Cz, in mm, as soon as the position is read.
+    /// Position + Cz in mm, as soon as the position is read.
     Corrected {
-        /// The scale.
+        /// Signal of the scale.
         position: SignalId,
     },
 }
 
 impl Writes {
-    /// As the profile names it.
+    /// Name in the profile.
     pub const fn name(self) -> &'static str {
         match self {
             Writes::Offset => "offset",
@@ -58,7 +59,7 @@ impl Writes {
         }
     }
 
-    /// The position that it corrects, if it does.
+    /// Returns the position that the output corrects, if it does.
     pub const fn position(self) -> Option<SignalId> {
         match self {
             Writes::Corrected { position } => Some(position),
@@ -66,7 +67,7 @@ impl Writes {
         }
     }
 
-    /// The unit of its value.
+    /// Unit of the value.
     pub const fn unit(self) -> &'static str {
         match self {
             Writes::Offset | Writes::Intercept => "µm",
@@ -75,23 +76,23 @@ impl Writes {
         }
     }
 
-    /// The axis's Cz: whole, or at the reference position.
+    /// Returns whether the value is Cz, either at each position or at the reference position.
     pub const fn is_cz(self) -> bool {
         matches!(self, Writes::Offset | Writes::Intercept)
     }
 
-    /// Written on the axis's period, into a register that holds nothing but what was written there.
+    /// Returns whether the value is written with the period of the axis, into a register that holds only that value.
     pub const fn is_scheduled(self) -> bool {
         !matches!(self, Writes::Corrected { .. })
     }
 
-    /// A part of the line that the control applies itself.
+    /// Returns whether the value is a part of the line that the control applies itself.
     pub const fn is_apart(self) -> bool {
         matches!(self, Writes::Intercept | Writes::Slope | Writes::Reference)
     }
 }
 
-/// What the key `writes` means, with the position that is corrected.
+/// Resolves the key `writes`, with the position that is corrected.
 pub(super) fn resolve(raw: &RawOutput, at: &At<'_>) -> Option<Writes> {
     let place = at.key("position");
     let writes = match raw.writes? {
@@ -114,7 +115,7 @@ pub(super) fn resolve(raw: &RawOutput, at: &At<'_>) -> Option<Writes> {
     Some(writes)
 }
 
-/// What an output means, and which way it moves.
+/// Describes the written quantity and its direction.
 pub(super) fn meaning(output: &Output, axis: &Axis, profile: &Profile) -> String {
     let per_count = output.encoding.scale.get();
     let line = axis.settings.intercept_slope;
@@ -147,12 +148,12 @@ pub(super) fn meaning(output: &Output, axis: &Axis, profile: &Profile) -> String
     }
 }
 
-/// Smallest and largest count that is ever written, bias included; `None` where nothing bounds it.
+/// Returns the smallest and the largest count that are ever written, including the bias. `None` if nothing limits them.
 pub(super) fn counts(output: &Output, axis: &Axis, profile: &Profile) -> Option<(i64, i64)> {
     let encoding = &output.encoding;
     encoding.data_type.integer_range()?;
     let range = output.writes.position().and_then(|position| profile.signal(position).range);
-    // An axis without a model yet has no line, and nothing is written of it.
+    // Without a model, an axis has no line, and nothing is written.
     let (low, high) = reach(output, axis, range).or(output.writes.is_apart().then_some((0.0, 0.0)))?;
     #[allow(clippy::cast_possible_truncation, reason = "the check has seen that it fits the register's type")]
     let count = |value: f64| ((value / encoding.scale.get()).round() as i64).saturating_add(encoding.bias);
@@ -164,7 +165,8 @@ fn signed(number: f64) -> String {
     format!("{}{}", if number < 0.0 { "−" } else { "+" }, figure(number.abs(), 6))
 }
 
-/// Smallest and largest value that is ever written, in the output's unit; `None` where nothing bounds it.
+/// Returns the smallest and the largest value that are ever written, in the unit of the output. `None` if nothing
+/// limits them.
 fn reach(output: &Output, axis: &Axis, range: Option<(f64, f64)>) -> Option<(f64, f64)> {
     let limit = axis.settings.guard.limit.get() * axis.factor();
     let line = axis.settings.intercept_slope;
@@ -176,7 +178,7 @@ fn reach(output: &Output, axis: &Axis, range: Option<(f64, f64)>) -> Option<(f64
     }
 }
 
-/// The register can hold every value that the axis may reach, and one step is enough to change it.
+/// Reports a register that cannot hold every value of the axis, or a step that is smaller than one count.
 pub(super) fn can_move(at: &At<'_>, output: &Output, axis: &Axis) {
     let encoding = &output.encoding;
     let Some((low, high)) = encoding.data_type.integer_range() else { return };
@@ -214,8 +216,8 @@ pub(super) fn can_move(at: &At<'_>, output: &Output, axis: &Axis) {
     }
 }
 
-/// The guard decides whole counts of the coarsest register. Cz is doubled on its way to a diameter, so a count there
-/// is worth half.
+/// Gives the guard of an axis the coarsest count of its outputs. Cz is doubled for a diameter, so a count there is
+/// worth half.
 pub(super) fn note_count(axis: &mut Axis, output: &Output) {
     if output.encoding.data_type.integer_range().is_none() {
         return;

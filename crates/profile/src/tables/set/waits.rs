@@ -1,10 +1,10 @@
-//! What a handshake waits for: long enough, short enough, and each for its own.
+//! Timeouts and acknowledges of handshakes.
 
 use super::OutputSet;
 use crate::duration::shown;
 use crate::tables::Check;
 
-/// A wait is longer than one answer, and a whole exchange shorter than what calls for the next.
+/// Reports a timeout that is not longer than one answer, or an exchange that is not shorter than its period.
 pub(super) fn has_time(check: &Check<'_>, set: &OutputSet) {
     let Some(handshake) = &set.handshake else { return };
     let at = set.at(check).key("handshake").key("timeout");
@@ -32,7 +32,7 @@ pub(super) fn has_time(check: &Check<'_>, set: &OutputSet) {
     }
 }
 
-/// An acknowledge that answers two strobes says nothing of either.
+/// Reports an acknowledge that is used by two handshakes: it would be ambiguous.
 pub(super) fn acknowledges_apart(check: &Check<'_>, sets: &[Option<OutputSet>]) {
     let answers = |set: &OutputSet| {
         set.handshake.as_ref().map(|handshake| (set.device, handshake.acknowledge.to_string()))

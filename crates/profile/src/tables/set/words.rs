@@ -1,4 +1,4 @@
-//! The words of a set that are no output's value.
+//! Words of a set that are not values of outputs.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -8,24 +8,24 @@ use crate::tables::opcua::{holds, written};
 use crate::tables::register::{TypeWord, holding};
 use isotherm_core::codec::Address;
 
-/// The heartbeat of a set goes so far.
+/// Largest count of a set's heartbeat.
 pub(super) const HIGHEST_BEAT: u16 = 32767;
-/// All that a control word says at once.
+/// Largest value of a control word, with all bits set.
 pub(super) const EVERY_BIT: u16 = 15;
 
-/// A number that control and profile agree on.
+/// Version number for a check by the control.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Version")]
 pub(super) struct RawVersion {
-    /// A holding register.
+    /// Holding register.
     register: Option<String>,
-    /// A node of an OPC UA server: "ns=2;s=…".
+    /// Node of an OPC UA server, for example "ns=2;s=…".
     node: Option<String>,
-    /// The node's own type.
+    /// Type of the node.
     #[serde(rename = "type")]
     kind: Option<TypeWord>,
-    /// The number.
+    /// Version number that is written.
     #[schemars(required)]
     value: Option<u16>,
 }
@@ -50,8 +50,8 @@ impl RawVersion {
     }
 }
 
-/// What nodes cannot have. The specification leaves it to a server in which order it carries out a call: nothing in it
-/// comes last.
+/// Reports keys that a set in nodes cannot have. The specification leaves the order of the writes in a call to the
+/// server, so no word is last.
 pub(super) fn foreign_to_nodes(at: &At<'_>) {
     for key in ["sequence", "complement"].into_iter().filter(|key| at.has(key)) {
         let message =

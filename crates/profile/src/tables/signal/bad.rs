@@ -7,7 +7,7 @@ use crate::tables::At;
 use isotherm_core::codec::{Encoding, Sentinel};
 use isotherm_core::reading::Reason;
 
-/// A raw value that means "no measurement": the number, or what the device says by it as well.
+/// Raw value that means "no measurement": a number, or a number with its meaning.
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
 pub(super) enum BadValue {
@@ -15,15 +15,15 @@ pub(super) enum BadValue {
     Named(RawSentinel),
 }
 
-/// A raw value with what the device says by it.
+/// Raw value with its meaning.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Sentinel")]
 pub(super) struct RawSentinel {
-    /// The raw count, before scaling.
+    /// Raw count, before scaling.
     #[schemars(required)]
     raw: Option<i64>,
-    /// What the device says by it.
+    /// Meaning of the raw value.
     #[schemars(required, schema_with = "meanings")]
     means: Option<String>,
 }
@@ -44,7 +44,7 @@ fn meanings(_: &mut SchemaGenerator) -> Schema {
     schemars::json_schema!({ "type": "string", "enum": meanings })
 }
 
-/// The raw values that mean "no measurement", with what the device says by them.
+/// Resolves the raw values that mean "no measurement", with their meanings.
 pub(super) fn sentinels(bad: Option<&Vec<BadValue>>, at: &At<'_>) -> Vec<Sentinel> {
     let mut sentinels = Vec::new();
     for (place, bad) in bad.into_iter().flatten().enumerate() {
@@ -64,7 +64,7 @@ pub(super) fn sentinels(bad: Option<&Vec<BadValue>>, at: &At<'_>) -> Vec<Sentine
     sentinels
 }
 
-/// A sentinel that the type cannot hold is never seen: a broken sensor would be believed.
+/// Reports sentinels that the type cannot hold. They would never be detected, and a broken sensor would be accepted.
 pub(super) fn sentinels_fit(at: &At<'_>, encoding: &Encoding) {
     let Some((low, high)) = encoding.data_type.integer_range() else { return };
     for bad in encoding.bad.iter().filter(|bad| !(low..=high).contains(&i128::from(bad.raw))) {

@@ -1,4 +1,4 @@
-//! `counter` of a signal: what a rollover and a step mean.
+//! `counter` of a signal: rollover and new reference.
 
 use std::time::Duration;
 
@@ -10,41 +10,41 @@ use crate::tables::At;
 use crate::tables::register::register;
 use isotherm_core::codec::{Counter, Encoding, Register, Table};
 
-/// A counter of a scale or an encoder.
+/// Counter of a scale or an encoder.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Counter")]
 pub(super) struct RawCounter {
-    /// Fastest motion of the axis, units per second; a larger step is a new reference and no motion.
+    /// Largest speed of the axis, units per second. A larger step is a new reference, not a motion.
     #[schemars(required)]
     max_speed: Option<f64>,
-    /// Written before each read, where a counter must be told to copy its count into its registers.
+    /// Command that is written before each read, for a counter that copies its count into registers only on command.
     capture: Option<RawCapture>,
 }
 
-/// The command that captures a count.
+/// Command that captures a count.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Capture")]
 struct RawCapture {
-    /// A coil or a holding register of the same device: "holding:132".
+    /// Coil or holding register of the same device, for example "holding:132".
     #[schemars(required)]
     register: Option<String>,
-    /// What is written there. Default 1.
+    /// Value that is written. Default 1.
     value: Option<u16>,
 }
 
-/// The command by which a counter copies its count into the registers that are read.
+/// Command by which a counter copies its count into the registers that are read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Capture {
-    /// A coil or a holding register of the same device.
+    /// Coil or holding register of the same device.
     pub address: Register,
-    /// What is written there; a coil takes zero and not zero.
+    /// Value that is written. A coil distinguishes only zero and not zero.
     pub value: u16,
 }
 
 impl RawCounter {
-    /// The counter of a value that is read so often, and what captures its count.
+    /// Resolves the counter of a value with this poll period, and the command that captures its count.
     pub(super) fn resolve(
         &self,
         at: &At<'_>,

@@ -1,4 +1,4 @@
-//! The units that a signal may have.
+//! Units of signals.
 
 use serde_json::Value;
 use toml::Spanned;
@@ -6,13 +6,13 @@ use toml::de::{DeString, DeValue};
 
 use crate::error::{also, listed};
 
-/// Engineering units.
+/// Engineering unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unit(pub &'static str);
 
-/// A unit that a profile does not know, in one that it knows: `known = factor · other + shift`.
+/// Unit that a profile does not support, with its conversion: `known = factor · other + shift`.
 struct Other {
-    /// Its spellings, in small letters and without blanks.
+    /// Spellings in lower case and without blanks.
     spellings: &'static [&'static str],
     /// Name of the unit.
     name: &'static str,
@@ -21,17 +21,17 @@ struct Other {
     shift: f64,
 }
 
-/// Scale and offset beside a unit in its table.
+/// Scale and offset of the table that contains a unit.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Scaling {
     pub(crate) scale: Option<f64>,
     pub(crate) offset: Option<f64>,
-    /// Another layer or a template may have them.
+    /// Whether another layer or a template may contain them.
     pub(crate) may_stand_elsewhere: bool,
 }
 
 impl Scaling {
-    /// Returns scale and offset of a table of the first layers, unless a template has more of them.
+    /// Returns scale and offset of a table of the first layers. A template may add more.
     pub(crate) fn of(table: &Value) -> Scaling {
         let number = |key| table.get(key).and_then(Value::as_f64);
         let has_template = ["channel", "dbc"].iter().any(|key| table.get(key).is_some());
@@ -81,24 +81,24 @@ const OTHERS: [Other; 16] = [
     other(&["ms"], "ms", "s", 1e-3, 0.0),
 ];
 
-/// A word that is spelled out may have two slips.
+/// Least length of a word that may contain two mistakes.
 const SPELLED_OUT: usize = 6;
 const SLIPS: usize = 2;
 
 impl Unit {
-    /// The units a profile may name; "1" is a number without one.
+    /// Units that a profile may name. "1" is a number without a unit.
     pub const WORDS: [&'static str; 23] = [
         "degC", "K", "mm", "um", "rpm", "bool", "percent", "mm/min", "m/s", "l/min", "bar", "V", "mV", "A",
         "mA", "W", "kW", "N", "Nm", "Hz", "s", "count", "1",
     ];
 
-    /// The unit with this name.
+    /// Returns the unit with this name.
     pub fn named(name: &str) -> Option<Unit> {
         Unit::WORDS.into_iter().find(|known| *known == name).map(Unit)
     }
 
-    /// The remedy for a word that is no unit. A unit that is merely near is another quantity, or a thousand times as much: it
-    /// is never suggested.
+    /// Builds the hint for a word that is not a unit. A unit with a similar name is never suggested, because it may be
+    /// another quantity, or differ by a factor of a thousand.
     pub(crate) fn help(text: &str, beside: Scaling) -> String {
         let plain: String = text.chars().filter(|one| !one.is_whitespace() && *one != '_').collect();
         let plain = plain.to_lowercase();
@@ -118,7 +118,7 @@ impl Unit {
     }
 }
 
-/// Whether a word is written for another one: the same, or with a slip or two if it is long.
+/// Returns whether one word was meant as another: they are equal, or differ by at most two mistakes in a long word.
 fn is_meant(text: &str, word: &str) -> bool {
     text == word || (word.len() >= SPELLED_OUT && strsim::damerau_levenshtein(text, word) <= SLIPS)
 }
@@ -130,7 +130,7 @@ fn letters(text: &str) -> Vec<char> {
 }
 
 impl Other {
-    /// How a value in this unit becomes one that a profile knows.
+    /// Describes how to convert a value of this unit into a supported one.
     fn converted(&self, beside: Scaling) -> String {
         let Other { name, known, factor, shift, .. } = *self;
         let begin = format!("there is no {name}: write \"{known}\"");
@@ -153,7 +153,7 @@ impl Other {
     }
 }
 
-/// A number with four digits that count.
+/// Formats a number with four significant digits.
 fn figures(number: f64) -> String {
     let digits = (0..12).find(|digits| number.abs() * 10f64.powi(*digits) >= 1000.0).unwrap_or(12);
     let text = format!("{number:.*}", usize::try_from(digits).unwrap_or(0));
@@ -164,7 +164,7 @@ fn figures(number: f64) -> String {
 }
 
 impl std::fmt::Display for Unit {
-    /// As people write it.
+    /// Formats the unit as usual, for example °C.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self.0 {
             "degC" => "°C",

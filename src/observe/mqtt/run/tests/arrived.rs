@@ -1,4 +1,4 @@
-//! What arrives costs little, and takes nothing with it.
+//! Received messages cost little, and cause no loss of events.
 
 use super::*;
 use isotherm_plant::sparkplug::{Address, Metric, Payload, Raw, Sparkplug};

@@ -1,9 +1,9 @@
-//! The gateway's clock was set, and the publisher's goes on as it was: stamps are the gateway's.
+//! The gateway's clock was set, but the publisher's clock was not: messages have the gateway's time.
 
 use super::*;
 use isotherm_plant::sparkplug::{Address, Payload, Sparkplug};
 
-/// What the machine says that it is, in milliseconds: half a year from what the publisher counts.
+/// Time of the gateway in milliseconds, half a year away from the publisher's clock.
 fn now() -> u64 {
     "2026-07-02T12:00:00Z".parse::<jiff::Timestamp>().unwrap().as_millisecond().try_into().unwrap()
 }

@@ -1,10 +1,10 @@
-//! The gateway stops, whatever the broker does: nothing is lost that could be kept or told.
+//! Stop of the gateway with different states of the broker: records are published or kept, never lost.
 
 use super::*;
 use crate::observe::mqtt::node::Node;
 use isotherm_plant::sparkplug::Address;
 
-/// A Sparkplug node, and what waits for its broker, in this directory.
+/// A Sparkplug node and its queue, in this directory.
 fn node(directory: &std::path::Path) -> (Box<dyn Publisher>, Kept) {
     let node = Node::new(Address::new("g", "press").unwrap(), directory, false);
     (Box::new(node), kept(directory))
@@ -14,7 +14,7 @@ fn kept(directory: &std::path::Path) -> Kept {
     Kept::on_disk(directory, 1 << 20).unwrap()
 }
 
-/// The numbers of the events that wait on disk.
+/// Numbers of the events in the queue on disk.
 fn waiting(directory: &std::path::Path) -> Vec<u64> {
     let records = kept(directory).next(Moment::default(), Moment::default());
     records.iter().flat_map(|record| numbers(&record.0)).collect()

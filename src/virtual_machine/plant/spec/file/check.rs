@@ -1,11 +1,11 @@
-//! Names of points looked up, and what is wrong with the file gathered.
+//! Lookup of names, and collection of errors.
 
 use crate::virtual_machine::plant::structure::Point;
 
-/// What a link, a sensor or a displacement calls the air.
+/// Name of the air in links, sensors and displacements.
 pub(super) const AMBIENT: &str = "ambient";
 
-/// The names of what has a temperature, and every complaint so far.
+/// Names of all points with a temperature, and the errors so far.
 pub(super) struct Check {
     pub(super) names: Vec<(String, Point)>,
     pub(super) errors: Vec<String>,
@@ -18,7 +18,7 @@ impl Check {
         }
     }
 
-    /// The point of this name; a wrong one is noted and taken for the air.
+    /// Finds the point with this name. For an unknown name it adds an error, and returns the air.
     pub(super) fn point(&mut self, place: &str, name: &str) -> Point {
         if name == AMBIENT {
             return Point::Ambient;
@@ -32,7 +32,7 @@ impl Check {
         Point::Ambient
     }
 
-    /// As [`Check::point`], for places where only a node will do.
+    /// Finds a node as [`Check::point`] does. Other points are an error.
     pub(super) fn node(&mut self, place: &str, name: &str) -> usize {
         let before = self.errors.len();
         match self.point(place, name) {
@@ -46,7 +46,7 @@ impl Check {
         }
     }
 
-    /// As [`Check::point`], for what surrounds a structure.
+    /// Finds a node or the air as [`Check::point`] does, for the surroundings of a structure.
     pub(super) fn surroundings(&mut self, place: &str, name: &str) -> Point {
         match self.point(place, name) {
             point @ (Point::Node(_) | Point::Ambient) => point,

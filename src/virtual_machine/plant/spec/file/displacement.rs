@@ -1,4 +1,4 @@
-//! What warm parts do to an axis: as written, and as gains.
+//! Effects of warm parts on an axis: in the file, and converted to gains.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ use super::super::{Displacement, Position, Stretch};
 use super::check::Check;
 use crate::virtual_machine::plant::structure::Point;
 
-/// A part that grows and takes the axis with it.
+/// A part that expands and moves the axis.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ExpansionFile {
@@ -19,7 +19,7 @@ pub(super) struct ExpansionFile {
     sign: f64,
 }
 
-/// Two sides of a part, of which the warmer one grows longer.
+/// Two sides of a part. The part bends because the warmer side is longer.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct BendingFile {
@@ -29,7 +29,7 @@ pub(super) struct BendingFile {
     um_per_kelvin: f64,
 }
 
-/// A part along the travel: what of it lies between reference and present position grows.
+/// A part along the travel. Its length between reference and current position expands.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct StretchFile {
@@ -38,13 +38,13 @@ pub(super) struct StretchFile {
     coefficient: f64,
     position: String,
     reference_mm: f64,
-    /// Where it begins and ends; without, it is as long as the travel.
+    /// Start of the part, mm; without `from_mm` and `to_mm`, it is as long as the travel.
     from_mm: Option<f64>,
     to_mm: Option<f64>,
     sign: f64,
 }
 
-/// A bending that turns the axis: its error grows with the distance from a reference.
+/// A bending that tilts the axis. The error grows with the distance from a reference.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct TiltFile {
@@ -56,7 +56,7 @@ pub(super) struct TiltFile {
     reference_mm: f64,
 }
 
-/// The axes as they are gathered.
+/// Collected effects of each axis.
 pub(super) struct Displacements<'a> {
     positions: &'a [Position],
     check: &'a mut Check,
@@ -109,7 +109,7 @@ impl<'a> Displacements<'a> {
         self.along(&place, &file.axis, &file.position, everywhere);
     }
 
-    /// Adds a stretch along the position of this name.
+    /// Adds a stretch along the position with this name.
     fn along(&mut self, place: &str, axis: &str, position: &str, stretch: Stretch) {
         let Some(position) = self.positions.iter().position(|known| known.signal == position) else {
             self.check.demand(false, || format!("{place}: there is no position `{position}`"));
@@ -118,7 +118,7 @@ impl<'a> Displacements<'a> {
         self.axis(axis).stretches.push(Stretch { position, ..stretch });
     }
 
-    /// The axis moves with the structure's guideway, in this direction.
+    /// Makes the axis follow the structure's guideway in this direction.
     pub(super) fn guided(&mut self, axis: &str, direction: usize) {
         self.axis(axis).guided = Some(direction);
     }

@@ -1,4 +1,4 @@
-//! A structure reduced to modes: as written, and checked.
+//! A structure reduced to modes: in the file, and checked.
 
 use std::collections::BTreeMap;
 
@@ -8,22 +8,22 @@ use super::super::Position;
 use super::check::Check;
 use crate::virtual_machine::plant::structure::{Point, Sink, Structure, dot};
 
-/// How the structure stands in its machine.
+/// Settings of the structure in its machine.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct StructureFile {
-    /// The file of its modes.
+    /// File with the modes.
     modes: String,
     initial: f64,
-    /// Where on its guideway that stands whose place counts.
+    /// Position signal that selects the point of the guideway.
     position: String,
-    /// For each axis the direction of the guideway's displacement that is its error.
+    /// Direction of the guideway's displacement that is the error of each axis.
     pub(super) axes: BTreeMap<String, Direction>,
-    /// What has the temperature of each sink.
+    /// Node or air that determines the temperature of each sink.
     sinks: BTreeMap<String, String>,
 }
 
-/// In the order of [`Structure::moves`].
+/// Direction, in the order of [`Structure::moves`].
 #[derive(Deserialize, Clone, Copy)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Direction {
@@ -32,7 +32,7 @@ pub(super) enum Direction {
     Z,
 }
 
-/// The modes as `isotherm place --modes` writes them.
+/// Modes as written by `isotherm place --modes`.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ModesFile {
@@ -56,10 +56,10 @@ struct Moves {
 }
 
 impl StructureFile {
-    /// The file of the modes, read.
+    /// Reads the file with the modes.
     ///
     /// # Errors
-    /// It is not there, or is none.
+    /// The file does not exist or is invalid.
     pub(super) fn read(&self, read: &dyn Fn(&str) -> Option<String>) -> Result<ModesFile, String> {
         let name = &self.modes;
         let text = read(name).ok_or_else(|| format!("structure.modes: there is no file `{name}`"))?;
@@ -107,7 +107,7 @@ impl StructureFile {
 }
 
 impl ModesFile {
-    /// What can be linked, and what can be felt, by name.
+    /// Names of ports, which can be linked, and of points, which can be measured.
     pub(super) fn names(&self) -> Vec<(String, Point)> {
         let ports = self.ports.keys().enumerate().map(|(place, name)| (name.clone(), Point::Port(place)));
         let spots = self.points.keys().enumerate().map(|(place, name)| (name.clone(), Point::Spot(place)));

@@ -1,5 +1,5 @@
-//! What a model asks for where everything is equally warm: a forgotten reference, a wrong offset and a wrong unit show
-//! there before a machine moves.
+//! Value of a model at one temperature everywhere. It reveals a missing reference, a wrong offset or a wrong unit
+//! before the machine moves.
 
 use std::time::Duration;
 
@@ -16,28 +16,30 @@ use isotherm_core::reading::{Reading, SignalId};
 
 /// 0 °C in K.
 const FREEZING: f64 = 273.15;
-/// Every lag has come to rest long before.
+/// Time after which every lag has settled.
 const SETTLED: Duration = Duration::from_hours(100 * 7 * 24);
-/// The temperatures that `check` shows, °C.
+/// Temperatures in the preview, °C.
 const SHOWN: [f64; 3] = [15.0, 20.0, 25.0];
 
-/// A machine that was switched on at one temperature everywhere and has stood there ever since.
+/// Machine that was switched on at one temperature everywhere, and has not moved since.
 pub(crate) struct AllOver {
     celsius: f64,
     readings: Vec<Reading>,
     machine: Machine,
 }
 
-/// What a model asks for there.
+/// Value of a model at this temperature.
 pub(crate) struct Asked {
-    /// µm.
+    /// Cz, µm.
     pub(crate) cz: f64,
-    /// Where the axis is when it asks for most; `None` where that is the same everywhere.
+    /// Position signal, and the position at which the absolute value is largest. `None` if the value is the same
+    /// everywhere.
     pub(crate) position: Option<(SignalId, f64)>,
 }
 
 impl AllOver {
-    /// A machine of these signals; speeds and all else that is no temperature are 0.
+    /// Creates a machine with these signals. Signals other than temperatures are 0. All values are limited to the range
+    /// of their signal.
     pub(crate) fn at(celsius: f64, signals: &[Signal]) -> AllOver {
         let reading = |signal: &Signal| {
             let value = match signal.unit.0 {
@@ -55,12 +57,12 @@ impl AllOver {
         AllOver { celsius, readings, machine }
     }
 
-    /// The temperatures that `check` shows.
+    /// Machines at the temperatures of the preview.
     pub(crate) fn shown(profile: &Profile) -> Vec<AllOver> {
         SHOWN.into_iter().map(|celsius| AllOver::at(celsius, &profile.signals)).collect()
     }
 
-    /// What the model asks for, the axis standing where that is most; `None` where it has no value.
+    /// Returns the model's value at the position where its absolute value is largest. `None` if there is no value.
     pub(crate) fn asked(&self, model: &Model) -> Option<Asked> {
         let places = KINDS.into_iter().find_map(|kind| (kind.places)(&model.kind));
         let Some((signal, mut places)) = places else {
@@ -90,7 +92,7 @@ impl AllOver {
             lag
         };
         let lags: Vec<Lag> = model.rises().map(follows).collect();
-        // A formula has no lag, and is asked at the machine's start.
+        // A formula has no lag. It is evaluated at machine start.
         let is_late = model.rises().any(|input| input.lag.is_some());
         let now = if is_late { begin.after(SETTLED) } else { begin };
         let snapshot = Snapshot::new(now, readings);
@@ -98,7 +100,7 @@ impl AllOver {
         model.outputs(&inputs).ok().map(|outputs| outputs.cz.get())
     }
 
-    /// Whether what the model asks for depends on when the machine was started.
+    /// Returns whether the model's value depends on the time of machine start.
     pub(crate) fn counts_from_start(&self, model: &Model) -> bool {
         let snapshot = Snapshot::new(Moment::default(), &self.readings);
         let machine = &Machine::default();
@@ -108,14 +110,14 @@ impl AllOver {
     }
 }
 
-/// µm with its sign, without digits that nobody measures.
+/// Formats µm with their sign, and with at most three decimals.
 pub(crate) fn signed(cz: f64) -> String {
     let rounded = (cz * 1000.0).round() / 1000.0;
     let sign = if rounded < 0.0 { "−" } else { "+" };
     if rounded.abs() > 0.0 { format!("{sign}{}", figure(rounded.abs())) } else { "0".to_owned() }
 }
 
-/// `everything at 15, 20, 25 °C: Cz = −12, 0, +12 µm`, and the same for programs.
+/// Preview of the values: `everything at 15, 20, 25 °C: Cz = −12, 0, +12 µm`, with the same as JSON.
 pub(super) fn preview(section: &mut Section, profile: &Profile, model: &Model, shown: &[AllOver]) {
     let asked: Vec<Option<Asked>> = shown.iter().map(|all_over| all_over.asked(model)).collect();
     let temperatures: Vec<String> = shown.iter().map(|all_over| figure(all_over.celsius)).collect();

@@ -1,4 +1,4 @@
-//! A model in words: its rises, and what one unit more of each signal does.
+//! Models as text: their rises, and the effect of one unit of each signal.
 
 use std::time::Duration;
 
@@ -9,7 +9,7 @@ use isotherm_core::compensation::model::{Input, Reference};
 use isotherm_core::quantity::Celsius;
 use isotherm_core::reading::SignalId;
 
-/// What a change of a signal by one, at this place, does to Cz.
+/// Describes the effect of one unit of a signal on Cz. `place` is added to the condition.
 pub(super) fn effect(profile: &Profile, id: SignalId, change: f64, place: &str) -> String {
     let signal = profile.signal(id);
     let unit = signal.unit.to_string();
@@ -19,7 +19,7 @@ pub(super) fn effect(profile: &Profile, id: SignalId, change: f64, place: &str) 
     format!("when {name} rises by 1{space}{unit}{place}, Cz changes by {sign}{change} µm")
 }
 
-/// What a change of an input by one does to Cz; of one that is squared, what all of its range does.
+/// Describes the effect of one unit of an input on Cz. For a squared input, the effect of its whole range.
 pub(super) fn effect_of(profile: &Profile, input: &Input, change: f64, place: &str) -> String {
     if !input.squared {
         return effect(profile, input.signal, change, place);
@@ -31,19 +31,19 @@ pub(super) fn effect_of(profile: &Profile, input: &Input, change: f64, place: &s
     format!("when {name} goes from 0 to {top} {unit}{place}, its square changes Cz by {sign}{change} µm")
 }
 
-/// The place of an effect, with how late it comes.
+/// Adds the lag of an input to the condition of its effect.
 pub(super) fn late(profile: &Profile, input: &Input, place: &str) -> String {
     let signal = &profile.signal(input.signal).name;
     let behind = |lag: Duration| format!("{place} (63 % of it {} after {signal} has risen)", shown(lag));
     input.time_constant().map_or_else(|| place.to_owned(), behind)
 }
 
-/// Where the effect of a signal is shown: in the middle of its range.
+/// Value of a signal at which its effect is calculated: the middle of its range.
 pub(super) fn middle(profile: &Profile, id: SignalId) -> f64 {
     profile.signal(id).range.map_or(20.0, |(low, high)| f64::midpoint(low, high))
 }
 
-/// What a rise is measured from.
+/// Describes the reference of a rise.
 pub(super) fn reference(reference: Reference) -> String {
     match reference {
         Reference::Fixed(number) => figure(number.get()),
@@ -52,12 +52,12 @@ pub(super) fn reference(reference: Reference) -> String {
     }
 }
 
-/// `bed`, or `(bed − 20)`, and by how much each lags.
+/// Formats several rises: `bed` or `(bed − 20)`, with their lags.
 pub(super) fn rises(profile: &Profile, inputs: &[Input]) -> String {
     inputs.iter().map(|input| rise(profile, input)).collect::<Vec<_>>().join(", ")
 }
 
-/// `bed`, or `(bed − 20)`, and by how much it lags.
+/// Formats a rise: `bed` or `(bed − 20)`, with its lag.
 pub(super) fn rise(profile: &Profile, input: &Input) -> String {
     let name = &profile.signal(input.signal).name;
     let rise = match input.reference {
@@ -67,12 +67,12 @@ pub(super) fn rise(profile: &Profile, input: &Input) -> String {
     format!("{rise}{}", lagged(input))
 }
 
-/// ` lagged by 30m`.
+/// Formats the lag of an input: ` lagged by 30m`.
 pub(super) fn lagged(input: &Input) -> String {
     input.time_constant().map_or_else(String::new, |lag| format!(" lagged by {}", shown(lag)))
 }
 
-/// Without the last digits, which come from binary fractions.
+/// Formats a number without the last digits, which result from binary fractions.
 pub(super) fn figure(number: f64) -> String {
     document::figure(number, 9)
 }

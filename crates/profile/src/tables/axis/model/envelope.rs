@@ -1,11 +1,11 @@
-//! `envelope`, `outside` and `halves` of a model: the region of inputs it was identified on.
+//! `envelope`, `outside` and `halves` of a model: the region of inputs on which it was identified.
 //!
 //! ```json
 //! { "format": "isotherm-envelope", "version": 1, "reach": 3.4, "covariance": [[4.0, 1.2], [1.2, 2.5]],
 //!   "inputs": [{ "signal": "bed", "mean": 24.1, "min": 20.0, "max": 30.5 }, …] }
 //! ```
-//! In the unit of each signal, less its `reference` (a number, default 0, "start" or "zero"). `reach`: the largest
-//! Mahalanobis distance that is inside; without it, that of 99 % of a normal distribution.
+//! Values are in the unit of each signal, minus its `reference` (a number, default 0, "start" or "zero"). `reach` is
+//! the largest Mahalanobis distance inside the envelope. Its default covers 99 % of a normal distribution.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -32,7 +32,7 @@ pub(super) enum OutsideWord {
     Shrink,
 }
 
-/// An envelope file.
+/// Content of an envelope file.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct EnvelopeFile {
@@ -56,7 +56,7 @@ struct KnownInput {
 }
 
 impl EnvelopeFile {
-    /// What is wrong, with the names of the inputs.
+    /// Describes an error of the envelope with the names of its inputs.
     fn why(&self, wrong: BadEnvelope) -> String {
         let name = |place: usize| self.inputs.get(place).map_or("", |input| input.signal.as_str());
         match wrong {
@@ -86,7 +86,7 @@ impl EnvelopeFile {
     }
 }
 
-/// The envelope of a model, `Some(None)` where it has none. `model` is the rest of it, if that is right.
+/// Resolves the envelope of a model. `Some(None)` if it has none. `model` is the rest of the model, if it is valid.
 pub(super) fn resolve(raw: &RawModel, at: &At<'_>, model: Option<&Model>) -> Option<Option<Envelope>> {
     let place = at.key("envelope");
     let Some(name) = raw.envelope.as_deref() else {
@@ -122,7 +122,7 @@ pub(super) fn resolve(raw: &RawModel, at: &At<'_>, model: Option<&Model>) -> Opt
             .warn(message, "name the file with `halves`, or write \"warn\", \"hold\" or \"shrink\"");
     }
     let outside = match (raw.outside, &apart) {
-        // Without halves there is nothing that could agree.
+        // Without halves nothing can agree.
         (Some(OutsideWord::Warn), _) | (Some(OutsideWord::Agree) | None, Some(None)) => Outside::Warn,
         (Some(OutsideWord::Agree) | None, _) => Outside::Agree,
         (Some(OutsideWord::Hold), _) => Outside::Hold,
@@ -133,7 +133,7 @@ pub(super) fn resolve(raw: &RawModel, at: &At<'_>, model: Option<&Model>) -> Opt
     Some(Some(envelope?.of_halves(apart?.unwrap_or_default())))
 }
 
-/// The region in words, and what happens outside.
+/// Describes the region, and the action outside of it.
 pub(super) fn preview(profile: &Profile, envelope: &Envelope) -> String {
     let range = |known: &Identified| {
         let signal = profile.signal(known.input.signal);

@@ -1,4 +1,4 @@
-//! `expected` of a model: how wrong it was on runs that it had not seen.
+//! `expected` of a model: its error on runs that the identification did not use.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -6,15 +6,16 @@ use serde::Deserialize;
 use crate::tables::At;
 use isotherm_core::compensation::model::{Expected, Growth};
 
-/// The variance of a model's error, as `a·h + b` µm² after h hours.
+/// Variance of a model's error after h hours: `a·h + b` µm².
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Expected")]
 pub(super) struct RawExpected {
-    /// [a, b]: a µm²/h, b µm²; h since the datum: the references, or the machine's start where they are numbers.
+    /// Variance since the datum as [a, b]: a in µm²/h, b in µm². The datum is the time of the references, or machine
+    /// start if they are numbers.
     #[schemars(required)]
     since_datum: Option<[f64; 2]>,
-    /// The same since the last probing that the model learned from.
+    /// Variance since the last probing from which the model learned, as [a, b].
     since_touch: Option<[f64; 2]>,
 }
 
@@ -26,7 +27,7 @@ impl RawExpected {
     }
 }
 
-/// `Some(None)` where there is none.
+/// Resolves a variance. `Some(None)` if there is none.
 fn growth(at: &At<'_>, written: Option<[f64; 2]>) -> Option<Option<Growth>> {
     let Some([per_hour, at_once]) = written else { return Some(None) };
     let growth = Growth::new(per_hour, at_once);
@@ -37,7 +38,8 @@ fn growth(at: &At<'_>, written: Option<[f64; 2]>) -> Option<Option<Growth>> {
     growth.map(Some)
 }
 
-/// `expected within ±√(0.9·h + 1.1) µm after h hours since its datum, ±√(0.8·h + 0.2) µm since a probing (1 σ)`.
+/// Describes the expected error: `expected within ±√(0.9·h + 1.1) µm after h hours since its datum, ±√(0.8·h + 0.2) µm
+/// since a probing (1 σ)`.
 pub(super) fn preview(expected: &Expected) -> String {
     let root = |growth: &Growth| format!("±√({}·h + {}) µm", growth.per_hour(), growth.at_once());
     let touch = expected.since_touch.as_ref();

@@ -1,5 +1,5 @@
-//! The files of models beside a profile, as they are written: JSON with a format and a version, unknown keys refused.
-//! Each becomes a type of the models, or a sentence that says why not; shapes are checked where they are used.
+//! Files of models next to a profile: JSON with a format and a version. Unknown keys are rejected. A file is parsed
+//! into a type, or into a sentence with the mistake. Sizes are checked where the content is used.
 
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -7,16 +7,16 @@ use serde::de::DeserializeOwned;
 use super::RawModel;
 use crate::tables::At;
 
-/// What every file begins with.
+/// Common first keys of every file.
 #[derive(Deserialize)]
 struct Head {
     format: Option<String>,
     version: Option<u64>,
 }
 
-/// A file of this format, in the only version there is.
+/// Parses a file of this format, in version 1.
 pub(super) fn read<T: DeserializeOwned>(bytes: &[u8], format: &str) -> Result<T, String> {
-    // What it says of itself would quote what may be some other file's.
+    // The parser's message may quote a file of another kind, so only the position is reported.
     let foreign = |why: serde_json::Error| {
         format!("it is no JSON of ours (line {}, column {})", why.line(), why.column())
     };
@@ -34,10 +34,10 @@ pub(super) fn read<T: DeserializeOwned>(bytes: &[u8], format: &str) -> Result<T,
     serde_json::from_slice(bytes).map_err(|why| why.to_string())
 }
 
-/// Whether a file's own names and the profile's fit each other.
+/// Checks that the names in a file fit those in the profile.
 ///
 /// # Errors
-/// Another number of them, or the same names in another order. Other names are fine: a file may call things what it likes.
+/// A different number of names, or the same names in another order. Different names are accepted.
 pub(super) fn fit(what: &str, own: &[String], given: &[&str]) -> Result<(), String> {
     let list = |names: &[&str]| names.join(", ");
     let names: Vec<&str> = own.iter().map(String::as_str).collect();
@@ -57,13 +57,13 @@ pub(super) fn fit(what: &str, own: &[String], given: &[&str]) -> Result<(), Stri
     Ok(())
 }
 
-/// The content of the file that this key of the model names, as it was sealed. `at`: the key.
+/// Reads the file that this key of the model names, and checks its SHA-256. `at` is the key.
 pub(super) fn bytes(raw: &RawModel, key: &str, at: &At<'_>, name: &str) -> Option<Vec<u8>> {
     let bytes = at.file(name, "a file is looked for relative to the profile's directory")?;
     raw.seals().is_none_or(|seals| seals.fits(key, at, name, &bytes)).then_some(bytes)
 }
 
-/// What became of the file that is named here; why not, is reported.
+/// Returns the content of a named file, or reports why there is none.
 pub(super) fn taken<T>(at: &At<'_>, name: &str, result: Result<T, String>) -> Option<T> {
     let report = |why| at.error(at.check.spans.at_value(&at.path, format!("{name}: {why}"), None));
     result.map_err(report).ok()

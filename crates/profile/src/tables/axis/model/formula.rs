@@ -30,7 +30,7 @@ fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
         }
         None => &none.0,
     };
-    // Where one of them is wrong, that has been reported.
+    // A wrong value of one of them has been reported.
     if ["inputs", "constants"].into_iter().any(|key| !at.has(key) && at.key(key).is_written()) {
         return None;
     }
@@ -51,8 +51,8 @@ fn preview(profile: &Profile, kind: &Kind) -> Option<Computation> {
     Some(Computation { formula: text, effects: effects(profile, formula) })
 }
 
-/// A formula may bend: its effect is shown at one point, the machine just started and every signal in the middle of its
-/// range.
+/// Describes the effect of each signal at one point, because a formula may not be linear. The point is machine start,
+/// with every signal in the middle of its range.
 fn effects(profile: &Profile, formula: &Formula) -> Vec<String> {
     let middle = |id: SignalId| middle(profile, id);
     let at = |raised: Option<SignalId>| {

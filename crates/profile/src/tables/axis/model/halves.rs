@@ -1,10 +1,12 @@
-//! `halves` of a model: the two sums whose mean it is, so that it can say how far they are apart outside its envelope.
+//! `halves` of a model: two sums whose mean is the model. Their difference shows its uncertainty outside of the
+//! envelope.
 //!
 //! ```json
 //! { "format": "isotherm-halves", "version": 1,
 //!   "terms": [{ "signal": "bed", "lag_s": 360, "ridge": 1.9, "net": 2.3 }, …] }
 //! ```
-//! In the order of the model's terms. The mean of `ridge` and `net` is the model's gain: halves of another model show.
+//! The terms have the order of the model's terms. The mean of `ridge` and `net` is the gain of the model. Halves of
+//! another model are detected by that.
 
 use serde::Deserialize;
 use serde::de::IgnoredAny;
@@ -16,7 +18,7 @@ use crate::duration::shown;
 use crate::tables::At;
 use isotherm_core::compensation::model::{Model, Term};
 
-/// How near the mean of two halves comes to the gain, as a share of the larger half.
+/// Largest difference between the mean of two halves and the gain, relative to the larger half.
 const NEAR: f64 = 1e-6;
 
 #[derive(Debug, Deserialize)]
@@ -38,7 +40,7 @@ struct HalfTerm {
     net: f64,
 }
 
-/// By term of the model, what the gains of its halves differ by.
+/// Returns the difference between the gains of the two halves, for each term of the model.
 pub(super) fn resolve(raw: &RawModel, at: &At<'_>, name: &str, model: &Model) -> Option<Vec<f64>> {
     let bytes = bytes(raw, "halves", at, name)?;
     let file: HalvesFile = taken(at, name, read(&bytes, "isotherm-halves"))?;

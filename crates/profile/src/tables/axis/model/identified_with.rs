@@ -1,4 +1,4 @@
-//! `identified_with` of a model: what `isotherm identify` found it with, and what the profile must agree with.
+//! `identified_with` of a model: settings of the identification that the profile must agree with.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -6,12 +6,12 @@ use serde::Deserialize;
 use crate::duration::{Timespan, shown};
 use crate::tables::At;
 
-/// How a model was identified.
+/// Settings of the identification.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "IdentifiedWith")]
 pub(super) struct RawIdentifiedWith {
-    /// What its references were the mean over; `check` warns where `settle` of `[machine]` is another.
+    /// Averaging time of the references. `check` warns if `settle` of `[machine]` differs.
     settle: Option<Timespan>,
 }
 

@@ -1,4 +1,4 @@
-//! What models read: signals by name or in the order of a file, what their rises are measured from, how late they act.
+//! Inputs of models: signals by name or in the order of a file, references of their rises, and lags.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -12,10 +12,10 @@ use crate::tables::At;
 use isotherm_core::compensation::model::{Input, Reference};
 use isotherm_core::quantity::Celsius;
 
-/// Longest time constant that is believed: a longer one never shows its effect in a shift.
+/// Longest allowed time constant. The effect of a longer one would not show within a shift.
 pub(super) const LONGEST_LAG: Duration = Duration::from_hours(7 * 24);
 
-/// Signals of a model: by name, or in order.
+/// Signals of a model, by name or in order.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub(super) enum Inputs {
@@ -23,7 +23,7 @@ pub(super) enum Inputs {
     InOrder(Vec<InputValue>),
 }
 
-/// One input: a signal's name, or a table where it has a reference of its own.
+/// Input: the name of a signal, or a table if it has its own reference.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(untagged)]
 #[schemars(rename = "Input", description = "")]
@@ -32,22 +32,22 @@ pub(super) enum InputValue {
     Table(RawInput),
 }
 
-/// One input of a matrix or a network.
+/// Input of a matrix or a network.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-// The walk chooses among alternatives by the types that it sees: not a `$ref` to it.
+// Inlined, because the walk selects an alternative by its type, which a `$ref` hides.
 #[schemars(rename = "InputTable", inline)]
 pub(super) struct RawInput {
-    /// The signal.
+    /// Signal of the input.
     #[schemars(required)]
     signal: Option<String>,
-    /// What its rise is measured from: a number, "start" or "zero". Default: the model's `reference`.
+    /// Reference from which its rise is measured: a number, "start" or "zero". Default: `reference` of the model.
     reference: Option<ReferenceValue>,
-    /// It lags behind the signal: time constant C of a first-order lag, 1 − e^(−t/C); needs a `reference`.
+    /// Time constant C of a first-order lag behind the signal, 1 − e^(−t/C). Needs a `reference`.
     lag: Option<Timespan>,
 }
 
-/// What a rise is measured from.
+/// Reference from which a rise is measured.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(untagged)]
 pub(super) enum ReferenceValue {
@@ -89,7 +89,8 @@ impl From<ReferenceValue> for Reference {
 }
 
 impl Inputs {
-    /// Whether the rise of one in order is measured from its value at zero; `of_model` is the model's `reference`.
+    /// Returns whether the rise of an input in a list is measured from its value at zero. `of_model` is `reference` of
+    /// the model.
     pub(super) fn are_at_zero(&self, of_model: Option<ReferenceValue>) -> bool {
         let Inputs::InOrder(inputs) = self else { return false };
         let own = inputs.iter().filter_map(|input| match input {
@@ -100,7 +101,7 @@ impl Inputs {
     }
 }
 
-/// The inputs in their order, with their names. Without a default, each needs a reference.
+/// Returns the inputs in their order, with their names. Without a default, each input needs a reference.
 pub(super) fn in_order<'r>(
     raw: &'r RawModel,
     at: &At<'_>,
@@ -127,7 +128,7 @@ pub(super) fn in_order<'r>(
             InputValue::Name(name) => (Some(name), None, None),
             InputValue::Table(table) => (table.signal.as_ref(), table.reference, table.lag),
         };
-        // Where there is no default, a missing reference is reported once for all inputs.
+        // Without a default, a missing reference is reported once for all inputs.
         let has_reference =
             default.is_none() || own.or(raw.reference).is_some() || at.key("reference").is_written();
         let lag = lag(&item, own_lag, has_reference);
@@ -146,7 +147,7 @@ pub(super) fn in_order<'r>(
     (found.len() == inputs.len()).then_some((found, names))
 }
 
-/// The lag of a term or an input, which must have a reference; `Some(None)` where there is none.
+/// Resolves the lag of a term or an input, which must have a reference. `Some(None)` if there is no lag.
 pub(super) fn lag(at: &At<'_>, raw: Option<Timespan>, has_reference: bool) -> Option<Option<Duration>> {
     if raw.is_none() {
         return Some(None);

@@ -1,4 +1,4 @@
-//! `kind = "linear"`: gains times temperature rises, added up; a slope grows with the position.
+//! `kind = "linear"`: a sum of gains times temperature rises. A slope is multiplied by the position.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -14,7 +14,7 @@ use crate::tables::At;
 use isotherm_core::compensation::model::{Input, Kind, Linear, Reference, Slope, Term};
 use isotherm_core::quantity::{Micron, MicronPerCelsius, MicronPerMillimetreCelsius, Millimetre};
 
-/// 1 mm in µm.
+/// µm per mm.
 const MICRONS: f64 = 1000.0;
 
 pub(super) const KIND: KindOfModel = KindOfModel {
@@ -26,30 +26,32 @@ pub(super) const KIND: KindOfModel = KindOfModel {
     places,
 };
 
-/// More terms than a person can read.
+/// Largest number of terms that the preview lists.
 const READABLE: usize = 12;
-/// A gain of a term that a machine can have, µm/°C.
+/// Largest plausible gain of a term, µm/°C.
 const LARGE_GAIN: f64 = 100.0;
-/// The same of a slope, µm/mm per °C: ten times what aluminium expands by is 0.24.
+/// Largest plausible gain of a slope, µm/mm per °C: ten times the expansion of aluminium.
 const LARGE_SLOPE: f64 = 0.24;
 
-/// One gain times one temperature rise.
+/// Gain times a temperature rise.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Term")]
 pub(super) struct RawTerm {
-    /// The temperature.
+    /// Temperature signal.
     #[schemars(required)]
     signal: Option<String>,
-    /// µm per unit of the signal, or per unit² with power = 2; in a slope µm/mm. Either this, or `expansion` and `length` (not in a slope).
+    /// Gain in µm per unit of the signal, or per unit² with power = 2. In a slope, µm/mm. The alternative is
+    /// `expansion` with `length`, but not in a slope.
     gain: Option<f64>,
-    /// What the rise is measured from. Write reference = 20.0 (a number in the signal's unit: where the structure had its
-    /// cold geometry), "start" (its value at machine start), "zero" (its value at the last zero), or 0.0 (the value itself).
+    /// Reference from which the rise is measured. A number such as 20.0 is the signal's value at the cold geometry of
+    /// the structure. "start" is its value at machine start, "zero" at the last zero. 0.0 means the value itself.
     #[schemars(required)]
     reference: Option<ReferenceValue>,
     /// Time constant C of a first-order lag, 1 − e^(−t/C).
     lag: Option<Timespan>,
-    /// 2: the square of the value counts (µm per unit²), less the square of the reference, as with a spindle's speed. Default 1.
+    /// Power of the value, 1 or 2. With 2, the square of the reference is subtracted from the square of the value, for
+    /// example for a spindle speed. Default 1.
     power: Option<i64>,
     /// Coefficient of linear expansion, 1/K.
     expansion: Option<f64>,
@@ -57,21 +59,21 @@ pub(super) struct RawTerm {
     length: Option<f64>,
 }
 
-/// Terms that grow with the position.
+/// Terms that are multiplied by the distance from a reference position.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Slope")]
 pub(super) struct RawSlope {
-    /// The signal with the position of the axis, in mm.
+    /// Signal with the position of the axis, mm.
     #[schemars(required)]
     position: Option<String>,
-    /// Where the slope adds nothing, mm.
+    /// Position at which the slope adds nothing, mm.
     #[schemars(required, extend("x-layers" = "arrives"))]
     reference: Option<f64>,
-    /// The ends of the axis's travel, mm; required where the control is given the slope: they bound its effect.
+    /// Ends of the axis's travel, mm. They limit the effect of the slope. Required if the control receives the slope.
     #[schemars(extend("x-layers" = "arrives"))]
     travel: Option<[f64; 2]>,
-    /// Gains in µm/mm per unit of the signal.
+    /// Terms with gains in µm/mm per unit of the signal.
     #[schemars(required)]
     terms: Option<Vec<RawTerm>>,
 }
@@ -96,7 +98,7 @@ fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
     Some(Kind::Linear(Linear { offset, terms: terms?, slope }))
 }
 
-/// Each is looked at, also where one before it is wrong.
+/// Resolves all terms, even after one with an error.
 fn terms<Gain>(
     list: &At<'_>,
     terms: &[RawTerm],
@@ -111,7 +113,7 @@ fn terms<Gain>(
         if let Some(gain) = gain.filter(|gain| gain.abs() > large && at.is_temperature(signal)) {
             raw.doubt(&at, gain, per);
         }
-        // A missing reference has been reported as every missing key is.
+        // A missing reference has been reported, like every missing key.
         let lag = lag(&at, raw.lag, true);
         let reference = raw.reference.map(Reference::from);
         let input = Input { squared: squared?, ..Input::of(signal?, reference?, lag?) };
@@ -173,7 +175,7 @@ impl RawTerm {
         );
     }
 
-    /// µm/mm per unit of the signal.
+    /// Returns the gain of a slope, µm/mm per unit of the signal.
     fn gain_of_slope(&self, at: &At<'_>) -> Option<f64> {
         if self.expansion.is_some() || self.length.is_some() {
             let key = if self.expansion.is_some() { "expansion" } else { "length" };
@@ -184,7 +186,7 @@ impl RawTerm {
         self.gain(at)
     }
 
-    /// µm per unit of the signal.
+    /// Returns the gain, µm per unit of the signal.
     fn gain(&self, at: &At<'_>) -> Option<f64> {
         match (self.gain, self.expansion, self.length) {
             (Some(gain), None, None) => return Some(gain),
@@ -218,14 +220,14 @@ fn preview(profile: &Profile, kind: &Kind) -> Option<Computation> {
     Some(Computation { formula: text(profile, linear), effects: effects(profile, linear) })
 }
 
-/// The ends of the travel of a slope, and where it adds nothing.
+/// Returns the ends of a slope's travel, and its reference position.
 fn places(kind: &Kind) -> Option<Places> {
     let Kind::Linear(Linear { slope: Some(slope), .. }) = kind else { return None };
     let travel = slope.travel.iter().flat_map(|(from, to)| [from.get(), to.get()]);
     Some((slope.position, [slope.reference.get()].into_iter().chain(travel).collect()))
 }
 
-/// The sum as it is written on paper.
+/// Formats the sum as on paper.
 fn text(profile: &Profile, linear: &Linear) -> String {
     let mut text = match linear.terms.len() {
         many if many > READABLE => format!("Cz = the sum of {many} terms"),
@@ -287,7 +289,7 @@ fn effects(profile: &Profile, linear: &Linear) -> Vec<String> {
     effects
 }
 
-/// For each signal of a long sum: what it does at once, and in the steady state.
+/// Describes each signal of a long sum: its immediate effect, and its effect in the steady state.
 fn at_once_and_at_rest(profile: &Profile, terms: &[Term]) -> Vec<String> {
     let own = gains(terms).into_iter().map(|(input, gain)| ((input.signal, input.squared), (input, gain)));
     let sum = |own: Vec<(Input, f64)>| {
@@ -304,7 +306,7 @@ fn at_once_and_at_rest(profile: &Profile, terms: &[Term]) -> Vec<String> {
     grouped(own).into_iter().map(|(_, own)| sum(own)).collect()
 }
 
-/// The way a signal moves Cz in the end, where several lags share it: one of them alone may point the other way.
+/// Describes the final effect of signals with several lags. A single lag may have the opposite sign.
 fn together<Gain: Copy + Into<f64>>(
     profile: &Profile,
     terms: &[Term<Gain>],
@@ -321,12 +323,12 @@ fn together<Gain: Copy + Into<f64>>(
     grouped(own).into_iter().filter_map(|(_, own)| sum(own)).collect()
 }
 
-/// Each input with its gain, in the unit of the sum.
+/// Returns each input with its gain, in the unit of the sum.
 fn parts<Gain: Copy + Into<f64>>(terms: &[Term<Gain>]) -> Vec<(Input, f64)> {
     terms.iter().map(|term| (term.input, term.gain.into())).collect()
 }
 
-/// The gains of each signal and each lag added up.
+/// Adds up the gains of each signal and lag.
 fn gains<Gain: Copy + Into<f64>>(terms: &[Term<Gain>]) -> Vec<(Input, f64)> {
     let keyed =
         parts(terms).into_iter().map(|part| ((part.0.signal, part.0.squared, part.0.time_constant()), part));

@@ -1,11 +1,11 @@
-//! `kind = "matrix"`: the displacements of a guideway, as a finite-element model gives them.
+//! `kind = "matrix"`: displacements of a guideway from a finite-element model.
 //!
 //! ```json
 //! { "format": "isotherm-matrix", "version": 1, "blocks": ["base", "column"], "guide_mm": [0, 400, 800],
 //!   "P": [[…], …] }
 //! ```
-//! `P`: rows 3·guide + component (x, y, z), one column per block, mm/K. `guide_mm`: where the points lie along the
-//! axis, ascending. `guide_nodes` and `cases` may be there too: they are for people and not read.
+//! `P` has one row for 3·point + component (x, y, z), and one column for each block, in mm/K. `guide_mm` contains the
+//! positions of the points along the axis, ascending. `guide_nodes` and `cases` are optional and ignored.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -20,7 +20,7 @@ use crate::tables::At;
 use isotherm_core::compensation::model::{Kind, Matrix};
 use isotherm_core::quantity::Millimetre;
 
-/// 1 mm in µm.
+/// µm per mm.
 const MICRONS: f64 = 1000.0;
 
 pub(super) const KIND: KindOfModel = KindOfModel {
@@ -55,7 +55,7 @@ pub(super) enum Carries {
     Work,
 }
 
-/// A matrix file.
+/// Content of a matrix file.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct MatrixFile {
@@ -91,7 +91,7 @@ impl MatrixFile {
         Ok(file)
     }
 
-    /// One component (0 x, 1 y, 2 z) times a factor: for each point of the guideway one number per block.
+    /// Returns one component (0 x, 1 y, 2 z) times a factor: for each point of the guideway, one number per block.
     fn component(&self, component: usize, factor: f64) -> Vec<f64> {
         let rows = self.rows.iter().skip(component).step_by(3);
         rows.flatten().map(|entry| entry * factor).collect()
@@ -124,7 +124,8 @@ fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
         Component::MinusY => (1, -1.0),
         Component::MinusZ => (2, -1.0),
     };
-    // Cz = −e, and a displaced tool is an error of the same sign, displaced work one of the other.
+    // Cz is the negative error. A displacement of the tool is an error of the same sign, one of the workpiece of the
+    // opposite sign.
     let acts = match raw.carries? {
         Carries::Tool => -1.0,
         Carries::Work => 1.0,
@@ -137,18 +138,18 @@ fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
     taken(&at, name, matrix).map(Kind::Matrix)
 }
 
-/// Numbers of a file with their unit.
+/// Converts the numbers of a file into quantities.
 fn quantities<Q: TryFrom<f64, Error = &'static str>>(numbers: Vec<f64>) -> Result<Vec<Q>, String> {
     numbers.into_iter().map(Q::try_from).collect::<Result<_, _>>().map_err(str::to_owned)
 }
 
-/// The ends of the guideway.
+/// Returns the ends of the guideway.
 fn places(kind: &Kind) -> Option<Places> {
     let Kind::Matrix(matrix) = kind else { return None };
     Some((matrix.position(), vec![matrix.ends().0.get(), matrix.ends().1.get()]))
 }
 
-/// What it computes, and what one unit more of each block's temperature does in the middle of the guideway.
+/// Preview of the calculation, with the effect of each block's temperature in the middle of the guideway.
 fn preview(profile: &Profile, kind: &Kind) -> Option<Computation> {
     let Kind::Matrix(matrix) = kind else { return None };
     let position = &profile.signal(matrix.position()).name;

@@ -1,5 +1,5 @@
-//! Weights of a network in the project's own format. `names` in `inputs` may be left out; activations are `tanh`,
-//! `relu` and `linear`; `output` is µm.
+//! Weights of a network in the project's own format. `names` in `inputs` is optional. Activations are `tanh`, `relu`
+//! and `linear`. `output` is in µm.
 //!
 //! ```json
 //! { "format": "isotherm-network", "version": 1, "type": "bp",
@@ -98,7 +98,7 @@ enum ActivationWord {
     Linear,
 }
 
-/// A network, and what the file calls its inputs.
+/// Parses a network. Returns it with the names of its inputs, if the file has them.
 pub fn parse(bytes: &[u8]) -> Result<(Net, Option<Vec<String>>), String> {
     const FORMAT: &str = "isotherm-network";
     let typed: Typed = read(bytes, FORMAT)?;
@@ -196,8 +196,8 @@ fn is_onnx(name: &str) -> bool {
     std::path::Path::new(name).extension().is_some_and(|extension| extension.eq_ignore_ascii_case("onnx"))
 }
 
-/// What it computes, and what one unit more of each signal does, every signal in the middle of its range and every
-/// captured reference where its signal is.
+/// Preview of the calculation, with the effect of each signal. Every signal is in the middle of its range, and equals
+/// its reference if that is captured.
 fn preview(profile: &Profile, kind: &Kind) -> Option<Computation> {
     let Kind::Network(network) = kind else { return None };
     let reads = network.reads();

@@ -1,10 +1,10 @@
-//! `sha256` of a model: the SHA-256 of each file beside it, so that one that was changed since is refused.
+//! `sha256` of a model: the SHA-256 of each of its files. A file that was changed later is rejected.
 //!
 //! ```toml
 //! stand_ins = "spindle.stand-ins.json"
 //! sha256.stand_ins = "9f86d081…"       # 64 hex digits, as `sha256sum spindle.stand-ins.json` prints them
 //! ```
-//! `isotherm identify` writes it. A model without it takes its files as they are: people write some by hand.
+//! `isotherm identify` writes it. Without it, the files are not checked, because users write some of them by hand.
 
 use std::fmt::Write as _;
 use std::io::Read;
@@ -16,34 +16,34 @@ use sha2::{Digest, Sha256};
 use super::RawModel;
 use crate::tables::At;
 
-/// Hex digits of a SHA-256.
+/// Number of hex digits of a SHA-256.
 const DIGITS: usize = 64;
 
-/// The SHA-256 of each file.
+/// SHA-256 of each file of the model.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Sha256")]
 pub(super) struct RawSeals {
-    /// Of `file`.
+    /// SHA-256 of `file`.
     file: Option<String>,
-    /// Of `envelope`.
+    /// SHA-256 of `envelope`.
     envelope: Option<String>,
-    /// Of `halves`.
+    /// SHA-256 of `halves`.
     halves: Option<String>,
-    /// Of `stand_ins`.
+    /// SHA-256 of `stand_ins`.
     stand_ins: Option<String>,
 }
 
-/// The SHA-256 of these bytes, as a profile has it: 64 hex digits.
+/// Returns the SHA-256 of these bytes in the notation of a profile: 64 hex digits.
 #[must_use]
 pub fn sha256(bytes: &[u8]) -> String {
     in_hex(&Sha256::digest(bytes))
 }
 
-/// SHA-256 of everything that can be read here.
+/// Returns the SHA-256 of everything that the reader returns.
 ///
 /// # Errors
-/// It cannot be read.
+/// Those of the reader.
 pub fn sha256_of(mut reader: impl Read) -> std::io::Result<String> {
     let (mut digest, mut part) = (Sha256::new(), vec![0; 1 << 16]);
     loop {
@@ -71,7 +71,8 @@ impl RawSeals {
         ]
     }
 
-    /// What is no seal, or seals nothing; and a file without one beside others that have one. `at`: the model.
+    /// Reports a seal that is invalid or has no file, and a file without a seal next to others with one. `at` is the
+    /// model.
     pub(super) fn check(&self, raw: &RawModel, at: &At<'_>) {
         let place = at.key("sha256");
         for (key, seal) in self.each() {
@@ -97,10 +98,10 @@ impl RawSeals {
         }
     }
 
-    /// Whether these are the bytes that were sealed; if not, it is reported at the key that names the file.
+    /// Returns whether the bytes have the stated SHA-256. If not, reports it at the key that names the file.
     pub(super) fn fits(&self, key: &str, at: &At<'_>, name: &str, bytes: &[u8]) -> bool {
         let seal = self.each().into_iter().find(|(own, _)| *own == key).and_then(|(_, seal)| seal);
-        // What is no seal has been reported.
+        // An invalid seal has been reported.
         let Some(seal) = seal.filter(|seal| is_sha256(seal)) else { return true };
         let found = sha256(bytes);
         if found.eq_ignore_ascii_case(seal) {

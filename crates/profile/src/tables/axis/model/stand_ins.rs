@@ -1,12 +1,12 @@
-//! `stand_ins` of a model: what the other sensors say of each sensor, for the stuck test and for lost sensors.
+//! `stand_ins` of a model: relations between sensors, for detecting a frozen sensor and replacing a lost one.
 //!
 //! ```json
 //! { "format": "isotherm-stand-ins", "version": 1, "sensors": [
 //!   { "signal": "bed", "threshold": 0.31, "stands_in": true,
 //!     "terms": [{ "signal": "column", "lag_s": 0, "gain": 0.42 }, …] }, … ] }
 //! ```
-//! The rise of a sensor since machine start is the sum of its terms, °C per °C of the lagged rises of others. Where it
-//! moves by more than `threshold` (°C) while the sensor reads the same, the sensor is frozen.
+//! The rise of a sensor since machine start is the sum of its terms, in °C per °C of the lagged rises of other sensors.
+//! A sensor is frozen if this sum changes by more than `threshold` (°C) while its reading stays the same.
 
 use std::time::Duration;
 
@@ -23,7 +23,7 @@ use isotherm_core::compensation::model::StandIns;
 use isotherm_core::compensation::model::stand_ins::Described;
 use isotherm_core::reading::SignalId;
 
-/// Most sensors of a file, and most terms of a sensor: a minute of them is computed in a step.
+/// Largest number of sensors in a file and of terms per sensor. One step computes a minute of them.
 const MOST_SENSORS: usize = 128;
 const MOST_TERMS: usize = 1024;
 
@@ -54,7 +54,7 @@ struct TermOfFile {
     gain: f64,
 }
 
-/// The stand-ins in the file that is named here.
+/// Resolves the relations in the file with this name.
 pub(super) fn resolve(raw: &RawModel, at: &At<'_>, name: &str) -> Option<StandIns> {
     let bytes = bytes(raw, "stand_ins", at, name)?;
     let file: StandInsFile = taken(at, name, read(&bytes, "isotherm-stand-ins"))?;
@@ -67,7 +67,7 @@ pub(super) fn resolve(raw: &RawModel, at: &At<'_>, name: &str) -> Option<StandIn
     Some(StandIns::new(described, fingerprint(&bytes)))
 }
 
-/// What rises with its neighbours is a temperature; of anything else a reading that stands means nothing.
+/// Warns about a sensor that is not a temperature. For other quantities a constant reading has no meaning.
 fn doubt(at: &At<'_>, file: &str, id: SignalId) {
     let Some(signal) = at.check.signals.get(id.0) else { return };
     if !matches!(signal.unit.0, "degC" | "K") {
@@ -127,14 +127,14 @@ fn place(name: &str, names: &[String]) -> Result<SignalId, String> {
     })
 }
 
-/// FNV-1a of 64 bits, by Fowler, Noll and Vo: tells a file from another one, and no more.
+/// Hash FNV-1a of 64 bits, by Fowler, Noll and Vo. It only distinguishes files.
 fn fingerprint(bytes: &[u8]) -> u64 {
     bytes
         .iter()
         .fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
 }
 
-/// Which sensors are watched, and for which of them others stand in.
+/// Describes which sensors are monitored, and which can be replaced.
 pub(super) fn preview(profile: &Profile, stand_ins: &StandIns) -> String {
     let named = |wanted: bool| -> Vec<&str> {
         let found = stand_ins.watched().filter(|(_, stands_in)| *stands_in == wanted);
