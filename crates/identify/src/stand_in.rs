@@ -17,7 +17,6 @@ use serde_json::{Value, json};
 
 use crate::bank::{Bank, Candidate, Rows, Traced};
 use crate::campaign::Campaign;
-use crate::faults;
 use crate::folds::folds;
 use crate::gram::Gram;
 use crate::method::whitened::usual_lags;
@@ -26,6 +25,7 @@ use crate::statistics::least_sum;
 use crate::validate::{HeldOut, Means, RunScore};
 use crate::whiten;
 
+pub(crate) mod freeze;
 mod frozen;
 
 pub use frozen::{Frozen, frozen};
@@ -104,12 +104,21 @@ impl<'a> Others<'a> {
 
     /// What these runs say of a sensor.
     fn learn(&self, sensor: usize, runs: &[usize]) -> Gains {
+        self.learn_with(sensor, runs, self.penalty(sensor, runs))
+    }
+
+    /// The column of a sensor and those of the others; none where there is nothing to learn from.
+    fn columns(&self, sensor: usize, runs: &[usize]) -> Option<(usize, Vec<usize>)> {
         let candidates = self.bank.candidates.iter().enumerate();
         let others = candidates.filter(|(_, candidate)| candidate.input != sensor);
         let columns: Vec<usize> = others.map(|(column, _)| column).collect();
-        let Some(own) = self.bank.plain(sensor).filter(|_| !columns.is_empty() && !runs.is_empty()) else {
-            return Gains::new();
-        };
+        let own = self.bank.plain(sensor).filter(|_| !columns.is_empty() && !runs.is_empty())?;
+        Some((own, columns))
+    }
+
+    /// The penalty that leaves least on runs that are left out in turn.
+    fn penalty(&self, sensor: usize, runs: &[usize]) -> f64 {
+        let Some((own, columns)) = self.columns(sensor, runs) else { return UNCHOSEN };
         let all = self.products(own, &columns, runs);
         let penalties = decades(-3, 1, 1);
         let costs = folds(runs).into_iter().filter(|held| held.len() < runs.len()).map(|held| {
@@ -117,8 +126,13 @@ impl<'a> Others<'a> {
             let ridge = Ridge::of(&all.less(&held));
             penalties.iter().map(|penalty| held.left(&ridge.at(*penalty))).collect()
         });
-        let penalty = least_sum(costs).map_or(UNCHOSEN, |(place, _)| penalties[place]);
-        let gains = Ridge::of(&all).at(penalty);
+        least_sum(costs).map_or(UNCHOSEN, |(place, _)| penalties[place])
+    }
+
+    /// What these runs say of a sensor, with this penalty.
+    fn learn_with(&self, sensor: usize, runs: &[usize], penalty: f64) -> Gains {
+        let Some((own, columns)) = self.columns(sensor, runs) else { return Gains::new() };
+        let gains = Ridge::of(&self.products(own, &columns, runs)).at(penalty);
         columns.iter().map(|column| self.bank.candidates[*column]).zip(gains.iter().copied()).collect()
     }
 
@@ -240,39 +254,6 @@ pub(crate) fn stand_ins(
     };
     let sensors: Vec<&usize> = inputs.iter().filter(|input| others.sensors.contains(input)).collect();
     if others.sensors.len() < 2 { Vec::new() } else { sensors.iter().map(one).collect() }
-}
-
-/// Every stretch of the runs that are learnt from where the test speaks; `None` where there are too few runs for one.
-pub(crate) fn frozen_in(campaign: &Campaign<'_>) -> Option<Vec<faults::Frozen>> {
-    let (sensors, runs) = (campaign.sensors(), campaign.dataset.runs.len());
-    if sensors.len() < 2 {
-        return Some(Vec::new());
-    }
-    (runs >= ENOUGH_RUNS).then_some(())?;
-    let others = Others::new(campaign, &sensors);
-    let of_sensor = |sensor: &usize| {
-        // A fit that has seen the frozen hours would make little of them.
-        let each = others.held_out(*sensor, &(0..runs).collect::<Vec<usize>>());
-        let threshold = threshold(&each);
-        let column = campaign.inputs[*sensor].column;
-        let of_run = |(run, apart): (usize, Vec<f64>)| {
-            let changed = others.changed(*sensor, run);
-            let seconds = &others.bank.runs[run].seconds;
-            let rows: Vec<usize> = (0..seconds.len()).collect();
-            let stays = |one: &usize, other: &usize| changed[*one].to_bits() == changed[*other].to_bits();
-            let frozen = |stretch: &[usize]| {
-                let missed = stretch.iter().map(|row| apart[*row]).fold(0.0, f64::max);
-                let last = *stretch.last().filter(|_| missed > threshold)?;
-                // Its last row is frozen, too.
-                let to = seconds.get(last + 1).map_or(f64::INFINITY, |next| *next);
-                let to = to.min(seconds[last] + 60.0);
-                Some(faults::Frozen { column, run, from: changed[last], to, missed })
-            };
-            rows.chunk_by(stays).filter_map(frozen).collect::<Vec<_>>()
-        };
-        each.into_iter().flat_map(of_run).collect::<Vec<_>>()
-    };
-    Some(others.sensors.par_iter().flat_map_iter(of_sensor).collect())
 }
 
 /// θ, from D of each run.

@@ -25,6 +25,13 @@ pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Dur
     for faulty in &found.notes.excluded {
         writeln!(out, "  left out: {} {}", faulty.signal, faulty.reason)?;
     }
+    for omission in &found.notes.omissions {
+        writeln!(
+            out,
+            "  without {} held-out runs are left {:.2} µm RMS, with it {:.2} µm",
+            omission.signal, omission.without_um, omission.with_um
+        )?;
+    }
     for mended in &found.repaired {
         writeln!(out, "  mended: {} {} in {}: {}", mended.signal, mended.fault, mended.run, mended.done)?;
     }

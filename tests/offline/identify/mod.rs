@@ -8,6 +8,7 @@ mod command;
 mod drift;
 mod faulty;
 mod fleet;
+mod freezes;
 mod gaps;
 mod lost;
 mod position;
