@@ -69,8 +69,10 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
         block += &format!("\n# Where {without} is lost");
         if !found.runs.is_empty() {
             block += &format!(
-                "; held out: mean range {:.1} µm, worst {:.1} µm",
-                means.mean_range_um, means.worst_range_um
+                "; held out: mean range {:.1} µm, worst {:.1} µm, {:.0} % of the runs worse than uncompensated",
+                means.mean_range_um,
+                means.worst_range_um,
+                100.0 * means.worse_share
             );
         }
         block += ".\n";
@@ -161,6 +163,14 @@ fn head(found: &Identified) -> Vec<String> {
     }));
     lines.extend(
         found.notes.excluded.iter().map(|faulty| format!("Left out: {}: {}.", faulty.signal, faulty.reason)),
+    if !found.runs.is_empty() {
+        let (share, runs) = (100.0 * means.worse_share, found.runs.len());
+        let worse = match found.worse_runs.is_empty() {
+            true => String::new(),
+            false => format!(": {}", found.worse_runs.join(", ")),
+        };
+        lines.push(format!("It leaves {share:.0} % of {runs} held-out runs worse than uncompensated{worse}."));
+    }
     );
     lines.extend(found.repaired.iter().map(|mended| {
         format!("Mended: {} {} in {}: {}.", mended.signal, mended.fault, mended.run, mended.done)

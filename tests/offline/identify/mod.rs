@@ -10,6 +10,7 @@ mod faulty;
 mod fleet;
 mod freezes;
 mod gaps;
+mod harm;
 mod lost;
 mod position;
 mod prior;

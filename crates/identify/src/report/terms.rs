@@ -146,7 +146,10 @@ fn lag(term: &TermFound) -> String {
 
 /// What is left where a sensor is lost.
 pub(super) fn stand_ins(found: &Identified) -> Markup {
-    let figures = |means: &Means| [means.mean_range_um, means.worst_range_um, means.mean_rmse_um].map(number);
+    let figures = |means: &Means| {
+        let [mean, worst, rms] = [means.mean_range_um, means.worst_range_um, means.mean_rmse_um].map(number);
+        [mean, worst, rms, format!("{} %", decimals(100.0 * means.worse_share, 0))]
+    };
     let of_sensor = |stand_in: &StandIn| {
         let others = stand_in.terms.iter().map(|(signal, ..)| signal).collect::<BTreeSet<_>>().len();
         (stand_in.signal.clone(), stand_in.means, format!("its value from {}", counted(others, "other")))
@@ -176,7 +179,7 @@ pub(super) fn stand_ins(found: &Identified) -> Markup {
         @for signal in &found.irreplaceable {
             p { strong { (signal) } ": no other sensor can stand in for it. Keep a spare." }
         }
-        (table(&["lost", "mean range, µm", "worst run, µm", "mean RMS, µm", "what takes its place"], &rows))
+        (table(&["lost", "mean range, µm", "worst run, µm", "mean RMS, µm", "runs left worse", "what takes its place"], &rows))
         @if !found.stand_ins.is_empty() {
             p .quiet {
                 "A sensor counts as frozen once its reading stands still while the others say that it should have moved by more than: "

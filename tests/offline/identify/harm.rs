@@ -1,0 +1,57 @@
+//! Models that leave held-out runs worse than no compensation.
+
+use super::command::identify;
+use super::rig::{self, Day, Machine, Part};
+use super::whitened;
+
+/// A day on which the only sensor pushes the error by so many µm per °C. No model holds on days of both signs.
+fn day(seed: u64, gain: f64) -> Day {
+    let parts = vec![Part { sensor: 0, gain, constant: 0.0 }];
+    Machine { sensors: 1, parts, step: 60.0, rows: 300, noise: 0.0 }.day(seed)
+}
+
+fn contradicting(up: u64, down: u64) -> Vec<String> {
+    let ups = (0..up).map(|seed| day(700 + seed, 3.0));
+    let downs = (0..down).map(|seed| day(800 + seed, -3.0));
+    ups.chain(downs).map(|day| day.log()).collect()
+}
+
+fn bench() -> String {
+    rig::profile_with(1, rig::NO_MODEL)
+}
+
+#[test]
+fn a_model_that_leaves_more_than_a_third_of_eight_runs_worse_is_not_written_unless_by_force() {
+    let home = tempfile::tempdir().unwrap();
+    let logs = contradicting(5, 3);
+    let (said, is_good) = identify(home.path(), &bench(), &logs, &["--write", "z.toml"]);
+    assert!(!is_good && said.contains("z.toml is not written: the model leaves"), "{said}");
+    assert!(said.contains("of 8 held-out runs worse than no compensation"), "{said}");
+    assert!(said.contains("left worse than without compensation:") && said.contains("of 8 runs ("), "{said}");
+    assert!(!home.path().join("z.toml").exists());
+    let (said, is_good) = identify(home.path(), &bench(), &logs, &["--write", "z.toml", "--force"]);
+    assert!(is_good, "{said}");
+    let block = std::fs::read_to_string(home.path().join("z.toml")).unwrap();
+    assert!(block.contains("of 8 held-out runs worse than uncompensated: "), "{block}");
+    let (said, is_good) = identify(home.path(), &bench(), &logs, &["--force"]);
+    assert!(!is_good && said.contains("--write"), "there is nothing to force: {said}");
+}
+
+#[test]
+fn with_fewer_than_six_runs_it_warns_and_is_written() {
+    let home = tempfile::tempdir().unwrap();
+    let (said, is_good) = identify(home.path(), &bench(), &contradicting(3, 2), &["--write", "z.toml"]);
+    assert!(is_good, "{said}");
+    assert!(said.contains("note: the model leaves") && said.contains("from 6 held-out runs on"), "{said}");
+    assert!(home.path().join("z.toml").exists());
+}
+
+#[test]
+fn a_model_that_makes_no_run_worse_says_so() {
+    let home = tempfile::tempdir().unwrap();
+    let logs = whitened::logs(&whitened::days(6, 11, 0.1));
+    let bench = rig::profile_with(4, rig::NO_MODEL);
+    let (said, is_good) = identify(home.path(), &bench, &logs, &["--write", "z.toml"]);
+    assert!(is_good, "{said}");
+    assert!(said.contains("left worse than without compensation: none of 6 runs"), "{said}");
+}
