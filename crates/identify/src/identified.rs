@@ -6,6 +6,7 @@ use crate::bank::{Bank, Candidate};
 use crate::campaign::Campaign;
 use crate::checks::one_run_only;
 use crate::collinear::collinearity;
+use crate::coverage;
 use crate::dataset::{Column, Kind};
 use crate::expected::{Expected, expected, inside};
 use crate::faults::{Notes, Repaired, resolution};
@@ -222,6 +223,7 @@ pub fn identify(
         }
         false => Vec::new(),
     };
+    notes.remarks.extend(coverage::alike(campaign, bank));
     let mut found = Identified {
         method: settings.method.name(),
         axis: ready.axis.clone(),

@@ -1,7 +1,9 @@
-//! Models that leave held-out runs worse than no compensation.
+//! Models that leave held-out runs worse than no compensation, and days that are alike.
+
+use isotherm_identify::method::Settings;
 
 use super::command::identify;
-use super::rig::{self, Day, Machine, Part};
+use super::rig::{self, Day, Machine, Part, found};
 use super::whitened;
 
 /// A day on which the only sensor pushes the error by so many µm per °C. No model holds on days of both signs.
@@ -54,4 +56,22 @@ fn a_model_that_makes_no_run_worse_says_so() {
     let (said, is_good) = identify(home.path(), &bench, &logs, &["--write", "z.toml"]);
     assert!(is_good, "{said}");
     assert!(said.contains("left worse than without compensation: none of 6 runs"), "{said}");
+}
+
+#[test]
+fn days_that_are_alike_are_noted_beside_a_day_that_is_not() {
+    let mut days = whitened::days(5, 11, 0.1);
+    for day in &mut days[..4] {
+        for sensor in &mut day.temperatures {
+            let cold = sensor[0];
+            sensor.iter_mut().for_each(|value| *value = cold + 0.1 * (*value - cold));
+        }
+        day.error.iter_mut().for_each(|error| *error *= 0.1);
+    }
+    let told = |days: &[Day]| found(4, &whitened::logs(days), &Settings::default()).notes.remarks.join("; ");
+    let remarks = told(&days);
+    assert!(remarks.contains("the other runs are alike beside day4: the error spans"), "{remarks}");
+    assert_eq!(remarks.matches("are alike beside").count(), 1, "{remarks}");
+    let other = told(&whitened::days(5, 11, 0.1));
+    assert!(!other.contains("are alike beside"), "{other}");
 }
