@@ -133,6 +133,13 @@ pub(crate) fn identified_with(settle_s: f64) -> String {
     format!("identified_with = {{ settle = \"{}\" }}", settle(settle_s))
 }
 
+/// What `isotherm zero` needs, as a sentence: rises that count from the start of the machine know nothing of a zero.
+pub(crate) fn zero_needs(axis: &str) -> String {
+    format!(
+        "Its rises count from the start of the machine: `isotherm zero` needs datum = \"zero\" under [axis.{axis}]."
+    )
+}
+
 /// What a person must know of the model, line by line.
 fn head(found: &Identified) -> Vec<String> {
     let (means, before) = (&found.means, &found.uncompensated);
@@ -154,15 +161,8 @@ fn head(found: &Identified) -> Vec<String> {
             ),
         },
         format!("Rises are measured from the first {settle}: [machine] settle = \"{settle}\" belongs to it."),
+        zero_needs(&found.axis),
     ];
-    lines.extend(found.probe_q.map(|q| {
-        format!(
-            "What it leaves wanders: q = {} belongs to the axis's probe, if it has one (µm²/h).",
-            short(q)
-        )
-    }));
-    lines.extend(
-        found.notes.excluded.iter().map(|faulty| format!("Left out: {}: {}.", faulty.signal, faulty.reason)),
     if !found.runs.is_empty() {
         let (share, runs) = (100.0 * means.worse_share, found.runs.len());
         let worse = match found.worse_runs.is_empty() {
@@ -171,6 +171,14 @@ fn head(found: &Identified) -> Vec<String> {
         };
         lines.push(format!("It leaves {share:.0} % of {runs} held-out runs worse than uncompensated{worse}."));
     }
+    lines.extend(found.probe_q.map(|q| {
+        format!(
+            "What it leaves wanders: q = {} belongs to the axis's probe, if it has one (µm²/h).",
+            short(q)
+        )
+    }));
+    lines.extend(
+        found.notes.excluded.iter().map(|faulty| format!("Left out: {}: {}.", faulty.signal, faulty.reason)),
     );
     lines.extend(found.repaired.iter().map(|mended| {
         format!("Mended: {} {} in {}: {}.", mended.signal, mended.fault, mended.run, mended.done)

@@ -1,6 +1,8 @@
-//! Models that leave held-out runs worse than no compensation, and days that are alike.
+//! Models that leave held-out runs worse than no compensation, days that are alike, and what a written block says.
 
+use isotherm_core::compensation::model::Outside;
 use isotherm_identify::method::Settings;
+use isotherm_identify::written::written;
 
 use super::command::identify;
 use super::rig::{self, Day, Machine, Part, found};
@@ -74,4 +76,12 @@ fn days_that_are_alike_are_noted_beside_a_day_that_is_not() {
     assert_eq!(remarks.matches("are alike beside").count(), 1, "{remarks}");
     let other = told(&whitened::days(5, 11, 0.1));
     assert!(!other.contains("are alike beside"), "{other}");
+}
+
+#[test]
+fn the_block_says_what_a_zero_needs() {
+    let found = found(4, &whitened::logs(&whitened::days(4, 11, 1.0)), &Settings::default());
+    let block = written(&found, "z", Outside::Agree);
+    let line = "`isotherm zero` needs datum = \"zero\" under [axis.z]";
+    assert!(block.block.lines().any(|own| own.starts_with("# ") && own.contains(line)), "{}", block.block);
 }
