@@ -32,6 +32,7 @@ mod can;
 #[cfg(feature = "opcua")]
 pub mod certificates;
 pub mod claims;
+mod comparison;
 mod contact;
 mod continuity;
 pub mod control;

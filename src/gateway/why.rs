@@ -11,7 +11,7 @@ use super::arming::{Arming, has_its_reference};
 use super::contact::Contact;
 use super::continuity::Devices;
 use super::output::{Outputs, Standing};
-use super::{extrapolation, stand_in};
+use super::{comparison, extrapolation, stand_in};
 
 /// Cause of an axis that gave up.
 pub(super) const BEYOND_ERROR: &str = "its model asked for more than the error level";
@@ -106,6 +106,10 @@ impl Reasons<'_> {
         let troubled = troubled.or(displaced);
         if decision.tripped {
             return Explained::new(BEYOND_ERROR, WHEN_FOUND);
+        }
+        let worse = comparison::cause(&profile.axes[axis].settings, decision);
+        if let Some(worse) = worse.filter(|_| permit == Permit::Armed) {
+            return worse;
         }
         match (permit, troubled, decision.lacks) {
             (Permit::Unverified | Permit::Held | Permit::Off, Some(troubled), _) => troubled,

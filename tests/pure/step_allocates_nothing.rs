@@ -13,7 +13,8 @@ use isotherm_core::compensation::model::{
     Symbol, Term,
 };
 use isotherm_core::compensation::settings::{
-    AxisSettings, Datum, Filter, GainSettings, GuardSettings, Levels, MachineSettings, OnFault, ProbeSettings,
+    AxisSettings, Datum, Filter, GainSettings, GuardSettings, Levels, MachineSettings, OnFault, OnWorse,
+    ProbeSettings,
 };
 use isotherm_core::compensation::{Compensation, Control, Measured, Permit, Remembered, Snapshot};
 use isotherm_core::quantity::Moment;
@@ -59,6 +60,7 @@ fn compensation() -> Compensation {
         max_error: of(100.0),
         warn: None,
         gains: Some(GainSettings { forgetting: 0.98, limit: 0.2 }),
+        worse: OnWorse::Warn,
     });
     let axis = AxisSettings {
         name: "z".to_owned(),

@@ -40,6 +40,9 @@ pub struct AxisSummary {
     pub cz_um: Option<Range>,
     /// Share of the rows in each state that occurred.
     pub states: BTreeMap<&'static str, f64>,
+    /// Share of the rows in which touches showed that the model was worse than no compensation; `None` if there were none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub worse: Option<f64>,
     /// Where the log has the measured error.
     pub error: Option<ErrorSummary>,
     /// Where the log has the gateway's own decisions.
@@ -114,6 +117,8 @@ struct AxisTally {
     raw: Spread,
     cz: Spread,
     states: BTreeMap<&'static str, u64>,
+    /// Rows in which the model was worse than no compensation.
+    worse: u64,
     before: Spread,
     after: Spread,
     reproduced: Reproduced,
@@ -158,6 +163,7 @@ impl Tally {
             raw: Spread::default(),
             cz: Spread::default(),
             states: BTreeMap::new(),
+            worse: 0,
             before: Spread::default(),
             after: Spread::default(),
             reproduced: Reproduced::default(),
@@ -182,6 +188,7 @@ impl Tally {
         }
         axis.cz.add(outcome.decision.cz.get());
         *axis.states.entry(outcome.decision.state.name()).or_default() += 1;
+        axis.worse += u64::from(outcome.decision.worse.is_some());
         if let (Some(before), Some(after)) = (outcome.error, outcome.residual()) {
             axis.before.add(before);
             axis.after.add(after);
@@ -237,6 +244,7 @@ impl AxisTally {
             raw_um: self.raw.range,
             cz_um: self.cz.range,
             states: states.collect(),
+            worse: (self.worse > 0).then(|| count(self.worse) / count(rows.max(1))),
             error,
             reproduced: (self.reproduced.rows > 0).then_some(self.reproduced),
         }
@@ -254,6 +262,8 @@ fn difference(axis: &str, line: u64, decided: &Decided, outcome: &Outcome<'_>) -
     let logged = decided.expected.unwrap_or(expected);
     let stood_in = outcome.stood_in;
     let logged_one = decided.stood_in.as_deref().unwrap_or(stood_in);
+    let worse = if decision.worse.is_some() { "1" } else { "" };
+    let logged_worse = decided.worse.as_deref().unwrap_or(worse);
     let columns = [
         ("raw_um", same(decided.raw, raw), number(decided.raw), number(raw)),
         ("cz_um", same(Some(decided.cz), Some(cz)), number(Some(decided.cz)), number(Some(cz))),
@@ -262,6 +272,7 @@ fn difference(axis: &str, line: u64, decided: &Decided, outcome: &Outcome<'_>) -
         ("acted", decided.acted == acted, decided.acted.clone(), acted.clone()),
         ("expected_um", same(logged, expected), number(logged), number(expected)),
         ("stood_in", logged_one == stood_in, logged_one.to_owned(), stood_in.to_owned()),
+        ("worse", logged_worse == worse, logged_worse.to_owned(), worse.to_owned()),
     ];
     let (column, _, recorded, replayed) = columns.into_iter().find(|(_, same, ..)| !same)?;
     Some(Difference { line, column: format!("{axis}_{column}"), recorded, replayed })
@@ -288,6 +299,9 @@ impl fmt::Display for Summary {
                 )?;
             }
             writeln!(f)?;
+            if let Some(share) = axis.worse {
+                writeln!(f, "  worse with its model than without compensation: {:.1} %", share * 100.0)?;
+            }
             if let Some(error) = &axis.error {
                 writeln!(
                     f,

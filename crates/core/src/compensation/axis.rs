@@ -9,7 +9,7 @@ use super::probe::Probe;
 use super::reference::Machine;
 use super::remembered::AxisMemory;
 use super::settings::{AxisSettings, Datum, GuardSettings, MachineSettings, OnFault};
-use super::{AxisRunning, AxisState, Control, Decision, Permit, Snapshot, Stages};
+use super::{AxisRunning, AxisState, Control, Decision, Permit, Snapshot, Stages, Worse};
 use crate::quantity::{Micron, Moment};
 
 mod choose;
@@ -71,6 +71,7 @@ impl Axis {
             lacks: None,
             stood_in: None,
             tripped: false,
+            worse: None,
             extrapolating: None,
             excess: None,
         };
@@ -182,12 +183,19 @@ impl Axis {
             self.slope_guard.take_over(found, &self.slope_settings());
         }
         self.note_error_level(chosen, control.permit);
-        let followed = chosen.filter(|_| !self.tripped);
+        let worse = self.worse(chosen);
+        let is_left =
+            control.permit == Permit::Armed && worse.is_some() && self.settings.leaves_what_is_worse();
+        let followed = chosen.filter(|_| !self.tripped && !is_left);
         let keeps =
             control.permit == Permit::Armed && followed.is_some_and(|chosen| self.keeps_outside(&chosen));
-        self.state = self.next_state(now, followed, control.permit, keeps);
+        self.state = match is_left {
+            true => self.returns_to_zero(),
+            false => self.next_state(now, followed, control.permit, keeps),
+        };
         self.kept_outside = keeps;
-        let Guarded { cz, slope, target, slope_target, acted } = self.guarded(followed, &control, dt);
+        let ramp = if is_left { Pace::Ramp } else { self.ramp_pace() };
+        let Guarded { cz, slope, target, slope_target, acted } = self.guarded(followed, &control, (dt, ramp));
         if self.state == AxisState::Ramping && cz == Micron::ZERO && slope == Micron::ZERO {
             self.state = AxisState::Zeroed;
         }
@@ -206,6 +214,7 @@ impl Axis {
             lacks,
             stood_in: chosen.and_then(|chosen| chosen.stood_in),
             tripped: self.tripped,
+            worse,
             extrapolating: chosen.and_then(|chosen| chosen.coverage?.extrapolating),
             excess: chosen.and_then(|chosen| chosen.coverage).map(|coverage| coverage.excess),
         };
@@ -225,18 +234,45 @@ impl Axis {
         error.is_some_and(|error| chosen.raw.abs() > error || chosen.slope.abs() > error)
     }
 
-    /// Moves both guards towards the requested values; their values, the targets, and the stages that acted on either.
-    fn guarded(&mut self, followed: Option<Chosen>, control: &Control, dt: Duration) -> Guarded {
+    /// The figures of the model in use where it is worse than no compensation; while none can be used, those of the last one.
+    fn worse(&self, chosen: Option<Chosen>) -> Option<Worse> {
+        match chosen {
+            _ if self.settings.probe.is_none() => None,
+            Some(chosen) => self.probe.worse(chosen.model),
+            None => self.decision.worse,
+        }
+    }
+
+    /// How the fault action goes to zero.
+    fn ramp_pace(&self) -> Pace {
+        match self.settings.on_fault {
+            OnFault::Zero => Pace::Steps,
+            OnFault::Hold | OnFault::Ramp { .. } => Pace::Ramp,
+        }
+    }
+
+    /// State of an axis that goes to zero or stays there, whatever its fault action is.
+    fn returns_to_zero(&self) -> AxisState {
+        if self.is_at_zero() { AxisState::Zeroed } else { AxisState::Ramping }
+    }
+
+    /// Moves both guards towards the requested values; their values, the targets, and the stages that acted on either. `ramp`: the
+    /// pace at which an axis goes to zero.
+    fn guarded(
+        &mut self,
+        followed: Option<Chosen>,
+        control: &Control,
+        (dt, ramp): (Duration, Pace),
+    ) -> Guarded {
         // An axis whose output is in trouble goes back, too: the value that could not be written was decided on wrong readings.
         let returns =
             control.return_to.filter(|_| matches!(control.permit, Permit::Armed | Permit::Unverified));
-        let (wanted, pace) = match (self.state, followed, self.settings.on_fault) {
-            (AxisState::Active | AxisState::Degraded, Some(chosen), _) => {
+        let (wanted, pace) = match (self.state, followed) {
+            (AxisState::Active | AxisState::Degraded, Some(chosen)) => {
                 (Some((control.sign.unwrap_or(chosen.raw), chosen.slope)), Pace::Follow)
             }
-            (AxisState::Ramping, _, OnFault::Zero) => (Some((Micron::ZERO, Micron::ZERO)), Pace::Steps),
-            (AxisState::Ramping, _, _) => (Some((Micron::ZERO, Micron::ZERO)), Pace::Ramp),
-            (AxisState::Holding(_), None, _) => (returns.map(|to| (to.cz, to.slope)), Pace::Follow),
+            (AxisState::Ramping, _) => (Some((Micron::ZERO, Micron::ZERO)), ramp),
+            (AxisState::Holding(_), None) => (returns.map(|to| (to.cz, to.slope)), Pace::Follow),
             _ => (None, Pace::Follow),
         };
         let guard = &self.settings.guard;
@@ -320,8 +356,7 @@ impl Axis {
 
     fn fault_action(&self, now: Moment, at_once: bool) -> AxisState {
         let since = match self.state {
-            AxisState::Ramping | AxisState::Zeroed if self.is_at_zero() => return AxisState::Zeroed,
-            AxisState::Ramping | AxisState::Zeroed => return AxisState::Ramping,
+            AxisState::Ramping | AxisState::Zeroed => return self.returns_to_zero(),
             // What was kept outside an envelope was no fault: the fault begins now.
             AxisState::Holding(_) if self.kept_outside => now,
             // Where time went back, the hold does not wait for the moment at which it began to come again.

@@ -86,7 +86,7 @@ impl Axis {
 
     /// What it asks for from its datum on. Where its envelope shrinks it, what is left of the datum and of the correction
     /// shrinks with it: far outside Cz goes to zero. What its halves agree on is the model's own; a correction was measured.
-    fn chosen(&self, model: usize, evaluated: Evaluated, correction: f64) -> Option<Chosen> {
+    pub(super) fn chosen(&self, model: usize, evaluated: Evaluated, correction: f64) -> Option<Chosen> {
         let Asked { cz, slope, gain, coverage } = self.asked(model, evaluated);
         let reach = self.settings.intercept_slope.map_or(0.0, |line| line.reach.get());
         Some(Chosen {
