@@ -103,7 +103,8 @@ fn a_right_model_is_not_found_worse_by_a_chip_nor_while_cz_is_under_way() {
     let filter = Filter::Weighed { repeat: 0.5, walk: 4.0 };
     let mut rig = Rig::new(probed_axis(ProbeSettings { filter, worse: OnWorse::Ramp, ..probe() }));
     rig.step();
-    for (place, chip) in [0.0, 0.0, 40.0, 0.0, 0.0, -12.0, 0.0, 0.0, 20.0, -20.0, 0.0].into_iter().enumerate() {
+    for (place, chip) in [0.0, 0.0, 40.0, 0.0, 0.0, -12.0, 0.0, 0.0, 20.0, -20.0, 0.0].into_iter().enumerate()
+    {
         let decision = rig.touched(chip - 8.4);
         assert_eq!((decision.worse, decision.state), (None, AxisState::Active), "{place}");
         near(correction(decision), 0.0);
@@ -121,7 +122,11 @@ fn a_new_datum_discards_the_touches_and_what_is_taken_back_the_verdict() {
     assert_eq!(rig.worse().map(|worse| worse.touches), Some(2));
     rig.compensation.zero(rig.now);
     rig.after(10.0);
-    assert_eq!(rig.touched(0.0).worse.map(|worse| worse.touches), Some(2), "while it is captured none counts");
+    assert_eq!(
+        rig.touched(0.0).worse.map(|worse| worse.touches),
+        Some(2),
+        "while it is captured none counts"
+    );
     rig.run(60.0);
     assert_eq!(rig.worse().map(|worse| worse.touches), Some(0));
     rig.control.forget = true;
