@@ -157,7 +157,7 @@ impl Reasons<'_> {
             ),
             Unusable::Reference(id) => format!("the reference of {} is not captured yet", name(id)).into(),
             Unusable::Frozen(id) => Explained::new(
-                format!("{} is frozen, and no other sensor stands in for it", name(id)),
+                format!("{} is frozen, and no other sensor stands in for it in this model", name(id)),
                 SEE_TO_THE_SENSOR,
             ),
             Unusable::Unproven(id) => format!(

@@ -5,7 +5,8 @@
 //!
 //! ```text
 //! D(t) = |x̂(t) − x̂(s)|, s being when the reading last changed; 0 where that is less than 3 minutes ago
-//! θ    = max(0.05 °C, 2 × the second largest of the runs' largest D)      with fewer than four runs: the largest
+//! θ    = max(0.05 °C, 2 × the largest of the runs' largest D)
+//!        of four runs or more 2 × the second largest, if the largest exceeds three times that
 //! ```
 //!
 //! From then on its value is x̂ + (its last reading − x̂ then), through the model's own lags.
@@ -38,6 +39,8 @@ const LEAST: f64 = 0.05;
 const TIMES: f64 = 2.0;
 /// From so many runs on, the largest of them may be a fault of its own.
 const ENOUGH_RUNS: usize = 4;
+/// It is taken for one if it exceeds the second largest by this factor.
+const FAR: f64 = 3.0;
 /// Where one run gives no validation.
 const UNCHOSEN: f64 = 0.3;
 
@@ -59,6 +62,13 @@ pub struct StandIn {
 }
 
 impl StandIn {
+    /// Whether it depends on two other sensors or more. The fault of a single one would pass into it whole, so that the gateway uses no
+    /// such stand-in.
+    pub(crate) fn has_others_enough(&self) -> bool {
+        let mut names = self.terms.iter().filter(|(_, _, gain)| gain.abs() > 0.0).map(|(name, ..)| name);
+        names.next().is_some_and(|first| names.any(|name| name != first))
+    }
+
     /// As its part of the file.
     pub(crate) fn file(&self) -> Value {
         let term = |(signal, lag_s, gain): &(String, f64, f64)| json!({ "signal": signal, "lag_s": lag_s, "gain": gain });
@@ -261,8 +271,12 @@ fn threshold(each: &[(usize, Vec<f64>)]) -> f64 {
     let mut largest: Vec<f64> =
         each.iter().map(|(_, apart)| apart.iter().copied().fold(0.0, f64::max)).collect();
     largest.sort_by(|one, other| other.total_cmp(one));
-    let seen = if each.len() < ENOUGH_RUNS { largest.first() } else { largest.get(1) };
-    (TIMES * seen.copied().unwrap_or_default()).max(LEAST)
+    let seen = match largest.as_slice() {
+        [first, second, ..] if each.len() >= ENOUGH_RUNS && *first > FAR * second => *second,
+        [first, ..] => *first,
+        [] => 0.0,
+    };
+    (TIMES * seen).max(LEAST)
 }
 
 /// D over rows.
@@ -296,4 +310,25 @@ fn lagged(seconds: &[f64], values: &[f64], constant: f64) -> Vec<f64> {
         follower
     })
     .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_threshold_is_twice_the_largest_unless_that_is_a_fault_of_its_own() {
+        for (largest, wanted) in [
+            (vec![0.3, 0.5, 0.2, 0.4], 1.0),
+            (vec![0.3, 0.89, 0.2, 0.3], 1.78),
+            (vec![0.3, 0.91, 0.2, 0.3], 0.6),
+            (vec![0.2, 0.91, 0.3], 1.82),
+            (vec![0.01, 0.0, 0.01, 0.02], 0.05),
+            (vec![], 0.05),
+        ] {
+            let each: Vec<(usize, Vec<f64>)> =
+                largest.iter().enumerate().map(|(run, apart)| (run, vec![0.0, *apart])).collect();
+            assert!((threshold(&each) - wanted).abs() < 1e-12, "{largest:?}");
+        }
+    }
 }

@@ -39,6 +39,8 @@ pub(super) struct Axis {
     tripped: bool,
     /// It keeps its value because the model's inputs lie outside its envelope.
     kept_outside: bool,
+    /// The first fallback model that is not used because its inputs lie outside its envelope.
+    fallback_outside: Option<usize>,
     stepped: Option<Moment>,
     pub(super) due: Option<Moment>,
     pub(super) decision: Decision,
@@ -90,6 +92,7 @@ impl Axis {
             permit: Permit::Off,
             tripped: false,
             kept_outside: false,
+            fallback_outside: None,
             stepped: None,
             due: None,
             decision,
@@ -121,7 +124,7 @@ impl Axis {
     pub(super) fn go_on(&mut self, running: &AxisRunning) {
         (self.guard, self.slope_guard) = (running.guard, running.slope_guard);
         (self.state, self.permit, self.tripped) = (running.state, running.permit, running.tripped);
-        self.kept_outside = running.kept_outside;
+        (self.kept_outside, self.fallback_outside) = (running.kept_outside, running.fallback_outside);
         (self.stepped, self.due, self.decision) = (running.stepped, running.due, running.decision);
     }
 
@@ -135,6 +138,7 @@ impl Axis {
             permit: self.permit,
             tripped: self.tripped,
             kept_outside: self.kept_outside,
+            fallback_outside: self.fallback_outside,
             stepped: self.stepped,
             due: self.due,
             decision: self.decision,
@@ -174,7 +178,8 @@ impl Axis {
         if self.settings.probe.is_some() {
             self.be_taught(snapshot, machine, control);
         }
-        let (chosen, lacks) = self.choose(snapshot, machine);
+        let (chosen, lacks, fallback_outside) = self.choose(snapshot, machine);
+        self.fallback_outside = fallback_outside;
         if let Some(found) = control.take_over {
             self.guard.take_over(found, &self.settings.guard);
         }

@@ -2,7 +2,7 @@
 
 use super::Axis;
 use crate::compensation::model::envelope::agreed;
-use crate::compensation::model::{Coverage, Evaluated, Inputs, Model, Outside, Unusable};
+use crate::compensation::model::{CLEARLY_INSIDE, Coverage, Evaluated, Inputs, Model, Outside, Unusable};
 use crate::compensation::reference::Machine;
 use crate::compensation::{Snapshot, StoodIn};
 use crate::quantity::Micron;
@@ -61,27 +61,38 @@ impl Axis {
         Some((self.settings.models.get(place)?, inputs))
     }
 
-    /// The first model whose signals are all good, with its value, and what the preferred one lacks. One that only
-    /// waits for a reference or for the machine's start is waited for: fallback models stand in for broken sensors.
+    /// The first model whose signals are all good, with its value, what the preferred one lacks, and the first fallback model that is
+    /// outside its own envelope, which is not used there. One that only waits for a reference or for the machine's start is waited for:
+    /// fallback models stand in for broken sensors.
     pub(in crate::compensation) fn choose(
         &self,
         snapshot: &Snapshot<'_>,
         machine: &Machine,
-    ) -> (Option<Chosen>, Option<Unusable>) {
-        let mut lacks = None;
+    ) -> (Option<Chosen>, Option<Unusable>, Option<usize>) {
+        let (mut lacks, mut outside) = (None, None);
         for place in 0..self.settings.models.len() {
             match self.evaluate(place, snapshot, machine) {
+                Ok(evaluated) if self.is_fallback_outside(place, &evaluated) => {
+                    outside = outside.or(Some(place));
+                }
                 Ok(evaluated) => {
                     let correction = self.correction(place, snapshot, machine);
-                    return (self.chosen(place, evaluated, correction), lacks);
+                    return (self.chosen(place, evaluated, correction), lacks, outside);
                 }
                 Err(reason @ (Unusable::Reference(_) | Unusable::MachineOff)) => {
-                    return (None, lacks.or(Some(reason)));
+                    return (None, lacks.or(Some(reason)), outside);
                 }
                 Err(reason) => lacks = lacks.or(Some(reason)),
             }
         }
-        (None, lacks)
+        (None, lacks, outside)
+    }
+
+    /// Returns whether this is a fallback model outside its own envelope. One that was outside is until it is clearly inside.
+    fn is_fallback_outside(&self, place: usize, evaluated: &Evaluated) -> bool {
+        let has_envelope = self.settings.models.get(place).is_some_and(|model| model.envelope.is_some());
+        let edge = if self.fallback_outside == Some(place) { CLEARLY_INSIDE } else { 0.0 };
+        place > 0 && has_envelope && evaluated.coverage.is_some_and(|coverage| coverage.excess > edge)
     }
 
     /// What it asks for from its datum on. Where its envelope shrinks it, what is left of the datum and of the correction

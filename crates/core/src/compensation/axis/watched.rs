@@ -3,7 +3,7 @@
 use super::Axis;
 use crate::compensation::instead::{Instead, Says};
 use crate::compensation::model::{Model, StandIns};
-use crate::compensation::stand_in::{Beginning, Watch};
+use crate::compensation::stand_in::{Beginning, Bounds, Watch};
 use crate::compensation::{Distrusted, StoodIn};
 use crate::compensation::{Snapshot, reference::Machine};
 use crate::quantity::Moment;
@@ -43,14 +43,16 @@ impl Axis {
     /// Looks at the readings, before anything goes on to them.
     pub(in crate::compensation) fn look(&mut self, snapshot: &Snapshot<'_>, machine: &Machine) {
         let every = self.settings.every;
-        for (settings, _, watch) in self.watches_mut() {
-            watch.look(settings, snapshot, machine, every);
+        for (settings, model, watch) in self.watches_mut() {
+            watch.look((model, settings), snapshot, machine, every);
         }
         self.present();
     }
 
     /// The lags go on to this snapshot, those of an axis that is not due or not armed too: its structure does not wait.
     pub(in crate::compensation) fn follow(&mut self, snapshot: &Snapshot<'_>, machine: &Machine) {
+        let reach = self.settings.intercept_slope.map(|line| line.reach);
+        let bounds = Bounds { step: self.settings.guard.step, reach };
         for ((model, lags), watched) in self.settings.models.iter().zip(&mut self.lags).zip(&mut self.watched)
         {
             let seen = Snapshot { instead: &watched.instead, ..*snapshot };
@@ -60,7 +62,7 @@ impl Axis {
                 all.next().into_iter().for_each(|lag| lag.follow(input, &seen, machine));
             });
             if let (Some(settings), Some(watch)) = (&model.stand_ins, &mut watched.watch) {
-                watch.follow((model, settings), lags, &seen, machine);
+                watch.follow((model, settings, bounds), lags, &seen, machine);
             }
         }
         self.present();
@@ -167,8 +169,8 @@ impl Axis {
 
     /// A person has looked: whatever reads something is believed.
     pub(in crate::compensation) fn trust(&mut self, machine: &Machine, now: Moment) {
-        for (settings, _, watch) in self.watches_mut() {
-            watch.trust(settings, machine, now);
+        for (settings, model, watch) in self.watches_mut() {
+            watch.trust((model, settings), machine, now);
         }
         self.present();
     }

@@ -6,15 +6,15 @@ use serde::{Deserialize, Serialize};
 
 use crate::compensation::Snapshot;
 use crate::compensation::model::stand_ins::Predictor;
-use crate::compensation::model::{Envelope, Inputs, Lag};
+use crate::compensation::model::{CLEARLY_INSIDE, Envelope, Inputs, Lag};
 use crate::compensation::reference::{Machine, Reference};
 use crate::quantity::{Moment, shifted};
 
 /// After so many of its time constants a lag has forgotten, but for less than a hundredth, that it began at rest on a machine
 /// that was warm.
 const FORGOTTEN: u32 = 5;
-/// A predictor may be so much of its range beyond it: there the halves of a model begin to count too.
-const BEYOND: f64 = 0.10;
+/// So much of its range a predictor may be beyond it: less is the count of a sensor and the rounding of a file.
+pub(super) const EDGE: f64 = 0.01;
 
 /// An input of the bank.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -78,10 +78,13 @@ impl Gathered {
         (if is_own { &mut self.own } else { &mut self.lent }).take(rise.get());
     }
 
-    /// Whether it is beyond the range that the model's envelope has for it, and clearly so at first.
+    /// Whether it, or what follows it, is beyond the range that the model's envelope has for it. That ends when both are clearly inside.
     pub(super) fn look_at_range(&mut self, predictor: &Predictor, envelope: &Envelope, inputs: &Inputs<'_>) {
-        let Some(share) = envelope.beyond_range(predictor.input.signal, inputs) else { return };
-        self.beyond = share > if self.beyond { 0.0 } else { BEYOND };
+        let now = envelope.beyond_range(predictor.input.signal, inputs);
+        let late = self.own.get().or_else(|| self.lent.get());
+        let late = late.and_then(|rise| envelope.rise_beyond_range(&predictor.input, rise));
+        let Some(share) = now.into_iter().chain(late).reduce(f64::max) else { return };
+        self.beyond = share > if self.beyond { CLEARLY_INSIDE } else { EDGE };
     }
 
     /// Its rise in this minute, and whether it is only what others said of it. `frozen`: what it read itself says nothing.

@@ -11,11 +11,11 @@ pub(super) const COLUMN: SignalId = SignalId(2);
 /// °C.
 pub(super) const THRESHOLD: f64 = 0.3;
 
-/// The bed is the mean of the others, and the wheelhead is the column: the bed has no part in it.
+/// Each is the mean of the others; the column is the bed alone, which is too few to stand in.
 pub(super) fn stand_ins(file: u64) -> StandIns {
     let sensor = |signal, terms| Described { signal, threshold: THRESHOLD, stands_in: true, terms };
     let bed = vec![Described::term(WHEELHEAD, None, 0.5), Described::term(COLUMN, None, 0.5)];
-    let wheelhead = vec![Described::term(COLUMN, None, 1.0), Described::term(BED, None, 0.0)];
+    let wheelhead = vec![Described::term(COLUMN, None, 0.5), Described::term(BED, None, 0.5)];
     let column = vec![Described::term(BED, None, 1.0)];
     StandIns::new(vec![sensor(BED, bed), sensor(WHEELHEAD, wheelhead), sensor(COLUMN, column)], file)
 }
@@ -31,8 +31,13 @@ pub(super) fn rises() -> Model {
 
 pub(super) fn settings(file: u64) -> AxisSettings {
     let watched = Model { stand_ins: Some(stand_ins(file)), ..rises() };
-    axis(vec![watched, linear("wheelhead", 0.0, &[term(WHEELHEAD, 1.0, Reference::Start)])])
+    let axis = axis(vec![watched, linear("wheelhead", 0.0, &[term(WHEELHEAD, 1.0, Reference::Start)])]);
+    // Large enough for what a substitution moves.
+    AxisSettings { guard: GuardSettings { step: um(STEP), ..axis.guard }, ..axis }
 }
+
+/// µm.
+pub(super) const STEP: f64 = 5.0;
 
 /// The same machine twice: one whose sensors fail, and one whose do not.
 pub(super) struct Twins {
@@ -179,7 +184,7 @@ fn a_stand_in_is_never_an_input_of_another() {
     twins.run(60.0);
     twins.lost[0] = true;
     twins.run(10.0);
-    // The wheelhead rests on the column alone, but the bed rests on both: neither the model nor its stand-in is left.
+    // Both depend on each other: neither the model nor its fallback is left.
     twins.lost[1] = true;
     let (_, decision) = twins.run(10.0);
     assert_eq!((decision.model, decision.lacks), (None, Some(Unusable::Signal(BED))));
@@ -192,7 +197,7 @@ fn a_stand_in_is_never_an_input_of_another() {
 }
 
 #[test]
-fn a_frozen_sensor_that_nobody_stands_in_for_is_used_by_no_model() {
+fn a_frozen_sensor_that_nobody_stands_in_for_is_reported_and_its_reading_is_used() {
     let mut settings = settings(1);
     let sensor = Described {
         signal: WHEELHEAD,
@@ -201,14 +206,58 @@ fn a_frozen_sensor_that_nobody_stands_in_for_is_used_by_no_model() {
         terms: vec![Described::term(BED, None, 1.0)],
     };
     settings.models[0].stand_ins = Some(StandIns::new(vec![sensor], 1));
-    settings.models.push(linear("bed", 0.0, &[term(BED, 1.0, Reference::Start)]));
     let mut twins = Twins::new(0.05);
     twins.failing = Rig::new(settings);
     twins.run(60.0);
     twins.freeze(WHEELHEAD);
-    let (_, decision) = twins.run(20.0);
-    assert_eq!((decision.model, decision.lacks), (Some(2), Some(Unusable::Frozen(WHEELHEAD))));
-    assert_eq!((decision.state, decision.stood_in), (AxisState::Degraded, None));
+    let (apart, decision) = twins.run(20.0);
+    assert_eq!((decision.model, decision.lacks), (Some(0), None));
+    assert_eq!((decision.state, decision.stood_in), (AxisState::Active, None));
+    assert!(apart > 0.9 && apart < 1.1, "its gain is 1, and it has missed 1 °C: {apart}");
+    let found: Vec<Distrusted> = twins.failing.compensation.distrusted(0).collect();
+    assert_eq!((found.len(), found[0].signal, found[0].frozen, found[0].others), (1, WHEELHEAD, true, None));
+    twins.frozen[1] = None;
+    let (_, decision) = twins.run(0.1);
+    assert_eq!((decision.state, twins.failing.compensation.distrusted(0).count()), (AxisState::Active, 0));
+}
+
+#[test]
+fn one_other_sensor_stands_in_for_none_and_still_finds_a_frozen_one() {
+    let mut twins = Twins::new(0.05);
+    let watched = stand_ins(1).watched().collect::<Vec<_>>();
+    assert_eq!(watched, [(BED, true), (WHEELHEAD, true), (COLUMN, false)]);
+    twins.run(60.0);
+    twins.freeze(COLUMN);
+    assert_eq!(twins.run(20.0).1.stood_in, None);
+    let found: Vec<Distrusted> = twins.failing.compensation.distrusted(0).collect();
+    assert_eq!((found.len(), found[0].signal, found[0].others), (1, COLUMN, None));
+}
+
+#[test]
+fn a_substitution_that_moves_the_target_by_more_than_a_step_is_not_made() {
+    for (step, is_made) in [(0.5, false), (1.0, true)] {
+        let mut axis = settings(1);
+        axis.guard.step = um(step);
+        let mut twins = Twins::new(0.05);
+        twins.failing = Rig::new(axis);
+        twins.run(60.0);
+        twins.freeze(BED);
+        let before = twins.run(5.0).1.raw.unwrap();
+        // 0.3 °C of the bed are 0.6 µm at once, and some of it behind a lag.
+        let mut last = before;
+        for _ in 0..180 {
+            let raw = twins.run(1.0 / 6.0).1.raw.unwrap();
+            assert!((raw - last).abs().get() <= step.max(0.2), "{step}: {last} {raw}");
+            last = raw;
+        }
+        let decision = *twins.failing.compensation.decision(0).unwrap();
+        assert_eq!(decision.stood_in.is_some(), is_made, "{step}");
+        assert_eq!(
+            (decision.model, twins.failing.compensation.distrusted(0).count()),
+            (Some(0), 1),
+            "{step}"
+        );
+    }
 }
 
 #[test]
