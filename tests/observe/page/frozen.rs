@@ -27,7 +27,7 @@ stand_ins = \"s.json\"
 expected = { since_datum = [0.0, 4.41] }
 terms = [
   { signal = \"bed\", gain = 2.6, reference = \"start\" },
-  { signal = \"wheelhead\", gain = -2.3, reference = \"start\" },
+  { signal = \"wheelhead\", gain = -1.2, reference = \"start\" },
 ]
 ";
     let (before, rest) = GRINDER.split_once("[[axis.z.model]]").unwrap();

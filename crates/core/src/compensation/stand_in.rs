@@ -7,7 +7,7 @@
 //! D = |x̂(now) − x̂(s)| > θ          0 while the reading changed less than 3 min ago
 //! ```
 //!
-//! That is a suspicion: it is reported, and the reading is used all the same. Its value is `y + x̂ − x̂(s)` instead, and the lags of
+//! Three minutes of that in a row are a suspicion: it is reported, and the reading is used all the same. Its value is `y + x̂ − x̂(s)` instead, and the lags of
 //! its terms are those that have followed this since s, if that moves what the model asks for by one step of the axis at most: beside
 //! each lag runs its shadow, which is the lag at every change of the reading and follows the prediction in between. A sensor that is
 //! lost is replaced from its last good reading on, one that was lost when the machine started by x̂ as its rise.
@@ -21,7 +21,8 @@
 //!   a second sensor that freezes is found too.
 //! - A stand-in depends on two other sensors or more, and both they and it are inside the ranges on which the model was
 //!   identified: the envelope says so, input by input. Its distance does not count: a sensor that is frozen moves it itself. While
-//!   one of the others, or what follows it, is beyond its range, no sensor is suspected on its word either.
+//!   the sensor itself, what is predicted of it, one of the others, or what follows that is beyond its range, the sensor is not
+//!   suspected either.
 //! - A mean is that of the readings that there were. A prediction ends with the first whole minute in which one of those
 //!   it depends on had none, and where nobody looked for two minutes. For a frozen sensor the last one serves for ten minutes more;
 //!   then the reading of the sensor is used again.
@@ -39,7 +40,7 @@ use std::time::Duration;
 use super::Snapshot;
 use super::instead::{Instead, Says};
 use super::model::stand_ins::{StandIns, VirtualSensor};
-use super::model::{Input, Inputs, Lag, Model, Reference};
+use super::model::{CLEARLY_INSIDE, Input, Inputs, Lag, Model, Reference};
 use super::reference::Machine;
 use crate::quantity::{Micron, Millimetre, Moment, shifted};
 use crate::reading::SignalId;
@@ -332,14 +333,14 @@ impl Watch {
         machine: &Machine,
         lags: &mut [Lag],
     ) {
+        let inputs = Inputs { snapshot: *seen, machine, lags: &[], splits_slope: false };
         if let Some(envelope) = &model.envelope {
-            let inputs = Inputs { snapshot: *seen, machine, lags: &[], splits_slope: false };
             for (predictor, gathered) in settings.bank().iter().zip(&mut self.bank) {
                 gathered.look_at_range(predictor, envelope, &inputs);
             }
         }
         for (place, known) in settings.sensors().iter().enumerate() {
-            let prediction = self.predict((model, settings), known, seen);
+            let prediction = self.predict((model, settings), place, &inputs);
             let reading = seen.reading(known.signal);
             match self.sensors[place].judge(prediction, reading, known.threshold, seen.now) {
                 Verdict::AsBefore => {}
@@ -401,25 +402,30 @@ impl Watch {
     fn predict(
         &self,
         (model, settings): (&Model, &StandIns),
-        known: &VirtualSensor,
-        seen: &Snapshot<'_>,
+        place: usize,
+        inputs: &Inputs<'_>,
     ) -> Prediction {
-        if known.terms.iter().any(|(place, _)| self.bank[*place].beyond) {
+        let known = &settings.sensors()[place];
+        let (envelope, own) = (model.envelope.as_ref(), Input::of(known.signal, Reference::Start, None));
+        let edge = if self.sensors[place].is_outside() { CLEARLY_INSIDE } else { EDGE };
+        let is_beyond = |share: Option<f64>| share.is_some_and(|share| share > edge);
+        let of_itself = envelope.and_then(|envelope| envelope.beyond_range(known.signal, inputs));
+        if is_beyond(of_itself) || known.terms.iter().any(|(place, _)| self.bank[*place].beyond) {
             return Prediction::Outside;
         }
-        let predicted = self.sum(settings, known, seen);
+        let predicted = self.sum(settings, known, &inputs.snapshot);
         let Some(predicted) = predicted.filter(|predicted| predicted.rise.is_finite()) else {
             return Prediction::Missing;
         };
-        let own = Input::of(known.signal, Reference::Start, None);
-        let envelope = model.envelope.as_ref();
-        let share = envelope.and_then(|envelope| envelope.rise_beyond_range(&own, predicted.rise));
-        Prediction::Known(Predicted { beyond: share.is_some_and(|share| share > EDGE), ..predicted })
+        match is_beyond(envelope.and_then(|envelope| envelope.rise_beyond_range(&own, predicted.rise))) {
+            true => Prediction::Outside,
+            false => Prediction::Known(predicted),
+        }
     }
 
     /// The sum of the terms of one sensor; `None` where somebody is missing who is needed for that.
     fn sum(&self, settings: &StandIns, known: &VirtualSensor, seen: &Snapshot<'_>) -> Option<Predicted> {
-        let mut predicted = Predicted { rise: 0.0, lent: false, present: true, beyond: false };
+        let mut predicted = Predicted { rise: 0.0, lent: false, present: true };
         for (place, gain) in &known.terms {
             let (predictor, gathered) = (&settings.bank()[*place], &self.bank[*place]);
             let is_doubted = predictor.sensor.is_some_and(|sensor| self.sensors[sensor].is_doubted());

@@ -8,6 +8,8 @@ use crate::quantity::{Moment, Shift, Shifted, shifted};
 
 /// A reading that changed less long ago is not frozen; a sensor that was lost for less was not.
 const SHORT: Duration = Duration::from_secs(3 * 60);
+/// A sensor is suspected when so many minutes in a row say that it should have moved: others may be ahead of it for one or two.
+const MISSED: u8 = 3;
 /// How long a sensor has to agree before it is believed again, and how long one that is back waits for others who could say so.
 const AGREES_FOR: Duration = Duration::from_secs(3600);
 /// How long the last prediction stands in for a frozen sensor while its predictors are missing.
@@ -31,6 +33,9 @@ pub(super) struct Sensor {
     tentative: bool,
     /// x̂ of the last minute; `None` where nobody could say.
     predicted: Option<Predicted>,
+    /// The last minute said nothing because something was beyond its range.
+    #[serde(default)]
+    outside: bool,
     /// The last x̂ that could stand in.
     #[serde(default)]
     last: Option<Said>,
@@ -38,6 +43,9 @@ pub(super) struct Sensor {
     moved: bool,
     /// Since when it agrees with the prediction again.
     agrees: Option<Moment>,
+    /// How many minutes in a row have said that it should have moved.
+    #[serde(default)]
+    missed: u8,
     /// Others could say for minutes what it would read while it was lost.
     #[serde(default)]
     was_predicted: bool,
@@ -58,10 +66,6 @@ pub(super) struct Predicted {
     pub(super) lent: bool,
     /// All of them read something now, and are believed.
     pub(super) present: bool,
-    /// It is beyond the range of the sensor on which the model was identified: good enough to find a frozen sensor, and for nothing
-    /// else.
-    #[serde(default)]
-    pub(super) beyond: bool,
 }
 
 /// What the minute that is over says of a sensor.
@@ -71,7 +75,7 @@ pub(super) enum Prediction {
     Known(Predicted),
     /// One of them is missing.
     Missing,
-    /// One of them is beyond the range on which the model was identified.
+    /// One of them, the sensor itself or what they say of it is beyond the range on which the model was identified.
     Outside,
 }
 
@@ -166,6 +170,11 @@ impl Sensor {
         if let ArmState::Frozen(since) = self.standing {
             (self.standing, self.moved, self.agrees) = (ArmState::Suspected(since), false, None);
         }
+    }
+
+    /// The last minute said nothing of it because something was beyond its range.
+    pub(super) fn is_outside(&self) -> bool {
+        self.outside
     }
 
     /// It reads something at this moment, which it was shown already.
@@ -268,25 +277,23 @@ impl Sensor {
         threshold: f64,
         now: Moment,
     ) -> Verdict {
-        let Prediction::Known(predicted @ Predicted { rise, lent, present, .. }) = prediction else {
-            (self.predicted, self.agrees) = (None, None);
-            if prediction == Prediction::Outside {
-                self.last = None;
-            }
+        self.outside = prediction == Prediction::Outside;
+        let Prediction::Known(predicted @ Predicted { rise, lent, present }) = prediction else {
+            (self.predicted, self.agrees, self.missed) = (None, None, 0);
+            self.last = self.last.filter(|_| !self.outside);
             return self.judge_unpredicted(reading, now);
         };
         self.predicted = Some(predicted);
-        self.last = match predicted.fit() {
-            Some(rise) => Some(Said { rise, at: now }),
-            None => self.last.filter(|_| !predicted.beyond),
-        };
+        self.last = predicted.fit().map(|rise| Said { rise, at: now }).or(self.last);
         self.unproven = None;
         if self.is_suspected() {
             return Verdict::AsBefore;
         }
         if self.is_live() {
             let base = *self.base.get_or_insert(rise);
-            if now.since(self.changed) < SHORT || (rise - base).abs() <= threshold {
+            let misses = now.since(self.changed) >= SHORT && (rise - base).abs() > threshold;
+            self.missed = if misses { self.missed.saturating_add(1) } else { 0 };
+            if self.missed < MISSED {
                 return Verdict::AsBefore;
             }
             (self.standing, self.moved, self.agrees) = (ArmState::Suspected(self.changed), false, None);
@@ -364,6 +371,6 @@ impl Sensor {
 impl Predicted {
     /// The rise, if it is good enough to be used for the reading.
     fn fit(self) -> Option<f64> {
-        (!self.lent && !self.beyond).then_some(self.rise)
+        (!self.lent).then_some(self.rise)
     }
 }

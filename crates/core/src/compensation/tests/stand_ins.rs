@@ -31,13 +31,14 @@ pub(super) fn rises() -> Model {
 
 pub(super) fn settings(file: u64) -> AxisSettings {
     let watched = Model { stand_ins: Some(stand_ins(file)), ..rises() };
-    let axis = axis(vec![watched, linear("wheelhead", 0.0, &[term(WHEELHEAD, 1.0, Reference::Start)])]);
-    // Large enough for what a substitution moves.
-    AxisSettings { guard: GuardSettings { step: um(STEP), ..axis.guard }, ..axis }
+    in_large_steps(vec![watched, linear("wheelhead", 0.0, &[term(WHEELHEAD, 1.0, Reference::Start)])])
 }
 
-/// µm.
-pub(super) const STEP: f64 = 5.0;
+/// An axis whose step is large enough for what a substitution moves.
+pub(super) fn in_large_steps(models: Vec<Model>) -> AxisSettings {
+    let axis = axis(models);
+    AxisSettings { guard: GuardSettings { step: um(5.0), ..axis.guard }, ..axis }
+}
 
 /// The same machine twice: one whose sensors fail, and one whose do not.
 pub(super) struct Twins {
@@ -107,7 +108,7 @@ fn a_sensor_that_freezes_while_the_machine_warms_is_found_and_replaced() {
     let (before, decision) = twins.run(5.0);
     assert_eq!(decision.stood_in, None, "its prediction has moved by no more than 0.3 °C");
     assert!(before > 0.3, "a frozen sensor is missing meanwhile: {before}");
-    let (_, decision) = twins.run(5.0);
+    let (_, decision) = twins.run(7.0);
     let found = decision.stood_in.unwrap();
     assert_eq!((decision.state, decision.model), (AxisState::Degraded, Some(0)));
     assert_eq!((found.signal, found.frozen, found.others), (BED, true, 2));
@@ -235,7 +236,7 @@ fn one_other_sensor_stands_in_for_none_and_still_finds_a_frozen_one() {
 
 #[test]
 fn a_substitution_that_moves_the_target_by_more_than_a_step_is_not_made() {
-    for (step, is_made) in [(0.5, false), (1.0, true)] {
+    for (step, is_made) in [(0.6, false), (1.6, true)] {
         let mut axis = settings(1);
         axis.guard.step = um(step);
         let mut twins = Twins::new(0.05);
@@ -329,7 +330,7 @@ proptest! {
         if moved > 4.0 {
             prop_assert_eq!(twins.run(moved - 1.5).1.stood_in, None);
         }
-        prop_assert!(twins.run(5.0 + moved).1.stood_in.is_some());
+        prop_assert!(twins.run(8.0 + moved).1.stood_in.is_some());
         prop_assert!(twins.run(120.0).0 < slope.abs() * 2.0 * 5.0);
     }
 }
