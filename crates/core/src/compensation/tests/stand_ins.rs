@@ -333,4 +333,27 @@ proptest! {
         prop_assert!(twins.run(8.0 + moved).1.stood_in.is_some());
         prop_assert!(twins.run(120.0).0 < slope.abs() * 2.0 * 5.0);
     }
+
+    #[test]
+    fn whatever_freezes_the_axis_follows_its_model(
+        slope in -0.1..0.1_f64,
+        acts in prop::collection::vec((0..8_u8, 1.0..40.0_f64), 1..8),
+    ) {
+        let mut twins = Twins::new(slope);
+        for (frozen, minutes) in acts {
+            for place in 0..3 {
+                match ((frozen >> place) & 1 == 1, twins.frozen[place]) {
+                    (true, None) => twins.freeze(SignalId(place)),
+                    (false, Some(_)) => twins.frozen[place] = None,
+                    _ => {}
+                }
+            }
+            let end = twins.minutes + minutes;
+            while twins.minutes < end {
+                let (_, decision) = twins.run(0.1);
+                prop_assert_eq!((decision.model, decision.lacks), (Some(0), None), "{:?}", decision);
+                prop_assert!(decision.state.is_following(), "{:?}", decision);
+            }
+        }
+    }
 }
