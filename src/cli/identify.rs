@@ -121,7 +121,8 @@ pub(super) struct Arguments {
     /// Writes the [[axis.…model]] block, and beside it the files that it names
     #[arg(long, value_name = "MODEL.toml")]
     write: Option<PathBuf>,
-    /// Writes the block also if it leaves more than a third of six or more held-out runs worse than no compensation
+    /// Writes the block, and models for lost sensors, also if they leave more than a third of six or more held-out runs worse
+    /// than no compensation
     #[arg(long, requires = "write")]
     force: bool,
     /// Writes a page with pictures that can be sent to anyone: one file, opened by any browser

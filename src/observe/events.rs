@@ -35,6 +35,7 @@ pub use broker::Broker;
 #[cfg(feature = "opcua")]
 pub use certificate::{Expiry, Whose};
 pub use comparison::Comparison;
+pub(crate) use comparison::found_worse;
 pub use delivery::Delivery;
 pub use isotherm_core::output::HandshakeFault;
 pub use journal::{Entry, EventListener, Happened, Journal};

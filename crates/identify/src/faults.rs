@@ -113,7 +113,7 @@ pub(super) enum Damage {
     Jump,
     /// A stretch at one number. Its rows are masked; for what lags behind them they are rebuilt.
     Frozen,
-    /// A stretch at one number that is nearly the whole run. It is rebuilt and learnt from: else no row would be left.
+    /// A stretch at one number that is most of its run. It is rebuilt and learnt from: masked, it would leave too little.
     Rebuilt,
     /// A stretch at one number that no other sensor can rebuild. Its rows are masked, and its readings are missing.
     Missing,

@@ -4,6 +4,7 @@
 //! are whole counts also in a log of means. Differences between rows of means do not: they are any part of a count.
 
 use crate::dataset::Dataset;
+use crate::faults;
 use crate::statistics::count;
 use isotherm_core::codec::DataType;
 use isotherm_profile::Signal;
@@ -12,6 +13,9 @@ use isotherm_profile::Signal;
 const PLATEAU: usize = 5;
 /// Share of a column's readings on plateaus from which on its counts are coarse.
 const COARSE: f64 = 0.2;
+/// Plateaus from which on its counts are coarse, however few of its readings lie on them: a fine sensor has one for each time
+/// that it froze.
+const MANY: usize = 10;
 /// °C: numbers closer than this are the same.
 const SAME: f64 = 1e-6;
 /// °C: no thermometer of a machine has larger counts.
@@ -41,13 +45,20 @@ pub(crate) fn estimated(dataset: &Dataset, column: usize) -> f64 {
             }
         }
     }
-    if still == 0 || count(still) < COARSE * count(all) {
+    let is_coarse = levels.len() >= MANY || count(still) >= COARSE * count(all);
+    if levels.is_empty() || !is_coarse {
         return 0.0;
     }
     levels.sort_by(f64::total_cmp);
     let steps = levels.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > SAME);
     let smallest = steps.fold(f64::INFINITY, f64::min);
     if smallest.is_finite() { smallest.min(MOST) } else { USUAL }
+}
+
+/// The smallest step of a column between two rows, in its unit; 0 if it never steps. This is its count, unless rows are means:
+/// a step between two means is any part of a count.
+pub(crate) fn finest_step(dataset: &Dataset, column: usize) -> f64 {
+    faults::resolution(dataset, column).min(MOST)
 }
 
 #[cfg(test)]
@@ -83,6 +94,17 @@ mod tests {
     }
 
     #[test]
+    fn many_short_plateaus_show_the_count_of_a_sensor_that_nearly_always_moves() {
+        let mut values = Vec::new();
+        for level in 0..MANY {
+            let level = 20.0 + 0.1 * count(level);
+            values.extend([level; PLATEAU]);
+            values.extend((1..36).map(|part| level + 0.1 * f64::from(part) / 36.0));
+        }
+        assert!(near(estimated(&dataset(values), 0), 0.1));
+    }
+
+    #[test]
     fn a_fine_sensor_that_froze_once_has_no_count() {
         let mut values: Vec<f64> = (0..400).map(|row| 20.0 + 0.013 * f64::from(row)).collect();
         values.extend([25.2; 60]);
@@ -92,5 +114,12 @@ mod tests {
     #[test]
     fn a_sensor_that_never_left_its_number_has_the_usual_count() {
         assert!(near(estimated(&dataset(vec![21.0; 100]), 0), USUAL));
+    }
+
+    #[test]
+    fn the_finest_step_is_that_of_the_readings_whatever_their_scale_is() {
+        let sixteenths = (0..50).map(|row| 20.0 + f64::from(row / 3) / 16.0).collect();
+        assert!(near(finest_step(&dataset(sixteenths), 0), 1.0 / 16.0));
+        assert!(near(finest_step(&dataset(vec![21.0; 9]), 0), 0.0));
     }
 }

@@ -169,7 +169,8 @@ fn head(found: &Identified) -> Vec<String> {
             true => String::new(),
             false => format!(": {}", found.worse_runs.join(", ")),
         };
-        lines.push(format!("It leaves {share:.0} % of {runs} held-out runs worse than uncompensated{worse}."));
+        lines
+            .push(format!("It leaves {share:.0} % of {runs} held-out runs worse than uncompensated{worse}."));
     }
     lines.extend(found.probe_q.map(|q| {
         format!(

@@ -13,6 +13,7 @@ use isotherm_core::compensation::settings::{Datum, Filter, GainSettings, OnWorse
 
 mod lags;
 mod models;
+mod replaced;
 
 fn replayed(profile: &Profile, log: &str) -> (Summary, Vec<Vec<String>>) {
     let mut out = Vec::new();

@@ -32,21 +32,26 @@ pub enum Comparison {
     },
 }
 
+/// Sentence about a model that is worse than no compensation, with the figures of its touches.
+pub(crate) fn found_worse(touches: usize, with: Micron, without: Micron) -> String {
+    let shown = match touches {
+        0 => "as touches before the last datum show".to_owned(),
+        count => format!(
+            "{with} are left with it, {without} without (root mean square of the last {count} touches)"
+        ),
+    };
+    format!("its model is worse than no compensation: {shown}")
+}
+
 impl Comparison {
     pub(super) fn described(&self) -> Described {
         match self {
             Comparison::Worse { axis, touches, without, with, ramps } => {
-                let shown = match touches {
-                    0 => "as touches before the last datum show".to_owned(),
-                    count => format!(
-                        "{with} are left with it, {without} without (root mean square of the last {count} touches)"
-                    ),
-                };
                 let hint = match ramps {
                     true => "Cz goes to zero until touches show that the model is better; identify it again",
                     false => "identify the model again, or disarm the axis",
                 };
-                let cause = format!("its model is worse than no compensation: {shown}");
+                let cause = found_worse(*touches, *with, *without);
                 error("worse", format!("axis {axis}"), Explained::new(cause, hint))
             }
             Comparison::Over { axis } => info(

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use isotherm::cli::replay::replay;
+use isotherm::cli::replay::{SensorFault, replay};
 use isotherm::clock::Clock;
 use isotherm::fieldbus::connection::{Connection, Dial};
 use isotherm::fieldbus::departure::Departure;
@@ -127,6 +127,13 @@ fn a_frozen_sensor_is_taken_from_the_others_until_a_person_has_looked() {
     let reproduced = summary.axes["z"].reproduced.as_ref().unwrap();
     assert!(reproduced.first.is_none() && reproduced.rows > 1500, "{summary}");
     assert_eq!(summary.warnings, [""; 0]);
+    let stand_ins = summary.axes["z"].spans.stand_ins.iter();
+    let frozen: Vec<_> = stand_ins.filter(|span| span.what.kind == SensorFault::Frozen).collect();
+    assert!(frozen.len() == 1 && !frozen[0].lasts, "{summary}");
+    assert_eq!(
+        (frozen[0].what.signal.as_str(), frozen[0].what.by.join(", ")),
+        ("wheelhead", "bed, scale_z".into())
+    );
 }
 
 #[test]

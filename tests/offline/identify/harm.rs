@@ -6,7 +6,7 @@ use isotherm_identify::written::written;
 
 use super::command::identify;
 use super::rig::{self, Day, Machine, Part, found};
-use super::whitened;
+use super::{speed, whitened};
 
 /// A day on which the only sensor pushes the error by so many µm per °C. No model holds on days of both signs.
 fn day(seed: u64, gain: f64) -> Day {
@@ -39,6 +39,18 @@ fn a_model_that_leaves_more_than_a_third_of_eight_runs_worse_is_not_written_unle
     assert!(block.contains("of 8 held-out runs worse than uncompensated: "), "{block}");
     let (said, is_good) = identify(home.path(), &bench(), &logs, &["--force"]);
     assert!(!is_good && said.contains("--write"), "there is nothing to force: {said}");
+}
+
+#[test]
+fn a_probe_that_hides_what_a_model_does_makes_no_block_written() {
+    let home = tempfile::tempdir().unwrap();
+    let arguments = ["--probe", "10min", "--write", "z.toml"];
+    let (said, is_good) = identify(home.path(), &bench(), &contradicting(5, 3), &arguments);
+    assert!(
+        !is_good && said.contains("of 8 held-out runs worse than no compensation (without the probe)"),
+        "{said}"
+    );
+    assert!(!home.path().join("z.toml").exists());
 }
 
 #[test]
@@ -76,6 +88,19 @@ fn days_that_are_alike_are_noted_beside_a_day_that_is_not() {
     assert_eq!(remarks.matches("are alike beside").count(), 1, "{remarks}");
     let other = told(&whitened::days(5, 11, 0.1));
     assert!(!other.contains("are alike beside"), "{other}");
+}
+
+#[test]
+fn a_speed_that_the_other_days_never_came_near_is_noted() {
+    let mut days = speed::days(5);
+    for (place, day) in days.iter_mut().enumerate() {
+        let fast = if place == 4 { 9000.0 } else { 1000.0 };
+        day.rpm.iter_mut().skip(5).for_each(|rpm| *rpm = fast);
+    }
+    let logs: Vec<String> = days.iter().map(|day| speed::log(day, |_| false)).collect();
+    let remarks = speed::found(&logs).notes.remarks.join("; ");
+    let line = "rpm spans 9000.0 rpm there and 1000.0 rpm in all of them together";
+    assert!(remarks.contains("are alike beside day4: ") && remarks.contains(line), "{remarks}");
 }
 
 #[test]

@@ -9,6 +9,7 @@ mod drift;
 mod faulty;
 mod fleet;
 mod freezes;
+mod frozen_days;
 mod gaps;
 mod harm;
 mod lost;

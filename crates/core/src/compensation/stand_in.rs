@@ -7,22 +7,22 @@
 //! D = |x̂(now) − x̂(s)| > θ          0 while the reading changed less than 3 min ago
 //! ```
 //!
-//! Three minutes of that in a row are a suspicion: it is reported, and the reading is used all the same. Its value is `y + x̂ − x̂(s)` instead, and the lags of
-//! its terms are those that have followed this since s, if that moves what the model asks for by one step of the axis at most: beside
-//! each lag runs its shadow, which is the lag at every change of the reading and follows the prediction in between. A sensor that is
-//! lost is replaced from its last good reading on, one that was lost when the machine started by x̂ as its rise.
+//! Three minutes of that in a row are a suspicion: it is reported, and the reading is used all the same. Its value is `y + x̂ − x̂(s)`
+//! instead, and the lags of its terms are those that have followed this since s, if that moves the target by one step of the axis at
+//! most: beside each lag runs its shadow, which is the lag at every change of the reading and follows the prediction in between. A
+//! sensor that is lost is replaced from its last good reading on, one that was lost when the machine started by x̂ as its rise.
 //!
 //! # Rules
 //! - A suspicion alone never makes an axis hold. Where nobody stands in for a sensor that is suspected, its reading serves for
-//!   everything, but for the predictions of others.
+//!   everything, but for the predictions of others. So it does for the models whose own watch has no stand-in for it.
 //! - A sensor that others stand in for, or that was lost and is not believed yet, is used for nothing itself: where nobody says
 //!   what a lost one would read, lags wait, nothing is learned, and no reference is captured from it.
 //! - A stand-in is never an input of another: what is suspected, frozen or lost predicts nothing. It serves the test alone, so that
 //!   a second sensor that freezes is found too.
 //! - A stand-in depends on two other sensors or more, and both they and it are inside the ranges on which the model was
-//!   identified: the envelope says so, input by input. Its distance does not count: a sensor that is frozen moves it itself. While
-//!   the sensor itself, what is predicted of it, one of the others, or what follows that is beyond its range, the sensor is not
-//!   suspected either.
+//!   identified: the envelope says so, input by input. Its distance does not count: a sensor that is frozen moves it itself. While one
+//!   of the others is beyond its range, or the sensor itself or what follows the others by more than a tenth of that, it is not
+//!   suspected either. For a frozen sensor the last value from inside serves meanwhile: its own reading is older than that.
 //! - A mean is that of the readings that there were. A prediction ends with the first whole minute in which one of those
 //!   it depends on had none, and where nobody looked for two minutes. For a frozen sensor the last one serves for ten minutes more;
 //!   then the reading of the sensor is used again.
@@ -40,15 +40,15 @@ use std::time::Duration;
 use super::Snapshot;
 use super::instead::{Instead, Says};
 use super::model::stand_ins::{StandIns, VirtualSensor};
-use super::model::{CLEARLY_INSIDE, Input, Inputs, Lag, Model, Reference};
+use super::model::{Envelope, Input, Inputs, Lag, Model, Reference};
 use super::reference::Machine;
-use crate::quantity::{Micron, Millimetre, Moment, shifted};
+use crate::quantity::{Micron, Moment, shifted};
 use crate::reading::SignalId;
 
 mod bank;
 mod sensor;
 
-use bank::{EDGE, Gathered};
+use bank::{EDGE, FAR, Gathered};
 pub(super) use sensor::Beginning;
 use sensor::{Predicted, Prediction, Sensor, Verdict};
 use serde::{Deserialize, Serialize};
@@ -123,13 +123,16 @@ pub(super) struct Watch {
     tried: (Vec<Instead>, Vec<Lag>),
 }
 
-/// How far a substitution may move what the model asks for.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Bounds {
+/// How far a substitution may move the target of the axis.
+#[derive(Clone, Copy)]
+pub(super) struct Bounds<'a> {
     /// The largest step of the axis.
     pub(super) step: Micron,
-    /// How far the axis goes, if its control applies the slope itself.
-    pub(super) reach: Option<Millimetre>,
+    /// The control multiplies the slope by the distance itself.
+    pub(super) splits_slope: bool,
+    /// Cz, and the effect of the slope at the reach, that the axis would follow: as its envelope fades them and with what probings have
+    /// taught. `None` if the model has no value.
+    pub(super) target: &'a dyn Fn(&Inputs<'_>) -> Option<(Micron, Micron)>,
 }
 
 /// Signal that a term reads, by its place in the list of signals, and the time constant of its lag.
@@ -286,7 +289,7 @@ impl Watch {
     /// sees them.
     pub(super) fn follow(
         &mut self,
-        (model, settings, bounds): (&Model, &StandIns, Bounds),
+        (model, settings, bounds): (&Model, &StandIns, Bounds<'_>),
         lags: &mut [Lag],
         seen: &Snapshot<'_>,
         machine: &Machine,
@@ -328,7 +331,7 @@ impl Watch {
     /// What the minute that is over says of each sensor.
     fn judge(
         &mut self,
-        (model, settings, bounds): (&Model, &StandIns, Bounds),
+        (model, settings, bounds): (&Model, &StandIns, Bounds<'_>),
         seen: &Snapshot<'_>,
         machine: &Machine,
         lags: &mut [Lag],
@@ -361,11 +364,11 @@ impl Watch {
         }
     }
 
-    /// By how much what the model asks for would move, µm, if others stood in for this sensor from now on. `None` if it is not suspected,
-    /// if nobody can stand in, or if the model has no value.
+    /// By how much the target would move, µm, if others stood in for this sensor from now on. `None` if it is not suspected, if nobody can
+    /// stand in, or if the model has no value.
     fn moved_by(
         &mut self,
-        (model, settings, bounds): (&Model, &StandIns, Bounds),
+        (model, settings, bounds): (&Model, &StandIns, Bounds<'_>),
         place: usize,
         lags: &[Lag],
         seen: &Snapshot<'_>,
@@ -389,13 +392,13 @@ impl Watch {
             true => *shadow,
             false => *lag,
         }));
-        let asked = |instead: &[Instead], lags: &[Lag]| {
+        let target = |instead: &[Instead], lags: &[Lag]| {
             let snapshot = Snapshot { instead, is_followed: false, ..*seen };
-            model.outputs(&Inputs { snapshot, machine, lags, splits_slope: bounds.reach.is_some() }).ok()
+            (bounds.target)(&Inputs { snapshot, machine, lags, splits_slope: bounds.splits_slope })
         };
-        let (before, after) = (asked(&self.instead, lags)?, asked(all, others)?);
-        let of_slope = bounds.reach.map_or(0.0, |reach| (after.slope - before.slope) * reach);
-        Some((after.cz - before.cz).abs().get().max(of_slope.abs()))
+        let (before, after) = (target(&self.instead, lags)?, target(all, others)?);
+        let (of_cz, of_slope) = (after.0 - before.0, after.1 - before.1);
+        Some(of_cz.abs().get().max(of_slope.abs().get()))
     }
 
     /// What the minute says of one sensor.
@@ -405,27 +408,33 @@ impl Watch {
         place: usize,
         inputs: &Inputs<'_>,
     ) -> Prediction {
-        let known = &settings.sensors()[place];
-        let (envelope, own) = (model.envelope.as_ref(), Input::of(known.signal, Reference::Start, None));
-        let edge = if self.sensors[place].is_outside() { CLEARLY_INSIDE } else { EDGE };
-        let is_beyond = |share: Option<f64>| share.is_some_and(|share| share > edge);
-        let of_itself = envelope.and_then(|envelope| envelope.beyond_range(known.signal, inputs));
-        if is_beyond(of_itself) || known.terms.iter().any(|(place, _)| self.bank[*place].beyond) {
-            return Prediction::Outside;
-        }
+        let (known, sensor) = (&settings.sensors()[place], &self.sensors[place]);
         let predicted = self.sum(settings, known, &inputs.snapshot);
-        let Some(predicted) = predicted.filter(|predicted| predicted.rise.is_finite()) else {
-            return Prediction::Missing;
+        let predicted = predicted.filter(|predicted| predicted.rise.is_finite());
+        let Some(envelope) = &model.envelope else {
+            return predicted.map_or(Prediction::Missing, Prediction::Known);
         };
-        match is_beyond(envelope.and_then(|envelope| envelope.rise_beyond_range(&own, predicted.rise))) {
-            true => Prediction::Outside,
-            false => Prediction::Known(predicted),
+        let mut places = known.terms.iter().map(|(place, _)| *place);
+        let is_far = envelope.beyond_range(known.signal, inputs).is_some_and(|share| share > FAR);
+        if is_far || places.clone().any(|place| self.bank[place].beyond) {
+            let is_near = |place: usize| self.bank[place].is_near(&settings.bank()[place], envelope, inputs);
+            let is_near = !is_far && places.all(is_near);
+            return Prediction::Outside(predicted.filter(|_| is_near).map(|predicted| predicted.rise));
         }
+        let Some(predicted) = predicted else { return Prediction::Missing };
+        let used = match says(sensor, known.signal, predicted.rise, Some(inputs.machine)) {
+            Says::Others { rise, .. } => rise,
+            Says::Nobody => predicted.rise,
+        };
+        let own = Input::of(known.signal, Reference::Start, None);
+        let edge = if sensor.is_outside() { 0.0 } else { EDGE };
+        let inside = envelope.rise_beyond_range(&own, used).is_none_or(|share| share <= edge);
+        Prediction::Known(Predicted { inside, ..predicted })
     }
 
     /// The sum of the terms of one sensor; `None` where somebody is missing who is needed for that.
     fn sum(&self, settings: &StandIns, known: &VirtualSensor, seen: &Snapshot<'_>) -> Option<Predicted> {
-        let mut predicted = Predicted { rise: 0.0, lent: false, present: true };
+        let mut predicted = Predicted { rise: 0.0, lent: false, present: true, inside: true };
         for (place, gain) in &known.terms {
             let (predictor, gathered) = (&settings.bank()[*place], &self.bank[*place]);
             let is_doubted = predictor.sensor.is_some_and(|sensor| self.sensors[sensor].is_doubted());
@@ -461,14 +470,16 @@ fn says(sensor: &Sensor, signal: SignalId, rise: f64, machine: Option<&Machine>)
     Says::Others { value, rise }
 }
 
-/// Returns whether everything that a model takes of a sensor is known of what others say.
+/// Returns whether everything that a model and its envelope take of a sensor is known of what others say.
 fn answers(model: &Model, instead: &Instead, machine: Option<&Machine>, now: Moment) -> bool {
     let Some(machine) = machine.filter(|_| instead.is_stood_in()) else { return false };
     let instead_of_it = [*instead];
     let snapshot = Snapshot { instead: &instead_of_it, ..Snapshot::new(now, &[]) };
+    let is_known = |input: &Input| input.level(&snapshot, machine).is_ok();
     let mut own = model.rises().filter(|input| input.signal == instead.signal).peekable();
-    if own.peek().is_none() {
-        return instead.value().is_some();
+    if own.peek().is_none() && instead.value().is_none() {
+        return false;
     }
-    own.all(|input| input.level(&snapshot, machine).is_ok())
+    let of_envelope = model.envelope.iter().flat_map(Envelope::inputs).map(|known| &known.input);
+    own.all(is_known) && of_envelope.filter(|input| input.signal == instead.signal).all(is_known)
 }

@@ -11,12 +11,13 @@ const ENOUGH_RUNS: usize = 6;
 impl Identified {
     /// Why the block should not be written, as a sentence that says what to do. `None` if it may be, or if there is no model.
     pub fn refusal(&self) -> Option<String> {
-        let is_refused = self.is_judged() && is_harmful(&self.means) && !self.learned.inputs().is_empty();
+        let means = self.unprobed();
+        let is_refused = self.is_judged() && is_harmful(&means) && !self.learned.inputs().is_empty();
         is_refused.then(|| {
             format!(
                 "{}; a third is the most: find out what was different on them and record more such days, or leave inputs out with \
                  --without; --force writes it all the same",
-                self.leaves_worse("the model", &self.means)
+                self.leaves_worse("the model", &means)
             )
         })
     }
@@ -43,7 +44,8 @@ impl Identified {
         if self.is_judged() {
             return Vec::new();
         }
-        let own = [("the model".to_owned(), &self.means)];
+        let means = self.unprobed();
+        let own = [("the model".to_owned(), &means)];
         let fallbacks = self.fallbacks.iter();
         let fallbacks =
             fallbacks.map(|fallback| (format!("the model without {}", fallback.without), &fallback.means));
@@ -62,10 +64,16 @@ impl Identified {
         self.runs.len() >= ENOUGH_RUNS
     }
 
+    /// Figures without a probe, which hides what a harmful model does: an axis that gets the block may have none.
+    fn unprobed(&self) -> Means {
+        Means::unprobed(&self.held_out)
+    }
+
     fn leaves_worse(&self, model: &str, means: &Means) -> String {
         let runs = self.runs.len();
+        let probe = if self.probe_s.is_some() { " (without the probe)" } else { "" };
         format!(
-            "{model} leaves {:.0} % of {runs} held-out runs worse than no compensation",
+            "{model} leaves {:.0} % of {runs} held-out runs worse than no compensation{probe}",
             100.0 * means.worse_share
         )
     }

@@ -37,9 +37,11 @@ pub fn identified(subject: &Subject<'_>) -> String {
     };
     let excluded = |faulty: &Finding| html! { strong { (faulty.signal) } " was left out: " (faulty.reason) };
     let repaired = |mended: &Repaired| html! { strong { (mended.signal) } " " (mended.fault) " in " (mended.run) ": " (mended.done) };
-    let omitted = |omission: &Omission| html! {
-        "Without " strong { (omission.signal) } " held-out runs are left " (number(omission.without_um)) " µm RMS, with it "
-        (number(omission.with_um)) " µm"
+    let omitted = |omission: &Omission| {
+        html! {
+            "Without " strong { (omission.signal) } " held-out runs are left " (number(omission.without_um)) " µm RMS, with it "
+            (number(omission.with_um)) " µm"
+        }
     };
     let remark = |remark: &String| html! { (remark) };
     let mut notes: Vec<Markup> = found.notes.excluded.iter().map(excluded).collect();

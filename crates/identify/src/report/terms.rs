@@ -238,9 +238,6 @@ pub(super) fn expected(found: &Identified) -> Markup {
             "Inside one and two times what the other runs let expect: "
             (shares.map(|(run, inside)| format!("{} {} and {} %", run.name, decimals(100.0 * inside.inside_1, 0), decimals(100.0 * inside.inside_2, 0))).collect::<Vec<_>>().join("; ")) "."
         }
-        @if !found.worse_runs.is_empty() {
-            p { "Left worse than without compensation: " strong { (found.worse_runs.join(", ")) } "." }
-        }
         @if let Some(q) = found.probe_q {
             p { "What it leaves wanders by " (three_digits(q)) " µm² an hour: " code { "q = " (three_digits(q)) } " belongs to the axis's probe, if it has one." }
         }

@@ -10,32 +10,32 @@
 //! - it **thaws**, by a step of more than three counts to the reading that follows it, and D exceeded θ before; or
 //! - it lasts to the end of its run, half an hour or longer, and D exceeds θ there.
 //!
-//! A sensor at thermal equilibrium stands still, too, but leaves its number by a count or two. Of a log of means that is true
-//! no more: a quick sensor moves by many counts from one minute to the next. So a step must also be twice as large as any
-//! that a sensor with coarse counts makes by itself.
+//! A sensor at thermal equilibrium stands still, too, but leaves its number by a count or two. In a log of a row a minute a
+//! quick sensor leaves it by many counts. So the step of a sensor with coarse counts must also be twice as large as any that
+//! it makes by itself. The air of a hall may stand still for hours, and the other sensors predict it badly. So D of a sensor
+//! with coarse counts must, at the end of a run, also exceed the usual error of x̂.
 //!
-//! The other runs cannot judge what they did not show. So x̂ is made of rises that are clipped to theirs, and a sensor that
-//! stands still far beyond its own readings of the other runs is not judged.
+//! The other runs cannot judge what they did not show. So x̂ uses rises that are clipped to theirs, and a sensor that stands
+//! still far beyond its own readings of the other runs is not judged.
 //!
 //! False alarms cost more than frozen sensors: the former test left out eight of twelve sound sensors of two machines, and
 //! the models without them left nearly twice as much.
 
 use rayon::prelude::*;
 
-use super::{ENOUGH_RUNS, Gains, LATELY, LEAST, Others, TIMES, apart};
+use super::{ENOUGH_RUNS, FAR, Gains, LATELY, LEAST, Others, TIMES, apart};
 use crate::campaign::Campaign;
 use crate::dataset::Dataset;
 use crate::faults::Frozen;
 use crate::faults::standstill::{End, Standstill, largest_step, standstills};
 use crate::folds::folds;
-use crate::statistics::least_and_most;
+use crate::resolution::finest_step;
+use crate::statistics::{least_and_most, median, rms};
 
 /// Counts: a temperature does not step by more between two readings.
 const COUNTS: f64 = 3.0;
 /// A step of three counts is not more than three counts, whatever its last bit is.
 const ROUNDING: f64 = 1e-6;
-/// Of the largest D to the second largest: more, and the largest is a fault of its own.
-const FAULTY: f64 = 3.0;
 /// Fewer runs say too little of each other.
 const FEWEST_RUNS: usize = 3;
 /// s: with only so many runs, shorter standstills are not judged.
@@ -47,7 +47,7 @@ const LARGER: f64 = 2.0;
 /// Share of the span of a sensor's rises: it is not judged where it stands still farther beyond them.
 const BEYOND: f64 = 0.25;
 
-/// What was not tested for freezes, as a sentence; none where all was.
+/// Standstills that were not tested, as a sentence; `None` if all were.
 pub(crate) fn untested(campaign: &Campaign<'_>) -> Option<String> {
     if campaign.sensors().len() < 2 {
         return None;
@@ -75,13 +75,16 @@ pub(crate) fn freezes(
         return Vec::new();
     }
     let least = if runs < ENOUGH_RUNS { LONG } else { 0.0 };
-    let mut suspects: Vec<(usize, usize, Vec<Standstill>)> = Vec::new();
+    let mut suspects: Vec<Suspect> = Vec::new();
     for sensor in &sensors {
         let column = campaign.inputs[*sensor].column;
         let count = resolution(column);
         let own_steps = campaign.dataset.runs.iter().map(|run| largest_step(run, column));
         // A sensor whose counts are too fine to show never stands still by itself.
-        let own_step = if count > 0.0 { own_steps.fold(0.0, f64::max) } else { 0.0 };
+        let is_coarse = count > 0.0;
+        let own_step = if is_coarse { own_steps.fold(0.0, f64::max) } else { 0.0 };
+        // The `scale` of a signal may be finer than the steps that its module makes.
+        let count = f64::max(count, finest_step(logs, column));
         let thaw = f64::max(COUNTS * count * (1.0 + ROUNDING), LARGER * own_step);
         let is_suspect = |still: &Standstill| {
             let lasts = still.to - still.from;
@@ -95,7 +98,7 @@ pub(crate) fn freezes(
             let mut stills = standstills(log, column);
             stills.retain(is_suspect);
             if !stills.is_empty() {
-                suspects.push((*sensor, run, stills));
+                suspects.push(Suspect { sensor: *sensor, run, is_coarse, stills });
             }
         }
     }
@@ -104,8 +107,17 @@ pub(crate) fn freezes(
     }
     let others = Others::new(campaign, &sensors);
     let judge = Judge::new(&others, logs);
-    let each = suspects.par_iter().map(|(sensor, run, stills)| judge.frozen(*sensor, *run, stills));
-    each.collect::<Vec<_>>().concat()
+    suspects.par_iter().map(|suspect| judge.frozen(suspect)).collect::<Vec<_>>().concat()
+}
+
+/// Standstills of a sensor in one run that may be freezes.
+struct Suspect {
+    /// Among the inputs.
+    sensor: usize,
+    run: usize,
+    /// The sensor may stand still by itself.
+    is_coarse: bool,
+    stills: Vec<Standstill>,
 }
 
 /// What the other sensors say, and within which rises.
@@ -127,8 +139,10 @@ impl<'a> Judge<'a> {
         Judge { others, logs, spans }
     }
 
-    /// The freezes among the standstills of a sensor in one run.
-    fn frozen(&self, sensor: usize, run: usize, stills: &[Standstill]) -> Vec<Frozen> {
+    /// The freezes among these standstills.
+    fn frozen(&self, suspect: &Suspect) -> Vec<Frozen> {
+        let Suspect { sensor, run, is_coarse, stills } = suspect;
+        let (sensor, run) = (*sensor, *run);
         let training: Vec<usize> = (0..self.spans.len()).filter(|other| *other != run).collect();
         let penalty = self.others.penalty(sensor, &training);
         let gains = self.others.learn_with(sensor, &training, penalty);
@@ -142,8 +156,11 @@ impl<'a> Judge<'a> {
         if found.is_empty() {
             return Vec::new();
         }
-        let threshold = self.threshold(sensor, &training, penalty);
-        found.retain(|(_, missed)| *missed > threshold);
+        let (threshold, error) = self.limits(sensor, &training, penalty);
+        let least = |still: &Standstill| {
+            if *is_coarse && still.end == End::OfRun { threshold.max(error) } else { threshold }
+        };
+        found.retain(|(still, missed)| *missed > least(still));
         let column = self.others.campaign.inputs[sensor].column;
         let frozen = |(still, missed): (Standstill, f64)| Frozen {
             column,
@@ -179,11 +196,9 @@ impl<'a> Judge<'a> {
             let ends = traced.windows[*row].saturating_add(1).saturating_mul(window);
             thaws.is_none_or(|thaws| ends <= thaws)
         };
-        let is_still = |row: &usize| {
-            let second = traced.seconds[*row];
-            second - still.from >= LATELY && second <= still.to
-        };
-        let rows: Vec<usize> = (0..traced.seconds.len()).filter(is_still).filter(is_before).collect();
+        let from = traced.seconds.partition_point(|second| second - still.from < LATELY);
+        let to = traced.seconds.partition_point(|second| *second <= still.to);
+        let rows: Vec<usize> = (from..to).filter(is_before).collect();
         let (first, last) = (*rows.first()?, *rows.last()?);
         let own = self.others.bank.plain(sensor)?;
         let (low, high) = self.span(own, training);
@@ -198,9 +213,9 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// θ of a sensor, °C, from these runs.
-    fn threshold(&self, sensor: usize, runs: &[usize], penalty: f64) -> f64 {
-        let mut largest = Vec::new();
+    /// θ of a sensor and the usual error of x̂, °C, from these runs. The error is the median of their root mean squares.
+    fn limits(&self, sensor: usize, runs: &[usize], penalty: f64) -> (f64, f64) {
+        let (mut largest, mut errors) = (Vec::new(), Vec::new());
         for held in folds(runs) {
             let rest: Vec<usize> = runs.iter().copied().filter(|run| !held.contains(run)).collect();
             let gains = self.others.learn_with(sensor, &rest, penalty);
@@ -209,9 +224,11 @@ impl<'a> Judge<'a> {
                 let predicted = self.predicted(&gains, run, &rest);
                 let apart = apart(&self.others.bank.runs[run].seconds, &predicted, &changed);
                 largest.push(apart.into_iter().fold(0.0, f64::max));
+                let left = predicted.iter().zip(self.others.rise(sensor, run)).map(|(own, rise)| own - rise);
+                errors.push(rms(&left.collect::<Vec<f64>>()));
             }
         }
-        theta(largest)
+        (theta(largest), median(errors))
     }
 
     /// A sensor's rise as the others have it, over every row of a run. Their own rises are clipped to those of the runs that
@@ -240,7 +257,7 @@ impl<'a> Judge<'a> {
 fn theta(mut largest: Vec<f64>) -> f64 {
     largest.sort_by(|one, other| other.total_cmp(one));
     let seen = match largest.as_slice() {
-        [first, second, _, ..] if *first > FAULTY * *second => *second,
+        [first, second, _, ..] if *first > FAR * *second => *second,
         [first, ..] => *first,
         [] => 0.0,
     };

@@ -2,7 +2,9 @@
 
 use super::Axis;
 use crate::compensation::model::envelope::agreed;
-use crate::compensation::model::{CLEARLY_INSIDE, Coverage, Evaluated, Inputs, Model, Outside, Unusable};
+use crate::compensation::model::{
+    CLEARLY_INSIDE, Coverage, Evaluated, Inputs, Model, Outputs, Outside, Unusable,
+};
 use crate::compensation::reference::Machine;
 use crate::compensation::{Snapshot, StoodIn};
 use crate::quantity::Micron;
@@ -98,21 +100,29 @@ impl Axis {
     /// What it asks for from its datum on. Where its envelope shrinks it, what is left of the datum and of the correction
     /// shrinks with it: far outside Cz goes to zero. What its halves agree on is the model's own; a correction was measured.
     pub(super) fn chosen(&self, model: usize, evaluated: Evaluated, correction: f64) -> Option<Chosen> {
-        let Asked { cz, slope, gain, coverage } = self.asked(model, evaluated);
+        let asked = self.asked(model, evaluated);
         let reach = self.settings.intercept_slope.map_or(0.0, |line| line.reach.get());
+        let (raw, slope) = asked.target(correction, reach)?;
         Some(Chosen {
             model,
-            raw: Micron::new((cz + correction) * gain)?,
-            correction: Micron::new(correction * gain)?,
-            slope: Micron::new(slope * gain * reach)?,
-            coverage,
+            raw,
+            correction: Micron::new(correction * asked.gain)?,
+            slope,
+            coverage: asked.coverage,
             stood_in: self.stood_in(model),
         })
     }
 
     /// What a model asks for from its datum on, as far as its halves agree where they have to.
     pub(super) fn asked(&self, model: usize, evaluated: Evaluated) -> Asked {
-        let (Evaluated { outputs, mut coverage }, datum) = (evaluated, self.zeroing.of(model));
+        Asked::of(evaluated, self.zeroing.of(model))
+    }
+}
+
+impl Asked {
+    /// What a model asks for from this datum on, as far as its halves agree where they have to.
+    pub(super) fn of(evaluated: Evaluated, datum: Outputs) -> Asked {
+        let Evaluated { outputs, mut coverage } = evaluated;
         let cz = outputs.cz.get() - datum.cz.get();
         let slope = outputs.slope.get() - datum.slope.get();
         let Some(Coverage { excess, extrapolating: Some(found) }) = &mut coverage else {
@@ -125,5 +135,11 @@ impl Axis {
         found.gain = agreed(*excess, cz, apart.get());
         found.apart = Some(apart);
         Asked { cz: cz * found.gain, slope: slope * found.gain, gain: 1.0, coverage }
+    }
+
+    /// Cz with this correction, and what the slope comes to at the reach, mm; `None` where one is no finite number.
+    pub(super) fn target(&self, correction: f64, reach: f64) -> Option<(Micron, Micron)> {
+        let cz = Micron::new((self.cz + correction) * self.gain)?;
+        Some((cz, Micron::new(self.slope * self.gain * reach)?))
     }
 }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::compensation::Snapshot;
 use crate::compensation::model::stand_ins::Predictor;
-use crate::compensation::model::{CLEARLY_INSIDE, Envelope, Inputs, Lag};
+use crate::compensation::model::{Envelope, Inputs, Lag};
 use crate::compensation::reference::{Machine, Reference};
 use crate::quantity::{Moment, shifted};
 
@@ -15,6 +15,9 @@ use crate::quantity::{Moment, shifted};
 const FORGOTTEN: u32 = 5;
 /// So much of its range a predictor may be beyond it: less is the count of a sensor and the rounding of a file.
 pub(super) const EDGE: f64 = 0.01;
+/// So much of its range a sensor may be beyond it that is predicted, and what follows a predictor: a slow lag comes back long after its
+/// sensor. The same of a predictor whose prediction is only what later ones are compared with.
+pub(super) const FAR: f64 = 0.10;
 
 /// An input of the bank.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -78,13 +81,31 @@ impl Gathered {
         (if is_own { &mut self.own } else { &mut self.lent }).take(rise.get());
     }
 
-    /// Whether it, or what follows it, is beyond the range that the model's envelope has for it. That ends when both are clearly inside.
+    /// Looks whether it is beyond the range that the model's envelope has for it, or what follows it far beyond. That ends when it is
+    /// inside.
     pub(super) fn look_at_range(&mut self, predictor: &Predictor, envelope: &Envelope, inputs: &Inputs<'_>) {
-        let now = envelope.beyond_range(predictor.input.signal, inputs);
+        let (now, late) = self.beyond_range(predictor, envelope, inputs);
+        let edge = if self.beyond { 0.0 } else { EDGE };
+        let is_beyond = now.map_or(self.beyond, |now| now > edge);
+        self.beyond = is_beyond || late.is_some_and(|late| late > FAR);
+    }
+
+    /// Returns whether neither it nor what follows it is far beyond that range.
+    pub(super) fn is_near(&self, predictor: &Predictor, envelope: &Envelope, inputs: &Inputs<'_>) -> bool {
+        let (now, late) = self.beyond_range(predictor, envelope, inputs);
+        now.into_iter().chain(late).all(|share| share <= FAR)
+    }
+
+    /// By which share of that range it is beyond it now, and what follows it in this minute. `None` where that is not known.
+    fn beyond_range(
+        &self,
+        predictor: &Predictor,
+        envelope: &Envelope,
+        inputs: &Inputs<'_>,
+    ) -> (Option<f64>, Option<f64>) {
         let late = self.own.get().or_else(|| self.lent.get());
         let late = late.and_then(|rise| envelope.rise_beyond_range(&predictor.input, rise));
-        let Some(share) = now.into_iter().chain(late).reduce(f64::max) else { return };
-        self.beyond = share > if self.beyond { CLEARLY_INSIDE } else { EDGE };
+        (envelope.beyond_range(predictor.input.signal, inputs), late)
     }
 
     /// Its rise in this minute, and whether it is only what others said of it. `frozen`: what it read itself says nothing.

@@ -33,7 +33,7 @@ pub(super) struct Sensor {
     tentative: bool,
     /// x̂ of the last minute; `None` where nobody could say.
     predicted: Option<Predicted>,
-    /// The last minute said nothing because something was beyond its range.
+    /// What the last minute said is not used because something was beyond its range.
     #[serde(default)]
     outside: bool,
     /// The last x̂ that could stand in.
@@ -66,6 +66,14 @@ pub(super) struct Predicted {
     pub(super) lent: bool,
     /// All of them read something now, and are believed.
     pub(super) present: bool,
+    /// What would be used for the reading is inside the range of the sensor.
+    #[serde(default = "yes")]
+    pub(super) inside: bool,
+}
+
+/// What was kept without saying so was inside.
+fn yes() -> bool {
+    true
 }
 
 /// What the minute that is over says of a sensor.
@@ -75,8 +83,9 @@ pub(super) enum Prediction {
     Known(Predicted),
     /// One of them is missing.
     Missing,
-    /// One of them, the sensor itself or what they say of it is beyond the range on which the model was identified.
-    Outside,
+    /// One of them is beyond the range on which the model was identified, or the sensor far beyond. Their prediction, if nothing is far
+    /// beyond.
+    Outside(Option<f64>),
 }
 
 /// A prediction that could stand in, and when it was made.
@@ -172,7 +181,7 @@ impl Sensor {
         }
     }
 
-    /// The last minute said nothing of it because something was beyond its range.
+    /// What the last minute said of it is not used because something was beyond its range.
     pub(super) fn is_outside(&self) -> bool {
         self.outside
     }
@@ -187,10 +196,11 @@ impl Sensor {
         self.changed
     }
 
-    /// Its rise, where others say it who are good themselves. For a frozen one the last they said serves for some minutes.
+    /// Its rise, where others say it who are good themselves. For a frozen one the last they said serves while something is beyond its
+    /// range, and for some minutes while one of them is missing.
     pub(super) fn stand_in(&self, now: Moment) -> Option<f64> {
-        let last = self.last.filter(|last| self.is_frozen() && now.since(last.at) < BRIDGED);
-        self.said().or_else(|| Some(last?.rise))
+        let serves = |last: &Said| self.is_frozen() && (self.outside || now.since(last.at) < BRIDGED);
+        self.said().or_else(|| Some(self.last.filter(serves)?.rise))
     }
 
     /// The same of the last minute.
@@ -277,10 +287,18 @@ impl Sensor {
         threshold: f64,
         now: Moment,
     ) -> Verdict {
-        self.outside = prediction == Prediction::Outside;
-        let Prediction::Known(predicted @ Predicted { rise, lent, present }) = prediction else {
+        self.outside = match prediction {
+            Prediction::Known(predicted) => !predicted.inside,
+            Prediction::Missing => false,
+            Prediction::Outside(_) => true,
+        };
+        let Prediction::Known(predicted @ Predicted { rise, lent, present, .. }) = prediction else {
             (self.predicted, self.agrees, self.missed) = (None, None, 0);
-            self.last = self.last.filter(|_| !self.outside);
+            if let Prediction::Outside(Some(rise)) = prediction
+                && self.is_live()
+            {
+                self.base.get_or_insert(rise);
+            }
             return self.judge_unpredicted(reading, now);
         };
         self.predicted = Some(predicted);
@@ -371,6 +389,6 @@ impl Sensor {
 impl Predicted {
     /// The rise, if it is good enough to be used for the reading.
     fn fit(self) -> Option<f64> {
-        (!self.lent).then_some(self.rise)
+        (!self.lent && self.inside).then_some(self.rise)
     }
 }

@@ -264,42 +264,47 @@ fn nobody_stands_in_or_is_found_frozen_beyond_the_range_of_the_others() {
     twins.lost[0] = true;
     assert_eq!(twins.run(30.0).1.model, Some(0), "4 °C");
     assert_eq!(twins.run(10.0).1.model, Some(1), "4.5 °C");
-    twins.slope = -0.05;
-    twins.minutes = -79.0;
-    assert_eq!(twins.run(3.0).1.model, Some(1), "3.9 °C: not clearly inside");
-    twins.minutes = -50.0;
+    twins.slope = -0.001;
+    twins.minutes = -4020.0;
+    assert_eq!(twins.run(3.0).1.model, Some(1), "4.02 °C: not inside");
+    twins.minutes = -3000.0;
     assert_eq!(twins.run(5.0).1.model, Some(0), "inside again");
 }
 
 #[test]
-fn no_sensor_is_suspected_while_another_is_beyond_its_range_and_the_reading_of_a_frozen_one_is_used_there() {
+fn no_sensor_is_suspected_while_another_is_beyond_its_range_and_a_frozen_one_keeps_its_value_from_inside() {
     let known = |signal, range| {
         let input = Input::of(signal, Reference::Start, None);
         Identified { input, mean: 1.0, range }
     };
     let covariance = [vec![1.0, 0.0], vec![0.0, 1.0]];
-    let envelope = |to| {
-        let known = vec![known(BED, (-1.0, 90.0)), known(WHEELHEAD, (-1.0, to))];
+    let envelope = |bed, wheelhead| {
+        let known = vec![known(BED, (-1.0, bed)), known(WHEELHEAD, (-1.0, wheelhead))];
         Envelope::new(known, &covariance, Some(1000.0), Outside::Warn).unwrap()
     };
-    let twins = |to| {
+    let twins = |bed, wheelhead| {
         let mut settings = settings(1);
-        settings.models[0].envelope = Some(envelope(to));
+        settings.models[0].envelope = Some(envelope(bed, wheelhead));
         let mut twins = Twins::new(0.05);
         twins.failing = Rig::new(settings);
+        twins.run(60.0);
+        twins.freeze(BED);
         twins
     };
-    let mut outside = twins(2.0);
-    outside.run(60.0);
-    outside.freeze(BED);
-    assert_eq!((outside.run(300.0).1.state, signals(&outside)), (AxisState::Active, vec![]));
-    let mut frozen = twins(4.0);
-    frozen.run(60.0);
-    frozen.freeze(BED);
-    assert!(frozen.run(15.0).1.stood_in.is_some(), "3.75 °C");
-    let (_, decision) = frozen.run(30.0);
-    assert_eq!((decision.model, decision.lacks, decision.stood_in), (Some(0), None, None), "5.25 °C");
-    assert_eq!(signals(&frozen), [(BED, true, false)]);
+    // The wheelhead is at 3 °C; then the bed is, which is a third of its range beyond it.
+    for (bed, wheelhead) in [(90.0, 2.0), (2.0, 90.0)] {
+        let mut outside = twins(bed, wheelhead);
+        assert_eq!((outside.run(300.0).1.state, signals(&outside)), (AxisState::Active, vec![]));
+    }
+    // A predictor leaves its range, and what would be used for the bed its own.
+    for (bed, wheelhead) in [(90.0, 4.0), (4.0, 90.0)] {
+        let mut frozen = twins(bed, wheelhead);
+        assert!(frozen.run(15.0).1.stood_in.is_some(), "3.75 °C");
+        let (apart, decision) = frozen.run(30.0);
+        assert_eq!((decision.model, decision.lacks), (Some(0), None), "5.25 °C");
+        assert_eq!(signals(&frozen), [(BED, true, true)]);
+        assert!((3.0..5.0).contains(&apart), "with its reading of 3 °C it would be more than 7: {apart}");
+    }
 }
 
 #[test]
@@ -360,6 +365,56 @@ fn a_rise_from_a_zero_before_it_froze_is_known_and_from_a_later_one_is_not() {
     let (_, decision) = twins.run(1.0);
     assert_eq!((decision.model, decision.lacks, decision.stood_in), (Some(0), None, None));
     assert_eq!(decision.raw, Some(Micron::ZERO), "its reading is used, and the zero is taken of it");
+}
+
+#[test]
+fn a_frozen_sensor_whose_place_in_the_envelope_is_not_known_any_more_is_read_again() {
+    let known = Identified { input: Input::of(BED, Reference::Zero, None), mean: 1.0, range: (-90.0, 90.0) };
+    let envelope = Envelope::new(vec![known], &[vec![1.0]], Some(1000.0), Outside::Warn).unwrap();
+    let mut settings = settings(1);
+    settings.models[0].envelope = Some(envelope);
+    let mut twins = Twins::new(0.05);
+    twins.failing = Rig::new(settings);
+    twins.run(60.0);
+    twins.freeze(BED);
+    assert!(twins.run(30.0).1.stood_in.is_some());
+    twins.failing.compensation.zero(twins.failing.now);
+    let (_, decision) = twins.run(1.0);
+    assert_eq!((decision.model, decision.lacks, decision.stood_in), (Some(0), None, None));
+    let (_, decision) = twins.run(30.0);
+    assert_eq!((decision.model, decision.lacks, decision.stood_in), (Some(0), None, None));
+    assert_eq!(signals(&twins), [(BED, true, false)]);
+}
+
+#[test]
+fn a_sensor_that_one_model_takes_from_others_is_read_by_each_model_whose_watch_does_not() {
+    let one_other = Described {
+        signal: BED,
+        threshold: THRESHOLD,
+        stands_in: true,
+        terms: vec![Described::term(WHEELHEAD, None, 1.0)],
+    };
+    let suspecting = Model { stand_ins: Some(StandIns::new(vec![one_other], 2)), ..rises() };
+    let replacing =
+        Model { name: "replacing".to_owned(), stand_ins: Some(stand_ins(1)), ..suspecting.clone() };
+    let mut twins = Twins::new(0.05);
+    twins.failing = Rig::new(in_large_steps(vec![suspecting, replacing.clone()]));
+    twins.run(60.0);
+    twins.freeze(BED);
+    let (_, decision) = twins.run(30.0);
+    assert_eq!((decision.state, decision.model, decision.lacks), (AxisState::Active, Some(0), None));
+    assert_eq!((decision.stood_in, signals(&twins)), (None, vec![(BED, true, false)]));
+
+    let bed = linear("bed", 0.0, &[term(BED, 1.0, Reference::Start)]);
+    let mut twins = Twins::new(0.05);
+    twins.failing = Rig::new(in_large_steps(vec![replacing, bed]));
+    twins.run(60.0);
+    twins.freeze(BED);
+    assert!(twins.run(30.0).1.stood_in.is_some());
+    twins.lost[1] = true;
+    let (_, decision) = twins.run(5.0);
+    assert_eq!((decision.state, decision.model), (AxisState::Degraded, Some(1)), "{decision:?}");
+    assert_eq!(decision.lacks, Some(Unusable::Signal(WHEELHEAD)));
 }
 
 #[test]

@@ -3,8 +3,9 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::compensation::model::StandIns;
+use crate::compensation::model::envelope::Identified;
 use crate::compensation::model::stand_ins::Described;
+use crate::compensation::model::{Envelope, Outside, StandIns};
 use crate::quantity::of;
 
 pub(super) const COLUMN: SignalId = SignalId(2);
@@ -258,6 +259,30 @@ fn a_substitution_that_moves_the_target_by_more_than_a_step_is_not_made() {
             (Some(0), 1),
             "{step}"
         );
+    }
+}
+
+#[test]
+fn what_the_envelope_fades_counts_in_what_a_substitution_moves() {
+    // The bed and the wheelhead rise together: a frozen one of them is a combination that the model has never seen.
+    let covariance = [vec![1.0, 0.999], vec![0.999, 1.0]];
+    for (outside, is_made) in [(Outside::Warn, true), (Outside::Shrink, false)] {
+        let known = |signal| Identified {
+            input: Input::of(signal, Reference::Start, None),
+            mean: 1.0,
+            range: (-1.0, 90.0),
+        };
+        let envelope = Envelope::new(vec![known(BED), known(WHEELHEAD)], &covariance, Some(5.0), outside);
+        let mut axis = settings(1);
+        axis.models[0].envelope = Some(envelope.unwrap());
+        axis.guard.step = um(3.0);
+        let mut twins = Twins::new(0.05);
+        twins.failing = Rig::new(axis);
+        twins.run(60.0);
+        twins.freeze(BED);
+        let (_, decision) = twins.run(30.0);
+        assert_eq!((decision.model, decision.stood_in.is_some()), (Some(0), is_made), "{outside:?}");
+        assert_eq!(twins.failing.compensation.distrusted(0).count(), 1, "{outside:?}");
     }
 }
 
