@@ -16,7 +16,6 @@ use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::owed::Mark;
 use crate::fieldbus::wire::{Answer, Request};
-use isotherm_core::quantity::Moment;
 
 /// Control questions in a row that show nothing, after which none is asked before the next miss.
 const ATTEMPTS: u8 = 3;

@@ -122,7 +122,7 @@ fn keeps(keys: &str) -> String {
 }
 
 /// A value of two registers on the same unit.
-const COUNTER: &str = "[signal.counter]\ndevice = \"m1\"\nregister = \"input:200\"\ntype = \"u32\"\n";
+const COUNTER: &str = "[signal.counter]\ndevice = \"m1\"\nregister = \"input:200\"\ntype = \"u32\"\nword_order = \"msw-first\"\n";
 
 /// Two minutes of one unit beside these faults.
 fn beside(quirks: &str, signals: &str, faults: &str) -> Trace {
