@@ -32,6 +32,7 @@ mod can;
 #[cfg(feature = "opcua")]
 pub mod certificates;
 pub mod claims;
+mod comparison;
 mod contact;
 mod continuity;
 pub mod control;
@@ -95,6 +96,7 @@ pub use handover::{
 pub use left::{may_start, moved_since, with_releases};
 pub use successor::{CHECK_ONLY, Checked, Program, Successor};
 pub use why::how_to_find_a_model;
+pub(crate) use why::why_by_decision;
 pub use wire_log::WireLog;
 
 /// Why an axis waits for a person.

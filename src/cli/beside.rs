@@ -22,6 +22,11 @@ impl Beside {
         self.0.push(Ok(line));
     }
 
+    /// Fails the verb with this, once its result was said: a file that it must not write.
+    pub(super) fn refuse(&mut self, why: String) {
+        self.0.push(Err(anyhow::Error::msg(why)));
+    }
+
     /// Says where they are, behind the result, unless a program reads it.
     pub(super) fn end(self, is_for_a_program: bool) -> anyhow::Result<()> {
         let (mut wrong, mut lines) = (Vec::new(), Vec::new());

@@ -121,6 +121,10 @@ pub(super) struct Arguments {
     /// Writes the [[axis.…model]] block, and beside it the files that it names
     #[arg(long, value_name = "MODEL.toml")]
     write: Option<PathBuf>,
+    /// Writes the block, and models for lost sensors, also if they leave more than a third of six or more held-out runs worse
+    /// than no compensation
+    #[arg(long, requires = "write")]
+    force: bool,
     /// Writes a page with pictures that can be sent to anyone: one file, opened by any browser
     #[arg(long, value_name = "OUT.html")]
     report: Option<PathBuf>,
@@ -173,7 +177,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut beside = Beside::default();
     let (found, document) = find(arguments, &profile, &mut beside)?;
     if let Some(path) = &arguments.write {
-        write(arguments, &found, path, &mut beside);
+        match found.refusal().filter(|_| !arguments.force) {
+            Some(why) => beside.refuse(format!("{} is not written: {why}", path.display())),
+            None => write(arguments, &found, path, &mut beside),
+        }
     }
     match document {
         Some(document) => print_json(&document)?,
@@ -257,10 +264,15 @@ fn write_mended(directory: &Path, runs: &[(String, String)], beside: &mut Beside
 
 fn write(arguments: &Arguments, found: &Identified, path: &Path, beside: &mut Beside) {
     let stem = path.file_stem().and_then(|stem| stem.to_str()).unwrap_or("model");
+    let (harmless, dropped) = found.clone().without_harmful_fallbacks();
+    let found = if arguments.force { found } else { &harmless };
     let written = written(found, stem, arguments.outside);
     beside.write("the block", path, &written.block);
     written
         .files
         .iter()
         .for_each(|(name, text)| beside.write("a file of it", &path.with_file_name(name), text));
+    if !arguments.force {
+        dropped.into_iter().for_each(|line| beside.say(line));
+    }
 }

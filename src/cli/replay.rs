@@ -1,6 +1,7 @@
 //! `isotherm replay`: the gateway's own step over a recorded log.
 //!
-//! A log that the gateway wrote gives its decisions again, bit for bit; the summary says whether it did.
+//! A log that the gateway wrote gives its decisions again, bit for bit; the summary says whether it did. It also says when a sensor was
+//! replaced and by what, when one was suspected, and when and why an axis held.
 //!
 //! So does the log of the outputs (`NAME-DATE.outputs.csv`) its actions: alone, or with the log of the decisions that it
 //! stands beside.
@@ -28,16 +29,23 @@ use isotherm_core::compensation::{Compensation, Decision, Remembered, Snapshot};
 use isotherm_core::quantity::Micron;
 use isotherm_profile::{Axis, Profile, regular};
 
+mod findings;
 mod outputs;
+mod spans;
 mod summary;
 #[cfg(test)]
 mod tests;
 
+use findings::Findings;
+pub use findings::{Hold, SensorFault, StandIn, Suspicion};
 pub use outputs::{OutputsSummary, replay_outputs};
+pub use spans::{AxisSpans, LeftOut, Span};
 use summary::Tally;
 pub use summary::{AxisSummary, Difference, ErrorSummary, Range, Reproduced, Summary};
 
 /// The gateway's own step over a recorded log: every stage of Cz, and the error before and after where the log has one.
+///
+/// The summary says when a sensor was replaced and by what, when one was suspected of being frozen, and when and why an axis held.
 ///
 /// A log is CSV: a column `time` (seconds, RFC 3339, or `05.01.2026 06:00:10` by the clock of --zone), one column per signal in
 /// its unit, `<axis>_error_um` where the error was measured. Missing values are empty. What the outputs of a gateway did (`NAME-DATE.outputs.csv`) is
@@ -164,7 +172,7 @@ pub fn replay<'a>(
         if !compensation.step(&snapshot, &row.controls).anything {
             compensation.follow(&snapshot);
         }
-        tally.row(row.now);
+        tally.row(&row);
         rows += 1;
         if rows.is_multiple_of(SAID_EVERY) {
             say_beside!("{name}: {} million rows so far", rows / 1_000_000);
@@ -174,6 +182,7 @@ pub fn replay<'a>(
         for axis in 0..profile.axes.len() {
             let Some(outcome) = outcome(profile, &compensation, axis, &snapshot, &row) else { continue };
             tally.axis(axis, &row, &outcome);
+            tally.findings(axis, &row, Findings::of(profile, &compensation, axis, &row));
             outcome.write(&mut cells, &profile.axes[axis], reader.has_error(axis));
         }
         if let Some(table) = &mut table {

@@ -12,7 +12,8 @@
 //! - `z_slope_from_um`, `z_slope_um`: the same of a slope that the control applies itself, as what it comes to at the
 //!   axis's reach; only on such an axis.
 //! - `z_measured_um`, `z_acting_um`: an error measured at this row, and the Cz that acted; `z_forget`: 1 where what
-//!   probings taught was taken back; `z_correction_um`: what they add to the model's Cz. Only on an axis with a probe.
+//!   probings taught was taken back; `z_worse`: 1 while they show that the axis is worse with its model than without
+//!   compensation; `z_correction_um`: what they add to the model's Cz. Only on an axis with a probe.
 //!   A log from elsewhere may have `z_measured_um` alone: what was decided last acts.
 //! - `z_expected_um`: one standard deviation of what is expected to be left of the error where the model's Cz acts, empty
 //!   where that is not known; only on an axis with a model that says so.
@@ -72,6 +73,7 @@ const SLOPE: &str = "slope_um";
 const MEASURED: &str = "measured_um";
 const ACTING: &str = "acting_um";
 const FORGET: &str = "forget";
+const WORSE: &str = "worse";
 const CORRECTION: &str = "correction_um";
 /// Of an axis with a model that says how wrong it is expected to be.
 const EXPECTED: &str = "expected_um";

@@ -527,7 +527,12 @@ impl CommandHandle {
             let taken = match why {
                 None => "it is learned from at once".to_owned(),
                 Some((Refused::Doubted(_), why)) => format!("not learned from yet: {why}"),
-                Some((_, why)) => {
+                Some((refused, why)) => {
+                    // The error with the model and without compensation are compared all the same.
+                    if matches!(refused, Refused::Implausible | Refused::Outside) {
+                        core.compensation.take_report(place, report, now);
+                        core.probing[place].measured = Some(measured);
+                    }
                     return Err(why.within(|cause| format!("{axis}: not learned from: {cause}")));
                 }
             };

@@ -1,4 +1,5 @@
-//! What has been reported of the axes: each state, level, extrapolation and stand-in once when it begins, and once when it ends.
+//! What has been reported of the axes: each state, level, extrapolation, stand-in and worse model once when it begins, and once when
+//! it ends.
 
 use crate::observe::events::Event;
 use isotherm_core::compensation::settings::AxisSettings;
@@ -6,7 +7,7 @@ use isotherm_core::compensation::{AxisState, Decision, Distrusted, Stages};
 use isotherm_core::explained::{Cause, Explained};
 use isotherm_profile::Profile;
 
-use super::{extrapolation, stand_in};
+use super::{comparison, extrapolation, stand_in};
 
 /// Steps in a row at which an axis is in the same state for another reason before that is reported.
 const CHANGED_AFTER_STEPS: u32 = 2;
@@ -18,6 +19,8 @@ pub(super) struct Reported {
     cause: Option<Cause<String>>,
     levels: Levels,
     extrapolating: bool,
+    /// Its model is worse than no compensation.
+    worse: bool,
     distrusted: Vec<stand_in::Reported>,
 }
 
@@ -94,6 +97,7 @@ impl Reported {
         }
         self.levels.report(axis, decision, events);
         events.extend(extrapolation::event(profile, &axis.name, decision, &mut self.extrapolating));
+        events.extend(comparison::event(axis, decision, &mut self.worse));
     }
 
     /// Adds what is to be reported of the sensors that the axis does not believe.

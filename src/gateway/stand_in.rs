@@ -21,7 +21,7 @@ pub(super) fn explained(profile: &Profile, found: &StoodIn) -> Explained {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Reported {
     signal: SignalId,
-    /// Others stand in for it; else it is frozen, and used for nothing.
+    /// Others stand in for it; else it is suspected of being frozen, and its reading is used.
     taken: bool,
 }
 
@@ -101,7 +101,7 @@ mod tests {
         assert_eq!(told(&[bed]), ["axis z: bed frozen for 0s, taken from 5 others"]);
         assert_eq!(told(&[bed]), [""; 0]);
         let both = [found(0, true, None), found(1, true, None)];
-        let nobody = "frozen for 0s, and used for nothing: nobody stands in for it";
+        let nobody = "frozen for 0s, and not taken from others";
         assert_eq!(told(&both), [format!("axis z: bed {nobody}"), format!("axis z: wheelhead {nobody}")]);
         assert_eq!(told(&both), [""; 0]);
         let lost = found(1, false, None);

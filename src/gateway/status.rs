@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use super::arming::Arming;
 use super::board::Latest;
+use super::comparison;
 use super::contact::{Contact, JITTER_MS};
 use super::continuity::Devices;
 use super::extrapolation;
@@ -263,6 +264,7 @@ fn probe(shared: &Shared, picture: &Picture, place: usize) -> Option<ProbeStatus
                 })
             })
             .collect(),
+        worse: decision.worse.as_ref().map(|worse| comparison::status(settings, worse)),
     })
 }
 

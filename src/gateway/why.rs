@@ -11,7 +11,7 @@ use super::arming::{Arming, has_its_reference};
 use super::contact::Contact;
 use super::continuity::Devices;
 use super::output::{Outputs, Standing};
-use super::{extrapolation, stand_in};
+use super::{comparison, extrapolation, stand_in};
 
 /// Cause of an axis that gave up.
 pub(super) const BEYOND_ERROR: &str = "its model asked for more than the error level";
@@ -107,6 +107,10 @@ impl Reasons<'_> {
         if decision.tripped {
             return Explained::new(BEYOND_ERROR, WHEN_FOUND);
         }
+        let worse = comparison::cause(&profile.axes[axis].settings, decision);
+        if let Some(worse) = worse.filter(|_| permit == Permit::Armed) {
+            return worse;
+        }
         match (permit, troubled, decision.lacks) {
             (Permit::Unverified | Permit::Held | Permit::Off, Some(troubled), _) => troubled,
             (_, _, Some(lacks)) => self.lacks(lacks),
@@ -129,44 +133,76 @@ impl Reasons<'_> {
     }
 
     fn lacks(&self, lacks: Unusable) -> Explained {
-        const RUN_IT: &str = "switch the machine on";
-        let name = |id: SignalId| &self.profile.signal(id).name;
-        match lacks {
-            Unusable::Signal(id) => {
-                let Some(Quality::Bad(reason)) = self.seen.get(id.0).map(|reading| reading.quality) else {
-                    return format!("{} was not good", name(id)).into();
-                };
-                self.contact.why(id, reason).within(|cause| match reason {
-                    Reason::OpenCircuit => format!("{} has an open circuit", name(id)),
-                    Reason::ShortCircuit => format!("{} has a short circuit", name(id)),
-                    // Its age is another one at each look.
-                    Reason::Stale => format!("{}: {reason}", name(id)),
-                    _ => format!("{}: {cause}", name(id)),
-                })
-            }
-            Unusable::Reference(id) if !self.has_run => Explained::new(
-                format!(
-                    "the machine has not been seen running yet, which is what {} is counted from",
-                    name(id)
-                ),
-                RUN_IT,
-            ),
-            Unusable::Reference(id) => format!("the reference of {} is not captured yet", name(id)).into(),
-            Unusable::Frozen(id) => Explained::new(
-                format!("{} is frozen, and no other sensor stands in for it", name(id)),
-                SEE_TO_THE_SENSOR,
-            ),
-            Unusable::Unproven(id) => format!(
-                "{} is back, and not believed until it has agreed with the others for an hour",
-                name(id)
-            )
-            .into(),
-            Unusable::MachineOff => Explained::new("the machine has not been seen running yet", RUN_IT),
-            Unusable::NotANumber => Explained::new(
-                "the model's result is not a number",
-                "look at its coefficients, and at the values of its signals",
-            ),
+        lacking(self.profile, lacks, self.has_run, |id| self.bad(id))
+    }
+
+    /// What is wrong with a signal that a model lacks.
+    fn bad(&self, id: SignalId) -> Explained {
+        let name = &self.profile.signal(id).name;
+        let Some(Quality::Bad(reason)) = self.seen.get(id.0).map(|reading| reading.quality) else {
+            return format!("{name} was not good").into();
+        };
+        self.contact.why(id, reason).within(|cause| match reason {
+            Reason::OpenCircuit => format!("{name} has an open circuit"),
+            Reason::ShortCircuit => format!("{name} has a short circuit"),
+            // Its age is another one at each look.
+            Reason::Stale => format!("{name}: {reason}"),
+            _ => format!("{name}: {cause}"),
+        })
+    }
+}
+
+/// Why an axis does not follow its model, as far as its decision says it. Empty if the decision does not say it. `has_run`: the machine
+/// has been seen running. `bad`: what is wrong with a signal that the model lacks.
+pub(crate) fn why_by_decision(
+    profile: &Profile,
+    axis: usize,
+    decision: &Decision,
+    has_run: bool,
+    bad: impl FnOnce(SignalId) -> Explained,
+) -> Explained {
+    if decision.tripped {
+        return Explained::new(BEYOND_ERROR, WHEN_FOUND);
+    }
+    if let Some(worse) = comparison::cause(&profile.axes[axis].settings, decision) {
+        return worse;
+    }
+    match (decision.lacks, &decision.extrapolating) {
+        (Some(lacks), _) if decision.model.is_none() => lacking(profile, lacks, has_run, bad),
+        (_, Some(found)) => extrapolation::cause(profile, found),
+        _ => Explained::default(),
+    }
+}
+
+/// What a model lacks, in words. `has_run`: the machine has been seen running. `bad`: what is wrong with a signal.
+fn lacking(
+    profile: &Profile,
+    lacks: Unusable,
+    has_run: bool,
+    bad: impl FnOnce(SignalId) -> Explained,
+) -> Explained {
+    const RUN_IT: &str = "switch the machine on";
+    let name = |id: SignalId| &profile.signal(id).name;
+    match lacks {
+        Unusable::Signal(id) => bad(id),
+        Unusable::Reference(id) if !has_run => Explained::new(
+            format!("the machine has not been seen running yet, which is what {} is counted from", name(id)),
+            RUN_IT,
+        ),
+        Unusable::Reference(id) => format!("the reference of {} is not captured yet", name(id)).into(),
+        Unusable::Frozen(id) => Explained::new(
+            format!("{} is frozen, and no other sensor stands in for it in this model", name(id)),
+            SEE_TO_THE_SENSOR,
+        ),
+        Unusable::Unproven(id) => {
+            format!("{} is back, and not believed until it has agreed with the others for an hour", name(id))
+                .into()
         }
+        Unusable::MachineOff => Explained::new("the machine has not been seen running yet", RUN_IT),
+        Unusable::NotANumber => Explained::new(
+            "the model's result is not a number",
+            "look at its coefficients, and at the values of its signals",
+        ),
     }
 }
 

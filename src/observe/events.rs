@@ -21,6 +21,7 @@ mod alarms;
 mod broker;
 #[cfg(feature = "opcua")]
 mod certificate;
+mod comparison;
 mod data;
 mod delivery;
 pub mod file;
@@ -33,6 +34,8 @@ pub use alarms::{Alarm, Change, Seen};
 pub use broker::Broker;
 #[cfg(feature = "opcua")]
 pub use certificate::{Expiry, Whose};
+pub use comparison::Comparison;
+pub(crate) use comparison::found_worse;
 pub use delivery::Delivery;
 pub use isotherm_core::output::HandshakeFault;
 pub use journal::{Entry, EventListener, Happened, Journal};
@@ -323,6 +326,8 @@ pub enum Event {
     KeptAgain { what: String },
     /// Others say what a sensor would read, or do not any more.
     StandIn(StandIn),
+    /// Touches show that an axis is worse with its model than without compensation, or do not any more.
+    Comparison(Comparison),
     /// The page's port is taken, or free at last.
     Page(PagePort),
     /// A token of the page is another one, or none.

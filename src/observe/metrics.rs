@@ -12,7 +12,7 @@ use isotherm_core::compensation::{AxisState, Stages};
 use isotherm_core::display::Display;
 
 /// What each number is that goes up and down.
-const GAUGES: [(&str, &str); 35] = [
+const GAUGES: [(&str, &str); 36] = [
     ("isotherm_axis_verified_cz_meters", "Compensation last verified in the control."),
     ("isotherm_axis_verified_age_seconds", "Time since that was verified."),
     ("isotherm_axis_unreachable", "1 while the control cannot be asked what it holds."),
@@ -27,6 +27,7 @@ const GAUGES: [(&str, &str); 35] = [
     ("isotherm_probe_residual_rms_meters", "Root mean square of that over the last probings, 48 at most."),
     ("isotherm_probe_residuals", "How many probings that is of."),
     ("isotherm_probe_warn_meters", "The size of such a residual beyond which people are warned."),
+    ("isotherm_probe_worse", "1 while probings show that the model is worse than no compensation."),
     ("isotherm_probe_gain_change", "Share by which measured errors have changed a gain."),
     ("isotherm_axis_limit_meters", "Largest size of the compensation."),
     ("isotherm_axis_warned", "1 while the compensation lies beyond its warning level."),
@@ -207,6 +208,7 @@ fn record_probe(axis: &AxisStatus, probe: &ProbeStatus, of: Labels<'_>, samples:
     samples.set("isotherm_probe_residual_rms_meters", &named, rms.map(meters));
     samples.set("isotherm_probe_residuals", &named, Some(number));
     samples.set("isotherm_probe_warn_meters", &named, probe.warn_um.map(meters));
+    samples.set("isotherm_probe_worse", &named, Some(flag(probe.worse.is_some())));
     for (place, gain) in probe.gains.iter().enumerate() {
         let term = place.to_string();
         let labels =

@@ -18,9 +18,11 @@ use isotherm_profile::{Language, Overridden};
 
 mod broker;
 mod left;
+mod probe;
 
 pub use broker::{BrokerFigures, BrokerStatus};
 pub use left::{LeftState, LeftStatus, Wish};
+pub use probe::{GainStatus, ProbeStatus, ProbedStatus, WorseStatus};
 
 /// Whoever shows the state of a running gateway, from any thread, without making it wait.
 pub trait Source: Send + Sync + 'static {
@@ -409,51 +411,6 @@ pub struct WaitingStatus {
     pub asked: String,
     /// Seconds until it expires.
     pub expires_s: f64,
-}
-
-/// What measured errors have taught an axis.
-#[derive(Clone, Debug, Serialize)]
-pub struct ProbeStatus {
-    /// What is added to the model's Cz now, µm.
-    pub correction_um: f64,
-    /// Its largest size, µm.
-    pub limit_um: f64,
-    /// Beyond it people are warned, µm.
-    pub warn_um: Option<f64>,
-    /// One beyond it is refused, µm.
-    pub max_error_um: f64,
-    /// The last probing, learned from or not.
-    pub last: Option<ProbedStatus>,
-    /// When, and what would have remained with the model's Cz, µm: the last probings that were learned from, oldest first.
-    pub history: Vec<(String, f64)>,
-    /// How far each gain has been changed; empty where gains do not learn.
-    pub gains: Vec<GainStatus>,
-}
-
-/// One probing.
-#[derive(Clone, Debug, Serialize)]
-pub struct ProbedStatus {
-    /// RFC 3339.
-    pub at: String,
-    /// The measured error, µm.
-    pub error_um: f64,
-    /// The Cz that acted, µm.
-    pub acting_um: f64,
-    /// What would remain with the model's Cz, µm.
-    pub residual_um: Option<f64>,
-    /// Why nothing was learned from it, in words.
-    pub refused: Option<String>,
-}
-
-/// The gain of one term.
-#[derive(Clone, Debug, Serialize)]
-pub struct GainStatus {
-    /// Its model.
-    pub model: String,
-    /// Its signal.
-    pub signal: String,
-    /// By which share of it it has been changed.
-    pub change: f64,
 }
 
 /// How far a model's inputs lie outside what it was identified on.

@@ -496,6 +496,7 @@ async fn metrics_are_valid_and_leave_out_what_is_not_known() {
     expect("isotherm_probe_residual_rms_meters", r#",axis="z""#, "0.000003");
     expect("isotherm_probe_residuals", r#",axis="z""#, "1");
     expect("isotherm_probe_warn_meters", r#",axis="z""#, "0.000004");
+    expect("isotherm_probe_worse", r#",axis="z""#, "0");
     expect("isotherm_probe_gain_change", r#",axis="z",model="a",signal="t1",term="0""#, "0.05");
     expect("isotherm_axis_warned", r#",axis="z""#, "1");
     expect("isotherm_axis_extrapolating", r#",axis="z""#, "0");

@@ -6,7 +6,10 @@
 
 use std::process::Command;
 
+use isotherm::observe::status::WorseStatus;
+
 mod frozen;
+use crate::support::fake::Door;
 use crate::support::process;
 
 use process::{Running, isotherm};
@@ -160,4 +163,26 @@ fn an_orderly_stop_is_no_fault_neither_while_it_runs_nor_after_it() {
     let text = looked_at(&end, "", &words);
     assert!(text.contains("→ returning to zero"), "{text}");
     assert!(!text.contains("No connection"), "{text}");
+}
+
+#[test]
+fn a_model_that_is_worse_than_no_compensation_is_named_with_both_figures() {
+    let amber = "eval:document.querySelector('.axis .badge').dataset.tone === 'warn'";
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let door = Door::open(None).await;
+        door.change(|status| {
+            let axis = &mut status.axes[0];
+            axis.warned = false;
+            let worse = WorseStatus { touches: 5, without_um: 2.04, with_um: 3.16, ramps: false };
+            axis.probe.as_mut().unwrap().worse = Some(worse);
+        });
+        for words in [
+            vec!["worse: 3.2 µm are left with the model, 2.0 µm without (last probings: 5)", amber],
+            vec!["language:de", "schlechter: 3,2 µm bleiben mit dem Modell, 2,0 µm ohne"],
+        ] {
+            let address = format!("http://{}", door.address);
+            tokio::task::spawn_blocking(move || look(&address, "", &words)).await.unwrap();
+        }
+    });
 }

@@ -329,7 +329,8 @@ fn halves_of_another_model_are_refused_with_the_term() {
 }
 
 pub(super) const STAND_INS: &str = r#"{ "format": "isotherm-stand-ins", "version": 1, "sensors": [
-  { "signal": "bed", "threshold": 0.31, "stands_in": true, "terms": [{ "signal": "wheelhead", "lag_s": 360, "gain": 0.4 }] },
+  { "signal": "bed", "threshold": 0.31, "stands_in": true, "terms": [
+    { "signal": "wheelhead", "lag_s": 360, "gain": 0.4 }, { "signal": "scale_z", "lag_s": 0, "gain": 0.001 }] },
   { "signal": "wheelhead", "threshold": 0.2, "stands_in": false, "terms": [{ "signal": "bed", "lag_s": 0, "gain": 1.1 }] } ] }"#;
 const WATCHED: &str = "kind = \"linear\"\nterms = [ { signal = \"bed\", gain = 2.4, reference = 0.0 } ]\nstand_ins = \"s.json\"";
 
@@ -341,6 +342,9 @@ fn stand_ins_say_who_is_watched_and_for_whom_others_stand_in() {
     assert_eq!(of(&loaded).watched().map(|(_, stands_in)| stands_in).collect::<Vec<_>>(), [true, false]);
     let words = "2 sensors are watched for standing still; others stand in for bed; not for wheelhead";
     assert!(reported(&loaded).contains(words), "{}", reported(&loaded));
+    let one = watched(&STAND_INS.replace(", { \"signal\": \"scale_z\", \"lag_s\": 0, \"gain\": 0.001 }", ""));
+    let stand_in = of(&one).watched().filter(|(_, stands_in)| *stands_in).count();
+    assert_eq!(stand_in, 0, "one other is too few");
     assert_eq!(of(&loaded), of(&watched(STAND_INS)), "the same file is the same");
     let other = of(&watched(&STAND_INS.replace("0.31", "0.32")));
     assert_ne!(of(&loaded).fingerprint(), other.fingerprint());

@@ -1,6 +1,6 @@
 //! `[axis.*.probe]`: what it becomes, and what is wrong with one.
 
-use isotherm_core::compensation::settings::Filter;
+use isotherm_core::compensation::settings::{Filter, OnWorse};
 
 use super::*;
 
@@ -78,6 +78,22 @@ fn a_probing_is_weighed_unless_the_profile_names_a_share() {
         assert_eq!(machine.axes[0].settings.probe.unwrap().filter, filter);
         let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
+    }
+}
+
+#[test]
+fn a_probe_says_what_happens_while_a_model_is_worse_than_no_compensation() {
+    for (written, worse, is_said) in [
+        ("", OnWorse::Warn, false),
+        ("worse = \"warn\"\n", OnWorse::Warn, false),
+        ("worse = \"ramp\"\n", OnWorse::Ramp, true),
+    ] {
+        let text = probed(&format!("{WHOLE}{written}"));
+        let machine = parse(&text).unwrap_or_else(|errors| panic!("{errors}")).profile;
+        assert_eq!(machine.axes[0].settings.probe.unwrap().worse, worse);
+        let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
+        let words = "while they show that a model is worse than no compensation, Cz goes to zero";
+        assert_eq!(reported.contains(words), is_said, "{reported}");
     }
 }
 

@@ -6,6 +6,7 @@
 mod support;
 
 mod continuity;
+mod healthy_days;
 mod output;
 mod places;
 mod step_allocates_nothing;

@@ -13,7 +13,8 @@ use isotherm_core::compensation::model::{
     Symbol, Term,
 };
 use isotherm_core::compensation::settings::{
-    AxisSettings, Datum, Filter, GainSettings, GuardSettings, Levels, MachineSettings, OnFault, ProbeSettings,
+    AxisSettings, Datum, Filter, GainSettings, GuardSettings, Levels, MachineSettings, OnFault, OnWorse,
+    ProbeSettings,
 };
 use isotherm_core::compensation::{Compensation, Control, Measured, Permit, Remembered, Snapshot};
 use isotherm_core::quantity::Moment;
@@ -59,6 +60,7 @@ fn compensation() -> Compensation {
         max_error: of(100.0),
         warn: None,
         gains: Some(GainSettings { forgetting: 0.98, limit: 0.2 }),
+        worse: OnWorse::Warn,
     });
     let axis = AxisSettings {
         name: "z".to_owned(),
@@ -146,6 +148,74 @@ fn a_step_allocates_nothing() {
     for state in ["active", "degraded", "holding", "ramping", "zeroed"] {
         assert!(seen.contains(&state), "{state} was not visited: {seen:?}");
     }
+}
+
+/// An axis whose first sensor is known to the two others.
+fn watched() -> Compensation {
+    let rise = |place, lag| Input::of(SignalId(place), Reference::Start, lag);
+    let half_an_hour = Some(Duration::from_secs(1800));
+    let terms = [rise(0, None), rise(0, half_an_hour), rise(1, None)];
+    let terms = terms.map(|input| Term { input, gain: of(2.4) }).to_vec();
+    let stood_in = Described {
+        signal: SignalId(0),
+        threshold: 0.3,
+        stands_in: true,
+        terms: vec![Described::term(SignalId(1), None, 0.5), Described::term(SignalId(2), half_an_hour, 0.5)],
+    };
+    let known = |place| Identified { input: rise(place, None), mean: 1.0, range: (-1.0, 90.0) };
+    let covariance = [vec![1.0, 0.0], vec![0.0, 1.0]];
+    let envelope = Envelope::new(vec![known(0), known(1)], &covariance, Some(1000.0), Outside::Shrink);
+    let model = Model {
+        stand_ins: Some(StandIns::new(vec![stood_in], 1)),
+        envelope: Some(envelope.expect("a region")),
+        ..Model::new("watched".to_owned(), Kind::Linear(Linear { offset: of(0.0), terms, slope: None }))
+    };
+    let guard = GuardSettings {
+        limit: of(400.0),
+        step: of(20.0),
+        rate: of(5.0),
+        deadband: of(0.1),
+        count: Some(of(0.1)),
+    };
+    let axis = AxisSettings {
+        name: "z".to_owned(),
+        models: vec![model],
+        guard,
+        every: Duration::from_secs(10),
+        on_fault: OnFault::Hold,
+        levels: Levels::default(),
+        datum: Datum::Model,
+        intercept_slope: None,
+        probe: None,
+    };
+    let machine = MachineSettings { signals: 3, ..MachineSettings::default() };
+    Compensation::new(machine, vec![axis], Remembered::default())
+}
+
+#[test]
+fn a_substitution_and_its_end_allocate_nothing() {
+    let mut compensation = watched();
+    let control = Control { permit: Permit::Armed, ..Control::default() };
+    let (mut suspected, mut stood_in) = (0, 0);
+    let mut look = |at: u32| {
+        let now = Moment::from_nanos(u64::from(at) * 10_000_000_000);
+        let rise = f64::from(at) / 120.0;
+        // The first sensor reads the same for five hours of each six, and the third one is lost for some of them.
+        let frozen = if at % 2160 > 360 { 20.0 } else { 20.0 + rise };
+        let third = match at % 2160 > 1400 {
+            true => Reading::bad(now, Reason::Timeout),
+            false => Reading::good(22.0 + rise, now),
+        };
+        let readings = [Reading::good(frozen, now), Reading::good(21.0 + rise, now), third];
+        compensation.step(&Snapshot::new(now, &readings), &[control]);
+        let found = compensation.distrusted(0).find(|found| found.frozen);
+        suspected += u32::from(found.is_some_and(|found| found.others.is_none()));
+        stood_in += u32::from(found.is_some_and(|found| found.others.is_some()));
+    };
+    look(0);
+    let allocated = allocation_counter::measure(|| (1..5000).for_each(&mut look));
+    assert_eq!(allocated.count_total, 0, "{allocated:?}");
+    assert!(suspected > 100 && stood_in > 100, "{suspected} {stood_in}");
 }
 
 #[test]

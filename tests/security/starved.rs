@@ -4,6 +4,7 @@ use std::io::{ErrorKind, Read};
 use std::net::{SocketAddr, TcpStream};
 use std::os::unix::net::UnixStream;
 use std::path::Path;
+use std::process::Stdio;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -15,6 +16,7 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use crate::on_time;
 use crate::process::until;
 use crate::rig::{Machine, ask, get};
+use crate::support::starved::Starved;
 
 /// Open sockets that send nothing. A closed one is opened again a second later.
 struct Silent {
@@ -120,15 +122,7 @@ fn two_thousand_silent_sockets_take_nothing_from_lines_commands_and_files() {
     let returned = machine.comes_back();
 
     let on_time = machine.on_time();
-    let asked = machine.device.now();
-    let disarm = machine.verb("disarm").output().unwrap();
-    let answered = machine.device.now();
-    let (disarmed, excused) = (answered.since(asked), on_time::excused(asked, answered));
-    assert!(disarm.status.success(), "{}", String::from_utf8_lossy(&disarm.stderr));
-    assert!(
-        disarmed < Duration::from_secs(1) + excused + 4 * usual,
-        "disarm took {disarmed:?}, the computer {excused:?}, a verb usually {usual:?}"
-    );
+    let asked = disarms_within_a_second(&machine, usual);
     until("the log goes on", || {
         let now = kept(&machine, ".csv");
         if now > rows { Ok(()) } else { Err(format!("{now} bytes, {rows} before")) }
@@ -148,7 +142,7 @@ fn two_thousand_silent_sockets_take_nothing_from_lines_commands_and_files() {
         Some(answer) if answer.starts_with("HTTP/1.1 200") => Ok(()),
         other => Err(format!("{other:?}")),
     });
-    println!("{opened} connections; device back after {returned:?}, disarm within {disarmed:?}");
+    println!("{opened} connections; device back after {returned:?}");
     let said = machine.gateway.so_far().join("\n");
     assert_eq!(said.matches("and so many of one address").count(), 1, "{said}");
 }
@@ -193,17 +187,29 @@ fn disarm_is_carried_out_within_a_second_beside_six_hundred_silent_commands() {
     std::thread::sleep(Duration::from_secs(1));
     machine.comes_back();
     let on_time = machine.on_time();
-    let asked = machine.device.now();
-    let disarm = machine.verb("disarm").output().unwrap();
-    let answered = machine.device.now();
-    assert!(disarm.status.success(), "{}", String::from_utf8_lossy(&disarm.stderr));
-    let (took, excused) = (answered.since(asked), on_time::excused(asked, answered));
+    disarms_within_a_second(&machine, usual);
     drop(on_time);
     ends.store(true, Ordering::Relaxed);
-    let opened = silent.join().unwrap();
-    println!("{opened} silent connections; disarm took {took:?}, the computer {excused:?}");
+    println!("{} silent connections", silent.join().unwrap());
+}
+
+/// Returns when the machine was disarmed. That takes a second at most, beyond what the verb usually takes and what the computer keeps
+/// the verb and the gateway waiting.
+fn disarms_within_a_second(machine: &Machine, usual: Duration) -> Moment {
+    let gateway = Starved::of(machine.gateway.id());
+    let asked = machine.device.now();
+    let disarm = machine.verb("disarm").stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let verb = Starved::of(disarm.id());
+    let disarm = disarm.wait_with_output().unwrap();
+    let answered = machine.device.now();
+    assert!(disarm.status.success(), "{}", String::from_utf8_lossy(&disarm.stderr));
+    // The verb and the gateway wait for each other, and each of them for a processor.
+    let waits = gateway.between(asked, answered) + verb.longest();
+    let (took, excused) = (answered.since(asked), on_time::excused(asked, answered).max(waits));
+    println!("disarm took {took:?}, the computer {excused:?}, a verb usually {usual:?}");
     assert!(
         took < Duration::from_secs(1) + excused + 4 * usual,
         "disarm took {took:?}, the computer {excused:?}, a verb usually {usual:?}"
     );
+    asked
 }

@@ -148,6 +148,7 @@ fn probe() -> ProbeStatus {
         }),
         history: vec![("2026-07-02T10:58:00Z".into(), 3.0)],
         gains: vec![GainStatus { model: "a".into(), signal: "t1".into(), change: 0.05 }],
+        worse: None,
     }
 }
 

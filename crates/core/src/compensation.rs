@@ -33,7 +33,7 @@ mod state;
 
 pub use guard::Stages;
 pub use model::{CLEARLY_INSIDE, Extrapolation, Unusable};
-pub use probe::{Measured, MeasuredReport, Probe, Probed, Refused, Rejected, Residual};
+pub use probe::{Measured, MeasuredReport, Probe, Probed, Refused, Rejected, Residual, Worse};
 pub use remembered::{AxisMemory, Remembered, Stop};
 pub use running::AxisRunning;
 pub use stand_in::{Distrusted, StoodIn};
@@ -225,6 +225,10 @@ pub struct Decision {
     pub stood_in: Option<StoodIn>,
     /// A model asked for more than the error level: the axis runs its fault action and waits to be armed again.
     pub tripped: bool,
+    /// Touches show that the axis is worse with the model in use than without compensation. While no model can be used, that of the
+    /// model used last.
+    #[serde(default)]
+    pub worse: Option<Worse>,
     /// How far the machine is from what the model in use was identified on; `None` inside.
     pub extrapolating: Option<Extrapolation>,
     /// The same as a number: above 0 outside, negative inside; `None` where the model in use has neither envelope nor

@@ -40,7 +40,7 @@ pub struct Candidate {
     pub along: bool,
 }
 
-/// Which rows of a log.
+/// Which rows of a log. Masked rows are none of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Rows {
     /// Those in which the error is there.
@@ -200,6 +200,7 @@ impl Traced {
 
 /// One run through the gateway's own references and lags.
 pub(crate) fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate], wanted: Rows) -> Traced {
+    let masked = campaign.masked(run);
     let run = &campaign.dataset.runs[run];
     let targets = campaign.targets(run);
     let inputs: Vec<Input> = candidates.iter().map(|candidate| input(campaign, candidate)).collect();
@@ -232,7 +233,8 @@ pub(crate) fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate
             let first = visits.entry(since).or_insert_with(|| rises.clone());
             rises.iter_mut().zip(first).for_each(|(rise, first)| *rise -= *first);
         }
-        if wanted == Rows::WithError && !cz.is_finite() || !rises.iter().all(|rise| rise.is_finite()) {
+        let is_known = cz.is_finite() || wanted == Rows::Every;
+        if masked[row] || !is_known || !rises.iter().all(|rise| rise.is_finite()) {
             continue;
         }
         let passed = now.since(first);

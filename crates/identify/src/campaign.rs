@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use std::time::Duration;
 
 use crate::dataset::{Dataset, Kind, Run};
+use crate::faults::Finding;
 use crate::faults::mend::Mending;
 use isotherm_core::compensation::settings::{
     AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault,
@@ -133,6 +134,24 @@ impl<'a> Campaign<'a> {
         Some(Campaign { dataset: Cow::Owned(dataset), ..self.clone() })
     }
 
+    /// The same with one input more, with its readings as they were recorded.
+    #[must_use]
+    pub(crate) fn with_input(&self, input: Input) -> Campaign<'a> {
+        let mut inputs = self.inputs.clone();
+        inputs.push(input);
+        Campaign { inputs, ..self.clone() }
+    }
+
+    /// By row of a run: whether it is masked, because some sensor was frozen. No model is learnt from such a row or judged
+    /// by it, whichever its inputs are, so that all models are judged by the same rows.
+    pub(super) fn masked(&self, run: usize) -> Vec<bool> {
+        let rows = self.dataset.runs.get(run).map_or(0, |run| run.times.len());
+        let mut masked = vec![false; rows];
+        let spoilt = self.mending.as_ref().map(|mending| mending.masked(run)).unwrap_or_default();
+        spoilt.into_iter().filter(|row| *row < rows).for_each(|row| masked[row] = true);
+        masked
+    }
+
     /// How long one row stands for after averaging, s: the averaging window, or the log's own step where that is longer.
     pub(crate) fn row_seconds(&self) -> f64 {
         let steps = self.dataset.runs.iter().flat_map(|run| run.times.windows(2));
@@ -248,6 +267,12 @@ fn whole(place: f64) -> i64 {
     #[allow(clippy::cast_possible_truncation, reason = "a travel in mm; beyond it the cast saturates")]
     let whole = place.round() as i64;
     whole
+}
+
+/// These inputs but for those that are excluded.
+pub(super) fn without(inputs: &[Input], excluded: &[Finding]) -> Vec<Input> {
+    let is_good = |input: &&Input| !excluded.iter().any(|faulty| faulty.signal == input.name);
+    inputs.iter().filter(is_good).cloned().collect()
 }
 
 /// The columns of these inputs that are temperatures.

@@ -3,13 +3,14 @@
 //! One faulty sensor left in makes the worst run several times worse than no compensation. What counts as a fault:
 //! - **jump**: more than 3 °C within a minute, and it stays. No casting does that; it is a new sensor, or a broken one.
 //! - **spike**: more than 2 °C up or down, and back within five minutes: a bad contact.
-//! - **stuck**: the same number for an hour or more while its neighbours move.
+//! - **frozen**: one number while the other sensors say that it should have moved. The virtual sensors (`stand_in`) find it.
 //! - **constant**: it says nothing.
 //! - **missing**: more than a fifth of a run.
 //!
 //! The first three spoil one run, not the sensor in every other: what they spoilt is rebuilt where the good runs show
-//! that it can be, and the sensor is left out of everything only where not.
+//! that it can be, the rows of a freeze are masked, and the sensor is left out of everything only where neither will do.
 
+use std::borrow::Cow;
 use std::time::Duration;
 
 use serde::Serialize;
@@ -17,19 +18,19 @@ use serde::Serialize;
 use crate::dataset::{Dataset, Run};
 use crate::minutes::Minutes;
 use crate::statistics::{count, median, range};
+use standstill::{End, standstills};
 
 pub(super) mod mend;
 mod rebuild;
+pub(crate) mod standstill;
 
 /// °C per minute that no casting reaches.
 const JUMP: f64 = 3.0;
 /// °C up or down, and back soon after.
 const SPIKE: f64 = 2.0;
 const SPIKE_LASTS: Duration = Duration::from_secs(300);
-const STUCK: Duration = Duration::from_secs(3600);
-/// What a stuck sensor would have moved, at least, °C; and in steps of its own resolution.
-const MOVED: f64 = 0.1;
-const MOVED_STEPS: f64 = 5.0;
+/// s between the step with which a frozen sensor thaws, and the minute that shows it.
+const THAWS: f64 = 120.0;
 /// Of the rows of a run.
 pub(super) const MISSING: f64 = 0.2;
 /// A sensor that moves less, °C, in any run is constant.
@@ -44,11 +45,25 @@ pub struct Finding {
     pub reason: String,
 }
 
+/// What leaving one sensor out costs, or gains: root mean square of what a `whitened` model leaves on held-out rows, µm.
+/// Both models are judged by the same rows.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Omission {
+    /// The signal that is left out.
+    pub signal: String,
+    /// With it, as its readings were recorded but for masked rows.
+    pub with_um: f64,
+    /// Without it.
+    pub without_um: f64,
+}
+
 /// What a person must know of the logs beside the figures.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Notes {
     /// Sensors left out, with the reason.
     pub excluded: Vec<Finding>,
+    /// What each sensor that is left out costs; none for one of which it cannot be known.
+    pub omissions: Vec<Omission>,
     /// Sensors that behave like the air, with the reason.
     pub ambient: Vec<Finding>,
     /// What is odd.
@@ -96,41 +111,57 @@ pub(super) enum Damage {
     Spikes,
     /// All rows from one on, by a step.
     Jump,
-    /// A stretch of rows.
-    Stuck,
+    /// A stretch at one number. Its rows are masked; for what lags behind them they are rebuilt.
+    Frozen,
+    /// A stretch at one number that is most of its run. It is rebuilt and learnt from: masked, it would leave too little.
+    Rebuilt,
+    /// A stretch at one number that no other sensor can rebuild. Its rows are masked, and its readings are missing.
+    Missing,
     /// Nobody knows which rows.
     Whole,
 }
 
-/// Every fault of these columns of temperatures, as reasons to leave them out.
-pub(super) fn find(dataset: &Dataset, columns: &[usize]) -> Vec<Finding> {
-    faults(dataset, columns).iter().map(|fault| fault.finding(dataset, "")).collect()
+impl Damage {
+    /// Whether the reading stood still, whatever was done about it.
+    pub(super) fn is_frozen(self) -> bool {
+        matches!(self, Damage::Frozen | Damage::Rebuilt | Damage::Missing)
+    }
 }
 
-/// A reading that stood still while the other sensors said that it should have moved.
+/// Every fault of these columns of temperatures but freezes, as reasons to leave them out. A jump with which one of
+/// `frozen` thaws is no fault.
+pub(super) fn find(dataset: &Dataset, columns: &[usize], frozen: &[Frozen]) -> Vec<Finding> {
+    faults(dataset, columns, frozen).iter().map(|fault| fault.finding(dataset, "")).collect()
+}
+
+/// Rows in which a reading stood still while the other sensors said that it should have moved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Frozen {
     /// Of the dataset.
     pub(crate) column: usize,
     /// Of the dataset.
     pub(crate) run: usize,
-    /// s since the run's first row.
-    pub(crate) from: f64,
-    /// s
-    pub(crate) to: f64,
-    /// °C
+    /// The first row with the number: a true reading.
+    pub(crate) first: usize,
+    /// The last row with the number.
+    pub(crate) last: usize,
+    /// No reading of the run comes after it.
+    pub(crate) lasts_to_the_end: bool,
+    /// °C that the other sensors say it moved by.
     pub(crate) missed: f64,
 }
 
 impl Fault {
     pub(super) fn frozen(dataset: &Dataset, frozen: &Frozen) -> Fault {
-        let Frozen { column, run, from, to, missed } = *frozen;
-        let (begin, end) = (clock(from), clock(to));
+        let Frozen { column, run, first, last, lasts_to_the_end, missed } = *frozen;
+        let at = |row: usize| clock(dataset.runs[run].seconds().nth(row).unwrap_or_default());
+        let end = if lasts_to_the_end { "the end".to_owned() } else { at(last) };
+        let begin = at(first);
         let message = format!(
             "frozen from {begin} to {end} while the other sensors say that it moved by {missed:.1} °C"
         );
-        let rows = rows_within(&dataset.runs[run], &[(from + 1.0, to)]);
-        Fault { column, run: Some(run), message, damage: Damage::Stuck, rows }
+        let rows = (first + 1..=last).collect();
+        Fault { column, run: Some(run), message, damage: Damage::Frozen, rows }
     }
 
     /// With what else is to be said behind the message.
@@ -141,25 +172,20 @@ impl Fault {
     }
 }
 
-/// Every fault of these columns of temperatures, column by column, run by run.
-pub(super) fn faults(dataset: &Dataset, columns: &[usize]) -> Vec<Fault> {
-    let sensors = |run: &Run| columns.iter().map(|column| Minutes::of(run, *column)).collect();
-    let series: Vec<Vec<Minutes>> = dataset.runs.iter().map(sensors).collect();
-    let each = columns.iter().enumerate();
-    each.flat_map(|(place, column)| of_column(dataset, &series, place, *column)).collect()
+/// Every fault of these columns of temperatures but freezes, column by column, run by run.
+pub(super) fn faults(dataset: &Dataset, columns: &[usize], frozen: &[Frozen]) -> Vec<Fault> {
+    columns.iter().flat_map(|column| of_column(dataset, *column, frozen)).collect()
 }
 
-fn of_column(dataset: &Dataset, series: &[Vec<Minutes>], place: usize, column: usize) -> Vec<Fault> {
-    let resolution = resolution(dataset, column);
-    let least = (2.0 * resolution).clamp(STANDS_STILL, 0.05);
-    if series.iter().all(|run| range(&run[place].values) < least) {
+fn of_column(dataset: &Dataset, column: usize, frozen: &[Frozen]) -> Vec<Fault> {
+    let series: Vec<Minutes> = dataset.runs.iter().map(|run| Minutes::of(run, column)).collect();
+    let least = (2.0 * resolution(dataset, column)).clamp(STANDS_STILL, 0.05);
+    if series.iter().all(|run| range(&run.values) < least) {
         let message = "constant: it tells nothing".to_owned();
         return vec![Fault { column, run: None, message, damage: Damage::Whole, rows: Vec::new() }];
     }
-    let lively = liveliness(series, place);
     let mut found = Vec::new();
-    for (number, (run, sensors)) in dataset.runs.iter().zip(series).enumerate() {
-        let own = &sensors[place];
+    for (number, (run, own)) in dataset.runs.iter().zip(&series).enumerate() {
         let mut add = |damage: Damage, rows: Vec<usize>, message: String| {
             found.push(Fault { column, run: Some(number), message, damage, rows });
         };
@@ -174,22 +200,51 @@ fn of_column(dataset: &Dataset, series: &[Vec<Minutes>], place: usize, column: u
             let message = format!("spikes of {step:+.1} °C, first at {at}{more}: a bad contact");
             add(Damage::Spikes, rows_of_spikes(run, own, &spikes), message);
         }
-        let stuck = stuck(sensors, place, resolution, lively);
-        for (step, place) in jumps(own, &spikes, &stuck) {
+        let own_frozen = frozen.iter().filter(|frozen| frozen.column == column && frozen.run == number);
+        let thaws: Vec<f64> = own_frozen.filter_map(|frozen| run.seconds().nth(frozen.last + 1)).collect();
+        for (step, place) in jumps(own, &spikes) {
+            // A sensor that thaws jumps, too: that belongs to its having been frozen.
+            if is_near(own.seconds[place], &thaws) {
+                continue;
+            }
             let at = clock(own.seconds[place]);
             let message = format!("jumps by {step:+.1} °C at {at} and stays: no casting does that");
             add(Damage::Jump, rows_of_step(run, column, own.seconds[place]), message);
         }
-        for (from, to, expected) in stuck {
-            let rows = rows_within(run, &[(minute(from), minute(to) + 60.0)]);
-            let (begin, end) = (clock(from), clock(to));
-            let message = format!(
-                "stuck at one number from {begin} to {end} while its neighbours moved as for {expected:.1} °C"
-            );
-            add(Damage::Stuck, rows, message);
-        }
     }
     found
+}
+
+/// The logs without the jumps with which a reading leaves a number at which it stood still. Only the other sensors tell
+/// whether such a jump is the thaw of a frozen sensor, and they must not be learnt from with the jump in them.
+pub(super) fn levelled<'a>(dataset: &'a Dataset, columns: &[usize]) -> Cow<'a, Dataset> {
+    let mut levelled = Cow::Borrowed(dataset);
+    for (number, run) in dataset.runs.iter().enumerate() {
+        for column in columns {
+            let steps = standstills(run, *column).into_iter().filter_map(|still| match still.end {
+                End::Step { row, size } if size > JUMP / 2.0 => run.seconds().nth(row),
+                _ => None,
+            });
+            let steps: Vec<f64> = steps.collect();
+            if steps.is_empty() {
+                continue;
+            }
+            let own = Minutes::of(run, *column);
+            for (step, place) in jumps(&own, &spikes(&own)) {
+                if is_near(own.seconds[place], &steps) {
+                    let rows = rows_of_step(run, *column, own.seconds[place]);
+                    let values = &mut levelled.to_mut().runs[number].values[*column];
+                    rows.into_iter().for_each(|row| values[row] -= step);
+                }
+            }
+        }
+    }
+    levelled
+}
+
+/// Whether a minute is that of one of these steps.
+fn is_near(minute: f64, steps: &[f64]) -> bool {
+    steps.iter().any(|step| (step - minute).abs() <= THAWS)
 }
 
 /// The share of a run's rows that have no value here.
@@ -251,56 +306,17 @@ fn spikes(own: &Minutes) -> Vec<(usize, usize)> {
     found
 }
 
-/// Jumps that stay, with the minute after each. A sensor that thaws jumps, too: that belongs to its being stuck.
-fn jumps(own: &Minutes, spikes: &[(usize, usize)], stuck: &[(f64, f64, f64)]) -> Vec<(f64, usize)> {
+/// Jumps that stay, with the minute after each.
+fn jumps(own: &Minutes, spikes: &[(usize, usize)]) -> Vec<(f64, usize)> {
     let is_spike = |place: &usize| spikes.iter().any(|(from, to)| (from..to).contains(&place));
     let good: Vec<usize> = (0..own.values.len()).filter(|place| !is_spike(place)).collect();
-    let thaws = |before: usize| stuck.iter().any(|(_, to, _)| (own.seconds[before] - to).abs() < 1.0);
     let step = |pair: &[usize]| {
         let (before, after) = (pair[0], pair[1]);
         let step = own.values[after] - own.values[before];
         let passed = (own.seconds[after] - own.seconds[before]).max(60.0);
-        (step.abs() * 60.0 / passed > JUMP && !thaws(before)).then_some((step, after))
+        (step.abs() * 60.0 / passed > JUMP).then_some((step, after))
     };
     good.windows(2).filter_map(step).collect()
-}
-
-/// The stretches at one number where the neighbours say that it should have moved: from, to, and by how many °C.
-fn stuck(sensors: &[Minutes], place: usize, resolution: f64, lively: f64) -> Vec<(f64, f64, f64)> {
-    let own = &sensors[place];
-    let mut begin = 0;
-    let mut found = Vec::new();
-    for end in 1..=own.values.len() {
-        let goes_on = end < own.values.len()
-            && (own.values[end] - own.values[begin]).abs() < 1e-9 * own.values[begin].abs().max(1.0);
-        if goes_on {
-            continue;
-        }
-        let (from, to) = (own.seconds[begin], own.seconds[end - 1]);
-        if to - from >= STUCK.as_secs_f64() {
-            let expected = lively * neighbours(sensors, place, from, to);
-            if expected > MOVED.max(MOVED_STEPS * resolution) {
-                found.push((from, to, expected));
-            }
-        }
-        begin = end;
-    }
-    found
-}
-
-/// How far the other sensors moved in this time: the median of their ranges.
-fn neighbours(sensors: &[Minutes], place: usize, from: f64, to: f64) -> f64 {
-    let others = sensors.iter().enumerate().filter(|(other, _)| *other != place);
-    median(others.map(|(_, sensor)| sensor.range_within(from, to)).collect())
-}
-
-/// How far this sensor moves where its neighbours move by one degree: the median over the runs.
-fn liveliness(series: &[Vec<Minutes>], place: usize) -> f64 {
-    let of_run = |run: &Vec<Minutes>| {
-        let others = neighbours(run, place, f64::NEG_INFINITY, f64::INFINITY);
-        (others > 0.0).then(|| range(&run[place].values) / others)
-    };
-    median(series.iter().filter_map(of_run).collect())
 }
 
 /// The smallest step between two values of a column.

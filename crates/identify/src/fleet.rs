@@ -421,7 +421,9 @@ impl FleetModel {
         format!(
             "# Cz = −e, learnt from the products of {runs} runs.\n\
              # No envelope and no stand-ins: products do not say where the inputs were.\n\
+             # {}\n\
              [[axis.{}.model]]\nname = \"fleet\"\n{}\n{}\n",
+            written::zero_needs(&self.axis),
             self.axis,
             written::sum(&terms, None),
             written::identified_with(self.settle_s)

@@ -6,6 +6,7 @@ use crate::bank::{Bank, Candidate};
 use crate::campaign::Campaign;
 use crate::checks::one_run_only;
 use crate::collinear::collinearity;
+use crate::coverage;
 use crate::dataset::{Column, Kind};
 use crate::expected::{Expected, expected, inside};
 use crate::faults::{Notes, Repaired, resolution};
@@ -23,6 +24,7 @@ use crate::wander::wander;
 use lost::{fallbacks, irreplaceable, keep_the_better};
 
 mod alone;
+mod harm;
 mod lost;
 
 pub use alone::Alone;
@@ -221,8 +223,8 @@ pub fn identify(
         }
         false => Vec::new(),
     };
-    let is_worse = |run: &&RunScore| run.range_um > run.uncompensated_range_um;
-    Ok(Identified {
+    notes.remarks.extend(coverage::alike(campaign, bank));
+    let mut found = Identified {
         method: settings.method.name(),
         axis: ready.axis.clone(),
         terms,
@@ -235,7 +237,7 @@ pub fn identify(
         uncompensated: Means::uncompensated(&runs),
         expected,
         probe_q: wander(&held_out),
-        worse_runs: runs.iter().filter(is_worse).map(|run| run.name.clone()).collect(),
+        worse_runs: runs.iter().filter(|run| run.is_worse()).map(|run| run.name.clone()).collect(),
         runs,
         probe_s: probe,
         notes,
@@ -254,7 +256,10 @@ pub fn identify(
         error,
         held_out,
         learned,
-    })
+    };
+    let warnings = found.warnings();
+    found.notes.remarks.extend(warnings);
+    Ok(found)
 }
 
 impl Identified {

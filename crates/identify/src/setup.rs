@@ -5,13 +5,14 @@ use std::time::Duration;
 use crate::ambient;
 use crate::applied::{self, Applied};
 use crate::campaign::{Campaign, Input, Position, temperatures_of};
-use crate::checks::{check_error, check_runs, fahrenheit, nearest, stays, unused_position};
+use crate::checks::{check_error, check_runs, fahrenheit, nearest, unused_position};
 use crate::dataset::{BadLog, Dataset, Kind, Run};
-use crate::faults::mend::{Mended, mend};
-use crate::faults::{self, Fault, Finding, Notes, Repaired};
-use crate::stand_in::frozen_in;
+use crate::faults::{self, Notes, Repaired};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{Profile, Signal};
+use sound_sensors::{SoundSensors, examine};
+
+mod sound_sensors;
 
 /// Which columns are what; without a profile, axis and position say nothing.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -129,50 +130,9 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
     if position.is_none() {
         remarks.extend(unused_position(dataset, error));
     }
-    let is_kept = |column: &usize| choice.keep.contains(&dataset.columns[*column].name);
-    let (kept, judged): (Vec<usize>, Vec<usize>) = temperatures.iter().partition(|column| is_kept(column));
-    let mut staying = Vec::new();
-    if !kept.is_empty() {
-        // A fault shows against the others.
-        staying = faults::find(dataset, &temperatures);
-        staying.retain(|found| choice.keep.contains(&found.signal));
-    }
-    let good_of = |excluded: &[Finding]| -> Vec<Input> {
-        let is_good = |input: &&Input| !excluded.iter().any(|faulty| faulty.signal == input.name);
-        inputs.iter().filter(is_good).cloned().collect()
-    };
-    let campaign_of = |good: Vec<Input>, mending| {
-        Campaign::new(profile, dataset, error, good, choice.resample).with_mending(mending)
-    };
-    let mut mended = mend(dataset, &judged, &[]);
-    let mut good = good_of(&mended.excluded);
-    // What stands still for less than an hour shows against what the other sensors say of it.
-    let frozen = frozen_in(&campaign_of(good.clone(), mended.mending.clone()));
-    if frozen.is_none() {
-        remarks.push(
-            "fewer than four runs: no sensor was tested for having stood still for less than an hour"
-                .to_owned(),
-        );
-    }
-    let (kept, frozen): (Vec<_>, Vec<_>) =
-        frozen.unwrap_or_default().into_iter().partition(|frozen| is_kept(&frozen.column));
-    if !frozen.is_empty() {
-        mended = mend(dataset, &judged, &frozen);
-        good = good_of(&mended.excluded);
-    }
-    let kept = kept.iter().map(|frozen| Fault::frozen(dataset, frozen).finding(dataset, ""));
-    let is_new = |found: &Finding| staying.iter().all(|known| known.signal != found.signal);
-    let kept: Vec<Finding> = kept.filter(is_new).collect();
-    remarks.extend(staying.iter().chain(&kept).map(stays));
-    let Mended { mending, excluded, repaired } = mended;
-    if good.is_empty() {
-        let reasons = excluded.iter().map(|faulty| format!("{}: {}", faulty.signal, faulty.reason));
-        let reasons: Vec<String> = reasons.collect();
-        return Err(BadLog(vec![format!(
-            "no sensor is left to learn from: {}; --keep NAME keeps one in all the same",
-            reasons.join("; ")
-        )]));
-    }
+    let SoundSensors { mut campaign, excluded, omissions, repaired, remarks: found } =
+        examine(profile, dataset, choice, error, &inputs)?;
+    remarks.extend(found);
     if profile.machine.settle.is_zero() {
         remarks.push(
             "the profile has no machine.settle; references were taken as the mean of the first 3 minutes: write \
@@ -180,14 +140,13 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
                 .to_owned(),
         );
     }
-    let ambient = ambient::find(dataset, &temperatures_of(dataset, &good), error);
-    let mut campaign = campaign_of(good, mending);
+    let ambient = ambient::find(dataset, &temperatures_of(dataset, &campaign.inputs), error);
     if position.is_some() {
         // Places that are visited in turn must not be averaged.
         campaign.resample = Duration::ZERO;
         campaign.position = position;
     }
-    let notes = Notes { excluded, ambient, remarks };
+    let notes = Notes { excluded, omissions, ambient, remarks };
     Ok(Ready { campaign, axis, logs: dataset, notes, repaired })
 }
 

@@ -5,7 +5,8 @@
 //!
 //! ```text
 //! D(t) = |x̂(t) − x̂(s)|, s being when the reading last changed; 0 where that is less than 3 minutes ago
-//! θ    = max(0.05 °C, 2 × the second largest of the runs' largest D)      with fewer than four runs: the largest
+//! θ    = max(0.05 °C, 2 × the largest of the runs' largest D)
+//!        of four runs or more 2 × the second largest, if the largest exceeds three times that
 //! ```
 //!
 //! From then on its value is x̂ + (its last reading − x̂ then), through the model's own lags.
@@ -17,7 +18,6 @@ use serde_json::{Value, json};
 
 use crate::bank::{Bank, Candidate, Rows, Traced};
 use crate::campaign::Campaign;
-use crate::faults;
 use crate::folds::folds;
 use crate::gram::Gram;
 use crate::method::whitened::usual_lags;
@@ -26,6 +26,7 @@ use crate::statistics::least_sum;
 use crate::validate::{HeldOut, Means, RunScore};
 use crate::whiten;
 
+pub(crate) mod freeze;
 mod frozen;
 
 pub use frozen::{Frozen, frozen};
@@ -38,6 +39,8 @@ const LEAST: f64 = 0.05;
 const TIMES: f64 = 2.0;
 /// From so many runs on, the largest of them may be a fault of its own.
 const ENOUGH_RUNS: usize = 4;
+/// It is taken for one if it exceeds the second largest by this factor.
+const FAR: f64 = 3.0;
 /// Where one run gives no validation.
 const UNCHOSEN: f64 = 0.3;
 
@@ -59,6 +62,13 @@ pub struct StandIn {
 }
 
 impl StandIn {
+    /// Whether it depends on two other sensors or more. The fault of a single one would pass into it whole, so that the gateway uses no
+    /// such stand-in.
+    pub(crate) fn has_others_enough(&self) -> bool {
+        let mut names = self.terms.iter().filter(|(_, _, gain)| gain.abs() > 0.0).map(|(name, ..)| name);
+        names.next().is_some_and(|first| names.any(|name| name != first))
+    }
+
     /// As its part of the file.
     pub(crate) fn file(&self) -> Value {
         let term = |(signal, lag_s, gain): &(String, f64, f64)| json!({ "signal": signal, "lag_s": lag_s, "gain": gain });
@@ -104,12 +114,21 @@ impl<'a> Others<'a> {
 
     /// What these runs say of a sensor.
     fn learn(&self, sensor: usize, runs: &[usize]) -> Gains {
+        self.learn_with(sensor, runs, self.penalty(sensor, runs))
+    }
+
+    /// The column of a sensor and those of the others; none where there is nothing to learn from.
+    fn columns(&self, sensor: usize, runs: &[usize]) -> Option<(usize, Vec<usize>)> {
         let candidates = self.bank.candidates.iter().enumerate();
         let others = candidates.filter(|(_, candidate)| candidate.input != sensor);
         let columns: Vec<usize> = others.map(|(column, _)| column).collect();
-        let Some(own) = self.bank.plain(sensor).filter(|_| !columns.is_empty() && !runs.is_empty()) else {
-            return Gains::new();
-        };
+        let own = self.bank.plain(sensor).filter(|_| !columns.is_empty() && !runs.is_empty())?;
+        Some((own, columns))
+    }
+
+    /// The penalty that leaves least on runs that are left out in turn.
+    fn penalty(&self, sensor: usize, runs: &[usize]) -> f64 {
+        let Some((own, columns)) = self.columns(sensor, runs) else { return UNCHOSEN };
         let all = self.products(own, &columns, runs);
         let penalties = decades(-3, 1, 1);
         let costs = folds(runs).into_iter().filter(|held| held.len() < runs.len()).map(|held| {
@@ -117,8 +136,13 @@ impl<'a> Others<'a> {
             let ridge = Ridge::of(&all.less(&held));
             penalties.iter().map(|penalty| held.left(&ridge.at(*penalty))).collect()
         });
-        let penalty = least_sum(costs).map_or(UNCHOSEN, |(place, _)| penalties[place]);
-        let gains = Ridge::of(&all).at(penalty);
+        least_sum(costs).map_or(UNCHOSEN, |(place, _)| penalties[place])
+    }
+
+    /// What these runs say of a sensor, with this penalty.
+    fn learn_with(&self, sensor: usize, runs: &[usize], penalty: f64) -> Gains {
+        let Some((own, columns)) = self.columns(sensor, runs) else { return Gains::new() };
+        let gains = Ridge::of(&self.products(own, &columns, runs)).at(penalty);
         columns.iter().map(|column| self.bank.candidates[*column]).zip(gains.iter().copied()).collect()
     }
 
@@ -242,46 +266,17 @@ pub(crate) fn stand_ins(
     if others.sensors.len() < 2 { Vec::new() } else { sensors.iter().map(one).collect() }
 }
 
-/// Every stretch of the runs that are learnt from where the test speaks; `None` where there are too few runs for one.
-pub(crate) fn frozen_in(campaign: &Campaign<'_>) -> Option<Vec<faults::Frozen>> {
-    let (sensors, runs) = (campaign.sensors(), campaign.dataset.runs.len());
-    if sensors.len() < 2 {
-        return Some(Vec::new());
-    }
-    (runs >= ENOUGH_RUNS).then_some(())?;
-    let others = Others::new(campaign, &sensors);
-    let of_sensor = |sensor: &usize| {
-        // A fit that has seen the frozen hours would make little of them.
-        let each = others.held_out(*sensor, &(0..runs).collect::<Vec<usize>>());
-        let threshold = threshold(&each);
-        let column = campaign.inputs[*sensor].column;
-        let of_run = |(run, apart): (usize, Vec<f64>)| {
-            let changed = others.changed(*sensor, run);
-            let seconds = &others.bank.runs[run].seconds;
-            let rows: Vec<usize> = (0..seconds.len()).collect();
-            let stays = |one: &usize, other: &usize| changed[*one].to_bits() == changed[*other].to_bits();
-            let frozen = |stretch: &[usize]| {
-                let missed = stretch.iter().map(|row| apart[*row]).fold(0.0, f64::max);
-                let last = *stretch.last().filter(|_| missed > threshold)?;
-                // Its last row is frozen, too.
-                let to = seconds.get(last + 1).map_or(f64::INFINITY, |next| *next);
-                let to = to.min(seconds[last] + 60.0);
-                Some(faults::Frozen { column, run, from: changed[last], to, missed })
-            };
-            rows.chunk_by(stays).filter_map(frozen).collect::<Vec<_>>()
-        };
-        each.into_iter().flat_map(of_run).collect::<Vec<_>>()
-    };
-    Some(others.sensors.par_iter().flat_map_iter(of_sensor).collect())
-}
-
 /// θ, from D of each run.
 fn threshold(each: &[(usize, Vec<f64>)]) -> f64 {
     let mut largest: Vec<f64> =
         each.iter().map(|(_, apart)| apart.iter().copied().fold(0.0, f64::max)).collect();
     largest.sort_by(|one, other| other.total_cmp(one));
-    let seen = if each.len() < ENOUGH_RUNS { largest.first() } else { largest.get(1) };
-    (TIMES * seen.copied().unwrap_or_default()).max(LEAST)
+    let seen = match largest.as_slice() {
+        [first, second, ..] if each.len() >= ENOUGH_RUNS && *first > FAR * second => *second,
+        [first, ..] => *first,
+        [] => 0.0,
+    };
+    (TIMES * seen).max(LEAST)
 }
 
 /// D over rows.
@@ -315,4 +310,25 @@ fn lagged(seconds: &[f64], values: &[f64], constant: f64) -> Vec<f64> {
         follower
     })
     .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_threshold_is_twice_the_largest_unless_that_is_a_fault_of_its_own() {
+        for (largest, wanted) in [
+            (vec![0.3, 0.5, 0.2, 0.4], 1.0),
+            (vec![0.3, 0.89, 0.2, 0.3], 1.78),
+            (vec![0.3, 0.91, 0.2, 0.3], 0.6),
+            (vec![0.2, 0.91, 0.3], 1.82),
+            (vec![0.01, 0.0, 0.01, 0.02], 0.05),
+            (vec![], 0.05),
+        ] {
+            let each: Vec<(usize, Vec<f64>)> =
+                largest.iter().enumerate().map(|(run, apart)| (run, vec![0.0, *apart])).collect();
+            assert!((threshold(&each) - wanted).abs() < 1e-12, "{largest:?}");
+        }
+    }
 }

@@ -52,6 +52,11 @@ impl RunScore {
             expected_um: None,
         }
     }
+
+    /// Whether the run is left with a larger range than it has without compensation.
+    pub fn is_worse(&self) -> bool {
+        self.range_um > self.uncompensated_range_um
+    }
 }
 
 /// Figures over all runs.
@@ -63,32 +68,40 @@ pub struct Means {
     pub worst_range_um: f64,
     /// Mean of the root mean squares, µm.
     pub mean_rmse_um: f64,
+    /// Share of the runs that are left worse than uncompensated, by their range.
+    pub worse_share: f64,
 }
 
 impl Means {
     /// Of the held-out residuals.
     pub(super) fn of<'a>(runs: impl IntoIterator<Item = &'a RunScore>) -> Means {
-        Means::over(runs.into_iter().map(|run| (run.range_um, run.rmse_um)))
+        Means::over(runs.into_iter().map(|run| (run.range_um, run.rmse_um, run.is_worse())))
     }
 
     /// Of the residuals as the model left them, whatever probe takes them out: what stands in for a sensor is judged so, too.
     pub(super) fn unprobed(held_out: &[HeldOut]) -> Means {
-        Means::over(held_out.iter().map(|held| held.residual(None)).map(|left| (range(&left), rms(&left))))
+        Means::over(held_out.iter().map(|held| {
+            let left = held.residual(None);
+            let range = range(&left);
+            (range, rms(&left), range > held.score.uncompensated_range_um)
+        }))
     }
 
     /// Of the errors without compensation.
     pub(super) fn uncompensated(runs: &[RunScore]) -> Means {
-        Means::over(runs.iter().map(|run| (run.uncompensated_range_um, run.uncompensated_rmse_um)))
+        Means::over(runs.iter().map(|run| (run.uncompensated_range_um, run.uncompensated_rmse_um, false)))
     }
 
-    fn over(scores: impl Iterator<Item = (f64, f64)>) -> Means {
-        let (ranges, squares): (Vec<f64>, Vec<f64>) = scores.unzip();
+    /// Of the range and the root mean square of each run, and whether it is worse than uncompensated.
+    fn over(scores: impl Iterator<Item = (f64, f64, bool)>) -> Means {
+        let scores: Vec<(f64, f64, bool)> = scores.collect();
         // Of nothing there is no mean.
-        let runs = count(ranges.len());
+        let runs = count(scores.len());
         Means {
-            mean_range_um: ranges.iter().sum::<f64>() / runs,
-            worst_range_um: ranges.iter().copied().fold(f64::NAN, f64::max),
-            mean_rmse_um: squares.iter().sum::<f64>() / runs,
+            mean_range_um: scores.iter().map(|score| score.0).sum::<f64>() / runs,
+            worst_range_um: scores.iter().map(|score| score.0).fold(f64::NAN, f64::max),
+            mean_rmse_um: scores.iter().map(|score| score.1).sum::<f64>() / runs,
+            worse_share: count(scores.iter().filter(|score| score.2).count()) / runs,
         }
     }
 }

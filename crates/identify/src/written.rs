@@ -69,8 +69,10 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
         block += &format!("\n# Where {without} is lost");
         if !found.runs.is_empty() {
             block += &format!(
-                "; held out: mean range {:.1} µm, worst {:.1} µm",
-                means.mean_range_um, means.worst_range_um
+                "; held out: mean range {:.1} µm, worst {:.1} µm, {:.0} % of the runs worse than uncompensated",
+                means.mean_range_um,
+                means.worst_range_um,
+                100.0 * means.worse_share
             );
         }
         block += ".\n";
@@ -131,6 +133,13 @@ pub(crate) fn identified_with(settle_s: f64) -> String {
     format!("identified_with = {{ settle = \"{}\" }}", settle(settle_s))
 }
 
+/// What `isotherm zero` needs, as a sentence: rises that count from the start of the machine know nothing of a zero.
+pub(crate) fn zero_needs(axis: &str) -> String {
+    format!(
+        "Its rises count from the start of the machine: `isotherm zero` needs datum = \"zero\" under [axis.{axis}]."
+    )
+}
+
 /// What a person must know of the model, line by line.
 fn head(found: &Identified) -> Vec<String> {
     let (means, before) = (&found.means, &found.uncompensated);
@@ -152,7 +161,17 @@ fn head(found: &Identified) -> Vec<String> {
             ),
         },
         format!("Rises are measured from the first {settle}: [machine] settle = \"{settle}\" belongs to it."),
+        zero_needs(&found.axis),
     ];
+    if !found.runs.is_empty() {
+        let (share, runs) = (100.0 * means.worse_share, found.runs.len());
+        let worse = match found.worse_runs.is_empty() {
+            true => String::new(),
+            false => format!(": {}", found.worse_runs.join(", ")),
+        };
+        lines
+            .push(format!("It leaves {share:.0} % of {runs} held-out runs worse than uncompensated{worse}."));
+    }
     lines.extend(found.probe_q.map(|q| {
         format!(
             "What it leaves wanders: q = {} belongs to the axis's probe, if it has one (µm²/h).",

@@ -25,6 +25,13 @@ pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Dur
     for faulty in &found.notes.excluded {
         writeln!(out, "  left out: {} {}", faulty.signal, faulty.reason)?;
     }
+    for omission in &found.notes.omissions {
+        writeln!(
+            out,
+            "  without {} held-out runs are left {:.2} µm RMS, with it {:.2} µm",
+            omission.signal, omission.without_um, omission.with_um
+        )?;
+    }
     for mended in &found.repaired {
         writeln!(out, "  mended: {} {} in {}: {}", mended.signal, mended.fault, mended.run, mended.done)?;
     }
@@ -107,10 +114,16 @@ fn held_out(out: &mut impl Write, found: &Identified) -> io::Result<()> {
     if let Some(q) = found.probe_q {
         writeln!(out, "  for the axis's probe: q = {q:.2} µm²/h")?;
     }
-    if !found.worse_runs.is_empty() {
-        writeln!(out, "  left worse than without compensation: {}", found.worse_runs.join(", "))?;
+    let runs = found.runs.len();
+    match found.worse_runs.len() {
+        0 => writeln!(out, "  left worse than without compensation: none of {runs} runs"),
+        worse => writeln!(
+            out,
+            "  left worse than without compensation: {worse} of {runs} runs ({:.0} %): {}",
+            100.0 * found.means.worse_share,
+            found.worse_runs.join(", ")
+        ),
     }
-    Ok(())
 }
 
 /// What takes the place of a sensor that is lost.
@@ -123,8 +136,10 @@ fn lost(out: &mut impl Write, found: &Identified) -> io::Result<()> {
             true => writeln!(out, "  without {signal}: {kind}")?,
             false => writeln!(
                 out,
-                "  without {signal} ({kind}): mean range {:.2} µm, worst {:.2} µm",
-                means.mean_range_um, means.worst_range_um
+                "  without {signal} ({kind}): mean range {:.2} µm, worst {:.2} µm; {:.0} % of the runs worse than uncompensated",
+                means.mean_range_um,
+                means.worst_range_um,
+                100.0 * means.worse_share
             )?,
         }
     }

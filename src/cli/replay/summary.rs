@@ -6,7 +6,8 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use super::{Outcome, OutputsSummary};
+use super::spans::{AxisSpans, SpanTally};
+use super::{Findings, Outcome, OutputsSummary};
 use crate::gateway::log::{Decided, LogRow};
 use isotherm_core::compensation::{AxisState, Remembered};
 use isotherm_core::quantity::Moment;
@@ -40,6 +41,12 @@ pub struct AxisSummary {
     pub cz_um: Option<Range>,
     /// Share of the rows in each state that occurred.
     pub states: BTreeMap<&'static str, f64>,
+    /// Share of the rows in which touches showed that the model was worse than no compensation; `None` if there were none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub worse: Option<f64>,
+    /// Spans in which sensors were replaced or suspected, and in which the axis held.
+    #[serde(flatten)]
+    pub spans: AxisSpans,
     /// Where the log has the measured error.
     pub error: Option<ErrorSummary>,
     /// Where the log has the gateway's own decisions.
@@ -100,6 +107,8 @@ pub(super) struct Tally {
     rows: u64,
     span: Option<(Moment, Moment)>,
     last: Option<Moment>,
+    /// `time` of the last row.
+    last_time: String,
     /// Axis and model whose stand-ins are of another file than those that the log was written with.
     other_stand_ins: Option<(String, String)>,
     axes: Vec<AxisTally>,
@@ -114,6 +123,9 @@ struct AxisTally {
     raw: Spread,
     cz: Spread,
     states: BTreeMap<&'static str, u64>,
+    /// Rows in which the model was worse than no compensation.
+    worse: u64,
+    spans: SpanTally,
     before: Spread,
     after: Spread,
     reproduced: Reproduced,
@@ -158,14 +170,24 @@ impl Tally {
             raw: Spread::default(),
             cz: Spread::default(),
             states: BTreeMap::new(),
+            worse: 0,
+            spans: SpanTally::new(),
             before: Spread::default(),
             after: Spread::default(),
             reproduced: Reproduced::default(),
         });
-        Tally { rows: 0, span: None, last: None, other_stand_ins: None, axes: axes.collect() }
+        Tally {
+            rows: 0,
+            span: None,
+            last: None,
+            last_time: String::new(),
+            other_stand_ins: None,
+            axes: axes.collect(),
+        }
     }
 
-    pub(super) fn row(&mut self, now: Moment) {
+    pub(super) fn row(&mut self, row: &LogRow) {
+        let now = row.now;
         self.rows += 1;
         let (first, latest) = self.span.unwrap_or((now, now));
         self.span = Some((first.min(now), latest.max(now)));
@@ -173,6 +195,7 @@ impl Tally {
             axis.late += u64::from(self.last.is_some_and(|last| now.since(last) > axis.every));
         }
         self.last = Some(now);
+        self.last_time.clone_from(&row.time);
     }
 
     pub(super) fn axis(&mut self, place: usize, row: &LogRow, outcome: &Outcome<'_>) {
@@ -182,6 +205,7 @@ impl Tally {
         }
         axis.cz.add(outcome.decision.cz.get());
         *axis.states.entry(outcome.decision.state.name()).or_default() += 1;
+        axis.worse += u64::from(outcome.decision.worse.is_some());
         if let (Some(before), Some(after)) = (outcome.error, outcome.residual()) {
             axis.before.add(before);
             axis.after.add(after);
@@ -191,6 +215,13 @@ impl Tally {
             axis.reproduced.rows += 1;
             axis.reproduced.differing += u64::from(difference.is_some());
             axis.reproduced.first = axis.reproduced.first.take().or(difference);
+        }
+    }
+
+    /// Takes in the findings of an axis at a row.
+    pub(super) fn findings(&mut self, place: usize, row: &LogRow, found: Findings) {
+        if let Some(axis) = self.axes.get_mut(place) {
+            axis.spans.row(row, found);
         }
     }
 
@@ -217,14 +248,16 @@ impl Tally {
             ));
         }
         let span = self.span.map_or(Duration::ZERO, |(first, latest)| latest.since(first));
-        let axes = self.axes.into_iter().map(|axis| (axis.name.clone(), axis.summary(self.rows))).collect();
+        let last = (self.last_time.as_str(), self.last.unwrap_or_default());
+        let axes = self.axes.into_iter().map(|axis| (axis.name.clone(), axis.summary(self.rows, last)));
+        let axes = axes.collect();
         let log = log.to_owned();
         Summary { log, rows: self.rows, span_s: span.as_secs_f64(), warnings, axes, outputs: None }
     }
 }
 
 impl AxisTally {
-    fn summary(self, rows: u64) -> AxisSummary {
+    fn summary(self, rows: u64, last: (&str, Moment)) -> AxisSummary {
         let error = (self.before.rows > 0).then(|| ErrorSummary {
             rows: self.before.rows,
             range_before_um: self.before.width(),
@@ -237,6 +270,8 @@ impl AxisTally {
             raw_um: self.raw.range,
             cz_um: self.cz.range,
             states: states.collect(),
+            worse: (self.worse > 0).then(|| count(self.worse) / count(rows.max(1))),
+            spans: self.spans.spans(last),
             error,
             reproduced: (self.reproduced.rows > 0).then_some(self.reproduced),
         }
@@ -254,6 +289,8 @@ fn difference(axis: &str, line: u64, decided: &Decided, outcome: &Outcome<'_>) -
     let logged = decided.expected.unwrap_or(expected);
     let stood_in = outcome.stood_in;
     let logged_one = decided.stood_in.as_deref().unwrap_or(stood_in);
+    let worse = if decision.worse.is_some() { "1" } else { "" };
+    let logged_worse = decided.worse.as_deref().unwrap_or(worse);
     let columns = [
         ("raw_um", same(decided.raw, raw), number(decided.raw), number(raw)),
         ("cz_um", same(Some(decided.cz), Some(cz)), number(Some(decided.cz)), number(Some(cz))),
@@ -262,6 +299,7 @@ fn difference(axis: &str, line: u64, decided: &Decided, outcome: &Outcome<'_>) -
         ("acted", decided.acted == acted, decided.acted.clone(), acted.clone()),
         ("expected_um", same(logged, expected), number(logged), number(expected)),
         ("stood_in", logged_one == stood_in, logged_one.to_owned(), stood_in.to_owned()),
+        ("worse", logged_worse == worse, logged_worse.to_owned(), worse.to_owned()),
     ];
     let (column, _, recorded, replayed) = columns.into_iter().find(|(_, same, ..)| !same)?;
     Some(Difference { line, column: format!("{axis}_{column}"), recorded, replayed })
@@ -288,6 +326,10 @@ impl fmt::Display for Summary {
                 )?;
             }
             writeln!(f)?;
+            if let Some(share) = axis.worse {
+                writeln!(f, "  worse with its model than without compensation: {:.1} %", share * 100.0)?;
+            }
+            axis.spans.fmt(f)?;
             if let Some(error) = &axis.error {
                 writeln!(
                     f,

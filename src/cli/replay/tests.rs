@@ -9,10 +9,11 @@ use isotherm_core::quantity::Moment;
 use isotherm_core::reading::{Reading, Reason};
 
 use isotherm_core::compensation::model::{Expected, Growth};
-use isotherm_core::compensation::settings::{Datum, Filter, GainSettings, ProbeSettings};
+use isotherm_core::compensation::settings::{Datum, Filter, GainSettings, OnWorse, ProbeSettings};
 
 mod lags;
 mod models;
+mod replaced;
 
 fn replayed(profile: &Profile, log: &str) -> (Summary, Vec<Vec<String>>) {
     let mut out = Vec::new();
@@ -269,6 +270,7 @@ proptest! {
     #[test]
     fn what_probings_teach_comes_out_of_each_file_bit_for_bit(
         is_weighed: bool,
+        ramps: bool,
         days in prop::collection::vec(any_event(), 1..150),
     ) {
         let weighed = Filter::Weighed { repeat: 2.0, walk: 40.0 };
@@ -280,6 +282,7 @@ proptest! {
             max_error: Micron::new(60.0).unwrap(),
             warn: None,
             gains: Some(GainSettings { forgetting: 0.97, limit: 0.2 }),
+            worse: if ramps { OnWorse::Ramp } else { OnWorse::Warn },
         });
         for (place, model) in profile.axes[0].settings.models.iter_mut().enumerate() {
             let growth = |size: f64| Growth::new(0.9 * size, 0.1).unwrap();
@@ -295,7 +298,8 @@ fn a_log_from_elsewhere_may_have_probings() {
     let mut profile = sample::profile();
     let um = |value| Micron::new(value).unwrap();
     let filter = Filter::Share(1.0);
-    let probe = ProbeSettings { limit: um(10.0), filter, max_error: um(60.0), warn: None, gains: None };
+    let (max_error, worse) = (um(60.0), OnWorse::Warn);
+    let probe = ProbeSettings { limit: um(10.0), filter, max_error, warn: None, gains: None, worse };
     profile.axes[0].settings.probe = Some(probe);
     // Cz is 12 µm: at row 20 s, 1 µm acts, and 3 µm more than the model knows are missing.
     let log = "time,bed,wheelhead,z_measured_um,z_acting_um\n0,25,20,,\n10,25,20,,\n20,25,20,-14,1\n30,25,20,,\n\

@@ -5,8 +5,10 @@ use std::time::Duration;
 
 use serde_json::Value;
 
+use crate::observe::events::found_worse;
 use crate::observe::status::OutputStatus;
 use isotherm_core::display::Display;
+use isotherm_core::quantity::Micron;
 use isotherm_profile::{Unit, labelled};
 use isotherm_profile::{counted, duration_text};
 
@@ -124,7 +126,22 @@ fn axis_lines(name: &str, axis: &Value, dry_run: bool) -> String {
         let (at, error) = (moment(&probed["at"]), micron(&probed["error_um"]));
         let _ = writeln!(text, "  probed {error} at {at}, not learned from: {why}");
     }
+    if let worse @ Value::Object(_) = &axis["probe"]["worse"] {
+        let _ = writeln!(text, "  {}", worse_model(worse));
+    }
     text
+}
+
+/// Sentence about a model that is worse than no compensation, and what its axis does.
+fn worse_model(worse: &Value) -> String {
+    let left = |key: &str| worse[key].as_f64().and_then(Micron::new).unwrap_or_default();
+    let touches = worse["touches"].as_u64().and_then(|count| usize::try_from(count).ok());
+    let found = found_worse(touches.unwrap_or(0), left("with_um"), left("without_um"));
+    let does = match worse["ramps"] == true {
+        true => "Cz goes to zero until touches show that the model is better",
+        false => "Cz follows it all the same",
+    };
+    format!("{found}; {does}")
 }
 
 fn signal(signal: &Value) -> String {
@@ -213,5 +230,32 @@ mod tests {
         (axis["expected_um"], axis["probe"]["last"]["refused"]) = (Value::Null, Value::Null);
         let text = axis_lines("z", &axis, false);
         assert!(text.contains("asks for -12.3 µm; guard: round\n") && !text.contains("probed"), "{text}");
+    }
+
+    #[test]
+    fn a_model_that_is_worse_than_no_compensation_is_named_with_its_figures_and_what_the_axis_does() {
+        let mut axis = json!({
+            "display": "compensating", "cz_um": 3.0, "verified_um": 3.0, "limit_um": 40.0,
+            "probe": { "worse": { "touches": 5, "without_um": 2.04, "with_um": 3.16, "ramps": false } }
+        });
+        assert!(
+            axis_lines("z", &axis, false).ends_with(
+                "\n  its model is worse than no compensation: 3.2 µm are left with it, 2.0 µm without (root mean square of \
+                 the last 5 touches); Cz follows it all the same\n"
+            ),
+            "{}",
+            axis_lines("z", &axis, false)
+        );
+        (axis["probe"]["worse"]["touches"], axis["probe"]["worse"]["ramps"]) = (json!(0), json!(true));
+        assert!(
+            axis_lines("z", &axis, false).ends_with(
+                "\n  its model is worse than no compensation: as touches before the last datum show; Cz goes to zero until \
+                 touches show that the model is better\n"
+            ),
+            "{}",
+            axis_lines("z", &axis, false)
+        );
+        axis["probe"]["worse"] = Value::Null;
+        assert!(!axis_lines("z", &axis, false).contains("worse"));
     }
 }

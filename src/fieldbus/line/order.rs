@@ -19,7 +19,6 @@ use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::owed::Mark;
 use crate::fieldbus::wire::{Answer, Request};
-use isotherm_core::quantity::Moment;
 
 /// Control questions in a row without a result, after which the line sends no more until the next missing answer.
 const ATTEMPTS: u8 = 3;

@@ -9,7 +9,7 @@ use jiff::tz::TimeZone;
 
 use super::{
     ACTING, BEHIND, DECIDED, ERROR, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT, RETURN, RETURN_SLOPE,
-    SIGN, SLOPE_FROM, STOOD_IN, TIME, TRUST, ZERO,
+    SIGN, SLOPE_FROM, STOOD_IN, TIME, TRUST, WORSE, ZERO,
 };
 use isotherm_core::compensation::{Control, Measured, Permit, Remembered, ReturnTo};
 use isotherm_core::quantity::{Dialect, Micron, Moment, time};
@@ -71,6 +71,8 @@ pub struct Decided {
     pub expected: Option<Option<f64>>,
     /// The sensor that others stood in for; `None` where the log does not have it.
     pub stood_in: Option<String>,
+    /// "1" where the model was worse than no compensation; `None` where the log does not have it.
+    pub worse: Option<String>,
 }
 
 /// Gives the rows of a log, one after the other.
@@ -115,6 +117,7 @@ struct AxisColumns {
     expected: Option<usize>,
     stood_in: Option<usize>,
     trust: Option<usize>,
+    worse: Option<usize>,
 }
 
 /// A log whose clock runs wild would give a warning per row.
@@ -335,6 +338,7 @@ impl<R: Read> LogReader<R> {
                 None => None,
             },
             stood_in: columns.stood_in.map(|place| self.cell(place).to_owned()),
+            worse: columns.worse.map(|place| self.cell(place).to_owned()),
         }))
     }
 
@@ -409,6 +413,7 @@ impl Columns {
                 expected: of(EXPECTED),
                 stood_in: of(STOOD_IN),
                 trust: of(TRUST),
+                worse: of(WORSE),
             }
         });
         Some(Columns {

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use super::{
     ACTING, BEHIND, CLOCK, CORRECTION, DECIDED, DRY_RUN, EXPECTED, FORGET, FROM, MEASURED, MEMORY, PERMIT,
-    RETURN, RETURN_SLOPE, SIGN, SLOPE, SLOPE_FROM, STOOD_IN, TIME, TRUST, ZERO,
+    RETURN, RETURN_SLOPE, SIGN, SLOPE, SLOPE_FROM, STOOD_IN, TIME, TRUST, WORSE, ZERO,
 };
 use crate::clock::Correction;
 use isotherm_core::compensation::{Control, Decision, Remembered, Snapshot};
@@ -76,7 +76,7 @@ impl Recorder {
         }
         for axis in recorded(profile) {
             let slope = axis.settings.intercept_slope.map(|_| [RETURN_SLOPE, SLOPE_FROM, SLOPE]);
-            let probe = axis.settings.probe.map(|_| [MEASURED, ACTING, FORGET, CORRECTION]);
+            let probe = axis.settings.probe.map(|_| [MEASURED, ACTING, FORGET, WORSE, CORRECTION]);
             let expected = axis.says_how_wrong().then_some(EXPECTED);
             let stood_in = is_watched(axis).then_some([STOOD_IN, TRUST]);
             let more = slope.into_iter().flatten().chain(probe.into_iter().flatten());
@@ -151,6 +151,7 @@ impl Recorder {
                 optional(line, control.measured.map(|measured| measured.error.get()));
                 optional(line, acting.map(|acting| acting.get()));
                 text(line, if control.forget { "1" } else { "" });
+                text(line, if decision.worse.is_some() { "1" } else { "" });
                 optional(line, Some(decision.correction.get()));
             }
             if *expected {

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::{Broker, Delivery, Entry, Event, Level, PagePort, StandIn};
+use super::{Broker, Comparison, Delivery, Entry, Event, Level, PagePort, StandIn};
 
 /// One that stands.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -135,6 +135,8 @@ impl Event {
             Event::StandIn(StandIn::Over { axis, signal, .. }) => {
                 ends(&[("sensor of axis", &format!("{axis}: {signal}"))])
             }
+            Event::Comparison(Comparison::Worse { axis, .. }) => raises("compensation of axis", axis),
+            Event::Comparison(Comparison::Over { axis }) => ends(&[("compensation of axis", axis)]),
             Event::VerifyFailed { output, .. }
             | Event::WriteFailed { output, .. }
             | Event::ReadFailed { output, .. }

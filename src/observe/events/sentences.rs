@@ -551,6 +551,7 @@ impl Event {
             ),
             Event::KeptAgain { what } => info("kept-again", format!("{what} is kept again")),
             Event::StandIn(found) => found.described(),
+            Event::Comparison(found) => found.described(),
             Event::Page(port) => port.described(),
             Event::Token(token) => token.described(),
             Event::Broker(broker) => broker.described(),

@@ -13,7 +13,7 @@ use isotherm_profile::{counted, duration_text};
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum StandIn {
-    /// It is not believed: others say what it would read, or it is used for nothing.
+    /// It is frozen or lost, and others say what it would read; or it is suspected of being frozen, and its reading is used.
     Taken {
         /// Whose model reads it.
         axis: String,
@@ -24,7 +24,7 @@ pub enum StandIn {
         /// How long it has been that.
         #[serde(rename = "for_s", serialize_with = "in_seconds")]
         span: Duration,
-        /// How many they are; `None` where it is used for nothing.
+        /// How many they are; `None` where nothing is taken from others.
         others: Option<usize>,
     },
     /// It is not taken from others any more.
@@ -49,11 +49,16 @@ impl StandIn {
             StandIn::Taken { axis, signal, frozen, span, others: count } => {
                 let (kind, is) = if *frozen { ("frozen", "frozen") } else { ("stood-in", "lost") };
                 let span = duration_text(Duration::from_secs(span.as_secs()));
-                let taken = match count {
-                    Some(count) => format!("taken from {}", others(*count)),
-                    None => "and used for nothing: nobody stands in for it".to_owned(),
+                let (taken, hint) = match count {
+                    Some(count) => (
+                        format!("taken from {}", others(*count)),
+                        "look at the sensor, its cable and its channel; the axis uses its own reading again by itself",
+                    ),
+                    None => (
+                        "and not taken from others".to_owned(),
+                        "look at the sensor, its cable and its channel; its own reading is used meanwhile",
+                    ),
                 };
-                let hint = "look at the sensor, its cable and its channel; the axis uses its own reading again by itself";
                 let cause = format!("{signal} {is} for {span}, {taken}");
                 warning(kind, format!("axis {axis}"), Explained::new(cause, hint))
             }

@@ -21,6 +21,10 @@ fn troubles() -> Vec<Event> {
         let (axis, signal, span) = (name(), "bed".to_owned(), Duration::from_secs(9));
         Event::StandIn(StandIn::Taken { axis, signal, frozen, span, others: None })
     };
+    let worse = |touches, ramps| {
+        let (axis, without, with) = (name(), um(2.0), um(3.2));
+        Event::Comparison(Comparison::Worse { axis, touches, without, with, ramps })
+    };
     let moved = |moved| Event::SignChecked { axis: name(), moved, way, who: who.clone() };
     let mut all = vec![
         Event::LinkDown { bus: name(), address: "a:1".into(), fault: "closed".into() },
@@ -59,6 +63,8 @@ fn troubles() -> Vec<Event> {
         Event::ProbeRefused { axis: name(), error: Some(um(7.0)), why: "too far".into() },
         Event::ProbeRefused { axis: name(), error: None, why: "no result".into() },
         Event::ModelAges { axis: name(), residual: um(7.0), warn: um(5.0) },
+        worse(8, true),
+        worse(0, false),
         Event::Saturated { output: name(), wanted: 40_000.0 },
         Event::NotApplied {
             output: name(),
@@ -202,6 +208,7 @@ fn no_kind_of_trouble_is_missing_from_the_list() {
         "logs-deleted",
         "kept-again",
         "stand-in-over",
+        "worse-over",
         "page-open",
         "token-changed",
         "broker-up",

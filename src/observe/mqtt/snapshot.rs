@@ -87,6 +87,7 @@ impl List {
         of.micron("expected_um", axis.expected_um);
         of.micron("limit_um", Some(axis.limit_um));
         let probe = axis.probe.as_ref();
+        of.flag("worse", probe.is_some_and(|probe| probe.worse.is_some()));
         of.micron("correction_um", probe.map(|probe| probe.correction_um));
         of.micron("residual_um", probe.and_then(|probe| probe.history.last()).map(|(_, residual)| *residual));
     }

@@ -52,7 +52,7 @@ class Card {
 
   show(axis, status) {
     const [tone, name, sentence] = axisState(axis, status);
-    const uneasy = tone === "good" && (axis.warned || axis.extrapolating);
+    const uneasy = tone === "good" && (axis.warned || axis.extrapolating || axis.probe?.worse);
     badge(this.state, uneasy ? "warn" : tone, name);
     const warned = axis.warned ? t("warned", { um: fixed(axis.warn_um, 0) }) : "";
     const stands = standsIn(axis, status);

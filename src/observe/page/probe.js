@@ -1,4 +1,5 @@
-// What probings taught an axis: the last one, the correction, and the residuals with the level at which people are warned.
+// What probings taught an axis: the last one, the correction, and the residuals with the level at which people are warned. And whether
+// they show that the model is worse than no compensation.
 
 import { clock, day, element, fixed, say, signed, svg } from "./text.js";
 import { t } from "./words.js";
@@ -8,6 +9,9 @@ const LEFT = 46;
 const RIGHT = 10;
 const EDGE = 12;
 
+const worse = ({ touches, with_um: left, without_um: without }) =>
+  touches === 0 ? t("worse_before") : t("worse", { touches, left: fixed(left, 1), without: fixed(without, 1) });
+
 const stamp = (text) => `${day(new Date(text)).slice(5)} ${clock(new Date(text), false)}`;
 
 export class Probe {
@@ -15,16 +19,19 @@ export class Probe {
     this.correction = element("dd");
     this.last = element("dd");
     this.gains = element("dd");
+    this.compared = element("dd");
     this.svg = svg("svg", { role: "img", height: HEIGHT });
     this.figure = element("figure", { className: "chart residuals" },
       element("figcaption", {}, element("span", {}, t("residuals")),
         element("span", { className: "quiet" }, "µm")),
       this.svg);
-    this.changed = element("div", { className: "wide" }, element("dt", {}, t("gains_changed")), this.gains);
+    this.changed = element("div", { className: "all" }, element("dt", {}, t("gains_changed")), this.gains);
+    this.comparison = element("div", { className: "all worse" }, element("dt", {}, t("comparison")), this.compared);
     this.root = element("section", { className: "probe", ariaLabel: t("probe"), hidden: true },
       element("dl", { className: "facts" },
         element("div", {}, element("dt", {}, t("correction")), this.correction),
         element("div", { className: "wide" }, element("dt", {}, t("last_probing")), this.last),
+        this.comparison,
         this.changed),
       this.figure);
     new ResizeObserver(() => this.draw()).observe(this.figure);
@@ -40,6 +47,8 @@ export class Probe {
     say(this.last, last
       ? `${stamp(last.at)}: ${t("probed", { um: signed(last.error_um, 1), cz: signed(last.acting_um, 1) })}; ${learned}`
       : t("none_yet"));
+    this.comparison.hidden = !probe.worse;
+    say(this.compared, probe.worse ? worse(probe.worse) : "");
     this.changed.hidden = probe.gains.length === 0;
     say(this.gains, probe.gains.map((gain) => `${gain.signal} ${signed(100 * gain.change, 1)} %`).join(", "));
     const mark = JSON.stringify([probe.history, probe.warn_um]);

@@ -122,8 +122,8 @@ fn keeps(keys: &str) -> String {
     format!("[[fault]]\ndevice = \"m1\"\nkind = \"keep\"\nat = \"10s\"\nfor_time = \"40s\"\n{keys}\n")
 }
 
-/// Signal with two registers on the same unit.
-const COUNTER: &str = "[signal.counter]\ndevice = \"m1\"\nregister = \"input:200\"\ntype = \"u32\"\n";
+/// A value of two registers on the same unit.
+const COUNTER: &str = "[signal.counter]\ndevice = \"m1\"\nregister = \"input:200\"\ntype = \"u32\"\nword_order = \"msw-first\"\n";
 
 /// Runs one unit with these signals and faults for two minutes.
 fn beside(quirks: &str, signals: &str, faults: &str) -> Trace {

@@ -144,7 +144,8 @@ fn what_a_person_sends_is_held_against_what_stands_in_the_machine() {
         trial.run(6 * MINUTE).await
     });
     law::holds(&trace);
-    assert_eq!((trace.reported("probed"), trace.reported("probe-refused")), (1, 0), "{}", trace.lines());
+    // What is not learned from is compared all the same.
+    assert_eq!((trace.reported("probed"), trace.reported("probe-refused")), (1, 1), "{}", trace.lines());
     let probe = last(&trace).last.clone().unwrap();
     let before: &Status = &trace.between(295, 299).last().unwrap().status;
     let written = before.outputs.iter().find(|output| output.name == "cnc_z").unwrap().value.unwrap();
@@ -152,6 +153,38 @@ fn what_a_person_sends_is_held_against_what_stands_in_the_machine() {
     assert_eq!(shared.state, "verified");
     assert!((probe.acting_um - written).abs() < 1.1, "{probe:?} {written}");
     assert!((last(&trace).correction_um + 0.5 * probe.residual_um.unwrap()).abs() < 1e-9);
+}
+
+#[test]
+fn a_model_that_is_worse_than_no_compensation_is_an_alarm_and_cz_goes_to_zero() {
+    let directory = tempfile::tempdir().unwrap();
+    let text = probing("", "worse = \"ramp\"").replace("signal = \"probe_z\"\n", "");
+    let trace = block_on(async {
+        let mut world = World::new(&text, "").await;
+        // The machine needs nothing: all that is left of its error is the Cz that acts.
+        let touch = |stage: &Stage<'_>| {
+            let acting = stage.source.status().axes[0].verified_um.unwrap();
+            stage.source.measured("z", Some(acting.into()), &somebody()).unwrap();
+        };
+        let trial = world.gateway().options(in_directory(directory.path()));
+        trial.at(8 * MINUTE, touch).at(9 * MINUTE, touch).run(15 * MINUTE).await
+    });
+    law::holds(&trace);
+    let found = ["probed", "worse", "worse-over"].map(|kind| trace.reported(kind));
+    assert_eq!(found, [2, 1, 0], "{}", trace.lines());
+    assert_eq!(trace.states(), ["waiting", "active", "ramping", "zeroed"], "{}", trace.lines());
+    let before = &trace.samples.iter().rfind(|sample| sample.at <= trace.stopped.0).unwrap().status;
+    let axis = &before.axes[0];
+    assert_eq!((axis.cz_um, axis.why.cause.as_str()), (0.0, "its model is worse than no compensation"));
+    let worse = axis.probe.as_ref().unwrap().worse.unwrap();
+    assert!(worse.ramps && worse.touches == 2 && worse.with_um > worse.without_um, "{worse:?}");
+    assert!(before.alarms.iter().any(|alarm| alarm.id == "compensation of axis z"), "{:?}", before.alarms);
+    let log = std::fs::read_to_string(directory.path().join("bench-2026-01-05.csv")).unwrap();
+    assert!(log.lines().next().unwrap().contains(",z_worse,"), "{log}");
+    let summary = replay(&profile(&text), log.as_bytes(), "the day", None).unwrap();
+    let axis = &summary.axes["z"];
+    assert_eq!(axis.reproduced.as_ref().unwrap().first, None, "{summary}");
+    assert!(axis.worse.is_some_and(|share| (0.3..0.5).contains(&share)), "{summary}");
 }
 
 #[test]

@@ -34,7 +34,7 @@ fn state_is_kept_for_whoever_comes_later_and_events_are_told_once() {
     // What is kept is what was published last, a moment behind what the gateway says itself.
     until("an axis that is kept as active", || {
         let axis = broker.reads("isotherm/press/axis/z", &[]).hears("1 isotherm/press/axis/z ");
-        let parts = ["\"state\":\"active\"", "\"verified_um\":", "\"verified_age_s\":"];
+        let parts = ["\"state\":\"active\"", "\"verified_um\":", "\"verified_age_s\":", "\"worse\":false"];
         if parts.iter().all(|part| axis.contains(part)) { Ok(()) } else { Err(axis) }
     });
     let mut bed = broker.reads("isotherm/press/signal/bed7", &[]);

@@ -68,6 +68,7 @@ fn a_host_that_is_not_ours_takes_births_sequence_rebirth_and_death() {
         "axis/z/verified_age_s",
         "axis/z/cz_um",
         "axis/z/state",
+        "axis/z/worse",
         "signal/bed99/value",
         "gateway/ready",
         "Node Control/Rebirth",

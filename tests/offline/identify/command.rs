@@ -10,7 +10,7 @@ use super::speed;
 use super::whitened::{days, logs};
 
 /// What `identify` says of these logs, and whether it ended well.
-fn identify(home: &Path, profile: &str, logs: &[String], arguments: &[&str]) -> (String, bool) {
+pub(crate) fn identify(home: &Path, profile: &str, logs: &[String], arguments: &[&str]) -> (String, bool) {
     let path = home.join("bench.toml");
     std::fs::write(&path, profile).unwrap();
     let mut command = Command::new(env!("CARGO_BIN_EXE_isotherm"));

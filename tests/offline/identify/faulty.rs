@@ -48,20 +48,16 @@ fn a_jump_that_stays_is_named_with_its_time() {
 }
 
 #[test]
-fn a_frozen_sensor_is_named_with_its_times() {
+fn a_frozen_sensor_that_no_other_resembles_is_named_with_its_times_and_masked_and_stays_in() {
     let mut days = days();
     let held = days[1].temperatures[0][100];
     days[1].temperatures[0][100..400].fill(held);
-    let found = reasons(&days);
+    assert_eq!(reasons(&days), []);
+    let found = mended(&days);
     assert_eq!(found.len(), 1, "{found:?}");
-    assert!(
-        found[0].0 == "s0" && found[0].1.starts_with("stuck at one number from 1:40 h to 6:39 h"),
-        "{found:?}"
-    );
-    assert!(
-        found[0].1.ends_with("which no other sensor can replace, in day1"),
-        "each goes its own way: {found:?}"
-    );
+    assert_eq!((found[0].signal.as_str(), found[0].run.as_str()), ("s0", "day1"));
+    assert!(found[0].fault.starts_with("frozen from 1:40 h to 6:39 h"), "{found:?}");
+    assert!(found[0].done.contains("masked"), "each goes its own way: {found:?}");
 }
 
 #[test]
@@ -136,7 +132,7 @@ fn a_faulty_sensor_that_the_model_needs_is_named_and_costs_less_than_a_tenth() {
     let good = of(&clean);
     assert_eq!(good.notes.excluded, []);
     assert!(good.terms.iter().any(|term| term.signal == "s0"), "{:?}", good.terms);
-    for (word, of_day) in [("jumps", jumps as fn(&mut Day)), ("stuck", freezes), ("spikes", spikes)] {
+    for (word, of_day) in [("jumps", jumps as fn(&mut Day)), ("frozen", freezes), ("spikes", spikes)] {
         for run in 0..clean.len() {
             let mut broken = clean.clone();
             of_day(&mut broken[run]);
@@ -154,7 +150,7 @@ fn a_faulty_sensor_that_the_model_needs_is_named_and_costs_less_than_a_tenth() {
 }
 
 #[test]
-fn what_was_stuck_is_rebuilt_from_its_twin() {
+fn what_was_frozen_is_rebuilt_from_its_twin() {
     let clean = with_a_twin();
     let mut broken = clean.clone();
     freezes(&mut broken[2]);

@@ -9,7 +9,7 @@ use super::probe::Probe;
 use super::reference::Machine;
 use super::remembered::AxisMemory;
 use super::settings::{AxisSettings, Datum, GuardSettings, MachineSettings, OnFault};
-use super::{AxisRunning, AxisState, Control, Decision, Permit, Snapshot, Stages};
+use super::{AxisRunning, AxisState, Control, Decision, Permit, Snapshot, Stages, Worse};
 use crate::quantity::{Micron, Moment};
 
 mod choose;
@@ -39,6 +39,8 @@ pub(super) struct Axis {
     tripped: bool,
     /// It keeps its value because the model's inputs lie outside its envelope.
     kept_outside: bool,
+    /// The first fallback model that is not used because its inputs lie outside its envelope.
+    fallback_outside: Option<usize>,
     stepped: Option<Moment>,
     pub(super) due: Option<Moment>,
     pub(super) decision: Decision,
@@ -71,6 +73,7 @@ impl Axis {
             lacks: None,
             stood_in: None,
             tripped: false,
+            worse: None,
             extrapolating: None,
             excess: None,
         };
@@ -89,6 +92,7 @@ impl Axis {
             permit: Permit::Off,
             tripped: false,
             kept_outside: false,
+            fallback_outside: None,
             stepped: None,
             due: None,
             decision,
@@ -120,7 +124,7 @@ impl Axis {
     pub(super) fn go_on(&mut self, running: &AxisRunning) {
         (self.guard, self.slope_guard) = (running.guard, running.slope_guard);
         (self.state, self.permit, self.tripped) = (running.state, running.permit, running.tripped);
-        self.kept_outside = running.kept_outside;
+        (self.kept_outside, self.fallback_outside) = (running.kept_outside, running.fallback_outside);
         (self.stepped, self.due, self.decision) = (running.stepped, running.due, running.decision);
     }
 
@@ -134,6 +138,7 @@ impl Axis {
             permit: self.permit,
             tripped: self.tripped,
             kept_outside: self.kept_outside,
+            fallback_outside: self.fallback_outside,
             stepped: self.stepped,
             due: self.due,
             decision: self.decision,
@@ -173,7 +178,8 @@ impl Axis {
         if self.settings.probe.is_some() {
             self.be_taught(snapshot, machine, control);
         }
-        let (chosen, lacks) = self.choose(snapshot, machine);
+        let (chosen, lacks, fallback_outside) = self.choose(snapshot, machine);
+        self.fallback_outside = fallback_outside;
         if let Some(found) = control.take_over {
             self.guard.take_over(found, &self.settings.guard);
         }
@@ -182,12 +188,19 @@ impl Axis {
             self.slope_guard.take_over(found, &self.slope_settings());
         }
         self.note_error_level(chosen, control.permit);
-        let followed = chosen.filter(|_| !self.tripped);
+        let worse = self.worse(chosen);
+        let is_left =
+            control.permit == Permit::Armed && worse.is_some() && self.settings.leaves_what_is_worse();
+        let followed = chosen.filter(|_| !self.tripped && !is_left);
         let keeps =
             control.permit == Permit::Armed && followed.is_some_and(|chosen| self.keeps_outside(&chosen));
-        self.state = self.next_state(now, followed, control.permit, keeps);
+        self.state = match is_left {
+            true => self.returns_to_zero(),
+            false => self.next_state(now, followed, control.permit, keeps),
+        };
         self.kept_outside = keeps;
-        let Guarded { cz, slope, target, slope_target, acted } = self.guarded(followed, &control, dt);
+        let ramp = if is_left { Pace::Ramp } else { self.ramp_pace() };
+        let Guarded { cz, slope, target, slope_target, acted } = self.guarded(followed, &control, (dt, ramp));
         if self.state == AxisState::Ramping && cz == Micron::ZERO && slope == Micron::ZERO {
             self.state = AxisState::Zeroed;
         }
@@ -206,6 +219,7 @@ impl Axis {
             lacks,
             stood_in: chosen.and_then(|chosen| chosen.stood_in),
             tripped: self.tripped,
+            worse,
             extrapolating: chosen.and_then(|chosen| chosen.coverage?.extrapolating),
             excess: chosen.and_then(|chosen| chosen.coverage).map(|coverage| coverage.excess),
         };
@@ -225,18 +239,45 @@ impl Axis {
         error.is_some_and(|error| chosen.raw.abs() > error || chosen.slope.abs() > error)
     }
 
-    /// Moves both guards towards the requested values; their values, the targets, and the stages that acted on either.
-    fn guarded(&mut self, followed: Option<Chosen>, control: &Control, dt: Duration) -> Guarded {
+    /// The figures of the model in use where it is worse than no compensation; while none can be used, those of the last one.
+    fn worse(&self, chosen: Option<Chosen>) -> Option<Worse> {
+        match chosen {
+            _ if self.settings.probe.is_none() => None,
+            Some(chosen) => self.probe.worse(chosen.model),
+            None => self.decision.worse,
+        }
+    }
+
+    /// How the fault action goes to zero.
+    fn ramp_pace(&self) -> Pace {
+        match self.settings.on_fault {
+            OnFault::Zero => Pace::Steps,
+            OnFault::Hold | OnFault::Ramp { .. } => Pace::Ramp,
+        }
+    }
+
+    /// State of an axis that goes to zero or stays there, whatever its fault action is.
+    fn returns_to_zero(&self) -> AxisState {
+        if self.is_at_zero() { AxisState::Zeroed } else { AxisState::Ramping }
+    }
+
+    /// Moves both guards towards the requested values; their values, the targets, and the stages that acted on either. `ramp`: the
+    /// pace at which an axis goes to zero.
+    fn guarded(
+        &mut self,
+        followed: Option<Chosen>,
+        control: &Control,
+        (dt, ramp): (Duration, Pace),
+    ) -> Guarded {
         // An axis whose output is in trouble goes back, too: the value that could not be written was decided on wrong readings.
         let returns =
             control.return_to.filter(|_| matches!(control.permit, Permit::Armed | Permit::Unverified));
-        let (wanted, pace) = match (self.state, followed, self.settings.on_fault) {
-            (AxisState::Active | AxisState::Degraded, Some(chosen), _) => {
+        let (wanted, pace) = match (self.state, followed) {
+            (AxisState::Active | AxisState::Degraded, Some(chosen)) => {
                 (Some((control.sign.unwrap_or(chosen.raw), chosen.slope)), Pace::Follow)
             }
-            (AxisState::Ramping, _, OnFault::Zero) => (Some((Micron::ZERO, Micron::ZERO)), Pace::Steps),
-            (AxisState::Ramping, _, _) => (Some((Micron::ZERO, Micron::ZERO)), Pace::Ramp),
-            (AxisState::Holding(_), None, _) => (returns.map(|to| (to.cz, to.slope)), Pace::Follow),
+            (AxisState::Ramping, _) => (Some((Micron::ZERO, Micron::ZERO)), ramp),
+            (AxisState::Holding(_), None) => (returns.map(|to| (to.cz, to.slope)), Pace::Follow),
             _ => (None, Pace::Follow),
         };
         let guard = &self.settings.guard;
@@ -320,8 +361,7 @@ impl Axis {
 
     fn fault_action(&self, now: Moment, at_once: bool) -> AxisState {
         let since = match self.state {
-            AxisState::Ramping | AxisState::Zeroed if self.is_at_zero() => return AxisState::Zeroed,
-            AxisState::Ramping | AxisState::Zeroed => return AxisState::Ramping,
+            AxisState::Ramping | AxisState::Zeroed => return self.returns_to_zero(),
             // What was kept outside an envelope was no fault: the fault begins now.
             AxisState::Holding(_) if self.kept_outside => now,
             // Where time went back, the hold does not wait for the moment at which it began to come again.

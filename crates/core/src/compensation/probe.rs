@@ -31,6 +31,7 @@ use super::settings::ProbeSettings;
 use crate::quantity::{Micron, Moment, Shift, Shifted, shifted};
 
 mod certainty;
+mod comparison;
 mod gains;
 mod learned;
 mod report;
@@ -38,6 +39,8 @@ mod report;
 use report::TakenReports;
 
 pub(super) use certainty::Occasion;
+pub use comparison::Worse;
+pub(super) use comparison::{Credit, Touch};
 pub(super) use learned::Learned;
 pub use report::{MeasuredReport, Rejected};
 
@@ -133,12 +136,15 @@ impl Probe {
     }
 
     /// Takes in how long the machine was away. The time of a manual measurement shifts by the wall clock. How certain a
-    /// correction still is depends on the longest time that the machine can have been away.
+    /// correction still is, and how old a touch, depends on the longest time that the machine can have been away.
     pub(super) fn away(&mut self, (by_the_clock, at_most): (Shift, Shift)) {
         self.last.shift(by_the_clock);
         self.history.shift(by_the_clock);
         self.reports.shift(by_the_clock);
-        self.models.iter_mut().for_each(|learned| learned.certainty.shift(at_most));
+        for learned in &mut self.models {
+            learned.certainty.shift(at_most);
+            learned.comparison.shift(at_most);
+        }
     }
 
     /// The last probing, learned from or not.
@@ -154,6 +160,11 @@ impl Probe {
     /// By how much the gains of a model's terms have been changed, as a share of each; empty where gains are not learned.
     pub fn gains(&self, model: usize) -> &[f64] {
         self.models.get(model).map_or(&[], Learned::gains)
+    }
+
+    /// The figures of a model that is worse than no compensation; `None` of one that is not.
+    pub fn worse(&self, model: usize) -> Option<Worse> {
+        self.models.get(model).and_then(Learned::worse)
     }
 
     pub(super) fn note(&mut self, probed: Probed) {

@@ -18,6 +18,8 @@ pub struct AxisRunning {
     pub(super) tripped: bool,
     #[serde(default)]
     pub(super) kept_outside: bool,
+    #[serde(default)]
+    pub(super) fallback_outside: Option<usize>,
     pub(super) stepped: Option<Moment>,
     pub(super) due: Option<Moment>,
     pub(super) decision: Decision,

@@ -45,6 +45,28 @@ pub struct ProbeSettings {
     pub warn: Option<Micron>,
     /// The gains of linear models learn as well.
     pub gains: Option<GainSettings>,
+    /// What happens while its touches show that the axis is worse with the model than without compensation.
+    pub worse: OnWorse,
+}
+
+impl ProbeSettings {
+    /// The standard deviation of a probing, µm.
+    pub fn scatter(&self) -> f64 {
+        match self.filter {
+            Filter::Weighed { repeat, .. } => repeat,
+            Filter::Share(_) => Filter::REPEAT,
+        }
+    }
+}
+
+/// What an axis does while touches show that it is worse with its model than without compensation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum OnWorse {
+    /// It follows the model all the same, and it is reported.
+    #[default]
+    Warn,
+    /// Cz goes to zero at the axis's rate, until touches show that the model is better than that.
+    Ramp,
 }
 
 /// How much of a residual one probing takes into the offset of a model.
@@ -109,6 +131,11 @@ pub struct InterceptSlope {
 }
 
 impl AxisSettings {
+    /// Whether Cz goes to zero while touches show that the model is worse than that.
+    pub fn leaves_what_is_worse(&self) -> bool {
+        self.probe.is_some_and(|probe| probe.worse == OnWorse::Ramp)
+    }
+
     /// How often an axis that goes to zero updates: as often as its rate needs it to, however slow its normal period,
     /// but no oftener than a fieldbus could follow.
     pub fn ramp_period(&self) -> Duration {

@@ -22,6 +22,7 @@ mod signs;
 mod stand_ins;
 mod states;
 mod weighed;
+mod worse;
 
 const BED: SignalId = SignalId(0);
 const WHEELHEAD: SignalId = SignalId(1);

@@ -2,10 +2,13 @@
 //!
 //! - Spikes are bridged by straight lines.
 //! - After a jump that stays, the readings are taken less the step, as its neighbours and the good runs show it.
-//! - Where it was stuck, the readings are rebuilt from its neighbours.
+//! - Rows in which it was frozen are masked: no model is learnt from them or judged by them. For the lags that still see
+//!   them, the readings are rebuilt from its neighbours; if these cannot, they are missing, and a lag crosses them in a straight
+//!   line. If masks leave less than [`LEFT_OF_RUN`] of a run, the rebuilt readings are learnt from instead.
 //!
-//! A sensor is left out of every run where it is faulty in most of them, where nobody knows which rows are faulty (constant, missing),
-//! and where a replacement leaves more than [`BELIEVED`] of what the sensor moves.
+//! A sensor is left out of every run if it jumps or spikes in most of them, if nobody knows which rows are faulty (constant,
+//! missing), if the replacement of a jump leaves more than [`BELIEVED`] of what the sensor moves, if it was frozen for more
+//! than [`MASKED`] of the time, and if masks would leave less than [`LEAST_OF_RUN`] of a run and nothing can be rebuilt.
 //!
 //! Replacements are learnt from temperatures alone, never from the error; and where a run is held out, it is no donor.
 
@@ -14,12 +17,19 @@ use std::collections::HashMap;
 use super::rebuild::{Likeness, Replaced, bridged};
 use super::{Damage, Fault, Finding, Frozen, Repaired, faults};
 use crate::dataset::{Dataset, Run};
+use crate::statistics::count;
 
 /// Of the root mean square that a sensor moves: the most that its replacement may be off by, as hidden hours of good runs
 /// tell.
 const BELIEVED: f64 = 0.8;
 /// A sensor that jumps more often in one run is loose.
 const MOST_JUMPS: usize = 3;
+/// Share of the time of all runs: a sensor that was frozen for longer is left out.
+const MASKED: f64 = 0.25;
+/// Share of a run's rows: if masks leave less, rebuilt readings are learnt from, so that the run stays.
+const LEFT_OF_RUN: f64 = 0.25;
+/// The same if nothing can be rebuilt: a run of fewer rows says nothing, so that the sensor is left out.
+const LEAST_OF_RUN: f64 = 0.05;
 
 /// The logs, and what is replaced in them.
 #[derive(Clone, Debug)]
@@ -42,25 +52,37 @@ pub(crate) struct Mended<'a> {
 /// What was put in place of a fault's rows, as a sentence; `None`: nothing that may be believed.
 type Done = Option<String>;
 
-/// Finds the faults of these columns of temperatures, and which of them and of those that were found otherwise can be mended.
+/// Finds the faults of these columns of temperatures, and which of them and of the freezes among them can be mended.
 pub(crate) fn mend<'a>(logs: &'a Dataset, columns: &[usize], frozen: &[Frozen]) -> Mended<'a> {
-    let frozen = frozen.iter().filter(|frozen| columns.contains(&frozen.column));
-    let mut found = faults(logs, columns);
-    found.extend(frozen.map(|frozen| Fault::frozen(logs, frozen)));
+    let frozen: Vec<Frozen> =
+        frozen.iter().copied().filter(|frozen| columns.contains(&frozen.column)).collect();
+    let mut found = faults(logs, columns, &frozen);
+    found.extend(frozen.iter().map(|frozen| Fault::frozen(logs, frozen)));
     let good: Vec<usize> =
         columns.iter().copied().filter(|column| !is_hopeless(logs, &found, *column)).collect();
     let tried: Vec<usize> = (0..found.len()).filter(|place| good.contains(&found[*place].column)).collect();
     let faults = tried.iter().map(|place| found[*place].clone()).collect();
     let mut mending = Mending { logs, columns: good, faults };
     let (_, done) = mending.dataset(None);
-    let mut done: HashMap<usize, Done> = tried.into_iter().zip(done).collect();
+    let mut tried: Vec<(usize, Done)> = tried.into_iter().zip(done).collect();
+    // The shortest first: each is masked if it leaves enough of its run beside those that are masked already.
+    tried.sort_by_key(|(place, _)| found[*place].rows.len());
+    let mut masks: Vec<Vec<bool>> = logs.runs.iter().map(|run| vec![false; run.times.len()]).collect();
+    let mut outcomes: HashMap<usize, Done> = HashMap::new();
+    for (place, done) in tried {
+        let (damage, done) = settled(&found[place], &mut masks, done);
+        found[place].damage = damage;
+        outcomes.insert(place, done);
+    }
     let is_lost = |(place, done): (&usize, &Done)| done.is_none().then_some(found[*place].column);
-    let lost: Vec<usize> = done.iter().filter_map(is_lost).collect();
+    let lost: Vec<usize> = outcomes.iter().filter_map(is_lost).collect();
+    let shares: HashMap<usize, f64> =
+        columns.iter().map(|column| (*column, masked_share(logs, &found, *column))).collect();
     mending.columns.retain(|column| !lost.contains(column));
     mending.faults.clear();
     let (mut excluded, mut repaired) = (Vec::new(), Vec::new());
     for (place, fault) in found.into_iter().enumerate() {
-        match (done.remove(&place), fault.run) {
+        match (outcomes.remove(&place), fault.run) {
             (Some(Some(done)), Some(run)) if !lost.contains(&fault.column) => {
                 repaired.push(Repaired {
                     signal: logs.columns[fault.column].name.clone(),
@@ -71,17 +93,25 @@ pub(crate) fn mend<'a>(logs: &'a Dataset, columns: &[usize], frozen: &[Frozen]) 
                 mending.faults.push(fault);
             }
             (Some(None), _) => excluded.push(fault.finding(logs, ", which no other sensor can replace,")),
-            _ => excluded.push(fault.finding(logs, "")),
+            _ => {
+                let share = shares.get(&fault.column).copied().unwrap_or_default();
+                let more = match fault.damage.is_frozen() && share > MASKED {
+                    true => format!(", as it is for {:.0} % of the time of all runs,", 100.0 * share),
+                    false => String::new(),
+                };
+                excluded.push(fault.finding(logs, &more));
+            }
         }
     }
     let mending = Some(mending).filter(|mending| !mending.faults.is_empty());
     Mended { mending, excluded, repaired }
 }
 
-/// A sensor that is faulty in most runs, is loose, or has a fault of which nobody knows the rows.
+/// A sensor that jumps or spikes in most runs, is loose, has a fault of which nobody knows the rows, or was frozen too long.
 fn is_hopeless(logs: &Dataset, found: &[Fault], column: usize) -> bool {
     let own = || found.iter().filter(move |fault| fault.column == column);
-    let mut runs: Vec<usize> = own().filter_map(|fault| fault.run).collect();
+    let mut runs: Vec<usize> =
+        own().filter(|fault| !fault.damage.is_frozen()).filter_map(|fault| fault.run).collect();
     runs.sort_unstable();
     runs.dedup();
     let jumps =
@@ -89,6 +119,43 @@ fn is_hopeless(logs: &Dataset, found: &[Fault], column: usize) -> bool {
     own().any(|fault| fault.damage == Damage::Whole)
         || 2 * runs.len() > logs.runs.len()
         || runs.iter().any(|run| jumps(*run) > MOST_JUMPS)
+        || masked_share(logs, found, column) > MASKED
+}
+
+/// Share of the time of all runs in which a column was frozen. Rows may be denser in one run than in another.
+fn masked_share(logs: &Dataset, found: &[Fault], column: usize) -> f64 {
+    let (mut frozen, mut all) = (0.0, 0.0);
+    for (number, run) in logs.runs.iter().enumerate() {
+        let lasts = run.lasts().as_secs_f64();
+        let own = found.iter().filter(|fault| fault.column == column && fault.run == Some(number));
+        let rows: usize = own.filter(|fault| fault.damage.is_frozen()).map(|fault| fault.rows.len()).sum();
+        frozen += lasts * count(rows) / count(run.times.len()).max(1.0);
+        all += lasts;
+    }
+    frozen / f64::max(all, 1.0)
+}
+
+/// How a fault is settled, with what was done or tried. A freeze that cannot be rebuilt is masked all the same. `masks` are the
+/// rows that are masked so far, by run; those of this fault come in if they leave enough of the run.
+fn settled(fault: &Fault, masks: &mut [Vec<bool>], done: Done) -> (Damage, Done) {
+    let (Damage::Frozen, Some(run)) = (fault.damage, fault.run) else { return (fault.damage, done) };
+    let mut mask = masks[run].clone();
+    fault.rows.iter().for_each(|row| mask[*row] = true);
+    let left = count(mask.iter().filter(|masked| !**masked).count()) / count(mask.len()).max(1.0);
+    let is_masked = left >= if done.is_some() { LEFT_OF_RUN } else { LEAST_OF_RUN };
+    if is_masked {
+        masks[run] = mask;
+    }
+    match (done, is_masked) {
+        (Some(done), true) => {
+            (Damage::Frozen, Some(format!("these rows were masked, and for its lags {done}")))
+        }
+        (Some(done), false) => (Damage::Rebuilt, Some(done)),
+        (None, true) => {
+            (Damage::Missing, Some("these rows were masked: nothing is learnt from them".to_owned()))
+        }
+        (None, false) => (Damage::Missing, None),
+    }
 }
 
 impl Mending<'_> {
@@ -97,9 +164,19 @@ impl Mending<'_> {
         self.dataset(None).0
     }
 
+    /// Rows of a run that no model is learnt from or judged by: some sensor was frozen in them.
+    pub(crate) fn masked(&self, run: usize) -> Vec<usize> {
+        let is_masked = |fault: &&Fault| {
+            fault.run == Some(run) && matches!(fault.damage, Damage::Frozen | Damage::Missing)
+        };
+        self.faults.iter().filter(is_masked).flat_map(|fault| fault.rows.iter().copied()).collect()
+    }
+
     /// The same where this run was never seen; `None`: it was needed for nothing.
     pub(crate) fn never_saw(&self, run: usize) -> Option<Dataset> {
-        let needs = |fault: &Fault| fault.run != Some(run) && fault.damage != Damage::Spikes;
+        let needs = |fault: &Fault| {
+            fault.run != Some(run) && !matches!(fault.damage, Damage::Spikes | Damage::Missing)
+        };
         self.faults.iter().any(needs).then(|| self.dataset(Some(run)).0)
     }
 
@@ -107,12 +184,13 @@ impl Mending<'_> {
     fn dataset(&self, unseen: Option<usize>) -> (Dataset, Vec<Done>) {
         let mut dataset = self.logs.clone();
         let mut done: Vec<Done> = vec![None; self.faults.len()];
-        // Spikes first: they need no other sensor. Then steps, so that what was stuck is tied to readings of one level.
+        // Spikes first: they need no other sensor. Then steps, so that what was frozen is tied to readings of one level.
         let mut order: Vec<usize> = (0..self.faults.len()).collect();
         order.sort_by_key(|place| self.faults[*place].damage);
         for place in order {
             let fault = &self.faults[place];
             if let Some(run) = fault.run
+                && fault.damage != Damage::Missing
                 && let Some(replaced) = self.replaced(&dataset, fault, run, unseen)
             {
                 dataset.runs[run].values[fault.column] = replaced.values;
@@ -121,8 +199,9 @@ impl Mending<'_> {
         }
         // Nobody knows what they were: the rows are missing then.
         for (fault, done) in self.faults.iter().zip(&done) {
-            if let (Some(run), None, Some(_)) = (fault.run, done, unseen)
-                && fault.damage != Damage::Spikes
+            let is_unknown = done.is_none() && unseen.is_some() && fault.damage != Damage::Spikes;
+            if let Some(run) = fault.run
+                && (is_unknown || fault.damage == Damage::Missing)
             {
                 let values = &mut dataset.runs[run].values[fault.column];
                 fault.rows.iter().for_each(|row| values[*row] = f64::NAN);
@@ -173,4 +252,79 @@ fn over_spikes(run: &Run, fault: &Fault) -> Replaced {
     fault.rows.iter().for_each(|row| values[*row] = lines[*row]);
     let message = "these minutes were bridged by straight lines".to_owned();
     Replaced { values, message, error: 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+
+    use super::*;
+    use crate::dataset::{Column, Kind};
+    use isotherm_core::quantity::Moment;
+
+    /// A run of 100 minutes in which each of these sensors moves by itself, with so many rows in each minute.
+    fn run(number: u32, sensors: u32, dense: u32) -> Run {
+        let minute = |row: u32| f64::from(row) / f64::from(dense);
+        let rows = || 0..100 * dense;
+        let nanos = |row: u32| u64::from(row) * 60_000_000_000 / u64::from(dense);
+        let reading = |sensor: u32, row: u32| {
+            20.0 + 2.0 * (minute(row) / f64::from(15 + 4 * sensor) + f64::from(number)).sin()
+        };
+        Run {
+            name: format!("day{number}"),
+            file: PathBuf::from("day.csv"),
+            times: rows().map(|row| Moment::from_nanos(nanos(row))).collect(),
+            values: (0..sensors).map(|sensor| rows().map(|row| reading(sensor, row)).collect()).collect(),
+        }
+    }
+
+    fn logs(runs: Vec<Run>) -> Dataset {
+        let sensors = 0..runs[0].values.len();
+        let column = |sensor: usize| Column { name: format!("s{sensor}"), kind: Kind::Temperature };
+        Dataset { columns: sensors.map(column).collect(), runs, ..Dataset::default() }
+    }
+
+    fn frozen(column: usize, run: usize, first: usize, last: usize) -> Frozen {
+        Frozen { column, run, first, last, lasts_to_the_end: false, missed: 1.0 }
+    }
+
+    #[test]
+    fn a_freeze_that_nothing_can_rebuild_is_masked_if_it_leaves_a_part_of_its_run() {
+        let logs = logs((0..4).map(|number| run(number, 1, 1)).collect());
+        let mended = mend(&logs, &[0], &[frozen(0, 1, 10, 99)]);
+        assert_eq!(mended.excluded, []);
+        assert!(mended.repaired[0].done.contains("masked: nothing is learnt"), "{:?}", mended.repaired);
+        let mending = mended.mending.unwrap();
+        assert_eq!(mending.masked(1), (11..100).collect::<Vec<usize>>());
+        assert!(mending.mended().runs[1].values[0][50].is_nan(), "nobody knows what it was");
+        let whole = mend(&logs, &[0], &[frozen(0, 1, 0, 99)]);
+        assert!(whole.mending.is_none() && whole.repaired.is_empty());
+        assert!(
+            whole.excluded[0].reason.contains("which no other sensor can replace"),
+            "{:?}",
+            whole.excluded
+        );
+    }
+
+    #[test]
+    fn two_sensors_that_froze_one_after_the_other_leave_a_run_its_rows() {
+        let logs = logs((0..4).map(|number| run(number, 2, 1)).collect());
+        let mended = mend(&logs, &[0, 1], &[frozen(0, 1, 0, 59), frozen(1, 1, 30, 99)]);
+        let named = |found: &[Finding]| found.iter().map(|own| own.signal.clone()).collect::<Vec<String>>();
+        assert_eq!(named(&mended.excluded), ["s1"], "it is frozen for longer");
+        assert_eq!(mended.repaired.len(), 1, "{:?}", mended.repaired);
+        assert_eq!(mended.mending.unwrap().masked(1), (1..60).collect::<Vec<usize>>());
+    }
+
+    #[test]
+    fn how_long_a_sensor_was_frozen_counts_by_time_whatever_the_rows_of_a_run_are() {
+        let runs = [10, 1, 1, 1].into_iter().zip(0..).map(|(dense, number)| run(number, 1, dense));
+        let logs = logs(runs.collect());
+        // 400 of 1300 rows, but 40 of 400 minutes.
+        let mended = mend(&logs, &[0], &[frozen(0, 0, 100, 500)]);
+        assert_eq!((mended.excluded.len(), mended.repaired.len()), (0, 1), "{:?}", mended.excluded);
+        // 160 of 1300 rows, but 160 of 400 minutes.
+        let often = [frozen(0, 1, 10, 90), frozen(0, 2, 10, 90)];
+        assert_eq!(mend(&logs, &[0], &often).excluded.len(), 2);
+    }
 }

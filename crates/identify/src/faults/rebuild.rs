@@ -241,7 +241,7 @@ impl Table {
         };
         let before = end(&mut (0..rows.start).rev(), hidden.0);
         let after = end(&mut (rows.end..left.len()), hidden.1);
-        // Stuck from end to end: it held a true reading when it began.
+        // Frozen from end to end: it held a true reading when it began.
         let only = before.or(after).or_else(|| left.get(rows.start).copied()).unwrap_or(0.0);
         let (before, after) = (before.unwrap_or(only), after.unwrap_or(only));
         let lasts = (hidden.1.min(self.seconds.last().copied().unwrap_or(0.0)) - hidden.0).max(1.0);

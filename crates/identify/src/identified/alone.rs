@@ -107,6 +107,7 @@ fn fallback(
 }
 
 fn rows(campaign: &Campaign<'_>, run: usize, input: usize) -> Rows {
+    let masked = campaign.masked(run);
     let run = &campaign.dataset.runs[run];
     let Some(start) = campaign.start(run) else { return Vec::new() };
     let signal = campaign.inputs[input].signal;
@@ -115,7 +116,7 @@ fn rows(campaign: &Campaign<'_>, run: usize, input: usize) -> Rows {
         campaign.readings(run, row, *now, &mut readings);
         let temperature = readings.get(signal.0)?.usable()?;
         // What is measured from a later row says nothing of the temperature itself.
-        let counts = target.cz.is_finite() && target.since.is_none();
+        let counts = !masked[row] && target.cz.is_finite() && target.since.is_none();
         counts.then(|| (temperature, now.since(start).as_secs_f64(), target.cz))
     };
     run.times.iter().enumerate().zip(campaign.targets(run)).filter_map(row).collect()

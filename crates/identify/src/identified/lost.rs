@@ -102,13 +102,15 @@ fn without_each(
     fallbacks.collect()
 }
 
-/// Where a sensor is lost, its virtual sensor takes its place if no model without it leaves less; else that model does.
+/// Where a sensor is lost, its virtual sensor takes its place if it depends on two others or more and no model without it leaves
+/// less; else that model does.
 pub(super) fn keep_the_better(stand_ins: &mut [StandIn], fallbacks: &mut Vec<Fallback>) {
     for stand_in in stand_ins {
         let is_for_it = |fallback: &Fallback| fallback.without == stand_in.signal;
         let other = fallbacks.iter().find(|fallback| is_for_it(fallback));
-        stand_in.stands_in =
+        let leaves_least =
             other.is_none_or(|other| stand_in.means.mean_range_um <= other.means.mean_range_um);
+        stand_in.stands_in = leaves_least && stand_in.has_others_enough();
         if stand_in.stands_in {
             fallbacks.retain(|fallback| !is_for_it(fallback));
         }

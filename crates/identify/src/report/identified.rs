@@ -3,10 +3,10 @@
 use maud::{Markup, html};
 
 use super::drifted::displacements;
-use super::{date, duration, judged, list, logs, machine, page, runs, terms};
+use super::{date, duration, judged, list, logs, machine, number, page, runs, terms};
 use crate::drift::Drift;
 use crate::facts::of_error;
-use crate::faults::{Finding, Repaired};
+use crate::faults::{Finding, Omission, Repaired};
 use crate::identified::Identified;
 use crate::setup::Ready;
 use isotherm_core::quantity::Moment;
@@ -37,8 +37,15 @@ pub fn identified(subject: &Subject<'_>) -> String {
     };
     let excluded = |faulty: &Finding| html! { strong { (faulty.signal) } " was left out: " (faulty.reason) };
     let repaired = |mended: &Repaired| html! { strong { (mended.signal) } " " (mended.fault) " in " (mended.run) ": " (mended.done) };
+    let omitted = |omission: &Omission| {
+        html! {
+            "Without " strong { (omission.signal) } " held-out runs are left " (number(omission.without_um)) " µm RMS, with it "
+            (number(omission.with_um)) " µm"
+        }
+    };
     let remark = |remark: &String| html! { (remark) };
     let mut notes: Vec<Markup> = found.notes.excluded.iter().map(excluded).collect();
+    notes.extend(found.notes.omissions.iter().map(omitted));
     notes.extend(found.repaired.iter().map(repaired).chain(found.notes.remarks.iter().map(remark)));
     let content = html! {
         dl .facts {

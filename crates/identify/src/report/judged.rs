@@ -7,6 +7,7 @@ use super::{decimals, figure, number, table};
 use crate::identified::Identified;
 use crate::statistics::{count, least_and_most};
 use crate::validate::{HeldOut, Means, RunScore};
+use isotherm_profile::counted;
 
 /// The headline: what is left of the error.
 pub(super) fn headline(means: &Means, uncompensated: &Means) -> Markup {
@@ -65,9 +66,23 @@ pub(super) fn cross_validation(runs: &[RunScore], means: &Means, uncompensated: 
             "Each run was held out in turn: the model was found from all the others, and judged on the one that it never saw. \
              The range is the largest minus the smallest error of a run."
         }
+        p { (worse(runs)) }
         ul .keys { li .filled { "range left, µm" } li .hollow { "without compensation, µm" } }
         (chart::bars("range of each run, held out and without compensation", &all))
         (table(&["run", "range, µm", "without", "cut by", "RMS, µm", "without", "95 % within ±, µm"], &rows))
+    }
+}
+
+/// How many runs were left worse than uncompensated, and which.
+fn worse(runs: &[RunScore]) -> String {
+    let worse: Vec<&str> = runs.iter().filter(|run| run.is_worse()).map(|run| run.name.as_str()).collect();
+    match worse.len() {
+        0 => "No run was left with a larger range than it has without compensation.".to_owned(),
+        some => format!(
+            "{some} of {} were left with a larger range than without compensation: {}.",
+            counted(runs.len(), "run"),
+            worse.join(", ")
+        ),
     }
 }
 

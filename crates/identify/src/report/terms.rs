@@ -146,7 +146,10 @@ fn lag(term: &TermFound) -> String {
 
 /// What is left where a sensor is lost.
 pub(super) fn stand_ins(found: &Identified) -> Markup {
-    let figures = |means: &Means| [means.mean_range_um, means.worst_range_um, means.mean_rmse_um].map(number);
+    let figures = |means: &Means| {
+        let [mean, worst, rms] = [means.mean_range_um, means.worst_range_um, means.mean_rmse_um].map(number);
+        [mean, worst, rms, format!("{} %", decimals(100.0 * means.worse_share, 0))]
+    };
     let of_sensor = |stand_in: &StandIn| {
         let others = stand_in.terms.iter().map(|(signal, ..)| signal).collect::<BTreeSet<_>>().len();
         (stand_in.signal.clone(), stand_in.means, format!("its value from {}", counted(others, "other")))
@@ -176,7 +179,7 @@ pub(super) fn stand_ins(found: &Identified) -> Markup {
         @for signal in &found.irreplaceable {
             p { strong { (signal) } ": no other sensor can stand in for it. Keep a spare." }
         }
-        (table(&["lost", "mean range, µm", "worst run, µm", "mean RMS, µm", "what takes its place"], &rows))
+        (table(&["lost", "mean range, µm", "worst run, µm", "mean RMS, µm", "runs left worse", "what takes its place"], &rows))
         @if !found.stand_ins.is_empty() {
             p .quiet {
                 "A sensor counts as frozen once its reading stands still while the others say that it should have moved by more than: "
@@ -234,9 +237,6 @@ pub(super) fn expected(found: &Identified) -> Markup {
         p .quiet {
             "Inside one and two times what the other runs let expect: "
             (shares.map(|(run, inside)| format!("{} {} and {} %", run.name, decimals(100.0 * inside.inside_1, 0), decimals(100.0 * inside.inside_2, 0))).collect::<Vec<_>>().join("; ")) "."
-        }
-        @if !found.worse_runs.is_empty() {
-            p { "Left worse than without compensation: " strong { (found.worse_runs.join(", ")) } "." }
         }
         @if let Some(q) = found.probe_q {
             p { "What it leaves wanders by " (three_digits(q)) " µm² an hour: " code { "q = " (three_digits(q)) } " belongs to the axis's probe, if it has one." }

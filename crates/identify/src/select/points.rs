@@ -1,11 +1,14 @@
 //! What is asked, checked against the logs alone.
 
 use crate::ambient;
-use crate::campaign::{Campaign, Input, temperatures_of};
+use crate::campaign::{Campaign, Input, temperatures_of, without};
 use crate::checks;
 use crate::dataset::{BadLog, Column, Dataset, Kind};
-use crate::faults::{self, Finding, Notes};
+use crate::faults::mend::{Mended, mend};
+use crate::faults::{self, Fault, Finding, Frozen, Notes};
+use crate::resolution;
 use crate::setup::Choice;
+use crate::stand_in::freeze::{freezes, untested};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::Unit;
 
@@ -18,7 +21,7 @@ pub struct Pointed<'a> {
     pub notes: Notes,
 }
 
-/// Checks the choice, and leaves faulty sensors out.
+/// Checks the choice, leaves faulty sensors out, and masks the rows in which one was frozen.
 ///
 /// # Errors
 /// Everything that is wrong, in sentences.
@@ -34,11 +37,25 @@ pub fn points<'a>(dataset: &'a Dataset, choice: &Choice) -> Result<Pointed<'a>, 
     }
     let (Some(error), true) = (error, wrong.is_empty()) else { return Err(BadLog(wrong)) };
     let columns: Vec<usize> = inputs.iter().map(|input| input.column).collect();
-    let (kept, excluded): (Vec<Finding>, Vec<Finding>) =
-        faults::find(dataset, &columns).into_iter().partition(|faulty| choice.keep.contains(&faulty.signal));
-    let remarks = dataset.remarks.iter().cloned().chain(kept.iter().map(checks::stays)).collect();
-    let is_good = |input: &Input| !excluded.iter().any(|faulty| faulty.signal == input.name);
-    let good: Vec<Input> = inputs.into_iter().filter(is_good).collect();
+    let (found, remark) = find_freezes(dataset, choice, error, &inputs);
+    let is_kept = |faulty: &Finding| choice.keep.contains(&faulty.signal);
+    let (mut kept, mut excluded): (Vec<Finding>, Vec<Finding>) =
+        faults::find(dataset, &columns, &found).into_iter().partition(is_kept);
+    let is_kept = |column: usize| choice.keep.contains(&dataset.columns[column].name);
+    let (staying, frozen): (Vec<Frozen>, Vec<Frozen>) =
+        found.into_iter().partition(|frozen| is_kept(frozen.column));
+    kept.extend(staying.iter().map(|frozen| Fault::frozen(dataset, frozen).finding(dataset, "")));
+    let judged = without(&inputs, &excluded).into_iter().map(|input| input.column);
+    let judged: Vec<usize> = judged.filter(|column| !is_kept(*column)).collect();
+    let Mended { mending, excluded: lost, repaired } = mend(dataset, &judged, &frozen);
+    excluded.extend(lost);
+    let mut remarks = dataset.remarks.clone();
+    remarks.extend(remark);
+    remarks.extend(kept.iter().map(checks::stays));
+    remarks.extend(
+        repaired.iter().map(|own| format!("{} {} in {}: {}", own.signal, own.fault, own.run, own.done)),
+    );
+    let good = without(&inputs, &excluded);
     if good.len() < 2 {
         let left_out: Vec<String> =
             excluded.iter().map(|faulty| format!("{} {}", faulty.signal, faulty.reason)).collect();
@@ -51,8 +68,24 @@ pub fn points<'a>(dataset: &'a Dataset, choice: &Choice) -> Result<Pointed<'a>, 
         )]));
     }
     let ambient = ambient::find(dataset, &temperatures_of(dataset, &good), error);
-    let campaign = Campaign::of_columns(dataset, error, good, choice.resample);
-    Ok(Pointed { campaign, notes: Notes { excluded, ambient, remarks } })
+    let campaign = Campaign::of_columns(dataset, error, good, choice.resample).with_mending(mending);
+    Ok(Pointed { campaign, notes: Notes { excluded, omissions: Vec::new(), ambient, remarks } })
+}
+
+/// Every freeze of these points, of those that have no other fault; and what was not tested, as a sentence.
+fn find_freezes(
+    dataset: &Dataset,
+    choice: &Choice,
+    error: usize,
+    inputs: &[Input],
+) -> (Vec<Frozen>, Option<String>) {
+    let columns: Vec<usize> = inputs.iter().map(|input| input.column).collect();
+    let levelled = faults::levelled(dataset, &columns);
+    let mut excluded = faults::find(&levelled, &columns, &[]);
+    excluded.retain(|faulty| !choice.keep.contains(&faulty.signal));
+    let campaign = Campaign::of_columns(&levelled, error, without(inputs, &excluded), choice.resample);
+    let count_of = |column: usize| resolution::estimated(dataset, column);
+    (freezes(&campaign, dataset, &count_of), untested(&campaign))
 }
 
 fn inputs(dataset: &Dataset, choice: &Choice, error: Option<usize>, wrong: &mut Vec<String>) -> Vec<Input> {

@@ -124,27 +124,39 @@ fn partial_f_takes_the_sources_in_and_stops() {
     assert!(found.stepwise.next.as_ref().is_some_and(|next| next.chance >= 0.01), "{:?}", found.stepwise);
 }
 
-#[test]
-fn a_frozen_point_is_left_out_and_named_unless_it_is_kept() {
+/// The bearing stands still from the first of these rows of day 2 to before the second.
+fn with_frozen_bearing(from: usize, to: usize) -> Dataset {
     let mut week = week();
-    let at = week.runs[2].values[1][30];
-    week.runs[2].values[1][30..330].fill(at);
-    let left_out = points(&week, &choice()).unwrap();
-    // It is stuck, and jumps when it comes loose.
-    assert!(
-        left_out.notes.excluded.iter().all(|faulty| faulty.signal == "bearing"),
-        "{:?}",
-        left_out.notes.excluded
-    );
-    assert!(
-        left_out.notes.excluded.iter().any(|faulty| faulty.reason.contains("stuck")),
-        "{:?}",
-        left_out.notes.excluded
-    );
-    assert!(left_out.campaign.inputs.iter().all(|input| input.name != "bearing"));
+    let at = week.runs[2].values[1][from];
+    week.runs[2].values[1][from..to].fill(at);
+    week
+}
+
+#[test]
+fn a_frozen_point_stays_in_and_its_rows_are_masked_unless_it_is_kept() {
+    let week = with_frozen_bearing(30, 150);
+    let masked = points(&week, &choice()).unwrap();
+    assert_eq!(masked.notes.excluded, []);
+    assert!(masked.campaign.inputs.iter().any(|input| input.name == "bearing"));
+    let own = masked.notes.remarks.iter().find(|remark| remark.starts_with("bearing frozen from 0:30 h to"));
+    assert!(own.is_some_and(|remark| remark.contains("masked")), "{:?}", masked.notes.remarks);
+    let rows = masked.campaign.masked(2);
+    assert!(!rows[30] && rows[31..150].iter().all(|masked| *masked) && !rows[150], "the first row is true");
+    assert!(!masked.campaign.masked(1).contains(&true));
     let kept = points(&week, &Choice { keep: vec!["bearing".to_owned()], ..choice() }).unwrap();
     assert!(kept.notes.excluded.is_empty());
-    assert!(kept.notes.remarks[0].contains("stays in as asked"), "{:?}", kept.notes.remarks);
+    assert!(kept.notes.remarks[0].contains("stays in as asked: frozen from"), "{:?}", kept.notes.remarks);
+    assert!(!kept.campaign.masked(2).contains(&true));
+}
+
+#[test]
+fn a_point_that_was_frozen_for_most_of_a_run_is_rebuilt_so_that_the_run_stays() {
+    let week = with_frozen_bearing(20, 360);
+    let rebuilt = points(&week, &choice()).unwrap();
+    assert_eq!(rebuilt.notes.excluded, []);
+    let told = rebuilt.notes.remarks.join("; ");
+    assert!(told.contains("to the end") && told.contains("rebuilt, mostly from nose"), "{told}");
+    assert!(!rebuilt.campaign.masked(2).contains(&true));
 }
 
 #[test]

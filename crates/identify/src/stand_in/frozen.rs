@@ -1,15 +1,24 @@
-//! Effect of a frozen sensor, and the time until it is detected.
+//! What it costs where one sensor freezes, and how soon that is noticed: by the rules of the gateway, on rows of a minute.
 
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::Others;
+use super::{Gains, Others};
 use crate::setup::Ready;
-use crate::statistics::range;
+use crate::statistics::{least_and_most, range};
 use crate::validate::HeldOut;
 
-/// Result for a sensor that froze in a held-out run.
+/// So many rows in a row must say that the sensor should have moved.
+const MISSED: usize = 3;
+/// So much of its range a predictor or the value of a stand-in may be beyond it.
+const EDGE: f64 = 0.01;
+/// The same of the sensor itself, and of what follows a predictor.
+const FAR: f64 = 0.10;
+/// µm: the largest step of an axis that has none.
+const USUAL_STEP: f64 = 1.0;
+
+/// A sensor that froze in a held-out run.
 #[derive(Clone, Debug, Serialize)]
 pub struct Frozen {
     /// Name of the signal.
@@ -20,7 +29,11 @@ pub struct Frozen {
     pub at: f64,
     /// Time from the freeze to its detection, s; `None` if it was not detected.
     pub noticed_after: Option<f64>,
-    /// Ranges of the residual error with and without the frozen sensor, µm; both held out.
+    /// How long after that others stood in for it, s; none where they never did.
+    pub replaced_after: Option<f64>,
+    /// Since then nothing was beyond the range of the other runs.
+    pub inside: bool,
+    /// The range with it, of that without, both held out.
     pub range: (f64, f64),
     /// Range if the freeze had not been detected, µm.
     pub range_unnoticed: f64,
@@ -28,11 +41,27 @@ pub struct Frozen {
     pub false_alarm: bool,
 }
 
-/// Freezes each sensor of the model once in each run, at a random time. Model, predictions and thresholds come from the
-/// other runs only.
+/// One sensor in a run, as the other runs have it.
+struct Watched {
+    sensor: usize,
+    run: usize,
+    gains: Gains,
+    threshold: f64,
+    /// Its range on the other runs.
+    span: (f64, f64),
+    /// By row: its rise as the others have it.
+    predicted: Vec<f64>,
+    /// By row: one of the others is beyond its range, or what follows it far beyond.
+    outside: Vec<bool>,
+}
+
+/// Each sensor of the model frozen once in each run, at a time by chance; model, predictions, thresholds and ranges are from the
+/// other runs alone.
 pub fn frozen(ready: &Ready<'_>, held_out: &[HeldOut], seed: u64) -> Vec<Frozen> {
     let campaign = &ready.campaign;
     let others = Others::new(campaign, &campaign.sensors());
+    let axis = campaign.axes.iter().find(|axis| axis.name == ready.axis);
+    let step = axis.map_or(USUAL_STEP, |axis| axis.guard.step.get());
     let mut chance = rand_pcg::Pcg64::seed_from_u64(seed);
     let mut inputs = held_out.first().map(|held| held.learned.inputs()).unwrap_or_default();
     inputs.retain(|input| others.sensors.contains(input));
@@ -40,45 +69,138 @@ pub fn frozen(ready: &Ready<'_>, held_out: &[HeldOut], seed: u64) -> Vec<Frozen>
     let pairs: Vec<(usize, usize, f64)> =
         pairs.map(|(run, sensor)| (run, sensor, chance.random_range(0.05..0.9))).collect();
     let one = |(run, sensor, when): &(usize, usize, f64)| {
-        let (run, sensor) = (*run, *sensor);
-        let held = &held_out[run];
-        let training: Vec<usize> = (0..held_out.len()).filter(|other| *other != run).collect();
-        let gains = others.learn(sensor, &training);
-        let threshold = others.threshold(sensor, &training);
-        let predicted = others.predicted(&gains, run);
-        let seconds = &others.bank.runs[run].seconds;
-        let rise = others.rise(sensor, run);
+        let training: Vec<usize> = (0..held_out.len()).filter(|other| other != run).collect();
+        others.frozen_once(&others.watched(*sensor, &training, *run), &held_out[*run], *when, step)
+    };
+    pairs.par_iter().map(one).collect()
+}
+
+impl Others<'_> {
+    fn watched(&self, sensor: usize, training: &[usize], run: usize) -> Watched {
+        let gains = self.learn(sensor, training);
+        Watched {
+            sensor,
+            run,
+            threshold: self.threshold(sensor, training),
+            span: self.span(sensor, training),
+            predicted: self.predicted(&gains, run),
+            outside: self.outside(&gains, training, run),
+            gains,
+        }
+    }
+
+    /// The smallest and the largest rise of a sensor on these runs; without a bound where there are none.
+    fn span(&self, sensor: usize, runs: &[usize]) -> (f64, f64) {
+        let rises = runs.iter().flat_map(|run| self.rise(sensor, *run));
+        least_and_most(rises).unwrap_or((f64::NEG_INFINITY, f64::INFINITY))
+    }
+
+    /// By row of a run: whether one of the sensors that these gains belong to is beyond its range on the training runs, or what
+    /// follows it far beyond.
+    fn outside(&self, gains: &Gains, training: &[usize], run: usize) -> Vec<bool> {
+        let mut outside = vec![false; self.bank.runs[run].seconds.len()];
+        for (candidate, _) in gains.iter().filter(|(_, gain)| gain.abs() > 0.0) {
+            let span = self.span(candidate.input, training);
+            let late = self.bank.column(candidate).map(|column| self.bank.runs[run].rises.column(column));
+            let late = late.into_iter().flat_map(|column| column.iter().copied().collect::<Vec<f64>>());
+            let mut is_beyond = false;
+            let rows = self.rise(candidate.input, run).into_iter().zip(late).zip(&mut outside);
+            for ((now, late), outside) in rows {
+                is_beyond = beyond(span, now) > if is_beyond { 0.0 } else { EDGE };
+                *outside |= is_beyond || beyond(span, late) > FAR;
+            }
+        }
+        outside
+    }
+
+    /// What comes of it where the sensor freezes at this share of the run.
+    fn frozen_once(&self, watched: &Watched, held: &HeldOut, when: f64, step: f64) -> Frozen {
+        let Watched { sensor, run, ref predicted, ref outside, .. } = *watched;
+        let (seconds, rise) = (&self.bank.runs[run].seconds, self.rise(sensor, run));
         let at =
             seconds.partition_point(|second| *second < when * seconds.last().copied().unwrap_or_default());
         let at = at.min(seconds.len().saturating_sub(1));
-        let apart = |row: usize| {
-            if seconds[row] - seconds[at] < super::LATELY {
-                0.0
-            } else {
-                (predicted[row] - predicted[at]).abs()
-            }
-        };
-        let noticed = (at..seconds.len()).find(|row| apart(*row) > threshold);
         let from = |instead: &dyn Fn(usize) -> f64| -> Vec<f64> {
             (0..seconds.len()).map(|row| if row < at { 0.0 } else { instead(row) - rise[row] }).collect()
         };
         let learned = held.learned.sum().unwrap_or_default();
-        let stuck = others.changes(sensor, learned, run, &from(&|_| rise[at]));
-        let virtually = from(&|row| predicted[row] + rise[at] - predicted[at]);
-        let virtually = others.changes(sensor, learned, run, &virtually);
-        let seen = |row: usize| {
-            if noticed.is_some_and(|noticed| row >= noticed) { virtually[row] } else { stuck[row] }
+        let stuck = self.changes(sensor, learned, run, &from(&|_| rise[at]));
+        let noticed = watched.noticed(seconds, rise[at], at);
+        let values = watched.values(rise[at], at);
+        let virtually = self.changes(sensor, learned, run, &from(&|row| values[row]));
+        // Once a stand-in has moved the target by a step at most, it stays.
+        let may = |row: &usize| !outside[*row] && (virtually[*row] - stuck[*row]).abs() <= step;
+        let mut late = noticed.unwrap_or(seconds.len())..seconds.len();
+        let replaced = late.find(may).filter(|_| watched.has_others_enough());
+        let seen = |row: usize| match replaced {
+            Some(replaced) if row >= replaced => virtually[row],
+            _ => stuck[row],
         };
         let seen: Vec<f64> = (0..seconds.len()).map(seen).collect();
+        let after = |row: usize| seconds[row] - seconds[at];
+        let alarms = self.apart(sensor, &watched.gains, run);
         Frozen {
-            signal: campaign.inputs[sensor].name.clone(),
+            signal: self.campaign.inputs[sensor].name.clone(),
             run: held.score.name.clone(),
             at: seconds[at],
-            noticed_after: noticed.map(|row| seconds[row] - seconds[at]),
-            range: (others.score(held, run, &seen).range_um, range(held.residual(None))),
-            range_unnoticed: others.score(held, run, &stuck).range_um,
-            false_alarm: others.apart(sensor, &gains, run).into_iter().any(|apart| apart > threshold),
+            noticed_after: noticed.map(after),
+            replaced_after: replaced.map(after),
+            inside: (at..seconds.len())
+                .all(|row| !outside[row] && beyond(watched.span, predicted[row]) <= EDGE),
+            range: (self.score(held, run, &seen).range_um, range(held.residual(None))),
+            range_unnoticed: self.score(held, run, &stuck).range_um,
+            false_alarm: watched.first_missed(&rise, 0, |row| alarms[row]).is_some(),
         }
-    };
-    pairs.par_iter().map(one).collect()
+    }
+}
+
+impl Watched {
+    /// The row in which a sensor that reads the same from `at` on is suspected.
+    fn noticed(&self, seconds: &[f64], reads: f64, at: usize) -> Option<usize> {
+        let base = self.base(at)?;
+        let apart = |row: usize| match seconds[row] - seconds[at] < super::LATELY {
+            true => 0.0,
+            false => (self.predicted[row] - self.predicted[base]).abs(),
+        };
+        self.first_missed(&vec![reads; seconds.len()], at, apart)
+    }
+
+    /// The row that what others say is compared with: the first one of which they say something.
+    fn base(&self, at: usize) -> Option<usize> {
+        (at..self.outside.len()).find(|row| !self.outside[*row])
+    }
+
+    /// By row: what stands in for a sensor that reads the same from `at` on. Beyond a range it is the last value from inside.
+    fn values(&self, reads: f64, at: usize) -> Vec<f64> {
+        let base = self.base(at);
+        let mut value = reads;
+        let row = |row: usize| {
+            let says =
+                base.filter(|base| row >= *base).map(|base| self.predicted[row] - self.predicted[base]);
+            let says = says.map(|moved| reads + moved).filter(|_| !self.outside[row]);
+            value = says.filter(|says| beyond(self.span, *says) <= EDGE).unwrap_or(value);
+            value
+        };
+        (0..self.outside.len()).map(row).collect()
+    }
+
+    /// The first row from which on the sensor is suspected. `rises`: what it reads; `apart`: D by row.
+    fn first_missed(&self, rises: &[f64], from: usize, apart: impl Fn(usize) -> f64) -> Option<usize> {
+        let mut missed = 0;
+        (from..self.outside.len()).find(|row| {
+            let is_silent = self.outside[*row] || beyond(self.span, rises[*row]) > FAR;
+            missed = if !is_silent && apart(*row) > self.threshold { missed + 1 } else { 0 };
+            missed >= MISSED
+        })
+    }
+
+    fn has_others_enough(&self) -> bool {
+        let mut inputs = self.gains.iter().filter(|(_, gain)| gain.abs() > 0.0).map(|(own, _)| own.input);
+        inputs.next().is_some_and(|first| inputs.any(|input| input != first))
+    }
+}
+
+/// By which share of its range a rise is beyond it; negative inside.
+fn beyond((least, most): (f64, f64), rise: f64) -> f64 {
+    if most > least { (least - rise).max(rise - most) / (most - least) } else { f64::NEG_INFINITY }
 }

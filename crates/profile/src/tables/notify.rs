@@ -32,11 +32,11 @@ pub const CLOCK: &str = "clock";
 /// What can be posted: the five words above, and every kind of event. What people ask for most comes first, because of a word
 /// that is none a part of the list is shown.
 #[rustfmt::skip]
-pub const TRIGGERS: [&str; 114] = [
+pub const TRIGGERS: [&str; 116] = [
     ALARM, ALARM_OVER, AXIS_OFF, UNVERIFIED, CLOCK, "axis-state", "disarmed", "armed", "arm-refused", "arm-ended",
     "waits-to-arm", "goes-on", "device-lost", "device-back", "link-down", "link-up", "bus-trouble", "bus-well", "signal-bad",
     "signal-good", "write-failed", "read-failed", "verify-failed", "verified", "not-applied", "foreign-change", "heartbeat-failed",
-    "heartbeat-written", "cnc-restarted", "cnc-booted", "extrapolating", "interpolating", "model-ages", "at-limit", "warned",
+    "heartbeat-written", "cnc-restarted", "cnc-booted", "extrapolating", "interpolating", "model-ages", "worse", "worse-over", "at-limit", "warned",
     "beyond-error", "saturated", "frozen", "stood-in", "stand-in-over", "clock-set", "clock-doubtful", "certificate-expires",
     "certificate-expired", "task-failed", "not-as-expected", "as-expected", "emergency", "emergency-over", "node-reset",
     "interlocked", "released", "output-moved", "register-left", "register-released", "place-confirmed", "reference-forgotten", "namespace-recorded", "namespace-moved", "position-from-zero", "ledger-doubt", "first-account", "ledger-opened", "operator-change", "own-write-late",

@@ -70,7 +70,7 @@ async fn of_a_prompt_unit_only_what_could_be_confused_with_the_late_answer_waits
     assert_eq!(line.ask(0, LONG, 1).await, Ok(good()), "its answer has another length");
     assert_eq!(line.ask(0, OIL, 800).await, MISSED, "not asked");
     assert_eq!(line.ask(0, OIL, 950).await, Ok(good()));
-    assert_eq!((asked(&script), script.lock().unwrap().dialled), (103, 1));
+    assert_eq!((asked(&script), script.lock().unwrap().dialled), (104, 1), "with a control question");
     assert_eq!(script.lock().unwrap().asked.last().map(|(.., at)| *at), Some(900));
 }
 

@@ -2,7 +2,9 @@
 
 use super::Axis;
 use crate::compensation::model::envelope::agreed;
-use crate::compensation::model::{Coverage, Evaluated, Inputs, Model, Outside, Unusable};
+use crate::compensation::model::{
+    CLEARLY_INSIDE, Coverage, Evaluated, Inputs, Model, Outputs, Outside, Unusable,
+};
 use crate::compensation::reference::Machine;
 use crate::compensation::{Snapshot, StoodIn};
 use crate::quantity::Micron;
@@ -61,47 +63,66 @@ impl Axis {
         Some((self.settings.models.get(place)?, inputs))
     }
 
-    /// The first model whose signals are all good, with its value, and what the preferred one lacks. One that only
-    /// waits for a reference or for the machine's start is waited for: fallback models stand in for broken sensors.
+    /// The first model whose signals are all good, with its value, what the preferred one lacks, and the first fallback model that is
+    /// outside its own envelope, which is not used there. One that only waits for a reference or for the machine's start is waited for:
+    /// fallback models stand in for broken sensors.
     pub(in crate::compensation) fn choose(
         &self,
         snapshot: &Snapshot<'_>,
         machine: &Machine,
-    ) -> (Option<Chosen>, Option<Unusable>) {
-        let mut lacks = None;
+    ) -> (Option<Chosen>, Option<Unusable>, Option<usize>) {
+        let (mut lacks, mut outside) = (None, None);
         for place in 0..self.settings.models.len() {
             match self.evaluate(place, snapshot, machine) {
+                Ok(evaluated) if self.is_fallback_outside(place, &evaluated) => {
+                    outside = outside.or(Some(place));
+                }
                 Ok(evaluated) => {
                     let correction = self.correction(place, snapshot, machine);
-                    return (self.chosen(place, evaluated, correction), lacks);
+                    return (self.chosen(place, evaluated, correction), lacks, outside);
                 }
                 Err(reason @ (Unusable::Reference(_) | Unusable::MachineOff)) => {
-                    return (None, lacks.or(Some(reason)));
+                    return (None, lacks.or(Some(reason)), outside);
                 }
                 Err(reason) => lacks = lacks.or(Some(reason)),
             }
         }
-        (None, lacks)
+        (None, lacks, outside)
+    }
+
+    /// Returns whether this is a fallback model outside its own envelope. One that was outside is until it is clearly inside.
+    fn is_fallback_outside(&self, place: usize, evaluated: &Evaluated) -> bool {
+        let has_envelope = self.settings.models.get(place).is_some_and(|model| model.envelope.is_some());
+        let edge = if self.fallback_outside == Some(place) { CLEARLY_INSIDE } else { 0.0 };
+        place > 0 && has_envelope && evaluated.coverage.is_some_and(|coverage| coverage.excess > edge)
     }
 
     /// What it asks for from its datum on. Where its envelope shrinks it, what is left of the datum and of the correction
     /// shrinks with it: far outside Cz goes to zero. What its halves agree on is the model's own; a correction was measured.
-    fn chosen(&self, model: usize, evaluated: Evaluated, correction: f64) -> Option<Chosen> {
-        let Asked { cz, slope, gain, coverage } = self.asked(model, evaluated);
+    pub(super) fn chosen(&self, model: usize, evaluated: Evaluated, correction: f64) -> Option<Chosen> {
+        let asked = self.asked(model, evaluated);
         let reach = self.settings.intercept_slope.map_or(0.0, |line| line.reach.get());
+        let (raw, slope) = asked.target(correction, reach)?;
         Some(Chosen {
             model,
-            raw: Micron::new((cz + correction) * gain)?,
-            correction: Micron::new(correction * gain)?,
-            slope: Micron::new(slope * gain * reach)?,
-            coverage,
+            raw,
+            correction: Micron::new(correction * asked.gain)?,
+            slope,
+            coverage: asked.coverage,
             stood_in: self.stood_in(model),
         })
     }
 
     /// What a model asks for from its datum on, as far as its halves agree where they have to.
     pub(super) fn asked(&self, model: usize, evaluated: Evaluated) -> Asked {
-        let (Evaluated { outputs, mut coverage }, datum) = (evaluated, self.zeroing.of(model));
+        Asked::of(evaluated, self.zeroing.of(model))
+    }
+}
+
+impl Asked {
+    /// What a model asks for from this datum on, as far as its halves agree where they have to.
+    pub(super) fn of(evaluated: Evaluated, datum: Outputs) -> Asked {
+        let Evaluated { outputs, mut coverage } = evaluated;
         let cz = outputs.cz.get() - datum.cz.get();
         let slope = outputs.slope.get() - datum.slope.get();
         let Some(Coverage { excess, extrapolating: Some(found) }) = &mut coverage else {
@@ -114,5 +135,11 @@ impl Axis {
         found.gain = agreed(*excess, cz, apart.get());
         found.apart = Some(apart);
         Asked { cz: cz * found.gain, slope: slope * found.gain, gain: 1.0, coverage }
+    }
+
+    /// Cz with this correction, and what the slope comes to at the reach, mm; `None` where one is no finite number.
+    pub(super) fn target(&self, correction: f64, reach: f64) -> Option<(Micron, Micron)> {
+        let cz = Micron::new((self.cz + correction) * self.gain)?;
+        Some((cz, Micron::new(self.slope * self.gain * reach)?))
     }
 }

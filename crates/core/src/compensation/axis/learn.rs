@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::{Axis, Chosen};
 use crate::compensation::model::{Coverage, Model, Outside, Reference};
-use crate::compensation::probe::{Measured, Occasion, Probed, Refused};
+use crate::compensation::probe::{Credit, Measured, Occasion, Probed, Refused, Touch};
 use crate::compensation::reference::Machine;
 use crate::compensation::settings::{Datum, ProbeSettings};
 use crate::compensation::{Control, Snapshot};
@@ -51,9 +51,11 @@ impl Axis {
         self.begin_anew(snapshot, machine, &settings);
         if control.forget {
             self.probe.clear();
+            self.decision.worse = None;
         }
         let Some(measured) = control.measured else { return };
         let probed = self.judge(snapshot, machine, measured);
+        self.compare(&probed, snapshot, machine, &settings);
         if matches!(probed.refused, None | Some(Refused::Doubted(_))) {
             self.learn(&probed, snapshot, machine, &settings);
         }
@@ -109,6 +111,62 @@ impl Axis {
         let missing = self.missing(chosen.model, cz, snapshot, machine)?;
         let occasion = self.occasion(chosen.model, snapshot.now, machine);
         learned.judge(missing, model.parts(inputs), &settings, occasion).err().map(Refused::Doubted)
+    }
+
+    /// Each model that has a value now and is followed there takes in what this touch shows of the error with it and without
+    /// compensation.
+    fn compare(
+        &mut self,
+        probed: &Probed,
+        snapshot: &Snapshot<'_>,
+        machine: &Machine,
+        settings: &ProbeSettings,
+    ) {
+        // Of a model beyond its error level another alarm stands, and the axis does not follow it.
+        if probed.refused == Some(Refused::Tripped) {
+            return;
+        }
+        for place in 0..self.probe.models.len() {
+            if let Some((touch, credit)) = self.touch(place, probed, snapshot, machine) {
+                self.probe.models[place].compare(touch, credit, settings);
+            }
+        }
+    }
+
+    /// What a probing is for the comparison of a model; `None` while what the model is measured from is being captured, and
+    /// where the axis keeps its value in the place of the model's.
+    fn touch(
+        &self,
+        place: usize,
+        probed: &Probed,
+        snapshot: &Snapshot<'_>,
+        machine: &Machine,
+    ) -> Option<(Touch, Credit)> {
+        let (settings, learned) = (self.settings.probe?, self.probe.models.get(place)?);
+        if learned.renewal().is_some() {
+            return None;
+        }
+        let evaluated = self.evaluate(place, snapshot, machine).ok()?;
+        let chosen = self.chosen(place, evaluated, self.correction(place, snapshot, machine))?;
+        let extrapolating = chosen.coverage.and_then(|coverage| coverage.extrapolating);
+        if extrapolating.is_some_and(|found| found.outside == Outside::Hold) {
+            return None;
+        }
+        let without = probed.error - probed.acting;
+        let is_plausible = (without + chosen.raw).abs() <= settings.max_error;
+        let cz = probed.acting - probed.error;
+        let is_believed = match self.missing(place, cz, snapshot, machine) {
+            Some(missing) => {
+                let (model, inputs) = self.model(place, snapshot, machine)?;
+                let occasion = self.occasion(place, snapshot.now, machine);
+                learned.judge(missing, model.parts(inputs), &settings, occasion).is_ok()
+            }
+            // Nothing is learned there.
+            None => true,
+        };
+        let credit = if is_plausible && is_believed { Credit::Accepted } else { Credit::Doubted };
+        let with = without + chosen.raw.clamp_to(self.settings.guard.limit);
+        Some((Touch { at: snapshot.now, without: without.get(), with: with.get() }, credit))
     }
 
     /// Teaches each model that has a value now and may be followed, if it is not wrong beyond belief.

@@ -1,9 +1,10 @@
 //! What of an axis's models is stood in for, and what cannot be used at all.
 
 use super::Axis;
+use super::choose::Asked;
 use crate::compensation::instead::{Instead, Says};
-use crate::compensation::model::{Model, StandIns};
-use crate::compensation::stand_in::{Beginning, Watch};
+use crate::compensation::model::{Inputs, Model, StandIns};
+use crate::compensation::stand_in::{Beginning, Bounds, Watch};
 use crate::compensation::{Distrusted, StoodIn};
 use crate::compensation::{Snapshot, reference::Machine};
 use crate::quantity::Moment;
@@ -15,7 +16,7 @@ pub(in crate::compensation) struct Watched {
     /// The signals that the model reads.
     reads: Vec<SignalId>,
     pub(in crate::compensation) watch: Option<Watch>,
-    /// What is used instead of readings: what its own watch does not believe, and what another one of the axis does not.
+    /// What is used instead of readings: what its own watch does not believe, and what another one of the axis knows to be lost.
     /// It never grows beyond the sensors of all of them.
     instead: Vec<Instead>,
 }
@@ -43,16 +44,19 @@ impl Axis {
     /// Looks at the readings, before anything goes on to them.
     pub(in crate::compensation) fn look(&mut self, snapshot: &Snapshot<'_>, machine: &Machine) {
         let every = self.settings.every;
-        for (settings, _, watch) in self.watches_mut() {
-            watch.look(settings, snapshot, machine, every);
+        for (settings, model, watch) in self.watches_mut() {
+            watch.look((model, settings), snapshot, machine, every);
         }
         self.present();
     }
 
     /// The lags go on to this snapshot, those of an axis that is not due or not armed too: its structure does not wait.
     pub(in crate::compensation) fn follow(&mut self, snapshot: &Snapshot<'_>, machine: &Machine) {
-        for ((model, lags), watched) in self.settings.models.iter().zip(&mut self.lags).zip(&mut self.watched)
-        {
+        let line = self.settings.intercept_slope;
+        let reach = line.map_or(0.0, |line| line.reach.get());
+        let (zeroing, taught, probe) = (&self.zeroing, &self.probe.models, self.settings.probe.as_ref());
+        let models = self.settings.models.iter().enumerate();
+        for (((place, model), lags), watched) in models.zip(&mut self.lags).zip(&mut self.watched) {
             let seen = Snapshot { instead: &watched.instead, ..*snapshot };
             // By `for_each`, which takes the parts of a chain one after the other: this is most of what a step does.
             let mut all = lags.iter_mut();
@@ -60,20 +64,30 @@ impl Axis {
                 all.next().into_iter().for_each(|lag| lag.follow(input, &seen, machine));
             });
             if let (Some(settings), Some(watch)) = (&model.stand_ins, &mut watched.watch) {
-                watch.follow((model, settings), lags, &seen, machine);
+                let target = |inputs: &Inputs<'_>| {
+                    let evaluated = model.evaluate(inputs).ok()?;
+                    let correction = taught.get(place).zip(probe).map_or(0.0, |(learned, settings)| {
+                        learned.correction(model.parts(*inputs), settings)
+                    });
+                    Asked::of(evaluated, zeroing.of(place)).target(correction, reach)
+                };
+                let (step, splits_slope) = (self.settings.guard.step, line.is_some());
+                let bounds = Bounds { step, splits_slope, target: &target };
+                watch.follow((model, settings, bounds), lags, &seen, machine);
             }
         }
         self.present();
     }
 
-    /// Every model sees what its own watch says, and uses nothing that another watch of the axis does not believe.
+    /// Every model sees what its own watch says, and uses nothing that another watch of the axis knows to be lost. Of one that is frozen
+    /// each watch decides for its own model.
     fn present(&mut self) {
         for place in 0..self.watched.len() {
             let mut instead = std::mem::take(&mut self.watched[place].instead);
             instead.clear();
             instead.extend(self.watched[place].watch.iter().flat_map(Watch::instead));
             for watch in self.watched.iter().filter_map(|watched| watched.watch.as_ref()) {
-                for other in watch.instead() {
+                for other in watch.instead().iter().filter(|other| !other.frozen) {
                     if !instead.iter().any(|known| known.signal == other.signal) {
                         instead.push(Instead { says: Says::Nobody, ..*other });
                     }
@@ -167,8 +181,8 @@ impl Axis {
 
     /// A person has looked: whatever reads something is believed.
     pub(in crate::compensation) fn trust(&mut self, machine: &Machine, now: Moment) {
-        for (settings, _, watch) in self.watches_mut() {
-            watch.trust(settings, machine, now);
+        for (settings, model, watch) in self.watches_mut() {
+            watch.trust((model, settings), machine, now);
         }
         self.present();
     }

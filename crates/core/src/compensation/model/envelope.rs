@@ -201,6 +201,17 @@ impl Envelope {
         shares.reduce(f64::max)
     }
 
+    /// The same of this rise of an input, at once or behind a lag: what follows values of a range stays in it. `None` where the envelope
+    /// does not know the signal with this reference.
+    pub(in crate::compensation) fn rise_beyond_range(&self, input: &Input, rise: f64) -> Option<f64> {
+        let is_same = |known: &&Identified| {
+            known.input.signal == input.signal
+                && known.input.reference == input.reference
+                && known.input.squared == input.squared
+        };
+        self.inputs.iter().filter(is_same).map(|known| known.beyond(rise)).reduce(f64::max)
+    }
+
     fn judge(&self, rises: &[f64; MOST]) -> Coverage {
         let mut share = f64::NEG_INFINITY;
         let mut farthest = None;

@@ -6,6 +6,9 @@
 use super::{Input, Reference};
 use crate::reading::SignalId;
 
+/// A prediction is used for a reading only if it depends on so many others: the fault of a single one would pass into it whole.
+const FEWEST: usize = 2;
+
 /// The virtual sensors of a model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StandIns {
@@ -23,7 +26,7 @@ pub struct Described {
     pub signal: SignalId,
     /// θ, °C: a prediction that moved by more, while the reading stood, says that the sensor is frozen.
     pub threshold: f64,
-    /// The prediction is good enough to be used for the reading.
+    /// The prediction is good enough to be used for the reading. One that depends on a single other sensor never is.
     pub stands_in: bool,
     /// By signal and time constant of the lag: °C per °C.
     pub terms: Vec<(Input, f64)>,
@@ -68,7 +71,8 @@ impl StandIns {
                 terms.iter().map(|(place, _)| bank[*place].input.signal).collect();
             others.sort();
             others.dedup();
-            let Described { signal, threshold, stands_in, .. } = *sensor;
+            let Described { signal, threshold, .. } = *sensor;
+            let stands_in = sensor.stands_in && others.len() >= FEWEST;
             sensors.push(VirtualSensor { signal, threshold, stands_in, others: others.len(), terms });
         }
         StandIns { sensors, bank, fingerprint }

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::certainty::{Certainty, Occasion};
+use super::comparison::{Comparison, Credit, Touch, Worse};
 use super::gains::Gains;
 use crate::compensation::model::{Model, Reference};
 use crate::compensation::settings::ProbeSettings;
@@ -23,9 +24,12 @@ pub(in crate::compensation) struct Learned {
     pub(super) gains: Option<Gains>,
     /// What the model is measured from is being captured anew, and that is complete here at the earliest.
     pub(super) renews: Option<Moment>,
+    /// Whether the axis is worse with the model than without compensation.
+    #[serde(default, skip_serializing_if = "Comparison::is_empty")]
+    pub(super) comparison: Comparison,
 }
 
-shifted!(Learned: certainty, renews);
+shifted!(Learned: certainty, renews, comparison);
 
 impl Learned {
     pub(super) fn new(model: &Model, settings: Option<&ProbeSettings>) -> Learned {
@@ -33,7 +37,8 @@ impl Learned {
         let gains = gains.filter(|_| !model.correctable().is_empty());
         let gains = gains.map(|(gains, limit)| Gains::new(model.correctable().len(), gains.limit, limit));
         let (model, corrects) = (model.name.clone(), model.numbers().collect());
-        Learned { model, corrects, gains, ..Learned::default() }
+        let comparison = settings.map_or_else(Comparison::default, |_| Comparison::new());
+        Learned { model, corrects, gains, comparison, ..Learned::default() }
     }
 
     /// Takes up what was kept of this model with these gains, inside the bounds that hold now.
@@ -44,6 +49,7 @@ impl Learned {
         self.offset = kept.offset.clamp(-limit, limit);
         self.certainty = kept.certainty.under(settings);
         self.renews = kept.renews;
+        self.comparison.recall(&kept.comparison);
         if let (Some(gains), Some(kept)) = (self.gains.take(), kept.gains.clone()) {
             self.gains = Some(kept.recalled(gains));
         }
@@ -123,6 +129,7 @@ impl Learned {
         settings: &ProbeSettings,
     ) {
         (self.renews, self.certainty) = (None, Certainty::default());
+        self.comparison.begin();
         let limit = settings.limit.get();
         let change = self.gains.as_ref().map_or(0.0, |gains| gains.change(parts));
         self.offset = if change.is_nan() { 0.0 } else { (-change).clamp(-limit, limit) };
@@ -131,8 +138,24 @@ impl Learned {
         }
     }
 
+    /// Takes in the errors of a touch without compensation and with the model.
+    pub(in crate::compensation) fn compare(
+        &mut self,
+        touch: Touch,
+        credit: Credit,
+        settings: &ProbeSettings,
+    ) {
+        self.comparison.take(touch, credit, settings.scatter());
+    }
+
+    /// The figures of a model that is worse than no compensation; `None` of one that is not.
+    pub(in crate::compensation) fn worse(&self) -> Option<Worse> {
+        self.comparison.worse()
+    }
+
     pub(super) fn clear(&mut self) {
         (self.offset, self.certainty) = (0.0, Certainty::default());
+        self.comparison.clear();
         if let Some(gains) = &mut self.gains {
             gains.clear();
         }

@@ -13,8 +13,11 @@ use crate::quantity::{Moment, shifted};
 /// After so many of its time constants a lag has forgotten, but for less than a hundredth, that it began at rest on a machine
 /// that was warm.
 const FORGOTTEN: u32 = 5;
-/// A predictor may be so much of its range beyond it: there the halves of a model begin to count too.
-const BEYOND: f64 = 0.10;
+/// So much of its range a predictor may be beyond it: less is the count of a sensor and the rounding of a file.
+pub(super) const EDGE: f64 = 0.01;
+/// So much of its range a sensor may be beyond it that is predicted, and what follows a predictor: a slow lag comes back long after its
+/// sensor. The same of a predictor whose prediction is only what later ones are compared with.
+pub(super) const FAR: f64 = 0.10;
 
 /// An input of the bank.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -78,10 +81,31 @@ impl Gathered {
         (if is_own { &mut self.own } else { &mut self.lent }).take(rise.get());
     }
 
-    /// Whether it is beyond the range that the model's envelope has for it, and clearly so at first.
+    /// Looks whether it is beyond the range that the model's envelope has for it, or what follows it far beyond. That ends when it is
+    /// inside.
     pub(super) fn look_at_range(&mut self, predictor: &Predictor, envelope: &Envelope, inputs: &Inputs<'_>) {
-        let Some(share) = envelope.beyond_range(predictor.input.signal, inputs) else { return };
-        self.beyond = share > if self.beyond { 0.0 } else { BEYOND };
+        let (now, late) = self.beyond_range(predictor, envelope, inputs);
+        let edge = if self.beyond { 0.0 } else { EDGE };
+        let is_beyond = now.map_or(self.beyond, |now| now > edge);
+        self.beyond = is_beyond || late.is_some_and(|late| late > FAR);
+    }
+
+    /// Returns whether neither it nor what follows it is far beyond that range.
+    pub(super) fn is_near(&self, predictor: &Predictor, envelope: &Envelope, inputs: &Inputs<'_>) -> bool {
+        let (now, late) = self.beyond_range(predictor, envelope, inputs);
+        now.into_iter().chain(late).all(|share| share <= FAR)
+    }
+
+    /// By which share of that range it is beyond it now, and what follows it in this minute. `None` where that is not known.
+    fn beyond_range(
+        &self,
+        predictor: &Predictor,
+        envelope: &Envelope,
+        inputs: &Inputs<'_>,
+    ) -> (Option<f64>, Option<f64>) {
+        let late = self.own.get().or_else(|| self.lent.get());
+        let late = late.and_then(|rise| envelope.rise_beyond_range(&predictor.input, rise));
+        (envelope.beyond_range(predictor.input.signal, inputs), late)
     }
 
     /// Its rise in this minute, and whether it is only what others said of it. `frozen`: what it read itself says nothing.

@@ -8,8 +8,12 @@ use crate::quantity::{Moment, Shift, Shifted, shifted};
 
 /// A reading that changed less long ago is not frozen; a sensor that was lost for less was not.
 const SHORT: Duration = Duration::from_secs(3 * 60);
-/// How long a sensor has to agree before it is believed again.
+/// A sensor is suspected when so many minutes in a row say that it should have moved: others may be ahead of it for one or two.
+const MISSED: u8 = 3;
+/// How long a sensor has to agree before it is believed again, and how long one that is back waits for others who could say so.
 const AGREES_FOR: Duration = Duration::from_secs(3600);
+/// How long the last prediction stands in for a frozen sensor while its predictors are missing.
+const BRIDGED: Duration = Duration::from_secs(10 * 60);
 
 /// One sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -29,13 +33,25 @@ pub(super) struct Sensor {
     tentative: bool,
     /// x̂ of the last minute; `None` where nobody could say.
     predicted: Option<Predicted>,
+    /// What the last minute said is not used because something was beyond its range.
+    #[serde(default)]
+    outside: bool,
+    /// The last x̂ that could stand in.
+    #[serde(default)]
+    last: Option<Said>,
     /// It has moved since it was frozen, or is back since it was lost.
     moved: bool,
     /// Since when it agrees with the prediction again.
     agrees: Option<Moment>,
+    /// How many minutes in a row have said that it should have moved.
+    #[serde(default)]
+    missed: u8,
     /// Others could say for minutes what it would read while it was lost.
     #[serde(default)]
     was_predicted: bool,
+    /// Since when it is back, and nobody can say whether it is right.
+    #[serde(default)]
+    unproven: Option<Moment>,
     /// Its reading is counted anew, and its shadows do not know yet.
     #[serde(default)]
     pub(super) renewed: bool,
@@ -50,6 +66,33 @@ pub(super) struct Predicted {
     pub(super) lent: bool,
     /// All of them read something now, and are believed.
     pub(super) present: bool,
+    /// What would be used for the reading is inside the range of the sensor.
+    #[serde(default = "yes")]
+    pub(super) inside: bool,
+}
+
+/// What was kept without saying so was inside.
+fn yes() -> bool {
+    true
+}
+
+/// What the minute that is over says of a sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Prediction {
+    /// Others say this.
+    Known(Predicted),
+    /// One of them is missing.
+    Missing,
+    /// One of them is beyond the range on which the model was identified, or the sensor far beyond. Their prediction, if nothing is far
+    /// beyond.
+    Outside(Option<f64>),
+}
+
+/// A prediction that could stand in, and when it was made.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+struct Said {
+    rise: f64,
+    at: Moment,
 }
 
 /// How a sensor stands.
@@ -59,7 +102,9 @@ enum ArmState {
     /// It is believed.
     #[default]
     Live,
-    /// It has read the same since then, and should not have.
+    /// It has read the same since then, and should not have. Its reading is used all the same.
+    Suspected(Moment),
+    /// The same, and others stand in for it.
     Frozen(Moment),
     /// It had no good reading after this.
     Lost(Moment),
@@ -70,8 +115,6 @@ enum ArmState {
 pub(super) enum Verdict {
     /// Nothing new.
     AsBefore,
-    /// It is frozen from now on.
-    Frozen,
     /// It is believed again.
     Believed(Option<Beginning>),
 }
@@ -84,11 +127,12 @@ pub(in crate::compensation) struct Beginning {
     pub(in crate::compensation) distrusted_since: Moment,
 }
 
-shifted!(Sensor: standing, read, changed, agrees);
+shifted!(Said: at);
+shifted!(Sensor: standing, read, changed, last, agrees, unproven);
 
 impl Shifted for ArmState {
     fn shift(&mut self, by: Shift) {
-        if let ArmState::Frozen(since) | ArmState::Lost(since) = self {
+        if let ArmState::Suspected(since) | ArmState::Frozen(since) | ArmState::Lost(since) = self {
             since.shift(by);
         }
     }
@@ -103,13 +147,43 @@ impl Sensor {
     pub(super) fn distrusted(&self) -> Option<(Moment, bool)> {
         match self.standing {
             ArmState::Live => None,
-            ArmState::Frozen(since) => Some((since, true)),
+            ArmState::Suspected(since) | ArmState::Frozen(since) => Some((since, true)),
             ArmState::Lost(since) => Some((since, false)),
         }
     }
 
+    /// It has read the same for too long, and its reading is used all the same.
+    pub(super) fn is_suspected(&self) -> bool {
+        matches!(self.standing, ArmState::Suspected(_))
+    }
+
+    /// It has read the same for too long, and others stand in for it.
     pub(super) fn is_frozen(&self) -> bool {
         matches!(self.standing, ArmState::Frozen(_))
+    }
+
+    /// It has read the same for too long: its reading says nothing of the other sensors.
+    pub(super) fn is_doubted(&self) -> bool {
+        self.is_suspected() || self.is_frozen()
+    }
+
+    /// Others stand in for it from now on.
+    pub(super) fn substitute(&mut self) {
+        if let ArmState::Suspected(since) = self.standing {
+            self.standing = ArmState::Frozen(since);
+        }
+    }
+
+    /// Nobody stands in for it any more: its reading is used.
+    pub(super) fn suspect(&mut self) {
+        if let ArmState::Frozen(since) = self.standing {
+            (self.standing, self.moved, self.agrees) = (ArmState::Suspected(since), false, None);
+        }
+    }
+
+    /// What the last minute said of it is not used because something was beyond its range.
+    pub(super) fn is_outside(&self) -> bool {
+        self.outside
     }
 
     /// It reads something at this moment, which it was shown already.
@@ -122,9 +196,16 @@ impl Sensor {
         self.changed
     }
 
-    /// Its rise, where others say it who are good themselves.
-    pub(super) fn stand_in(&self) -> Option<f64> {
-        self.predicted.filter(|predicted| !predicted.lent).map(|predicted| predicted.rise)
+    /// Its rise, where others say it who are good themselves. For a frozen one the last they said serves while something is beyond its
+    /// range, and for some minutes while one of them is missing.
+    pub(super) fn stand_in(&self, now: Moment) -> Option<f64> {
+        let serves = |last: &Said| self.is_frozen() && (self.outside || now.since(last.at) < BRIDGED);
+        self.said().or_else(|| Some(self.last.filter(serves)?.rise))
+    }
+
+    /// The same of the last minute.
+    pub(super) fn said(&self) -> Option<f64> {
+        self.predicted.and_then(Predicted::fit)
     }
 
     /// What it would read where others predict this rise, as far as what it begins from is certain.
@@ -146,25 +227,33 @@ impl Sensor {
         (self.predicted, self.agrees) = (None, None);
     }
 
+    /// The gateway was away for a while: not even the last prediction serves.
+    pub(super) fn away(&mut self) {
+        self.pause();
+        self.last = None;
+    }
+
     pub(super) fn look(&mut self, reading: Option<f64>, now: Moment) {
         let Some(value) = reading else {
-            if self.is_live() {
+            if self.is_live() || self.is_suspected() {
                 let since = if self.reading.is_some() { self.read } else { now };
+                // What others say of a suspected one is counted from the reading that was used.
+                let known = self.base.filter(|_| self.is_live());
+                let base = self.predicted.map(|predicted| predicted.rise).or(known);
                 (self.standing, self.from) = (ArmState::Lost(since), self.reading);
-                let base = self.predicted.map(|predicted| predicted.rise).or(self.base);
                 (self.base, self.was_predicted) = (base.filter(|_| self.reading.is_some()), false);
             }
             if self.is_lost() && self.tentative {
                 (self.from, self.base, self.tentative) = (None, None, false);
             }
-            (self.moved, self.agrees) = (self.moved && !self.is_lost(), None);
+            (self.moved, self.agrees, self.unproven) = (self.moved && !self.is_lost(), None, None);
             return;
         };
         let has_changed = self.reading.is_none_or(|last| last.to_bits() != value.to_bits());
         (self.reading, self.read) = (Some(value), now);
         match self.standing {
-            ArmState::Live if has_changed => self.begin(value, now),
-            ArmState::Live => {}
+            ArmState::Live | ArmState::Suspected(_) if has_changed => self.begin(value, now),
+            ArmState::Live | ArmState::Suspected(_) => {}
             // It was the line that was lost, or all that could have said what it reads with it.
             ArmState::Lost(since) if now.since(since) < SHORT || !self.was_predicted => {
                 self.begin(value, now);
@@ -193,23 +282,40 @@ impl Sensor {
     /// Takes in what was predicted of the minute that is over.
     pub(super) fn judge(
         &mut self,
-        predicted: Option<Predicted>,
+        prediction: Prediction,
         reading: Option<f64>,
         threshold: f64,
         now: Moment,
     ) -> Verdict {
-        self.predicted = predicted;
-        let Some(Predicted { rise, lent, present }) = predicted else {
-            self.agrees = None;
-            return Verdict::AsBefore;
+        self.outside = match prediction {
+            Prediction::Known(predicted) => !predicted.inside,
+            Prediction::Missing => false,
+            Prediction::Outside(_) => true,
         };
+        let Prediction::Known(predicted @ Predicted { rise, lent, present, .. }) = prediction else {
+            (self.predicted, self.agrees, self.missed) = (None, None, 0);
+            if let Prediction::Outside(Some(rise)) = prediction
+                && self.is_live()
+            {
+                self.base.get_or_insert(rise);
+            }
+            return self.judge_unpredicted(reading, now);
+        };
+        self.predicted = Some(predicted);
+        self.last = predicted.fit().map(|rise| Said { rise, at: now }).or(self.last);
+        self.unproven = None;
+        if self.is_suspected() {
+            return Verdict::AsBefore;
+        }
         if self.is_live() {
             let base = *self.base.get_or_insert(rise);
-            if now.since(self.changed) < SHORT || (rise - base).abs() <= threshold {
+            let misses = now.since(self.changed) >= SHORT && (rise - base).abs() > threshold;
+            self.missed = if misses { self.missed.saturating_add(1) } else { 0 };
+            if self.missed < MISSED {
                 return Verdict::AsBefore;
             }
-            (self.standing, self.moved, self.agrees) = (ArmState::Frozen(self.changed), false, None);
-            return Verdict::Frozen;
+            (self.standing, self.moved, self.agrees) = (ArmState::Suspected(self.changed), false, None);
+            return Verdict::AsBefore;
         }
         if lent {
             self.agrees = None;
@@ -234,6 +340,19 @@ impl Sensor {
         Verdict::AsBefore
     }
 
+    /// Nobody can say what it reads: one that was lost is believed if it has been back for long.
+    fn judge_unpredicted(&mut self, reading: Option<f64>, now: Moment) -> Verdict {
+        let back = reading.filter(|_| self.is_lost() && self.moved);
+        let Some(reading) = back else {
+            self.unproven = None;
+            return Verdict::AsBefore;
+        };
+        if now.since(*self.unproven.get_or_insert(now)) < AGREES_FOR {
+            return Verdict::AsBefore;
+        }
+        Verdict::Believed(self.believe(reading, now))
+    }
+
     /// A person has looked: what it reads is believed; `None` where nothing is new.
     pub(super) fn trust(&mut self, now: Moment) -> Option<Verdict> {
         let reading = self.reading.filter(|_| !self.is_live() && self.reads(now))?;
@@ -243,7 +362,7 @@ impl Sensor {
     /// Believes it again; what it began from, as the others have it, unless it has read the same ever since.
     fn believe(&mut self, reading: f64, now: Moment) -> Option<Beginning> {
         let (since, _) = self.distrusted()?;
-        let rise = self.stand_in().filter(|_| self.moved);
+        let rise = self.said().filter(|_| self.moved);
         self.begin(reading, now);
         Some(Beginning { value: reading - rise?, distrusted_since: since })
     }
@@ -251,18 +370,25 @@ impl Sensor {
     /// The machine was started: rises are counted from nothing. Where a sensor that is not believed begins, nobody knows.
     pub(super) fn started(&mut self, now: Moment) {
         let is_believed = match self.standing {
-            ArmState::Live => true,
+            ArmState::Live | ArmState::Suspected(_) => true,
             ArmState::Frozen(_) => self.moved,
             ArmState::Lost(_) => self.reads(now),
         };
-        self.predicted = None;
+        (self.predicted, self.last) = (None, None);
         match self.reading.filter(|_| is_believed) {
             Some(reading) => self.begin(reading, now),
             None => (self.from, self.base, self.tentative, self.agrees) = (None, None, false, None),
         }
     }
 
-    fn is_lost(&self) -> bool {
+    pub(super) fn is_lost(&self) -> bool {
         matches!(self.standing, ArmState::Lost(_))
+    }
+}
+
+impl Predicted {
+    /// The rise, if it is good enough to be used for the reading.
+    fn fit(self) -> Option<f64> {
+        (!self.lent && self.inside).then_some(self.rise)
     }
 }

@@ -2,7 +2,7 @@ use crate::quantity::of;
 use proptest::prelude::*;
 
 use super::super::probe::{Measured, Refused};
-use super::super::settings::{Filter, GainSettings, ProbeSettings};
+use super::super::settings::{Filter, GainSettings, OnWorse, ProbeSettings};
 use super::*;
 
 pub(super) fn probe() -> ProbeSettings {
@@ -12,6 +12,7 @@ pub(super) fn probe() -> ProbeSettings {
         max_error: um(25.0),
         warn: None,
         gains: None,
+        worse: OnWorse::Warn,
     }
 }
 
@@ -287,6 +288,7 @@ proptest! {
         share in 0.01..0.9f64,
         max_error in prop_oneof![1.0..50.0f64, Just(1e308)],
         zeroed: bool,
+        ramps: bool,
         looks in prop::collection::vec((any_number(), any_number(), any_number(), -50.0..50.0f64, 0u8..20), 1..150),
     ) {
         let settings = ProbeSettings {
@@ -295,6 +297,7 @@ proptest! {
             max_error: um(max_error),
             warn: None,
             gains: Some(GainSettings { forgetting, limit: share }),
+            worse: if ramps { OnWorse::Ramp } else { OnWorse::Warn },
         };
         let datum = if zeroed { Datum::Zero } else { Datum::Model };
         let axis = AxisSettings { datum, ..probed_axis(settings) };

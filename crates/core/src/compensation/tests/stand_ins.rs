@@ -3,19 +3,20 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::compensation::model::StandIns;
+use crate::compensation::model::envelope::Identified;
 use crate::compensation::model::stand_ins::Described;
+use crate::compensation::model::{Envelope, Outside, StandIns};
 use crate::quantity::of;
 
 pub(super) const COLUMN: SignalId = SignalId(2);
 /// °C.
 pub(super) const THRESHOLD: f64 = 0.3;
 
-/// The bed is the mean of the others, and the wheelhead is the column: the bed has no part in it.
+/// Each is the mean of the others; the column is the bed alone, which is too few to stand in.
 pub(super) fn stand_ins(file: u64) -> StandIns {
     let sensor = |signal, terms| Described { signal, threshold: THRESHOLD, stands_in: true, terms };
     let bed = vec![Described::term(WHEELHEAD, None, 0.5), Described::term(COLUMN, None, 0.5)];
-    let wheelhead = vec![Described::term(COLUMN, None, 1.0), Described::term(BED, None, 0.0)];
+    let wheelhead = vec![Described::term(COLUMN, None, 0.5), Described::term(BED, None, 0.5)];
     let column = vec![Described::term(BED, None, 1.0)];
     StandIns::new(vec![sensor(BED, bed), sensor(WHEELHEAD, wheelhead), sensor(COLUMN, column)], file)
 }
@@ -31,7 +32,13 @@ pub(super) fn rises() -> Model {
 
 pub(super) fn settings(file: u64) -> AxisSettings {
     let watched = Model { stand_ins: Some(stand_ins(file)), ..rises() };
-    axis(vec![watched, linear("wheelhead", 0.0, &[term(WHEELHEAD, 1.0, Reference::Start)])])
+    in_large_steps(vec![watched, linear("wheelhead", 0.0, &[term(WHEELHEAD, 1.0, Reference::Start)])])
+}
+
+/// An axis whose step is large enough for what a substitution moves.
+pub(super) fn in_large_steps(models: Vec<Model>) -> AxisSettings {
+    let axis = axis(models);
+    AxisSettings { guard: GuardSettings { step: um(5.0), ..axis.guard }, ..axis }
 }
 
 /// The same machine twice: one whose sensors fail, and one whose do not.
@@ -102,7 +109,7 @@ fn a_sensor_that_freezes_while_the_machine_warms_is_found_and_replaced() {
     let (before, decision) = twins.run(5.0);
     assert_eq!(decision.stood_in, None, "its prediction has moved by no more than 0.3 °C");
     assert!(before > 0.3, "a frozen sensor is missing meanwhile: {before}");
-    let (_, decision) = twins.run(5.0);
+    let (_, decision) = twins.run(7.0);
     let found = decision.stood_in.unwrap();
     assert_eq!((decision.state, decision.model), (AxisState::Degraded, Some(0)));
     assert_eq!((found.signal, found.frozen, found.others), (BED, true, 2));
@@ -179,7 +186,7 @@ fn a_stand_in_is_never_an_input_of_another() {
     twins.run(60.0);
     twins.lost[0] = true;
     twins.run(10.0);
-    // The wheelhead rests on the column alone, but the bed rests on both: neither the model nor its stand-in is left.
+    // Both depend on each other: neither the model nor its fallback is left.
     twins.lost[1] = true;
     let (_, decision) = twins.run(10.0);
     assert_eq!((decision.model, decision.lacks), (None, Some(Unusable::Signal(BED))));
@@ -192,7 +199,7 @@ fn a_stand_in_is_never_an_input_of_another() {
 }
 
 #[test]
-fn a_frozen_sensor_that_nobody_stands_in_for_is_used_by_no_model() {
+fn a_frozen_sensor_that_nobody_stands_in_for_is_reported_and_its_reading_is_used() {
     let mut settings = settings(1);
     let sensor = Described {
         signal: WHEELHEAD,
@@ -201,14 +208,82 @@ fn a_frozen_sensor_that_nobody_stands_in_for_is_used_by_no_model() {
         terms: vec![Described::term(BED, None, 1.0)],
     };
     settings.models[0].stand_ins = Some(StandIns::new(vec![sensor], 1));
-    settings.models.push(linear("bed", 0.0, &[term(BED, 1.0, Reference::Start)]));
     let mut twins = Twins::new(0.05);
     twins.failing = Rig::new(settings);
     twins.run(60.0);
     twins.freeze(WHEELHEAD);
-    let (_, decision) = twins.run(20.0);
-    assert_eq!((decision.model, decision.lacks), (Some(2), Some(Unusable::Frozen(WHEELHEAD))));
-    assert_eq!((decision.state, decision.stood_in), (AxisState::Degraded, None));
+    let (apart, decision) = twins.run(20.0);
+    assert_eq!((decision.model, decision.lacks), (Some(0), None));
+    assert_eq!((decision.state, decision.stood_in), (AxisState::Active, None));
+    assert!(apart > 0.9 && apart < 1.1, "its gain is 1, and it has missed 1 °C: {apart}");
+    let found: Vec<Distrusted> = twins.failing.compensation.distrusted(0).collect();
+    assert_eq!((found.len(), found[0].signal, found[0].frozen, found[0].others), (1, WHEELHEAD, true, None));
+    twins.frozen[1] = None;
+    let (_, decision) = twins.run(0.1);
+    assert_eq!((decision.state, twins.failing.compensation.distrusted(0).count()), (AxisState::Active, 0));
+}
+
+#[test]
+fn one_other_sensor_stands_in_for_none_and_still_finds_a_frozen_one() {
+    let mut twins = Twins::new(0.05);
+    let watched = stand_ins(1).watched().collect::<Vec<_>>();
+    assert_eq!(watched, [(BED, true), (WHEELHEAD, true), (COLUMN, false)]);
+    twins.run(60.0);
+    twins.freeze(COLUMN);
+    assert_eq!(twins.run(20.0).1.stood_in, None);
+    let found: Vec<Distrusted> = twins.failing.compensation.distrusted(0).collect();
+    assert_eq!((found.len(), found[0].signal, found[0].others), (1, COLUMN, None));
+}
+
+#[test]
+fn a_substitution_that_moves_the_target_by_more_than_a_step_is_not_made() {
+    for (step, is_made) in [(0.6, false), (1.6, true)] {
+        let mut axis = settings(1);
+        axis.guard.step = um(step);
+        let mut twins = Twins::new(0.05);
+        twins.failing = Rig::new(axis);
+        twins.run(60.0);
+        twins.freeze(BED);
+        let before = twins.run(5.0).1.raw.unwrap();
+        // 0.3 °C of the bed are 0.6 µm at once, and some of it behind a lag.
+        let mut last = before;
+        for _ in 0..180 {
+            let raw = twins.run(1.0 / 6.0).1.raw.unwrap();
+            assert!((raw - last).abs().get() <= step.max(0.2), "{step}: {last} {raw}");
+            last = raw;
+        }
+        let decision = *twins.failing.compensation.decision(0).unwrap();
+        assert_eq!(decision.stood_in.is_some(), is_made, "{step}");
+        assert_eq!(
+            (decision.model, twins.failing.compensation.distrusted(0).count()),
+            (Some(0), 1),
+            "{step}"
+        );
+    }
+}
+
+#[test]
+fn what_the_envelope_fades_counts_in_what_a_substitution_moves() {
+    // The bed and the wheelhead rise together: a frozen one of them is a combination that the model has never seen.
+    let covariance = [vec![1.0, 0.999], vec![0.999, 1.0]];
+    for (outside, is_made) in [(Outside::Warn, true), (Outside::Shrink, false)] {
+        let known = |signal| Identified {
+            input: Input::of(signal, Reference::Start, None),
+            mean: 1.0,
+            range: (-1.0, 90.0),
+        };
+        let envelope = Envelope::new(vec![known(BED), known(WHEELHEAD)], &covariance, Some(5.0), outside);
+        let mut axis = settings(1);
+        axis.models[0].envelope = Some(envelope.unwrap());
+        axis.guard.step = um(3.0);
+        let mut twins = Twins::new(0.05);
+        twins.failing = Rig::new(axis);
+        twins.run(60.0);
+        twins.freeze(BED);
+        let (_, decision) = twins.run(30.0);
+        assert_eq!((decision.model, decision.stood_in.is_some()), (Some(0), is_made), "{outside:?}");
+        assert_eq!(twins.failing.compensation.distrusted(0).count(), 1, "{outside:?}");
+    }
 }
 
 #[test]
@@ -280,7 +355,30 @@ proptest! {
         if moved > 4.0 {
             prop_assert_eq!(twins.run(moved - 1.5).1.stood_in, None);
         }
-        prop_assert!(twins.run(5.0 + moved).1.stood_in.is_some());
+        prop_assert!(twins.run(8.0 + moved).1.stood_in.is_some());
         prop_assert!(twins.run(120.0).0 < slope.abs() * 2.0 * 5.0);
+    }
+
+    #[test]
+    fn whatever_freezes_the_axis_follows_its_model(
+        slope in -0.1..0.1_f64,
+        acts in prop::collection::vec((0..8_u8, 1.0..40.0_f64), 1..8),
+    ) {
+        let mut twins = Twins::new(slope);
+        for (frozen, minutes) in acts {
+            for place in 0..3 {
+                match ((frozen >> place) & 1 == 1, twins.frozen[place]) {
+                    (true, None) => twins.freeze(SignalId(place)),
+                    (false, Some(_)) => twins.frozen[place] = None,
+                    _ => {}
+                }
+            }
+            let end = twins.minutes + minutes;
+            while twins.minutes < end {
+                let (_, decision) = twins.run(0.1);
+                prop_assert_eq!((decision.model, decision.lacks), (Some(0), None), "{:?}", decision);
+                prop_assert!(decision.state.is_following(), "{:?}", decision);
+            }
+        }
     }
 }

@@ -6,7 +6,7 @@ use serde::Deserialize;
 use super::{Axis, RawAxis, level};
 use crate::Profile;
 use crate::tables::At;
-use isotherm_core::compensation::settings::{Filter, GainSettings, ProbeSettings};
+use isotherm_core::compensation::settings::{Filter, GainSettings, OnWorse, ProbeSettings};
 use isotherm_core::quantity::Micron;
 use isotherm_core::reading::SignalId;
 
@@ -37,6 +37,17 @@ pub(super) struct RawProbe {
     warn: Option<f64>,
     /// The gains of linear models learn as well, by recursive least squares.
     gains: Option<RawGains>,
+    /// While the last touches leave more with the model than without compensation: warn: an alarm (default); ramp: an alarm, and Cz
+    /// goes to zero at `rate` until they show that the model is better.
+    worse: Option<WorseWord>,
+}
+
+/// What happens while a model is worse than no compensation.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+enum WorseWord {
+    Warn,
+    Ramp,
 }
 
 /// How gains learn.
@@ -90,6 +101,10 @@ impl RawProbe {
             max_error: Micron::new(max_error?)?,
             warn: warn?,
             gains: gains?,
+            worse: match self.worse {
+                None | Some(WorseWord::Warn) => OnWorse::Warn,
+                Some(WorseWord::Ramp) => OnWorse::Ramp,
+            },
         };
         Some((settings, input?))
     }
@@ -195,6 +210,9 @@ pub(super) fn preview(profile: &Profile, axis: &Axis, settings: &ProbeSettings) 
     if let Some(gains) = settings.gains {
         let percent = 100.0 * gains.limit;
         text.push_str(&format!("; the gains of linear models learn by up to ±{percent:.3} % each"));
+    }
+    if settings.worse == OnWorse::Ramp {
+        text.push_str("; while they show that a model is worse than no compensation, Cz goes to zero");
     }
     text
 }

@@ -1,0 +1,218 @@
+//! Whether the axis is worse with a model than without compensation. Pure, and no allocation after its beginning.
+//!
+//! Each touch gives two errors: e₀ without compensation, which is the measured error less the Cz that acted, and e₁ = e₀ + Cz of
+//! the model. e₁ does not depend on what acted, so a model is compared also while the axis does not follow it. The last eight
+//! touches since the datum count, none of them older than a week:
+//!
+//! | the model was | and is now | if |
+//! |---|---|---|
+//! | not worse | worse | Σe₁² > 1.1·Σe₀² and Σe₁² − Σe₀² > 8·4σ², and the touches without the one that says so most show it too: by 10 % and by 4σ² each |
+//! | worse | not worse | there are two touches or more, and Σe₁² < Σe₀² |
+//!
+//! # Rules
+//! - No single touch decides: of one that stands alone in saying so, the next ones show whether it was a chip.
+//! - A touch that the probe does not accept waits for the next one. Both count if the next one is accepted and lies within
+//!   4·√2·σ of it, or is not accepted either and has the same sign. Else the waiting one is discarded.
+//! - With a new datum the touches are discarded. The verdict stays until new touches show another one.
+//! - When what was learned is taken back, the verdict is taken back too.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::quantity::{Micron, Moment, shifted};
+
+/// Touches that count.
+const WINDOW: usize = 8;
+/// The same as a factor.
+const FULL: f64 = 8.0;
+/// Older touches do not count.
+const OLDEST: Duration = Duration::from_hours(7 * 24);
+/// By this factor Σe₁² must exceed Σe₀².
+const CLEARLY: f64 = 1.1;
+/// By so many σ² for each touch of a full window Σe₁² must exceed Σe₀².
+const FOR_EACH: f64 = 4.0;
+/// Two touches agree if they differ by no more than so many standard deviations of their difference.
+const AGREES: f64 = 4.0;
+
+/// A model that is worse than no compensation, in the figures of the touches that count.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Worse {
+    /// How many they are; none directly after a new datum.
+    pub touches: usize,
+    /// Root mean square of the error without compensation.
+    pub without: Micron,
+    /// Root mean square of the error with the Cz of the model.
+    pub with: Micron,
+}
+
+/// Errors of one touch.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(in crate::compensation) struct Touch {
+    /// When it was taken in.
+    pub(in crate::compensation) at: Moment,
+    /// e₀, µm.
+    pub(in crate::compensation) without: f64,
+    /// e₁, µm.
+    pub(in crate::compensation) with: f64,
+}
+
+/// Whether the probe accepts a touch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::compensation) enum Credit {
+    /// The model learns from it.
+    Accepted,
+    /// It is implausible, or waits for another one that agrees.
+    Doubted,
+}
+
+/// What the touches say of a model.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Verdict {
+    /// Nothing shows that it is worse than no compensation.
+    #[default]
+    NotWorse,
+    /// It was found worse, and not better since.
+    Worse,
+}
+
+/// Errors of one model at the last touches, and the verdict.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(in crate::compensation) struct Comparison {
+    /// Those that count, oldest first.
+    touches: Vec<Touch>,
+    /// One that is not accepted waits for the next one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    waiting: Option<Touch>,
+    verdict: Verdict,
+}
+
+shifted!(Touch: at);
+shifted!(Comparison: touches, waiting);
+
+/// Sums of squares, µm².
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Sums {
+    without: f64,
+    with: f64,
+}
+
+impl Comparison {
+    /// A comparison with room for all touches that count.
+    pub(super) fn new() -> Comparison {
+        Comparison { touches: Vec::with_capacity(WINDOW), ..Comparison::default() }
+    }
+
+    /// Nothing is known: it need not be kept.
+    pub(super) fn is_empty(&self) -> bool {
+        self.touches.is_empty() && self.waiting.is_none() && self.verdict == Verdict::NotWorse
+    }
+
+    /// Takes up what was kept.
+    pub(super) fn recall(&mut self, kept: &Comparison) {
+        self.touches.clear();
+        self.touches.extend(kept.touches.iter().skip(kept.touches.len().saturating_sub(WINDOW)));
+        (self.waiting, self.verdict) = (kept.waiting, kept.verdict);
+    }
+
+    /// A new datum: touches of before it say nothing of what is measured from it.
+    pub(super) fn begin(&mut self) {
+        self.touches.clear();
+        self.waiting = None;
+    }
+
+    /// What was learned is taken back.
+    pub(super) fn clear(&mut self) {
+        self.begin();
+        self.verdict = Verdict::NotWorse;
+    }
+
+    /// The figures of a model that is worse; `None` of one that is not.
+    pub(super) fn worse(&self) -> Option<Worse> {
+        if self.verdict == Verdict::NotWorse {
+            return None;
+        }
+        let (count, sums) = (number(&self.touches).max(1.0), Sums::of(&self.touches));
+        let rms = |sum: f64| Micron::new((sum / count).sqrt()).unwrap_or_default();
+        Some(Worse { touches: self.touches.len(), without: rms(sums.without), with: rms(sums.with) })
+    }
+
+    /// Takes in a touch. `scatter`: σ, its standard deviation, µm. Errors whose squares are no finite numbers are discarded.
+    pub(super) fn take(&mut self, touch: Touch, credit: Credit, scatter: f64) {
+        if ![touch.without, touch.with].iter().all(|error| (error * error).is_finite()) {
+            return;
+        }
+        let confirmed = self.waiting.take().filter(|waiting| confirms(&touch, credit, waiting, scatter));
+        if confirmed.is_none() && credit == Credit::Doubted {
+            self.waiting = Some(touch);
+            return;
+        }
+        self.touches.retain(|known| touch.at.since(known.at) <= OLDEST);
+        let waited = confirmed.filter(|waiting| touch.at.since(waiting.at) <= OLDEST);
+        for counted in waited.into_iter().chain([touch]) {
+            if self.touches.len() >= WINDOW {
+                self.touches.remove(0);
+            }
+            self.touches.push(counted);
+        }
+        self.verdict = self.decide(scatter * scatter);
+    }
+
+    fn decide(&self, variance: f64) -> Verdict {
+        let all = Sums::of(&self.touches);
+        match self.verdict {
+            Verdict::NotWorse if self.is_worse(all, variance) => Verdict::Worse,
+            Verdict::Worse if self.touches.len() >= 2 && all.with < all.without => Verdict::NotWorse,
+            as_before => as_before,
+        }
+    }
+
+    fn is_worse(&self, all: Sums, variance: f64) -> bool {
+        if !all.exceed(FULL * FOR_EACH * variance) {
+            return false;
+        }
+        let larger = |one: Sums, other: Sums| if other.difference() > one.difference() { other } else { one };
+        let most = self.touches.iter().map(Sums::of_one).reduce(larger);
+        let others = number(&self.touches) - 1.0;
+        let rest = most.map(|most| Sums { without: all.without - most.without, with: all.with - most.with });
+        others > 0.0 && rest.is_some_and(|rest| rest.exceed(others * FOR_EACH * variance))
+    }
+}
+
+impl Sums {
+    fn of(touches: &[Touch]) -> Sums {
+        touches.iter().map(Sums::of_one).fold(Sums::default(), |sums, one| Sums {
+            without: sums.without + one.without,
+            with: sums.with + one.with,
+        })
+    }
+
+    fn of_one(touch: &Touch) -> Sums {
+        Sums { without: touch.without * touch.without, with: touch.with * touch.with }
+    }
+
+    fn difference(&self) -> f64 {
+        self.with - self.without
+    }
+
+    /// Σe₁² exceeds Σe₀² by 10 % and by more than this.
+    fn exceed(&self, by: f64) -> bool {
+        self.with > CLEARLY * self.without && self.difference() > by
+    }
+}
+
+/// Returns whether a touch shows that the one which waits was no chip.
+fn confirms(touch: &Touch, credit: Credit, waiting: &Touch, scatter: f64) -> bool {
+    let agrees = (touch.with - waiting.with).abs() <= AGREES * std::f64::consts::SQRT_2 * scatter;
+    agrees || (credit == Credit::Doubted && touch.with * waiting.with > 0.0)
+}
+
+/// How many they are, as a number.
+#[allow(clippy::cast_precision_loss, reason = "at most eight")]
+fn number(touches: &[Touch]) -> f64 {
+    touches.len() as f64
+}
+
+#[cfg(test)]
+mod tests;

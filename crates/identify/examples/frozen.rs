@@ -1,0 +1,187 @@
+//! What the step of the gateway makes of frozen sensors on two public records: alarms on runs in which none froze, how soon one that
+//! froze is found, and what it costs. Model, stand-ins and envelope are what `identify` writes of the other runs.
+//!
+//! ```text
+//! cargo run --release -p isotherm-identify --example frozen -- --mill runs/c*.csv --stage runs/day*.csv
+//! ```
+//!
+//! The records are those of the example `held_out`. The exit status is 1 if a limit is missed.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    clippy::print_stderr,
+    reason = "an example that cannot go on stops"
+)]
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use isotherm_core::compensation::model::Outside;
+use isotherm_core::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
+use isotherm_core::reading::{Reading, Reason};
+use isotherm_identify::dataset::{Dataset, Run, Split, every_column};
+use isotherm_identify::identify;
+use isotherm_identify::method::Settings;
+use isotherm_identify::setup::{Choice, ready};
+use isotherm_identify::written::written;
+use isotherm_profile::Profile;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use record::{machine, mean};
+
+mod record;
+
+/// Percent by which a range may grow where one sensor freezes, the mean over sensors and channels of a record.
+const GROWTH: f64 = 8.0;
+/// How soon a frozen sensor is found, min, half of the times.
+const FOUND: f64 = 240.0;
+/// Times at which each sensor freezes in each run.
+const TIMES: usize = 2;
+
+fn main() -> ExitCode {
+    let Some([mill, stage]) = record::files("frozen") else { return ExitCode::FAILURE };
+    let mut is_reached = true;
+    for (name, files, sensors, errors) in
+        [("mill", mill, 16, ["ch1_um", "ch3_um", "ch5_um"]), ("stage", stage, 4, ["x_um", "y_um", "z_um"])]
+    {
+        if !files.is_empty() {
+            is_reached &= record(name, &files, &record::names(sensors), &errors);
+        }
+    }
+    if is_reached { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// A sensor that froze.
+struct Case {
+    /// Minutes until it was suspected.
+    found: Option<f64>,
+    /// The range with it, of that without.
+    growth: f64,
+}
+
+/// Prints the figures of a record. Whether they are within their limits.
+fn record(name: &str, files: &[PathBuf], names: &[String], errors: &[&str]) -> bool {
+    let dataset = Dataset::read(files, &Split::default(), &|_| None, &every_column).unwrap();
+    let hours: f64 = dataset.runs.iter().map(hours).sum();
+    let (mut alarms, mut growths, mut found) = (0, Vec::new(), Vec::new());
+    for error in errors {
+        let mut chance = Pcg64::seed_from_u64(1);
+        let mut cases = Vec::new();
+        for place in 0..dataset.runs.len() {
+            let profile = learned(&dataset, place, names, error);
+            let run = &dataset.runs[place];
+            let column = |name: &String| dataset.column(name).unwrap();
+            let columns: Vec<usize> = names.iter().map(column).collect();
+            let error = &run.values[dataset.column(error).unwrap()];
+            let seen = |run: &Run| seen(&profile, run, (names, &columns), error);
+            let whole = seen(run);
+            alarms += whole.suspected.len();
+            for sensor in 0..names.len() {
+                for _ in 0..TIMES {
+                    let rows = run.times.len();
+                    let at = chance.random_range(rows / 20..rows * 9 / 10);
+                    let mut frozen = run.clone();
+                    let stays = run.values[columns[sensor]][at];
+                    frozen.values[columns[sensor]][at..].fill(stays);
+                    let with = seen(&frozen);
+                    let own = with.suspected.iter().find(|(suspected, _)| *suspected == sensor);
+                    let after = |row: usize| run.times[row].since(run.times[at]).as_secs_f64() / 60.0;
+                    let growth = with.range / whole.range;
+                    cases.push(Case { found: own.map(|(_, row)| after(*row)), growth });
+                }
+            }
+        }
+        let growth = 100.0 * (mean(cases.iter().map(|case| case.growth)) - 1.0);
+        println!("{name} {error}: the range grows by {growth:.1} %");
+        growths.push(growth);
+        found.extend(cases.iter().map(|case| case.found.unwrap_or(f64::INFINITY)));
+    }
+    found.sort_by(f64::total_cmp);
+    let (growth, median) = (mean(growths.into_iter()), found[found.len() / 2]);
+    let share = mean(found.iter().map(|minutes| f64::from(u8::from(minutes.is_finite()))));
+    let reached = |is_reached: bool| if is_reached { "reached" } else { "MISSED" };
+    let limits = [alarms == 0, growth <= GROWTH, median <= FOUND];
+    println!(
+        "{name}: {alarms} alarms in {hours:.0} h of {} channels, at most 0: {}",
+        errors.len(),
+        reached(limits[0])
+    );
+    println!("{name}: the range grows by {growth:.1} %, at most {GROWTH} %: {}", reached(limits[1]));
+    println!(
+        "{name}: {:.0} % are found, half of them within {median:.0} min, at most {FOUND} min: {}",
+        100.0 * share,
+        reached(limits[2])
+    );
+    limits.into_iter().all(|is_reached| is_reached)
+}
+
+fn hours(run: &Run) -> f64 {
+    let (first, last) = (run.times.first().copied().unwrap_or_default(), run.times.last().copied());
+    last.map_or(0.0, |last| last.since(first).as_secs_f64() / 3600.0)
+}
+
+/// The profile with what `identify` writes of all runs but this one.
+fn learned(dataset: &Dataset, without: usize, names: &[String], error: &str) -> Profile {
+    let mut others = dataset.clone();
+    others.runs.remove(without);
+    let choice = Choice {
+        axis: Some("z".to_owned()),
+        error: Some(error.to_owned()),
+        // Nothing is mended: the figures are those of the record as it is.
+        keep: names.to_vec(),
+        resample: Duration::from_secs(60),
+        ..Choice::default()
+    };
+    let profile = machine(names);
+    let ready = ready(&profile, &others, &choice).unwrap();
+    let found = identify(&ready, &Settings::default(), None, true, &|_, _| {}).unwrap();
+    let block = written(&found, "z", Outside::Agree);
+    let directory = tempfile::tempdir().unwrap();
+    for (name, content) in &block.files {
+        std::fs::write(directory.path().join(name), content).unwrap();
+    }
+    let path = directory.path().join("record.toml");
+    std::fs::write(&path, record::text(names, &block.block)).unwrap();
+    isotherm_profile::load(&path, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile
+}
+
+/// What was seen of an axis on one run.
+struct Seen {
+    /// Sensors that were suspected, each with the row.
+    suspected: Vec<(usize, usize)>,
+    /// Range of the error with the target of the axis, µm.
+    range: f64,
+}
+
+/// `names` and `columns`: the sensors.
+fn seen(profile: &Profile, run: &Run, (names, columns): (&[String], &[usize]), error: &[f64]) -> Seen {
+    let place = |name: &String| names.iter().position(|known| known == name);
+    let sensors: Vec<Option<usize>> = profile.signals.iter().map(|signal| place(&signal.name)).collect();
+    let axes = vec![profile.axes[0].settings.clone()];
+    let mut compensation = Compensation::new(profile.machine.clone(), axes, Remembered::default());
+    let control = Control { permit: Permit::Armed, ..Control::default() };
+    let (mut suspected, mut least, mut most): (Vec<(usize, usize)>, f64, f64) =
+        (Vec::new(), f64::INFINITY, f64::NEG_INFINITY);
+    for (row, now) in run.times.iter().copied().enumerate() {
+        let value = |sensor: usize| Some(run.values[columns[sensor]][row]).filter(|value| value.is_finite());
+        let reading = |sensor: &Option<usize>| match sensor.and_then(value) {
+            Some(value) => Reading::good(value, now),
+            None => Reading::bad(now, Reason::NotInLog),
+        };
+        let readings: Vec<Reading> = sensors.iter().map(reading).collect();
+        compensation.step(&Snapshot::new(now, &readings), &[control]);
+        for sensor in compensation.distrusted(0).filter_map(|found| sensors[found.signal.0]) {
+            if !suspected.iter().any(|(known, _)| *known == sensor) {
+                suspected.push((sensor, row));
+            }
+        }
+        let target = compensation.decision(0).and_then(|decision| decision.raw);
+        let left = error[row] + target.map_or(0.0, |target| target.get());
+        if left.is_finite() {
+            (least, most) = (least.min(left), most.max(left));
+        }
+    }
+    Seen { suspected, range: most - least }
+}

@@ -1,0 +1,72 @@
+//! The two public records as the examples read them: files, signals, a profile.
+
+use std::path::{Path, PathBuf};
+
+use isotherm_profile::Profile;
+
+/// A model that is still to be found, of this signal.
+fn no_model(signal: &str) -> String {
+    format!(
+        "[[axis.z.model]]\nname = \"none yet\"\nkind = \"linear\"\noffset = 0.0\n\
+         terms = [{{ signal = \"{signal}\", gain = 1.0, reference = \"start\" }}]\n"
+    )
+}
+
+/// The files of the mill and of the stage that the command line names; `None` after a message if it names none.
+pub(crate) fn files(example: &str) -> Option<[Vec<PathBuf>; 2]> {
+    let mut files: [Vec<PathBuf>; 2] = [Vec::new(), Vec::new()];
+    let mut which = 0;
+    for word in std::env::args().skip(1) {
+        match word.as_str() {
+            "--mill" => which = 0,
+            "--stage" => which = 1,
+            file => files[which].push(file.into()),
+        }
+    }
+    if files.iter().all(Vec::is_empty) {
+        eprintln!(
+            "{example} --mill CYCLE.csv … --stage DAY.csv …: one or both; the head of the example held_out says what they are"
+        );
+        return None;
+    }
+    Some(files)
+}
+
+/// The temperatures of the record that has so many.
+pub(crate) fn names(sensors: usize) -> Vec<String> {
+    match sensors {
+        16 => (1..=16).map(|sensor| format!("t{sensor:02}")).collect(),
+        _ => (1..=sensors).map(|sensor| format!("t{sensor}")).collect(),
+    }
+}
+
+/// A profile with these signals and one axis whose model is still to be found.
+pub(crate) fn machine(names: &[String]) -> Profile {
+    isotherm_profile::parse(Path::new("record.toml"), &text(names, &no_model(&names[0])), &[], &[])
+        .unwrap_or_else(|errors| panic!("{errors}"))
+        .profile
+}
+
+/// The text of a profile with these signals and one axis with this model.
+pub(crate) fn text(names: &[String], model: &str) -> String {
+    let mut text = "[machine]\nname = \"record\"\nsettle = \"3min\"\n[bus.cell]\ntype = \"modbus-tcp\"\n\
+                    address = \"127.0.0.1:1502\"\ntimeout = \"300ms\"\n[device.module]\nbus = \"cell\"\nunit = 1\n\
+                    every = \"1s\"\n"
+        .to_owned();
+    for (place, name) in names.iter().enumerate() {
+        text += &format!(
+            "[signal.{name}]\ndevice = \"module\"\nregister = \"input:{place}\"\ntype = \"i16\"\nscale = 0.1\n\
+             unit = \"degC\"\nrange = [-10.0, 90.0]\nmax_age = \"5s\"\n"
+        );
+    }
+    text += "[signal.spindle_rpm]\ndevice = \"module\"\nregister = \"input:90\"\ntype = \"u16\"\nunit = \"rpm\"\nmax_age = \"5s\"\n";
+    text += "[axis.z]\nlimit = 100.0\nstep = 1.0\nrate = 0.5\nevery = \"10s\"\non_fault = { action = \"hold\" }\n";
+    text + model
+}
+
+/// The mean of some values.
+#[allow(clippy::cast_precision_loss, reason = "a few hundred")]
+pub(crate) fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let values: Vec<f64> = values.collect();
+    values.iter().sum::<f64>() / values.len() as f64
+}

@@ -1,0 +1,91 @@
+//! Held-out runs that go far beyond all the others: these are alike, and a model of them says little of such a run.
+
+use crate::bank::Bank;
+use crate::campaign::Campaign;
+use crate::statistics::least_and_most;
+
+/// The other runs are alike beside a run, if what they span together is a smaller share of its own span.
+const ALIKE: f64 = 1.0 / 3.0;
+/// Spans that are smaller say nothing: µm of the error, °C, and revolutions per minute.
+const MOVES_UM: f64 = 0.5;
+const MOVES_C: f64 = 0.5;
+const MOVES_RPM: f64 = 100.0;
+/// Most quantities that are named of a run.
+const MOST_NAMED: usize = 4;
+
+/// Least and most of a quantity in a run.
+type Span = (f64, f64);
+
+/// The error, the rise of a sensor or a speed. Each of them begins at 0.
+struct Quantity<'a> {
+    name: &'a str,
+    unit: &'a str,
+    /// Smaller spans say nothing.
+    moves: f64,
+    /// By run.
+    spans: Vec<Span>,
+}
+
+impl Quantity<'_> {
+    /// What a run shows of it beyond all the others, in words; `None` if these show a third of that or more.
+    fn beyond(&self, run: usize) -> Option<String> {
+        let Quantity { name, unit, moves, spans } = self;
+        let others = spans.iter().enumerate().filter(|(other, _)| *other != run);
+        let others = width(others.map(|(_, span)| *span).fold((0.0, 0.0), joined));
+        let own = width(*spans.get(run)?);
+        let is_beyond = own > *moves && others < ALIKE * own;
+        is_beyond.then(|| {
+            format!("{name} spans {own:.1} {unit} there and {others:.1} {unit} in all of them together")
+        })
+    }
+}
+
+/// A sentence for each run beside which the others are alike. None if there are no others.
+pub(crate) fn alike(campaign: &Campaign<'_>, bank: &Bank) -> Vec<String> {
+    if bank.runs.len() < 2 {
+        return Vec::new();
+    }
+    let quantities = quantities(campaign, bank);
+    let mut found = Vec::new();
+    for (place, run) in bank.runs.iter().enumerate() {
+        let beyond = quantities.iter().filter_map(|quantity| quantity.beyond(place));
+        let beyond: Vec<String> = beyond.take(MOST_NAMED).collect();
+        if !beyond.is_empty() {
+            found.push(format!(
+                "the other runs are alike beside {}: {}. A model of days that are alike says little of a day that is not: let \
+                 them differ as much as the machine's days do",
+                run.name,
+                beyond.join(", ")
+            ));
+        }
+    }
+    found
+}
+
+/// The error first, then each input.
+fn quantities<'a>(campaign: &'a Campaign<'_>, bank: &Bank) -> Vec<Quantity<'a>> {
+    let errors = bank.runs.iter().map(|run| least_and_most(run.target.iter()).unwrap_or_default());
+    let mut found =
+        vec![Quantity { name: "the error", unit: "µm", moves: MOVES_UM, spans: errors.collect() }];
+    for (place, input) in campaign.inputs.iter().enumerate() {
+        let name = input.name.as_str();
+        if input.is_speed() {
+            let runs = campaign.dataset.runs.iter();
+            let spans = runs.map(|run| least_and_most(&run.values[input.column]).unwrap_or_default());
+            found.push(Quantity { name, unit: "rpm", moves: MOVES_RPM, spans: spans.collect() });
+        } else if let Some(column) = bank.plain(place) {
+            let rises = bank.runs.iter().map(|run| run.rises.column(column));
+            let spans = rises.map(|rises| least_and_most(rises.iter()).unwrap_or_default());
+            found.push(Quantity { name, unit: "°C", moves: MOVES_C, spans: spans.collect() });
+        }
+    }
+    found
+}
+
+fn joined(one: Span, other: Span) -> Span {
+    (one.0.min(other.0), one.1.max(other.1))
+}
+
+fn width((least, most): Span) -> f64 {
+    most.max(0.0) - least.min(0.0)
+}

@@ -1,0 +1,159 @@
+//! Stretches of a run in which the readings of a sensor stay at one number, and how each of them ends.
+//!
+//! A sensor at thermal equilibrium stands still, and so does a frozen one. The raw rows tell how each leaves its number:
+//! a temperature by a count or two, a frozen sensor by everything that it missed.
+
+use crate::dataset::Run;
+use crate::statistics::median;
+
+/// s: a reading that changed more recently does not stand still.
+const LEAST: f64 = 180.0;
+/// Two readings follow each other if the time between them is at most so many times the usual one.
+const FOLLOWS: f64 = 2.0;
+/// s: a row that is a mean may hold readings from before and after a step, so that the next row has a part of the step, too.
+const MEAN: f64 = 60.0;
+
+/// Readings at one number, three minutes or longer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Standstill {
+    /// First row with the number.
+    pub(crate) first: usize,
+    /// Last row with the number.
+    pub(crate) last: usize,
+    /// Time of the first row, s since the run's first row.
+    pub(crate) from: f64,
+    /// Time of the last row, s since the run's first row.
+    pub(crate) to: f64,
+    /// How it ends.
+    pub(crate) end: End,
+}
+
+/// How a standstill ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum End {
+    /// The reading that follows is another number.
+    Step {
+        /// Its row.
+        row: usize,
+        /// How far it is from the number, without a sign.
+        size: f64,
+    },
+    /// Readings are missing after it, so that nobody knows how it ended.
+    Gap,
+    /// No reading of the run comes after it.
+    OfRun,
+}
+
+/// The readings of a column.
+struct Readings {
+    /// By row: s since the run's first row.
+    seconds: Vec<f64>,
+    /// Rows that have a reading.
+    good: Vec<usize>,
+    /// s: readings that follow each other are no farther apart.
+    apart: f64,
+}
+
+impl Readings {
+    fn of(run: &Run, column: usize) -> Readings {
+        let seconds: Vec<f64> = run.seconds().collect();
+        let values = &run.values[column];
+        let good: Vec<usize> = (0..values.len()).filter(|row| values[*row].is_finite()).collect();
+        let steps = good.windows(2).map(|pair| seconds[pair[1]] - seconds[pair[0]]);
+        let apart = FOLLOWS * median(steps.collect());
+        Readings { seconds, good, apart }
+    }
+}
+
+/// Every standstill of a column, in the order of time. Missing readings do not end one.
+pub(crate) fn standstills(run: &Run, column: usize) -> Vec<Standstill> {
+    let Readings { seconds, good, apart } = Readings::of(run, column);
+    let values = &run.values[column];
+    let is_same = |one: &usize, other: &usize| values[*one].to_bits() == values[*other].to_bits();
+    let (mut found, mut place) = (Vec::new(), 0);
+    for stretch in good.chunk_by(is_same) {
+        place += stretch.len();
+        let (Some(&first), Some(&last)) = (stretch.first(), stretch.last()) else { continue };
+        let (from, to) = (seconds[first], seconds[last]);
+        if to - from < LEAST {
+            continue;
+        }
+        let end = match good.get(place) {
+            None => End::OfRun,
+            Some(&row) if seconds[row] - to <= apart => {
+                End::Step { row, size: (values[row] - values[last]).abs() }
+            }
+            Some(_) => End::Gap,
+        };
+        found.push(Standstill { first, last, from, to, end });
+    }
+    found
+}
+
+/// The largest step of a column between two readings that follow each other, away from the ends of standstills: what its
+/// temperature does by itself. 0 if it never steps.
+pub(crate) fn largest_step(run: &Run, column: usize) -> f64 {
+    let Readings { seconds, good, apart } = Readings::of(run, column);
+    let values = &run.values[column];
+    let ends: Vec<f64> = standstills(run, column).iter().map(|still| still.to).collect();
+    let is_at_an_end = |second: f64| {
+        let before = ends.partition_point(|end| *end <= second);
+        before.checked_sub(1).is_some_and(|place| second - ends[place] <= MEAN)
+    };
+    let mut largest = 0.0;
+    for pair in good.windows(2) {
+        let (from, to) = (seconds[pair[0]], seconds[pair[1]]);
+        if to - from <= apart && !is_at_an_end(from) {
+            largest = f64::max(largest, (values[pair[1]] - values[pair[0]]).abs());
+        }
+    }
+    largest
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+
+    use super::*;
+    use isotherm_core::quantity::Moment;
+
+    /// A row a minute.
+    fn run(values: &[f64]) -> Run {
+        let minutes = 0..values.len() as u64;
+        let times = minutes.map(|minute| Moment::from_nanos(minute * 60_000_000_000)).collect();
+        Run { name: "day".to_owned(), file: PathBuf::from("day.csv"), times, values: vec![values.to_vec()] }
+    }
+
+    fn ends(values: &[f64]) -> Vec<(usize, usize, End)> {
+        standstills(&run(values), 0).iter().map(|still| (still.first, still.last, still.end)).collect()
+    }
+
+    #[test]
+    fn a_standstill_ends_by_the_step_to_the_reading_that_follows() {
+        let found = ends(&[20.0, 21.0, 21.0, 21.0, 21.0, 23.5, 23.6]);
+        assert_eq!(found, [(1, 4, End::Step { row: 5, size: 2.5 })]);
+        assert_eq!(ends(&[20.0, 21.0, 21.0, 21.0, 22.0]), [], "two minutes are none");
+    }
+
+    #[test]
+    fn what_a_sensor_does_by_itself_is_its_largest_step_away_from_standstills() {
+        let values = [20.0, 20.5, 21.5, 21.5, 21.5, 21.5, 24.0, 26.0, 26.75, 26.5];
+        assert!((largest_step(&run(&values), 0) - 1.0).abs() < 1e-12, "24 and 26 are a thaw within a mean");
+        assert!(largest_step(&run(&[21.0; 9]), 0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_sensor_that_is_dead_to_the_end_has_no_step() {
+        assert_eq!(ends(&[20.0, 21.0, 21.0, 21.0, 21.0]), [(1, 4, End::OfRun)]);
+        let missing = [20.0, 21.0, 21.0, 21.0, 21.0, f64::NAN, f64::NAN];
+        assert_eq!(ends(&missing), [(1, 4, End::OfRun)]);
+    }
+
+    #[test]
+    fn missing_readings_do_not_end_a_standstill_and_hide_how_it_ends() {
+        let within = [20.0, 21.0, 21.0, f64::NAN, 21.0, 21.0, 25.0];
+        assert_eq!(ends(&within), [(1, 5, End::Step { row: 6, size: 4.0 })]);
+        let after = [20.0, 21.0, 21.0, 21.0, 21.0, f64::NAN, f64::NAN, 25.0];
+        assert_eq!(ends(&after), [(1, 4, End::Gap)]);
+    }
+}

@@ -1,0 +1,85 @@
+//! Models that leave too many runs, which they never saw, worse than no compensation: refused, or warned of.
+
+use super::{Fallback, Identified};
+use crate::validate::Means;
+
+/// Share of the held-out runs that a model may leave worse than uncompensated.
+const MOST_WORSE: f64 = 1.0 / 3.0;
+/// Held-out runs: fewer warn, but refuse nothing.
+const ENOUGH_RUNS: usize = 6;
+
+impl Identified {
+    /// Why the block should not be written, as a sentence that says what to do. `None` if it may be, or if there is no model.
+    pub fn refusal(&self) -> Option<String> {
+        let means = self.unprobed();
+        let is_refused = self.is_judged() && is_harmful(&means) && !self.learned.inputs().is_empty();
+        is_refused.then(|| {
+            format!(
+                "{}; a third is the most: find out what was different on them and record more such days, or leave inputs out with \
+                 --without; --force writes it all the same",
+                self.leaves_worse("the model", &means)
+            )
+        })
+    }
+
+    /// This without the models for lost sensors that leave too many runs worse than uncompensated, and a sentence about each
+    /// of them.
+    #[must_use]
+    pub fn without_harmful_fallbacks(mut self) -> (Identified, Vec<String>) {
+        if !self.is_judged() {
+            return (self, Vec::new());
+        }
+        let harmful = self.fallbacks.iter().filter(|fallback| is_harmful(&fallback.means));
+        let sentence = |fallback: &Fallback| {
+            let model = format!("the model without {}", fallback.without);
+            format!("{}: it is not written", self.leaves_worse(&model, &fallback.means))
+        };
+        let sentences: Vec<String> = harmful.map(sentence).collect();
+        self.fallbacks.retain(|fallback| !is_harmful(&fallback.means));
+        (self, sentences)
+    }
+
+    /// A warning about each model that leaves too many runs worse than uncompensated, if the runs are too few to refuse it.
+    pub(super) fn warnings(&self) -> Vec<String> {
+        if self.is_judged() {
+            return Vec::new();
+        }
+        let means = self.unprobed();
+        let own = [("the model".to_owned(), &means)];
+        let fallbacks = self.fallbacks.iter();
+        let fallbacks =
+            fallbacks.map(|fallback| (format!("the model without {}", fallback.without), &fallback.means));
+        let harmful = own.into_iter().chain(fallbacks).filter(|(_, means)| is_harmful(means));
+        let warning = |(model, means): (String, &Means)| {
+            format!(
+                "{}; from {ENOUGH_RUNS} held-out runs on no such model is written",
+                self.leaves_worse(&model, means)
+            )
+        };
+        harmful.map(warning).collect()
+    }
+
+    /// Whether there are enough held-out runs to refuse a model.
+    fn is_judged(&self) -> bool {
+        self.runs.len() >= ENOUGH_RUNS
+    }
+
+    /// Figures without a probe, which hides what a harmful model does: an axis that gets the block may have none.
+    fn unprobed(&self) -> Means {
+        Means::unprobed(&self.held_out)
+    }
+
+    fn leaves_worse(&self, model: &str, means: &Means) -> String {
+        let runs = self.runs.len();
+        let probe = if self.probe_s.is_some() { " (without the probe)" } else { "" };
+        format!(
+            "{model} leaves {:.0} % of {runs} held-out runs worse than no compensation{probe}",
+            100.0 * means.worse_share
+        )
+    }
+}
+
+/// No held-out run, no harm: the share of none is not a number.
+fn is_harmful(means: &Means) -> bool {
+    means.worse_share > MOST_WORSE
+}

@@ -1,0 +1,67 @@
+//! What it costs to leave a sensor out: models with it and without it, each judged on runs that it never saw.
+//!
+//! The models are those of `whitened`, whatever method is asked for. All are judged by the same rows: masked rows count for
+//! none of them.
+
+use std::iter::once;
+
+use crate::campaign::{Campaign, Input};
+use crate::faults::Omission;
+use crate::method::Settings;
+use crate::statistics::{count, smallest};
+use crate::validate::{HeldOut, leave_one_run_out};
+
+/// A sensor is harmful only if less than this share of the root mean square is left without it. Smaller differences mean
+/// nothing.
+const CLEARLY: f64 = 0.98;
+
+/// Those of these inputs, by their places, without which clearly less is left; the worst first. One sensor stays at least.
+pub(crate) fn harmful(campaign: &Campaign<'_>, suspects: &[usize]) -> Vec<(usize, Omission)> {
+    let (mut rest, mut found) = (suspects.to_vec(), Vec::<(usize, Omission)>::new());
+    while !rest.is_empty() && found.len() + 1 < campaign.sensors().len() {
+        let gone: Vec<usize> = found.iter().map(|(input, _)| *input).collect();
+        let each = rest.iter().map(|input| [gone.as_slice(), &[*input]].concat());
+        let without: Vec<Vec<usize>> = once(gone.clone()).chain(each).collect();
+        let Some(left) = left_without(campaign, &without) else { break };
+        let (with_um, without) = (left[0], &left[1..]);
+        let best = smallest(without);
+        if without[best] >= CLEARLY * with_um {
+            break;
+        }
+        let (input, without_um) = (rest.remove(best), without[best]);
+        let signal = campaign.inputs[input].name.clone();
+        found.push((input, Omission { signal, with_um, without_um }));
+    }
+    found
+}
+
+/// What it costs that this input is not in a campaign; `None` if a model with it cannot be judged, because there is one run
+/// only, or because it is missing throughout a run.
+pub(crate) fn cost(campaign: &Campaign<'_>, input: &Input) -> Option<Omission> {
+    let (with, place) = (campaign.with_input(input.clone()), campaign.inputs.len());
+    let left = left_without(&with, &[Vec::new(), vec![place]])?;
+    Some(Omission { signal: input.name.clone(), with_um: left[0], without_um: left[1] })
+}
+
+/// Root mean square of what is left on the held-out rows of all runs, µm, for each list of inputs that are left out.
+fn left_without(campaign: &Campaign<'_>, without: &[Vec<usize>]) -> Option<Vec<f64>> {
+    if campaign.dataset.runs.len() < 2 {
+        return None;
+    }
+    let settings = Settings::default();
+    let learner = settings.method.prepare(campaign, &settings).ok()?;
+    learner.bank().check_rows("every sensor", "the sensor").ok()?;
+    let each = leave_one_run_out(campaign, learner.as_ref(), &settings, without, None, &|_, _| {});
+    each.into_iter().map(|held| Some(root_mean_square(&held.ok()?))).collect()
+}
+
+/// Over the rows of all runs, µm.
+fn root_mean_square(held_out: &[HeldOut]) -> f64 {
+    let (mut sum, mut rows) = (0.0, 0);
+    for held in held_out {
+        let left = held.residual(None);
+        sum += left.iter().map(|left| left * left).sum::<f64>();
+        rows += left.len();
+    }
+    (sum / count(rows).max(1.0)).sqrt()
+}

@@ -1,0 +1,281 @@
+//! Frozen sensors in logs: readings that stood still while the other sensors say that they should have moved.
+//!
+//! ```text
+//! D(t) = |x̂(t) − x̂(s)|   °C, s being when the reading last changed; 0 for the 3 minutes after that
+//! θ    = max(0.05 °C, 2 × the largest of the other runs' largest D)
+//!        with the second largest instead, if the largest exceeds three times it
+//! ```
+//!
+//! Each run is judged as if it came after all the others: x̂ and θ are learnt from these alone. A standstill is a freeze if
+//! - it **thaws**, by a step of more than three counts to the reading that follows it, and D exceeded θ before; or
+//! - it lasts to the end of its run, half an hour or longer, and D exceeds θ there.
+//!
+//! A sensor at thermal equilibrium stands still, too, but leaves its number by a count or two. In a log of a row a minute a
+//! quick sensor leaves it by many counts. So the step of a sensor with coarse counts must also be twice as large as any that
+//! it makes by itself. The air of a hall may stand still for hours, and the other sensors predict it badly. So D of a sensor
+//! with coarse counts must, at the end of a run, also exceed the usual error of x̂.
+//!
+//! The other runs cannot judge what they did not show. So x̂ uses rises that are clipped to theirs, and a sensor that stands
+//! still far beyond its own readings of the other runs is not judged.
+//!
+//! False alarms cost more than frozen sensors: the former test left out eight of twelve sound sensors of two machines, and
+//! the models without them left nearly twice as much.
+
+use rayon::prelude::*;
+
+use super::{ENOUGH_RUNS, FAR, Gains, LATELY, LEAST, Others, TIMES, apart};
+use crate::campaign::Campaign;
+use crate::dataset::Dataset;
+use crate::faults::Frozen;
+use crate::faults::standstill::{End, Standstill, largest_step, standstills};
+use crate::folds::folds;
+use crate::resolution::finest_step;
+use crate::statistics::{least_and_most, median, rms};
+
+/// Counts: a temperature does not step by more between two readings.
+const COUNTS: f64 = 3.0;
+/// A step of three counts is not more than three counts, whatever its last bit is.
+const ROUNDING: f64 = 1e-6;
+/// Fewer runs say too little of each other.
+const FEWEST_RUNS: usize = 3;
+/// s: with only so many runs, shorter standstills are not judged.
+const LONG: f64 = 3600.0;
+/// s: a sensor that stands still for less at the end of a run spoils little, and may do so at equilibrium.
+const LONG_AT_THE_END: f64 = 1800.0;
+/// A thaw is so many times larger than any step of a coarse sensor's own.
+const LARGER: f64 = 2.0;
+/// Share of the span of a sensor's rises: it is not judged where it stands still farther beyond them.
+const BEYOND: f64 = 0.25;
+
+/// Standstills that were not tested, as a sentence; `None` if all were.
+pub(crate) fn untested(campaign: &Campaign<'_>) -> Option<String> {
+    if campaign.sensors().len() < 2 {
+        return None;
+    }
+    match campaign.dataset.runs.len() {
+        runs if runs >= ENOUGH_RUNS => None,
+        runs if runs >= FEWEST_RUNS => Some(
+            "fewer than four runs: no sensor was tested for having stood still for less than an hour"
+                .to_owned(),
+        ),
+        _ => Some("fewer than three runs: no sensor was tested for having stood still".to_owned()),
+    }
+}
+
+/// Every freeze of the sensors of a campaign. How a standstill ends is read from `logs`, which are as they were recorded;
+/// what the other sensors say is read from the campaign, in which other faults are mended. `resolution` is the count of a
+/// column of the logs in its unit, 0 if none is known.
+pub(crate) fn freezes(
+    campaign: &Campaign<'_>,
+    logs: &Dataset,
+    resolution: &dyn Fn(usize) -> f64,
+) -> Vec<Frozen> {
+    let (sensors, runs) = (campaign.sensors(), logs.runs.len());
+    if sensors.len() < 2 || runs < FEWEST_RUNS {
+        return Vec::new();
+    }
+    let least = if runs < ENOUGH_RUNS { LONG } else { 0.0 };
+    let mut suspects: Vec<Suspect> = Vec::new();
+    for sensor in &sensors {
+        let column = campaign.inputs[*sensor].column;
+        let count = resolution(column);
+        let own_steps = campaign.dataset.runs.iter().map(|run| largest_step(run, column));
+        // A sensor whose counts are too fine to show never stands still by itself.
+        let is_coarse = count > 0.0;
+        let own_step = if is_coarse { own_steps.fold(0.0, f64::max) } else { 0.0 };
+        // The `scale` of a signal may be finer than the steps that its module makes.
+        let count = f64::max(count, finest_step(logs, column));
+        let thaw = f64::max(COUNTS * count * (1.0 + ROUNDING), LARGER * own_step);
+        let is_suspect = |still: &Standstill| {
+            let lasts = still.to - still.from;
+            match still.end {
+                End::Step { size, .. } => lasts >= least && size > thaw,
+                End::OfRun => lasts >= f64::max(least, LONG_AT_THE_END),
+                End::Gap => false,
+            }
+        };
+        for (run, log) in logs.runs.iter().enumerate() {
+            let mut stills = standstills(log, column);
+            stills.retain(is_suspect);
+            if !stills.is_empty() {
+                suspects.push(Suspect { sensor: *sensor, run, is_coarse, stills });
+            }
+        }
+    }
+    if suspects.is_empty() {
+        return Vec::new();
+    }
+    let others = Others::new(campaign, &sensors);
+    let judge = Judge::new(&others, logs);
+    suspects.par_iter().map(|suspect| judge.frozen(suspect)).collect::<Vec<_>>().concat()
+}
+
+/// Standstills of a sensor in one run that may be freezes.
+struct Suspect {
+    /// Among the inputs.
+    sensor: usize,
+    run: usize,
+    /// The sensor may stand still by itself.
+    is_coarse: bool,
+    stills: Vec<Standstill>,
+}
+
+/// What the other sensors say, and within which rises.
+struct Judge<'a> {
+    others: &'a Others<'a>,
+    logs: &'a Dataset,
+    /// By run, by column of the bank: its least and its largest rise.
+    spans: Vec<Vec<(f64, f64)>>,
+}
+
+impl<'a> Judge<'a> {
+    fn new(others: &'a Others<'a>, logs: &'a Dataset) -> Judge<'a> {
+        let mut spans = Vec::new();
+        for run in &others.bank.runs {
+            let columns = run.rises.column_iter();
+            let span = columns.map(|column| least_and_most(column.iter()).unwrap_or_default());
+            spans.push(span.collect::<Vec<(f64, f64)>>());
+        }
+        Judge { others, logs, spans }
+    }
+
+    /// The freezes among these standstills.
+    fn frozen(&self, suspect: &Suspect) -> Vec<Frozen> {
+        let Suspect { sensor, run, is_coarse, stills } = suspect;
+        let (sensor, run) = (*sensor, *run);
+        let training: Vec<usize> = (0..self.spans.len()).filter(|other| *other != run).collect();
+        let penalty = self.others.penalty(sensor, &training);
+        let gains = self.others.learn_with(sensor, &training, penalty);
+        let predicted = self.predicted(&gains, run, &training);
+        let missed = |still: &Standstill| {
+            let missed = self.missed(sensor, run, still, &predicted, &training)?;
+            Some((*still, missed))
+        };
+        let mut found: Vec<(Standstill, f64)> = stills.iter().filter_map(missed).collect();
+        found.retain(|(_, missed)| *missed > LEAST);
+        if found.is_empty() {
+            return Vec::new();
+        }
+        let (threshold, error) = self.limits(sensor, &training, penalty);
+        let least = |still: &Standstill| {
+            if *is_coarse && still.end == End::OfRun { threshold.max(error) } else { threshold }
+        };
+        found.retain(|(still, missed)| *missed > least(still));
+        let column = self.others.campaign.inputs[sensor].column;
+        let frozen = |(still, missed): (Standstill, f64)| Frozen {
+            column,
+            run,
+            first: still.first,
+            last: still.last,
+            lasts_to_the_end: still.end == End::OfRun,
+            missed,
+        };
+        found.into_iter().map(frozen).collect()
+    }
+
+    /// D of a standstill, °C: the largest if it thaws, else that at its end. `None` if no row shows it, or if the sensor
+    /// stands still far beyond its own readings of the runs that are learnt from.
+    fn missed(
+        &self,
+        sensor: usize,
+        run: usize,
+        still: &Standstill,
+        predicted: &[f64],
+        training: &[usize],
+    ) -> Option<f64> {
+        let traced = &self.others.bank.runs[run];
+        let anchor = traced.seconds.partition_point(|second| *second <= still.from).saturating_sub(1);
+        let times = &self.logs.runs[run].times;
+        let thaws = match still.end {
+            End::Step { row, .. } => Some(times.get(row)?.since(*times.first()?).as_nanos()),
+            End::Gap | End::OfRun => None,
+        };
+        let window = self.others.campaign.resample.as_nanos().max(1);
+        // A window that holds readings from after the step says nothing of the time before.
+        let is_before = |row: &usize| {
+            let ends = traced.windows[*row].saturating_add(1).saturating_mul(window);
+            thaws.is_none_or(|thaws| ends <= thaws)
+        };
+        let from = traced.seconds.partition_point(|second| second - still.from < LATELY);
+        let to = traced.seconds.partition_point(|second| *second <= still.to);
+        let rows: Vec<usize> = (from..to).filter(is_before).collect();
+        let (first, last) = (*rows.first()?, *rows.last()?);
+        let own = self.others.bank.plain(sensor)?;
+        let (low, high) = self.span(own, training);
+        let beyond = BEYOND * (high - low);
+        if !(low - beyond..=high + beyond).contains(&traced.rises[(first, own)]) {
+            return None;
+        }
+        let apart = |row: usize| Some((predicted.get(row)? - predicted.get(anchor)?).abs());
+        match still.end {
+            End::OfRun => apart(last),
+            End::Step { .. } | End::Gap => rows.into_iter().filter_map(apart).reduce(f64::max),
+        }
+    }
+
+    /// θ of a sensor and the usual error of x̂, °C, from these runs. The error is the median of their root mean squares.
+    fn limits(&self, sensor: usize, runs: &[usize], penalty: f64) -> (f64, f64) {
+        let (mut largest, mut errors) = (Vec::new(), Vec::new());
+        for held in folds(runs) {
+            let rest: Vec<usize> = runs.iter().copied().filter(|run| !held.contains(run)).collect();
+            let gains = self.others.learn_with(sensor, &rest, penalty);
+            for run in held {
+                let changed = self.others.changed(sensor, run);
+                let predicted = self.predicted(&gains, run, &rest);
+                let apart = apart(&self.others.bank.runs[run].seconds, &predicted, &changed);
+                largest.push(apart.into_iter().fold(0.0, f64::max));
+                let left = predicted.iter().zip(self.others.rise(sensor, run)).map(|(own, rise)| own - rise);
+                errors.push(rms(&left.collect::<Vec<f64>>()));
+            }
+        }
+        (theta(largest), median(errors))
+    }
+
+    /// A sensor's rise as the others have it, over every row of a run. Their own rises are clipped to those of the runs that
+    /// are learnt from.
+    fn predicted(&self, gains: &Gains, run: usize, training: &[usize]) -> Vec<f64> {
+        let rises = &self.others.bank.runs[run].rises;
+        let mut sum = vec![0.0; rises.nrows()];
+        for (candidate, gain) in gains {
+            let Some(column) = self.others.bank.column(candidate) else { continue };
+            let (low, high) = self.span(column, training);
+            for (row, sum) in sum.iter_mut().enumerate() {
+                *sum += gain * rises[(row, column)].clamp(low, high);
+            }
+        }
+        sum
+    }
+
+    /// Least and largest rise of a column over these runs. Every run begins at a rise of 0.
+    fn span(&self, column: usize, runs: &[usize]) -> (f64, f64) {
+        let spans = runs.iter().map(|run| self.spans[*run][column]);
+        spans.fold((0.0, 0.0), |(low, high), (least, most)| (f64::min(low, least), f64::max(high, most)))
+    }
+}
+
+/// θ, from the largest D of each run. Of two runs nobody knows which is the odd one.
+fn theta(mut largest: Vec<f64>) -> f64 {
+    largest.sort_by(|one, other| other.total_cmp(one));
+    let seen = match largest.as_slice() {
+        [first, second, _, ..] if *first > FAR * *second => *second,
+        [first, ..] => *first,
+        [] => 0.0,
+    };
+    (TIMES * seen).max(LEAST)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_threshold_is_twice_the_largest_unless_that_is_a_fault_of_its_own() {
+        let near = |largest: &[f64], wanted: f64| (theta(largest.to_vec()) - wanted).abs() < 1e-12;
+        assert!(near(&[0.1, 0.3, 0.2], 0.6));
+        assert!(near(&[0.1, 0.29, 0.1], 0.58), "not yet three times the second");
+        assert!(near(&[0.1, 4.0, 0.2], 0.4));
+        assert!(near(&[0.1, 4.0], 8.0), "of two runs nobody knows which is the odd one");
+        assert!(near(&[0.001, 0.0, 0.0], 0.05));
+        assert!(near(&[], 0.05));
+    }
+}

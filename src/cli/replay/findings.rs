@@ -1,0 +1,223 @@
+//! Findings of one row of a log: the sensors of an axis that are not used as they read, and why the axis holds.
+
+use std::fmt;
+use std::time::Duration;
+
+use serde::Serialize;
+
+use crate::gateway::log::LogRow;
+use crate::gateway::why_by_decision;
+use isotherm_core::compensation::model::{Model, StandIns};
+use isotherm_core::compensation::{AxisState, Compensation, Distrusted, Permit};
+use isotherm_core::explained::Explained;
+use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
+use isotherm_profile::{Profile, duration_text};
+
+/// A sensor that others stand in for.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct StandIn {
+    /// Its signal.
+    pub signal: String,
+    /// Fault of the sensor.
+    pub kind: SensorFault,
+    /// Time since it last changed, or was last good, at the beginning of the span, s.
+    pub for_s: f64,
+    /// Signals that its stand-in is computed from.
+    pub by: Vec<String>,
+}
+
+/// Why a sensor is replaced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SensorFault {
+    /// It reads the same all the time.
+    Frozen,
+    /// It has no good reading, or is back and has not agreed with the others for long enough.
+    Lost,
+}
+
+/// A sensor that is suspected of being frozen, and whose reading is used all the same.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Suspicion {
+    /// Its signal.
+    pub signal: String,
+    /// Time since it last changed at the beginning of the span, s.
+    pub for_s: f64,
+    /// Why no others stood in for it at the beginning of the span.
+    pub why: String,
+}
+
+/// An axis that does not follow a model.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Hold {
+    /// Its state: holding, ramping, zeroed.
+    pub state: &'static str,
+    /// Cause.
+    pub why: String,
+}
+
+/// Whether an axis holds after a row.
+#[derive(Debug)]
+pub(super) enum Held {
+    /// The axis decided nothing at this row: it does what it did before.
+    AsBefore,
+    /// It follows a model, is off, or stops because the gateway does.
+    No,
+    /// It holds, goes to zero or is at zero.
+    Yes(Hold),
+}
+
+/// Findings of one axis at one row.
+#[derive(Debug)]
+pub(super) struct Findings {
+    pub(super) stand_ins: Vec<StandIn>,
+    pub(super) suspicions: Vec<Suspicion>,
+    pub(super) held: Held,
+}
+
+impl Findings {
+    /// Findings of an axis after the step at this row.
+    pub(super) fn of(profile: &Profile, compensation: &Compensation, axis: usize, row: &LogRow) -> Findings {
+        let (mut stand_ins, mut suspicions) = (Vec::new(), Vec::new());
+        let distrusted: Vec<Distrusted> = compensation.distrusted(axis).collect();
+        let models = profile.axes.get(axis).map_or(&[][..], |axis| &axis.settings.models);
+        let used = compensation.decision(axis).and_then(|decision| decision.model);
+        for found in &distrusted {
+            let Some((place, watch)) = watching(models, used, found.signal) else { continue };
+            let signal = profile.signal(found.signal).name.clone();
+            let for_s = row.now.since(found.since).as_secs_f64();
+            if found.others.is_some() {
+                let kind = if found.frozen { SensorFault::Frozen } else { SensorFault::Lost };
+                let others = predictors(watch, found.signal).into_iter();
+                let by = others.map(|id| profile.signal(id).name.clone()).collect();
+                stand_ins.push(StandIn { signal, kind, for_s, by });
+            } else if found.frozen {
+                let is_used = used.is_none_or(|used| used == place);
+                let why = match is_used {
+                    true => why_not_replaced(profile, watch, found.signal, &distrusted, &row.readings),
+                    false => "the model in use has no stand-in for it".to_owned(),
+                };
+                suspicions.push(Suspicion { signal, for_s, why });
+            }
+        }
+        Findings { stand_ins, suspicions, held: held(profile, compensation, axis, row) }
+    }
+}
+
+/// Stand-ins that watch a sensor, with the place of their model: those of the model in use, else of the first model that has them.
+fn watching(models: &[Model], used: Option<usize>, signal: SignalId) -> Option<(usize, &StandIns)> {
+    let others = (0..models.len()).filter(|place| Some(*place) != used);
+    let places = used.into_iter().chain(others);
+    let mut all = places.filter_map(|place| Some((place, models.get(place)?.stand_ins.as_ref()?)));
+    all.find(|(_, stand_ins)| stand_ins.watched().any(|(watched, _)| watched == signal))
+}
+
+/// Signals that the stand-in of a sensor is computed from, each once.
+fn predictors(stand_ins: &StandIns, signal: SignalId) -> Vec<SignalId> {
+    let mut all = Vec::new();
+    for id in stand_ins.predictors(signal) {
+        if !all.contains(&id) {
+            all.push(id);
+        }
+    }
+    all
+}
+
+/// Why no others stand in for a sensor that is suspected. `distrusted`: all sensors of the axis that are suspected, frozen or lost.
+fn why_not_replaced(
+    profile: &Profile,
+    stand_ins: &StandIns,
+    signal: SignalId,
+    distrusted: &[Distrusted],
+    readings: &[Reading],
+) -> String {
+    let name = |id: SignalId| &profile.signal(id).name;
+    let others = predictors(stand_ins, signal);
+    if let [only] = others[..] {
+        return format!("its stand-in depends on {} alone", name(only));
+    }
+    if !stand_ins.watched().any(|(watched, stands_in)| watched == signal && stands_in) {
+        return "its stand-in is not exact enough to be used".to_owned();
+    }
+    let is_distrusted = |id: &&SignalId| distrusted.iter().any(|other| other.signal == **id);
+    if let Some(doubted) = others.iter().find(is_distrusted) {
+        return format!("{}, on which its stand-in depends, is frozen or lost, too", name(*doubted));
+    }
+    let is_missing = |id: &&SignalId| readings.get(id.0).is_none_or(|reading| reading.usable().is_none());
+    if let Some(missing) = others.iter().find(is_missing) {
+        return format!("{}, on which its stand-in depends, has no value", name(*missing));
+    }
+    "its stand-in would move the target by more than one step, or is outside its range".to_owned()
+}
+
+/// Whether an axis holds after this row, and why.
+fn held(profile: &Profile, compensation: &Compensation, axis: usize, row: &LogRow) -> Held {
+    let decided = compensation.decision(axis).filter(|decision| decision.at == row.now);
+    let Some((decision, control)) = decided.zip(row.controls.get(axis)) else { return Held::AsBefore };
+    let holds = matches!(decision.state, AxisState::Holding(_) | AxisState::Ramping | AxisState::Zeroed);
+    if !holds || control.permit == Permit::Stopping {
+        return Held::No;
+    }
+    let has_run = compensation.machine().on_time(row.now).is_some();
+    let bad = |id: SignalId| -> Explained {
+        let name = &profile.signal(id).name;
+        match row.readings.get(id.0).map(|reading| reading.quality) {
+            Some(Quality::Bad(Reason::NotInLog)) => format!("{name} has no value in the log").into(),
+            Some(Quality::Bad(reason)) => format!("{name}: {reason}").into(),
+            Some(Quality::Good) | None => format!("{name} was not good").into(),
+        }
+    };
+    let why = match control.permit {
+        Permit::Unverified if !decision.tripped => "the value of an output is not verified".to_owned(),
+        Permit::Held if !decision.tripped => "an output is interlocked".to_owned(),
+        _ => why_by_decision(profile, axis, decision, has_run, bad).cause,
+    };
+    let why = match (why.is_empty(), decision.model) {
+        (false, _) => why,
+        (true, Some(_)) => "its inputs are not clearly inside the envelope of its model again".to_owned(),
+        (true, None) => "its model has no value".to_owned(),
+    };
+    Held::Yes(Hold { state: decision.state.name(), why })
+}
+
+/// A span of time in whole seconds.
+pub(super) fn whole_seconds(seconds: f64) -> String {
+    duration_text(Duration::try_from_secs_f64(seconds.round()).unwrap_or_default())
+}
+
+/// `bed`, `bed and column`, `bed, column and nut`.
+fn listed(names: &[String]) -> String {
+    match names {
+        [] => "no other".to_owned(),
+        [one] => one.clone(),
+        [before @ .., last] => format!("{} and {last}", before.join(", ")),
+    }
+}
+
+impl fmt::Display for StandIn {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let is = match self.kind {
+            SensorFault::Frozen => "frozen",
+            SensorFault::Lost => "lost",
+        };
+        let (span, by) = (whole_seconds(self.for_s), listed(&self.by));
+        write!(f, "{}, {is} for {span}, replaced by the stand-in of {by}", self.signal)
+    }
+}
+
+impl fmt::Display for Suspicion {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let span = whole_seconds(self.for_s);
+        write!(
+            f,
+            "{}, unchanged for {span}, suspected of being frozen and not replaced: {}",
+            self.signal, self.why
+        )
+    }
+}
+
+impl fmt::Display for Hold {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.state, self.why)
+    }
+}

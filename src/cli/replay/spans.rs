@@ -1,0 +1,259 @@
+//! Spans of a log in which sensors of an axis were replaced or suspected, and in which the axis held.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use super::findings::{Findings, Held, Hold, StandIn, Suspicion, whole_seconds};
+use crate::gateway::log::LogRow;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::counted;
+
+/// Most spans of one kind that are kept of an axis: a log has no end. Further ones are counted.
+const MOST: usize = 1000;
+/// Most spans of one kind that are printed of an axis.
+const MOST_PRINTED: usize = 20;
+
+/// A span of a log, and what held in it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Span<T> {
+    /// `time` of the first row in which it held, as the log has it.
+    pub from: String,
+    /// `time` of the first row in which it did not hold any more, or of the last row.
+    pub to: String,
+    /// Time between the two, s.
+    pub span_s: f64,
+    /// It held in the last row, too.
+    pub lasts: bool,
+    /// What held.
+    #[serde(flatten)]
+    pub what: T,
+}
+
+/// Spans of one axis, each list in the order of their beginnings.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct AxisSpans {
+    /// Others stood in for a sensor.
+    pub stand_ins: Vec<Span<StandIn>>,
+    /// A sensor was suspected of being frozen, and its reading was used.
+    pub suspicions: Vec<Span<Suspicion>>,
+    /// The axis held, went to zero or was at zero.
+    pub holds: Vec<Span<Hold>>,
+    /// Spans beyond those of each list.
+    pub left_out: LeftOut,
+}
+
+/// How many spans of each kind are not in the lists, because there are too many.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct LeftOut {
+    /// Beyond the stand-ins.
+    pub stand_ins: u64,
+    /// Beyond the suspicions.
+    pub suspicions: u64,
+    /// Beyond the holds.
+    pub holds: u64,
+}
+
+/// Gathers the spans of one axis row by row.
+#[derive(Debug)]
+pub(super) struct SpanTally {
+    stand_ins: Gathered<StandIn>,
+    suspicions: Gathered<Suspicion>,
+    holds: Gathered<Hold>,
+}
+
+impl SpanTally {
+    pub(super) fn new() -> SpanTally {
+        SpanTally { stand_ins: Gathered::new(), suspicions: Gathered::new(), holds: Gathered::new() }
+    }
+
+    /// Takes in a row.
+    pub(super) fn row(&mut self, row: &LogRow, found: Findings) {
+        // `for_s` grows with each row, and `why` of a suspicion is that of its first row.
+        self.stand_ins.row(row, found.stand_ins, |one, other| {
+            (&one.signal, one.kind, &one.by) == (&other.signal, other.kind, &other.by)
+        });
+        self.suspicions.row(row, found.suspicions, |one, other| one.signal == other.signal);
+        let holds = match found.held {
+            Held::AsBefore => return,
+            Held::No => Vec::new(),
+            Held::Yes(hold) => vec![hold],
+        };
+        self.holds.row(row, holds, |one, other| one == other);
+    }
+
+    /// The spans up to the last row, given by its `time` and moment.
+    pub(super) fn spans(self, last: (&str, Moment)) -> AxisSpans {
+        let (stand_ins, stand_ins_left_out) = self.stand_ins.spans(last);
+        let (suspicions, suspicions_left_out) = self.suspicions.spans(last);
+        let (holds, holds_left_out) = self.holds.spans(last);
+        let left_out =
+            LeftOut { stand_ins: stand_ins_left_out, suspicions: suspicions_left_out, holds: holds_left_out };
+        AxisSpans { stand_ins, suspicions, holds, left_out }
+    }
+}
+
+/// Spans of one kind.
+#[derive(Debug)]
+struct Gathered<T> {
+    kept: Vec<Span<T>>,
+    left_out: u64,
+    open: Vec<Open<T>>,
+}
+
+/// A span that has not ended.
+#[derive(Debug)]
+struct Open<T> {
+    what: T,
+    begun: Moment,
+    /// Its place among those that are kept; `None` if it is not kept.
+    place: Option<usize>,
+    /// It holds in the present row, too.
+    lasts: bool,
+}
+
+impl<T: Clone> Gathered<T> {
+    fn new() -> Gathered<T> {
+        Gathered { kept: Vec::new(), left_out: 0, open: Vec::new() }
+    }
+
+    /// Takes in what holds at a row. `is_same`: whether two findings belong to one span.
+    fn row(&mut self, row: &LogRow, found: Vec<T>, is_same: impl Fn(&T, &T) -> bool) {
+        self.open.iter_mut().for_each(|open| open.lasts = false);
+        for what in found {
+            match self.open.iter().position(|open| is_same(&open.what, &what)) {
+                Some(place) => self.open[place].lasts = true,
+                None => self.begin(row, what),
+            }
+        }
+        let kept = &mut self.kept;
+        self.open.retain(|open| {
+            if !open.lasts {
+                open.end(kept, (row.time.as_str(), row.now), false);
+            }
+            open.lasts
+        });
+    }
+
+    fn begin(&mut self, row: &LogRow, what: T) {
+        let place = (self.kept.len() < MOST).then_some(self.kept.len());
+        match place {
+            Some(_) => self.kept.push(Span {
+                from: row.time.clone(),
+                to: row.time.clone(),
+                span_s: 0.0,
+                lasts: false,
+                what: what.clone(),
+            }),
+            None => self.left_out += 1,
+        }
+        self.open.push(Open { what, begun: row.now, place, lasts: true });
+    }
+
+    /// The spans that are kept, and how many are left out.
+    fn spans(mut self, last: (&str, Moment)) -> (Vec<Span<T>>, u64) {
+        for open in &self.open {
+            open.end(&mut self.kept, last, true);
+        }
+        (self.kept, self.left_out)
+    }
+}
+
+impl<T> Open<T> {
+    /// Ends the span at this row. `lasts`: it is the last row, and the span holds in it.
+    fn end(&self, kept: &mut [Span<T>], (time, now): (&str, Moment), lasts: bool) {
+        if let Some(span) = self.place.and_then(|place| kept.get_mut(place)) {
+            time.clone_into(&mut span.to);
+            (span.span_s, span.lasts) = (now.since(self.begun).as_secs_f64(), lasts);
+        }
+    }
+}
+
+/// A moment of a log for people, by the log's own clock: to the second if it has a date, else in seconds.
+fn shown(time: &str) -> String {
+    let time = time.trim();
+    if time.parse::<f64>().is_ok() {
+        return format!("{time} s");
+    }
+    let marks: [(usize, &str); 3] = [(10, " Tt"), (13, ":"), (16, ":")];
+    let has_both = marks
+        .into_iter()
+        .all(|(place, marks)| time.get(place..=place).is_some_and(|mark| marks.contains(mark)));
+    let Some((date, of_day)) = time.get(..19).filter(|_| has_both).map(|time| time.split_at(10)) else {
+        return time.to_owned();
+    };
+    format!("{date} {}", &of_day[1..])
+}
+
+impl<T: fmt::Display> fmt::Display for Span<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (from, to) = (shown(&self.from), shown(&self.to));
+        let to = match (from.split_once(' '), to.split_once(' ')) {
+            (Some((date, _)), Some((same, of_day))) if date == same && of_day.contains(':') => of_day,
+            _ => to.as_str(),
+        };
+        let end = if self.lasts { ", the end of the log" } else { "" };
+        write!(f, "{from} to {to}{end} ({}): {}", whole_seconds(self.span_s), self.what)
+    }
+}
+
+impl fmt::Display for AxisSpans {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write_spans(f, "stand-in", &self.stand_ins, self.left_out.stand_ins)?;
+        write_spans(f, "suspicion", &self.suspicions, self.left_out.suspicions)?;
+        write_spans(f, "hold", &self.holds, self.left_out.holds)
+    }
+}
+
+/// Writes a line for each span of one kind, up to [`MOST_PRINTED`].
+fn write_spans<T: fmt::Display>(
+    f: &mut fmt::Formatter<'_>,
+    kind: &str,
+    spans: &[Span<T>],
+    left_out: u64,
+) -> fmt::Result {
+    for span in spans.iter().take(MOST_PRINTED) {
+        writeln!(f, "  {span}")?;
+    }
+    let more = left_out.saturating_add(spans.len().saturating_sub(MOST_PRINTED) as u64);
+    if more > 0 {
+        writeln!(f, "  and {}; --json lists the first {MOST}", counted(more, &format!("more {kind}")))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_moment_is_that_of_the_log_to_the_second() {
+        for (time, text) in [
+            ("7210", "7210 s"),
+            (" 12.5 ", "12.5 s"),
+            ("2026-01-05T12:03:10.123456789Z", "2026-01-05 12:03:10"),
+            ("2026-01-05 12:03:10+03:00", "2026-01-05 12:03:10"),
+            ("05.01.2026 06:00:10,25", "05.01.2026 06:00:10"),
+            ("5.1.2026 6:00", "5.1.2026 6:00"),
+        ] {
+            assert_eq!(shown(time), text);
+        }
+    }
+
+    #[test]
+    fn the_date_of_the_end_is_written_if_it_is_another_one() {
+        let span = |from: &str, to: &str| {
+            let (from, to) = (from.to_owned(), to.to_owned());
+            Span { from, to, span_s: 8209.6, lasts: false, what: "it held" }.to_string()
+        };
+        assert_eq!(
+            span("2026-01-05T12:03:10Z", "2026-01-05T14:20:00Z"),
+            "2026-01-05 12:03:10 to 14:20:00 (2h 16m 50s): it held"
+        );
+        assert_eq!(
+            span("2026-01-05T23:00:00Z", "2026-01-06T01:16:50Z"),
+            "2026-01-05 23:00:00 to 2026-01-06 01:16:50 (2h 16m 50s): it held"
+        );
+        assert_eq!(span("10", "10"), "10 s to 10 s (2h 16m 50s): it held");
+    }
+}

@@ -1,0 +1,63 @@
+//! Whether touches show that an axis is worse with its model than without compensation.
+
+use serde::Serialize;
+
+use super::{Described, error, info};
+use isotherm_core::explained::Explained;
+use isotherm_core::quantity::Micron;
+
+/// Result of comparing the errors with and without compensation.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum Comparison {
+    /// More is left with the model.
+    Worse {
+        /// Whose model.
+        axis: String,
+        /// How many touches show it; none if they were taken before the last datum.
+        touches: usize,
+        /// Root mean square of the error without compensation.
+        #[serde(rename = "without_um")]
+        without: Micron,
+        /// Root mean square of the error with the Cz of the model.
+        #[serde(rename = "with_um")]
+        with: Micron,
+        /// Cz goes to zero until it is over.
+        ramps: bool,
+    },
+    /// It is over.
+    Over {
+        /// Whose model.
+        axis: String,
+    },
+}
+
+/// Sentence about a model that is worse than no compensation, with the figures of its touches.
+pub(crate) fn found_worse(touches: usize, with: Micron, without: Micron) -> String {
+    let shown = match touches {
+        0 => "as touches before the last datum show".to_owned(),
+        count => format!(
+            "{with} are left with it, {without} without (root mean square of the last {count} touches)"
+        ),
+    };
+    format!("its model is worse than no compensation: {shown}")
+}
+
+impl Comparison {
+    pub(super) fn described(&self) -> Described {
+        match self {
+            Comparison::Worse { axis, touches, without, with, ramps } => {
+                let hint = match ramps {
+                    true => "Cz goes to zero until touches show that the model is better; identify it again",
+                    false => "identify the model again, or disarm the axis",
+                };
+                let cause = found_worse(*touches, *with, *without);
+                error("worse", format!("axis {axis}"), Explained::new(cause, hint))
+            }
+            Comparison::Over { axis } => info(
+                "worse-over",
+                format!("axis {axis}: its model is not worse than no compensation any more"),
+            ),
+        }
+    }
+}
