@@ -13,6 +13,8 @@
 //! - [`tcp`] — sockets without send delay, and Modbus TCP on them; [`tls`] — Modbus TCP inside TLS.
 //! - [`mod@error`] — faults, by their cause; [`mod@explain`] — their explanations and advice for users.
 //! - [`owed`] — late replies that a serial unit may still send after a timeout, and requests that are safe meanwhile.
+//! - [`mark`] — what distinguishes the answers to two requests; `order` — whether the answers of a unit behind a gateway belong to
+//!   their requests.
 //! - `pipeline` — whether two requests are sent together, and when the line stops doing so.
 //! - [`mod@line`] — sends requests to devices: one at a time, with timeout, send deadline, back-off and reconnection.
 
@@ -25,12 +27,14 @@ mod eager;
 pub mod error;
 pub mod explain;
 pub mod line;
+pub mod mark;
 pub mod modbus;
 pub mod namespaces;
 #[cfg(feature = "opcua")]
 pub mod opcua;
 pub mod opcua_check;
 pub mod opcua_fault;
+mod order;
 pub mod owed;
 mod pdu;
 mod pipeline;

@@ -19,7 +19,7 @@
 //! An even later answer cannot be distinguished from the next one. The timeout must therefore be at least a quarter of
 //! the longest answer time of a device. After two timeouts in a row the line opens the port again, because an adapter
 //! may hang. A unit behind a gateway from Modbus TCP to a serial line waits in the same way, see `line/late.rs`. It
-//! must also prove that its answers are in order, see `line/order.rs`.
+//! must also prove that its answers are in order, see `line/control.rs`.
 //!
 //! A device that failed gets no request during a pause that doubles with each failure. The line serves its other
 //! devices meanwhile. A dead unit therefore costs them at most one timeout per pause. A line that cannot be connected
@@ -33,7 +33,8 @@ use super::backoff::Backoff;
 use super::connection::{Connection, Dial};
 use super::departure::{Departure, Leave};
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
-use super::owed::{Mark, Owed, Spans};
+use super::mark::Mark;
+use super::owed::{Owed, Spans};
 use super::pipeline::Pipeline;
 use super::trace::Tap;
 use super::wire::{Answer, NodeRequest, Request};
@@ -46,8 +47,8 @@ use units::{FIRST_PAUSE, Units};
 
 mod connects;
 mod continuity;
+mod control;
 mod late;
-pub(super) mod order;
 mod others;
 mod units;
 mod witness;
@@ -251,7 +252,7 @@ impl DeviceLine {
     }
 
     /// Sends a request to a device and waits for its answer, at most for the timeout of the line. Connecting may take a
-    /// second timeout, and a control question (see `line/order.rs`) another one. Immediately before the first byte, the
+    /// second timeout, and a control question (see `line/control.rs`) another one. Immediately before the first byte, the
     /// line checks the deadline in `leave`.
     ///
     /// # Errors

@@ -16,7 +16,7 @@ use std::time::Duration;
 
 use super::departure::Departure;
 use super::error::{CallerFault, Fault, PeerFault};
-use super::owed::Mark;
+use super::mark::Mark;
 use super::pdu;
 use super::port::{Port, Tapped, is_in_order};
 use super::trace::Tap;

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use super::departure::Departure;
 use super::error::Fault;
-use super::owed::Mark;
+use super::mark::Mark;
 
 pub use super::request::{Answer, CanRequest, NodeReading, NodeRequest, Request, Stamped};
 

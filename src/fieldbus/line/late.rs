@@ -5,7 +5,7 @@
 //! request. After a missing answer, the line therefore sends no request of the same form to that unit while the late
 //! answer may arrive. A late answer then finds no open request.
 //!
-//! A gateway may also keep a late answer until the next request. Waiting does not help then: see `order.rs`.
+//! A gateway may also keep a late answer until the next request. Waiting does not help then: see `control.rs`.
 
 use std::time::Duration;
 

@@ -3,7 +3,7 @@
 //! Frames are separated by length and checksum, not by gaps. Adapters on USB and on the network divide and join frames
 //! as they like.
 
-use crate::fieldbus::owed::Mark;
+use crate::fieldbus::mark::Mark;
 use crate::fieldbus::pdu;
 use crate::fieldbus::request::Request;
 use isotherm_core::codec::{Table, checksum};

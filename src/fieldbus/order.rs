@@ -12,13 +12,9 @@
 //! Limits: the check does not detect a gateway that keeps two answers or more. It also does not detect a kept answer if
 //! no answer to this line was missing.
 
-use std::pin::pin;
-
-use super::DeviceLine;
-use crate::fieldbus::departure::Leave;
-use crate::fieldbus::error::{Fault, PeerFault};
-use crate::fieldbus::owed::Mark;
-use crate::fieldbus::wire::{Answer, Request};
+use super::error::{Fault, PeerFault};
+use super::mark::Mark;
+use super::request::Request;
 
 /// Control questions in a row without a result, after which the line sends no more until the next missing answer.
 const ATTEMPTS: u8 = 3;
@@ -27,13 +23,13 @@ const LONGEST_PAUSE: u8 = 5;
 
 /// State of the order check of one unit.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(in crate::fieldbus) struct Order {
+pub(super) struct Order {
     doubt: Doubt,
     shorter_reads: ShorterReads,
     /// Last two reads with data, whose answers have different forms.
     answered: [Option<Request<'static>>; 2],
     /// Control questions in a row that showed lost order.
-    lost: u8,
+    pub(super) lost: u8,
 }
 
 /// Whether the gateway may keep an answer.
@@ -73,7 +69,7 @@ pub(super) enum Verdict {
 
 impl Order {
     /// Returns the state of a unit without requests so far. The gateway may keep an answer to an earlier process.
-    pub(in crate::fieldbus) fn unknown() -> Order {
+    pub(super) fn unknown() -> Order {
         Order {
             doubt: Doubt::Open { attempts: 0 },
             shorter_reads: ShorterReads::Untried,
@@ -147,96 +143,11 @@ impl Order {
 }
 
 impl Control {
-    fn request(self) -> Request<'static> {
+    /// Returns the request of this control question.
+    pub(super) fn request(self) -> Request<'static> {
         match self {
             Control::Answered(request) | Control::Shorter(request) => request,
         }
-    }
-}
-
-impl DeviceLine {
-    /// Returns the control question that must follow this request.
-    pub(super) fn control_question(&self, place: usize, request: Request<'_>) -> Option<Control> {
-        let unit = self.units.at(place);
-        // If each answer ends its connection, the control question would need another connection.
-        if !unit.is_behind_gateway || unit.quirks.close_after_each {
-            return None;
-        }
-        let owed = self.units.owed.get(unit.number)?;
-        let control = owed.order.control(request)?;
-        // A late answer of the same form would be taken for the answer to the control question.
-        let may_be_late = owed.marks().any(|mark| mark == Mark::of(control.request()));
-        (!may_be_late && unit.functions.allow(control.request().function())).then_some(control)
-    }
-
-    /// Returns the answer to this request, after a control question if order is in doubt. `is_repeated` means that the
-    /// answer may also be the late answer to the first attempt of this request.
-    pub(super) async fn in_order(
-        &mut self,
-        place: usize,
-        request: Request<'_>,
-        answer: Result<Answer, Fault>,
-        is_repeated: bool,
-    ) -> Result<Answer, Fault> {
-        let is_of_unit = match &answer {
-            Ok(_) => true,
-            Err(fault) => matches!(fault, Fault::Exception(_)) && !fault.is_of_a_gateway(),
-        };
-        if !is_of_unit || !self.units.at(place).is_behind_gateway {
-            return answer;
-        }
-        if let Some(control) = self.control_question(place, request).filter(|_| !is_repeated) {
-            self.ask_control(place, control).await?;
-        }
-        if answer.is_ok() {
-            self.units.owed(place).order.is_answered(request);
-        }
-        answer
-    }
-
-    /// Asks a control question.
-    ///
-    /// # Errors
-    /// Order is lost.
-    async fn ask_control(&mut self, place: usize, control: Control) -> Result<(), Fault> {
-        let (device, number) = (self.units.at(place).device, self.units.at(place).number);
-        let (request, now) = (control.request(), self.departure.looked());
-        let begun = self.tap.begin();
-        self.departure.next(request, Leave::Whenever);
-        if self.make_ready(place, request, now).await.is_err() {
-            return Ok(());
-        }
-        let Some(connection) = &mut self.wire else { return Ok(()) };
-        let span = self.timeout + connection.wire().time_under_way(request);
-        self.departure.begins(span);
-        let exchanged = {
-            let exchange = pin!(connection.exchange(number, request, &mut self.departure));
-            self.patience.within(span, exchange).await
-        };
-        let answered = match exchanged {
-            Some(answered) if self.departure.took() <= span => answered,
-            _ => Err(connection.wire().missed()),
-        };
-        if let Some(begun) = begun {
-            self.tap.tell(begun, (device, number), request, &answered);
-        }
-        self.look_for_a_break(place, &answered, now);
-        let order = &mut self.units.owed(place).order;
-        let verdict = order.judge(control, answered.as_ref().map(|_| ()).map_err(|fault| *fault));
-        let lost = order.lost;
-        let fault = match (verdict, answered) {
-            (Verdict::InOrder, _) | (Verdict::Nothing, Ok(_)) => return Ok(()),
-            (Verdict::OutOfOrder, _) => Fault::Peer(PeerFault::OutOfOrder),
-            (Verdict::Nothing, Err(fault)) => fault,
-        };
-        let now = self.departure.looked();
-        // The connection and the unit are treated as after any other request.
-        let _ = self.settle(place, request, Err(fault), now);
-        if verdict != Verdict::OutOfOrder {
-            return Ok(());
-        }
-        (0..lost).for_each(|_| self.units.at_mut(place).breaker.fail(now));
-        Err(fault)
     }
 }
 
