@@ -107,7 +107,7 @@ impl Shown {
     fn warn(&self, device: &str) {
         if !self.is_asked.load(Ordering::Relaxed) && !self.is_told.swap(true, Ordering::Relaxed) {
             tracing::warn!(
-                "{device} asks for no certificate: TLS hides what is said to it, and anybody who reaches it may command it; have                  it take the gateway's certificate only"
+                "{device} asks for no certificate: TLS hides what is said to it, and anybody who reaches it may command it; let it accept only the gateway's certificate"
             );
         }
     }

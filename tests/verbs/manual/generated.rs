@@ -25,7 +25,7 @@ fn is_committed(path: &str, generated: &str) {
     let line = differs.unwrap_or_else(|| committed.lines().count().min(generated.lines().count())) + 1;
     assert!(
         committed == generated,
-        "{path} is not what it is generated from, from line {line} on; make it anew: {ANEW}=1 cargo test --test manual"
+        "{path} is not what it is generated from, from line {line} on; write it again: {ANEW}=1 cargo test --features full --test verbs generated"
     );
 }
 

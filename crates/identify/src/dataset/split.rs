@@ -19,11 +19,12 @@ pub(super) fn runs(tables: Vec<Table>, names: &[String], split: &Split) -> Resul
         }
     }
     // Files with the same name in different directories are different runs.
-    for place in 1..runs.len() {
-        let name = &runs[place].name;
-        let before = runs[..place].iter().filter(|run: &&Run| run.name == *name).count();
-        if before > 0 {
-            runs[place].name = format!("{name} ({})", before + 1);
+    let mut alike: HashMap<String, usize> = HashMap::new();
+    for run in &mut runs {
+        let number = alike.entry(run.name.clone()).or_default();
+        *number += 1;
+        if *number > 1 {
+            run.name = format!("{} ({number})", run.name);
         }
     }
     BadLog::unless(wrong, runs)

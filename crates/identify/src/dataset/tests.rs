@@ -124,6 +124,17 @@ fn a_log_that_is_read_in_part_is_the_same_in_that_part() {
     assert_eq!(part.unread, [all.columns[0].clone(), all.columns[2].clone()]);
 }
 
+#[test]
+fn files_of_one_name_are_runs_of_different_names() {
+    let tables = ["a", "b", "c"].map(|folder| {
+        let path = Path::new(folder).join("day.csv");
+        csv::from_text(&path, "time,t1\n0,20\n60,21\n".as_bytes(), &Split::default(), &every_column).unwrap()
+    });
+    let dataset = Dataset::from_tables(tables.into(), &Split::default(), &|_| None).unwrap();
+    let names: Vec<&str> = dataset.runs.iter().map(|run| run.name.as_str()).collect();
+    assert_eq!(names, ["day", "day (2)", "day (3)"]);
+}
+
 #[cfg(feature = "parquet")]
 mod of_parquet {
     use std::fs::File;

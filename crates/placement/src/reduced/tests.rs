@@ -165,8 +165,8 @@ fn the_example_is_one_structure_whose_rails_are_heated_where_they_are() {
     let foot: f64 = modes.uniform.iter().zip(&modes.sinks["foot"]).map(|(one, sink)| one * sink).sum();
     assert!((foot - 0.7 * 0.56 * 70.0).abs() < 1e-6, "{foot} W/K");
     for case in crate::example::cases() {
-        let plant = crate::fe_input::read(&home.path().join(format!("{case}.inp")));
-        let plant = plant.unwrap_or_else(|e| panic!("{e}"));
-        assert!(plant.mesh == plant.mesh && plant.materials == plant.materials, "{case}");
+        let one = crate::fe_input::read(&home.path().join(format!("{case}.inp")));
+        let one = one.unwrap_or_else(|e| panic!("{e}"));
+        assert!(one.mesh == plant.mesh && one.materials == plant.materials, "{case}");
     }
 }
