@@ -74,16 +74,18 @@ const TOP: [&str; 16] = [
 
 const LONGEST: usize = 600;
 
-/// Parts of file names. These files may use the word for the time between login and logout, of an OPC UA client or of a
-/// browser at the page.
-const LOGINS: [&str; 7] = [
-    "tests/rules/budget",
+/// Parts of file names. These files may use the word for the time between login and logout, of an OPC UA client, of TLS or of
+/// a browser at the page.
+const LOGINS: [&str; 9] = [
     "opcua",
     "page",
     "observe/http",
     "docs/api.md",
     "docs/threat-model.md",
     "tests/security",
+    "fieldbus",
+    "continuity",
+    "rules/budget",
 ];
 
 fn root() -> &'static Path {
