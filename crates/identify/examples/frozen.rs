@@ -78,13 +78,13 @@ fn record(name: &str, files: &[PathBuf], names: &[String], errors: &[&str]) -> b
             let seen = |run: &Run| seen(&profile, run, (names, &columns), error);
             let whole = seen(run);
             alarms += whole.suspected.len();
-            for sensor in 0..names.len() {
+            for (sensor, column) in columns.iter().copied().enumerate() {
                 for _ in 0..TIMES {
                     let rows = run.times.len();
                     let at = chance.random_range(rows / 20..rows * 9 / 10);
                     let mut frozen = run.clone();
-                    let stays = run.values[columns[sensor]][at];
-                    frozen.values[columns[sensor]][at..].fill(stays);
+                    let stays = run.values[column][at];
+                    frozen.values[column][at..].fill(stays);
                     let with = seen(&frozen);
                     let own = with.suspected.iter().find(|(suspected, _)| *suspected == sensor);
                     let after = |row: usize| run.times[row].since(run.times[at]).as_secs_f64() / 60.0;
