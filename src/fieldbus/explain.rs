@@ -74,8 +74,7 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
         Fault::Peer(PeerFault::Foreign) => "is another master on the line?",
         Fault::Peer(PeerFault::Unasked) => "is it a late reply, or another master on the same line?",
         Fault::Peer(PeerFault::OutOfOrder) => {
-            "does the gateway before the unit keep late answers? Set it to discard them and restart it. If the unit always answers \
-             with the same number of registers: quirks = { gateway = false }"
+            "does the gateway before the unit keep late answers? Set it to discard them, and restart it"
         }
         Fault::Peer(PeerFault::Silent) => "`read = \"poll\"` asks for the nodes instead",
         Fault::Caller(CallerFault::TooManyNodes(_)) => "let it take more, or make the set smaller",

@@ -375,11 +375,11 @@ impl DeviceLine {
                 match answer {
                     Err(fault) if fault.spoils_connection() || is_missing(fault) => {
                         if self.departure.asked().is_some() {
-                            owed.order.misses();
+                            owed.order.record_miss();
                         }
                         // The request that was sent after this one is lost with the connection.
                         if let Some(unit) = behind.filter(|_| fault.spoils_connection()) {
-                            self.units.owed.of(unit).order.misses();
+                            self.units.owed.of(unit).order.record_miss();
                         }
                     }
                     Ok(_) | Err(Fault::Exception(_)) => owed.answers(request, took),

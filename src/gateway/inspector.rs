@@ -256,7 +256,10 @@ impl Inspection {
                 (again.due, evidence) = (now.after(ASK_AGAIN), Some(difference));
             }
             // Answers to another master say nothing about the register, and neither does a failed connection.
-            Err(fault) if fault.is_of_the_line() || fault == Fault::Peer(PeerFault::Foreign) => {
+            Err(fault)
+                if fault.is_of_the_line()
+                    || matches!(fault, Fault::Peer(PeerFault::Foreign | PeerFault::OutOfOrder)) =>
+            {
                 again.due = now.after(ASK_AGAIN);
                 return true;
             }

@@ -6,23 +6,21 @@ use std::pin::pin;
 use super::DeviceLine;
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{Fault, PeerFault};
-use crate::fieldbus::mark::Mark;
-use crate::fieldbus::order::{Control, Verdict};
+use crate::fieldbus::order::Verdict;
 use crate::fieldbus::wire::{Answer, Request};
 
 impl DeviceLine {
     /// Returns the control question that must follow this request.
-    pub(super) fn control_question(&self, place: usize, request: Request<'_>) -> Option<Control> {
+    pub(super) fn control_question(&self, place: usize, request: Request<'_>) -> Option<Request<'static>> {
         let unit = self.units.at(place);
         // If each answer ends its connection, the control question would need another connection.
         if !unit.is_behind_gateway || unit.quirks.close_after_each {
             return None;
         }
         let owed = self.units.owed.get(unit.number)?;
-        let control = owed.order.control(request)?;
-        // A late answer of the same form would be taken for the answer to the control question.
-        let may_be_late = owed.marks().any(|mark| mark == Mark::of(control.request()));
-        (!may_be_late && unit.functions.allow(control.request().function())).then_some(control)
+        // A late answer would be taken for the answer to the control question.
+        let control = owed.order.control(request).filter(|_| !owed.is_owing())?;
+        unit.functions.allow(control.function()).then_some(control)
     }
 
     /// Returns the answer to this request, after a control question if order is in doubt. `is_repeated` means that the
@@ -45,7 +43,7 @@ impl DeviceLine {
             self.ask_control(place, control).await?;
         }
         if answer.is_ok() {
-            self.units.owed(place).order.is_answered(request);
+            self.units.owed(place).order.record_answer(request);
         }
         answer
     }
@@ -54,9 +52,10 @@ impl DeviceLine {
     ///
     /// # Errors
     /// Order is lost.
-    async fn ask_control(&mut self, place: usize, control: Control) -> Result<(), Fault> {
+    async fn ask_control(&mut self, place: usize, request: Request<'static>) -> Result<(), Fault> {
         let (device, number) = (self.units.at(place).device, self.units.at(place).number);
-        let (request, now) = (control.request(), self.departure.looked());
+        // The pause after a fault counts from the start of the request.
+        let now = self.departure.looked();
         let begun = self.tap.begin();
         self.departure.next(request, Leave::Whenever);
         if self.make_ready(place, request, now).await.is_err() {
@@ -78,20 +77,17 @@ impl DeviceLine {
         }
         self.look_for_a_break(place, &answered, now);
         let order = &mut self.units.owed(place).order;
-        let verdict = order.judge(control, answered.as_ref().map(|_| ()).map_err(|fault| *fault));
+        let verdict = order.judge(request, answered.as_ref().map(|_| ()).map_err(|fault| *fault));
         let lost = order.lost;
         let fault = match (verdict, answered) {
             (Verdict::InOrder, _) | (Verdict::Nothing, Ok(_)) => return Ok(()),
             (Verdict::OutOfOrder, _) => Fault::Peer(PeerFault::OutOfOrder),
             (Verdict::Nothing, Err(fault)) => fault,
         };
-        let now = self.departure.looked();
+        // The pause is doubled first: the wait for a late answer is not shortened by it.
+        (0..lost).for_each(|_| self.units.at_mut(place).breaker.fail(now));
         // The connection and the unit are treated as after any other request.
         let _ = self.settle(place, request, Err(fault), now);
-        if verdict != Verdict::OutOfOrder {
-            return Ok(());
-        }
-        (0..lost).for_each(|_| self.units.at_mut(place).breaker.fail(now));
-        Err(fault)
+        if verdict == Verdict::OutOfOrder { Err(fault) } else { Ok(()) }
     }
 }
