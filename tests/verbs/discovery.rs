@@ -293,9 +293,16 @@ fn on_a_serial_line_scan_finds_units_and_settings_and_the_frames_are_shown_with_
     let mut devices = Running::start(isotherm(home.path()).arg("virtual").arg(&profile));
     devices.hears("stop with Ctrl-C");
     let bus = format!("rtu://{port}");
-    let scan = ["--units", "3..6", "--timeout", "150ms", "--baud", "9600,19200", "--parity", "none"];
-    let scan = ended(isotherm(home.path()).args(["scan", "--bus", &bus]).args(scan));
-    assert!(scan.said.contains("in 2 settings; 150ms for each answer"), "{}", scan.said);
+    // On a busy computer the kernel may take longer to move the bytes between both ends of the port.
+    let attempt = |timeout: &str| {
+        let scan = ["--units", "3..6", "--timeout", timeout, "--baud", "9600,19200", "--parity", "none"];
+        let scan = ended(isotherm(home.path()).args(["scan", "--bus", &bus]).args(scan));
+        let words = format!("in 2 settings; {timeout} for each answer");
+        assert!(scan.said.contains(&words), "{}", scan.said);
+        scan
+    };
+    let scan = attempt("150ms");
+    let scan = if scan.code == Some(0) { scan } else { attempt("2s") };
     assert_eq!(scan.code, Some(0), "{}", scan.said);
     assert!(
         scan.out.contains(&format!("unit 4 answers on {port} at 9600 baud 8N1: holding:0 = ")),

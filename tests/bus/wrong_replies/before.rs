@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::wrong_replies::peer::Peer;
 use crate::wrong_replies::question::{Kind, LIE, reading};
-use crate::wrong_replies::rig::{Case, Life, TIMEOUT, none_is_believed};
+use crate::wrong_replies::rig::{Case, Life, none_is_believed};
 use crate::wrong_replies::wrong::life;
 
 const READ_INPUT: u8 = 4;
@@ -56,7 +56,7 @@ fn on_a_port(answers: bool) -> Life {
                 peer.answer(&asked).await?;
             } else {
                 // Only after its timeout is the reply unsolicited.
-                tokio::time::sleep(3 * TIMEOUT).await;
+                tokio::time::sleep(3 * Kind::Port.timeout()).await;
             }
         }
     })

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use crate::wrong_replies::peer::Peer;
 use crate::wrong_replies::question::Kind;
-use crate::wrong_replies::rig::{Case, Life, TIMEOUT, none_is_believed};
+use crate::wrong_replies::rig::{Case, Life, none_is_believed};
 use crate::wrong_replies::wrong::life;
 
 /// Latest time of a late answer. A unit without an answer gets no request for 750 ms plus its timeout. An even later
@@ -24,7 +24,7 @@ fn late(factor: f64, writes: bool) -> Life {
             let asked = peer.asked().await?;
             if asked.is_read() != writes && !peer.lane.behaves() && peer.lane.is_next() {
                 let (attempt, begun) = (peer.lane.tries(), Instant::now());
-                tokio::time::sleep(TIMEOUT.mul_f64(factor)).await;
+                tokio::time::sleep(peer.kind().timeout().mul_f64(factor)).await;
                 if begun.elapsed() < WAITED_FOR {
                     peer.say(&asked.framed(&asked.pdu_of(own(attempt)))).await?;
                 }
@@ -76,12 +76,12 @@ fn an_answer_that_is_found_after_its_timeout_is_no_reading() {
                     continue;
                 }
                 let attempt = peer.lane.tries();
-                tokio::time::sleep(TIMEOUT.mul_f64(factor)).await;
+                tokio::time::sleep(peer.kind().timeout().mul_f64(factor)).await;
                 peer.say(&asked.framed(&asked.pdu_of(own(attempt)))).await?;
             }
         });
         let name = format!("after {factor} timeouts, found when a computer goes on that stood still");
-        Case { name, kind, writes: None, stands_still: Some(4 * TIMEOUT), life }
+        Case { name, kind, writes: None, stands_still: Some(4 * kind.timeout()), life }
     };
     none_is_believed(each.map(case).collect());
 }

@@ -1,5 +1,7 @@
 //! Request as the device received it, and possible replies to it.
 
+use std::time::Duration;
+
 use isotherm_core::codec::checksum;
 
 /// Temperature of the device in tenths of a degree. `LIE` is a value that it never has.
@@ -16,6 +18,12 @@ pub(crate) enum Kind {
 
 impl Kind {
     pub(crate) const ALL: [Kind; 3] = [Kind::Tcp, Kind::RtuOverTcp, Kind::Port];
+
+    /// Timeout of the gateway. The kernel moves the bytes of a pseudo-terminal in a thread of its own, in both directions.
+    /// Beside a load this takes longer than the answer on a socket.
+    pub(crate) fn timeout(self) -> Duration {
+        Duration::from_millis(if self == Kind::Port { 100 } else { 50 })
+    }
 
     pub(crate) fn is_rtu(self) -> bool {
         self != Kind::Tcp
