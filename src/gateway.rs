@@ -1,8 +1,8 @@
 //! The gateway: lines, axes and outputs of one profile, wired and run.
 //!
-//! Each line has one task that owns it: it reads, steps the axes whose inputs it has just read, and writes what was
-//! decided. What the lines share stands behind one lock that is held for microseconds. Events, page, log and state
-//! file are handed what they want, never waited for.
+//! Each line has one task that owns it. The task reads, steps the axes whose inputs it has just read, and writes the
+//! decisions. The state that the lines share is behind one lock, which is held for microseconds. Events, page, log and
+//! state file get copies. The lines never wait for them.
 
 use std::collections::HashMap;
 use std::future::Future;
@@ -99,58 +99,60 @@ pub use why::how_to_find_a_model;
 pub(crate) use why::why_by_decision;
 pub use wire_log::WireLog;
 
-/// Why an axis waits for a person.
-const NOT_BELIEVED: &str = "what was saved here did not fit (see the events) or was put back from a backup, and nobody has armed since";
-/// How long the end of a run waits until the state is on disk.
+/// Why an axis waits for the operator after an invalid or restored state.
+const NOT_BELIEVED: &str =
+    "the saved state did not fit (see the events) or was restored from a backup, and no axis was armed since";
+/// Maximum time for which the end of a run waits for the state to be on disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
 
-/// How often a service manager hears that a stop goes on.
+/// Interval of reports to a service manager during a stop.
 const TOLD_EVERY: Duration = Duration::from_secs(1);
-/// How often it is checked whether fault actions have come to their end.
+/// Interval of the check whether fault actions have ended.
 const ENDED_EVERY: Duration = Duration::from_millis(100);
-/// How often it is checked whether nothing is under way any more. Nothing is decided meanwhile.
+/// Interval of the check whether all exchanges have ended. Nothing is decided meanwhile.
 const SETTLED_EVERY: Duration = Duration::from_millis(5);
 
-/// So many events from before the start are shown.
+/// Number of events from before the start that are shown.
 const RECALLED: usize = 100;
 
-/// What opens the connections of a bus.
+/// Function that creates the connection of a bus.
 pub type Dialer = Arc<dyn Fn(&Bus) -> Option<Box<dyn Dial>> + Send + Sync>;
 
-/// How a gateway is run.
+/// Options of a gateway.
 pub struct Options {
-    /// Read, compute, show; write nothing.
+    /// Reads, computes and shows, but writes nothing.
     pub dry_run: bool,
-    /// Where state and log are kept; nowhere without it. Whoever gives none answers for it that nothing of an earlier run
-    /// is still on its way to a register.
+    /// Directory of state and log; `None` keeps neither. Without it, the caller must ensure that no write of an earlier
+    /// run can still arrive at a register.
     pub directory: Option<PathBuf>,
-    /// State directory of a gateway that runs elsewhere: what it has remembered of the namespaces of servers is used. Nothing is
-    /// written there.
+    /// State directory of a gateway that runs elsewhere. Its stored namespaces of servers are used. Nothing is written
+    /// there.
     pub remembered_in: Option<PathBuf>,
-    /// Where the state is kept in that directory.
+    /// Access to the state in the directory.
     pub disk: Arc<dyn Disk>,
-    /// Disk and watch have threads of their own. Without them there is no watch and no log, everything happens in the one
-    /// runtime, and a simulation repeats bit for bit.
+    /// Disk and watch have threads of their own. Without threads there is no watch and no log. Everything then runs in
+    /// one runtime, and a simulation repeats bit for bit.
     pub has_threads: bool,
-    /// What opens connections; something else than the field's in tests.
+    /// Function that creates connections. Tests use another one than the default.
     pub dialer: Dialer,
-    /// How long a line may go without a turn; `None`: what its timeouts allow. Tests make it short.
+    /// Maximum time of a line without a turn; `None`: derived from its timeouts. Tests make it short.
     pub watch: Option<Duration>,
-    /// How often every device is polled and every axis decides, whatever the profile says: what a bench measures is often
-    /// faster than a profile may be.
+    /// Period of all polls and axes, independent of the profile. A bench is often faster than a profile may be.
     pub pace: Option<Pace>,
-    /// Readings are as old as their answers: only to show what the rule is for that they are as old as the questions.
+    /// Readings get the time of their answers, instead of that of their requests. Tests use it to show why the rule
+    /// exists.
     #[doc(hidden)]
     pub is_credulous: bool,
-    /// How publishing to a broker goes.
+    /// State of publishing to a broker; `None` without one.
     pub broker: Option<Arc<BrokerFigures>>,
-    /// Who hears of every event, from the first on.
+    /// Receiver of every event from the first on; `None` without one.
     pub listener: Option<EventListener>,
-    /// Handover of the program before this one in the same process, or why it is not accepted; `None` after an ordinary start.
+    /// Handover of the program before this one in the same process, or why it is rejected. `None` after an ordinary
+    /// start.
     pub handover: Result<Option<Handover>, String>,
-    /// Whether registers that a person has released may be moved, or why not.
+    /// Whether released registers may be moved, or why not.
     pub may_release: Result<(), String>,
-    /// Called where a stuck gateway cannot even stop.
+    /// Callback if a stuck gateway cannot even stop.
     pub give_up: Arc<dyn Fn() + Send + Sync>,
 }
 
@@ -175,16 +177,16 @@ impl Default for Options {
     }
 }
 
-/// How fast a gateway goes.
+/// Periods of a gateway that replace those of the profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pace {
-    /// The period of every device's polls.
+    /// Period of every device's polls.
     pub polls: Duration,
-    /// The period of every axis.
+    /// Period of every axis.
     pub axes: Duration,
 }
 
-/// A gateway that is about to run.
+/// Gateway before its run.
 pub struct Gateway {
     shared: Arc<Shared>,
     options: Options,
@@ -192,21 +194,22 @@ pub struct Gateway {
     wire_log: WireLog,
 }
 
-/// How a gateway ended.
+/// Result of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
-    /// Something failed inside; what it was stands in the events.
+    /// A task failed. The events contain the cause.
     pub failed: bool,
-    /// The fault actions came to their end within their time.
+    /// The fault actions ended within their time.
     pub rested: bool,
-    /// What stays in the registers, as a sentence.
+    /// Values that stay in the registers, as a sentence.
     pub left: String,
-    /// It was to be replaced, and moved nothing: what the program that takes its place is given.
+    /// State for the program that takes over. It is `None` unless the gateway ended for a replacement, without moving
+    /// an axis.
     pub handover: Option<Handover>,
 }
 
 impl Gateway {
-    /// Wires a profile. Joins the clock, one sleeper a line, in the order of the profile.
+    /// Creates the gateway of a profile. Joins the clock with one sleeper for each line, in the order of the profile.
     pub fn new(mut profile: Profile, clock: &Clock, options: Options) -> Gateway {
         if let Some(Pace { polls, axes }) = options.pace {
             profile.devices.iter_mut().for_each(|device| device.every = polls);
@@ -262,7 +265,7 @@ impl Gateway {
                 (0..core.arming.len()).for_each(|axis| core.disarm(AxisId(axis), NOT_BELIEVED));
             }
             for (axis, why) in core.places.barred(&core.given.profile) {
-                // One that was off before keeps its reason, for the program after this one too.
+                // An axis that was off before keeps its reason, also for the next program.
                 if is_in_question || !core.arming[axis.0].latched {
                     core.disarm(axis, why);
                 }
@@ -276,24 +279,24 @@ impl Gateway {
         Gateway { shared, options, sleepers, wire_log }
     }
 
-    /// Where the frames of its devices can be listened to, from any thread.
+    /// Returns the log of frames on its CAN lines, for any thread.
     pub fn wire_log(&self) -> WireLog {
         self.wire_log.clone()
     }
 
-    /// Who shows its state and takes commands, from any thread.
+    /// Returns the source of the state, which also takes commands, for any thread.
     pub fn source(&self) -> Arc<dyn Source> {
         let directory = self.options.directory.clone().filter(|_| self.options.has_threads);
         Arc::new(Panel::new(self.shared.clone(), directory))
     }
 
-    /// What can take its place, where its command socket is there.
+    /// Returns the handle with which another program can take over. `socket`: path of the command socket.
     pub fn successor(&self, program: Program, socket: PathBuf) -> Successor {
         Successor::new(self.shared.clone(), program, socket)
     }
 
-    /// Runs until `shutdown` is ready, something fails inside, or another program is to take its place. Then the fault actions
-    /// run, or the registers keep what they hold, and it returns when that is done or its time is over. `hurry` ends it early.
+    /// Runs until `shutdown` is ready, a task fails, or another program takes over. Then the fault actions run, or the
+    /// registers keep their values. Returns when that has ended or its time is over. `hurry` ends it early.
     pub async fn run(
         mut self,
         shutdown: impl Future<Output = ()>,
@@ -323,7 +326,7 @@ impl Gateway {
             () = self.shared.replaced.notified() => None,
         };
         let asked = match asked {
-            // A stop is heard while the registers settle for another program, too.
+            // A stop is accepted while the registers settle for another program, too.
             None => tokio::select! {
                 biased;
                 () = &mut shutdown => Some(on_stop),
@@ -340,13 +343,13 @@ impl Gateway {
             },
         };
         self.release_strobes().await;
-        // The lines poll and beat while the disk takes what the next program needs.
+        // The lines continue to poll and to write heartbeats while the disk stores the state for the next program.
         let kept = match asked {
             None if self.outputs_rest(lines.len()).await => Some(self.keep().await),
             _ => None,
         };
         self.take_leave(&mut tasks, &lines).await;
-        // No time passes any more, however long the tasks and the disk take to come to their end.
+        // The clock is held until tasks and disk have ended.
         let _hold = self.shared.clock.hold();
         tasks.shutdown().await;
         let (left, failed) = match kept {
@@ -357,7 +360,8 @@ impl Gateway {
         Outcome { failed, rested, left, handover }
     }
 
-    /// Puts state, ledger, logs and events on disk. What stays in the registers, and whether something failed inside.
+    /// Stores state, ledger, logs and events on disk. Returns the values that stay in the registers, and whether a task
+    /// failed.
     async fn keep(&self) -> (String, bool) {
         let left = ending::what_is_left(&self.shared);
         self.shared.report(&Event::Stopped { left: left.clone() });
@@ -367,14 +371,15 @@ impl Gateway {
         (left, failed)
     }
 
-    /// Lets the outputs of all lines rest, and waits until none is under way. `false` if that takes too long.
+    /// Ends the exchanges of the outputs of all lines, and waits until none is running. Returns `false` if that takes
+    /// too long.
     async fn outputs_rest(&self, lines: usize) -> bool {
         self.shared.limit_lines(LineWork::WithoutOutputs);
         let within = stop::hold(&self.shared.profile);
         self.wait_until((within, SETTLED_EVERY), |shared| shared.resting_lines() >= lines).await
     }
 
-    /// What a newer program brings in its templates is told once, at its first start.
+    /// Reports the changes of a newer program in its templates once, at its first start.
     fn tell_of_templates(&self) {
         let Some(directory) = self.options.directory.as_deref().filter(|_| self.options.has_threads) else {
             return;
@@ -387,13 +392,14 @@ impl Gateway {
         }
     }
 
-    /// A fault inside is no stop that somebody asked for: the fault actions run, whatever the profile says of a stop.
+    /// Returns how to stop after a failed task. The fault actions run, whatever the profile says about an ordinary
+    /// stop.
     fn failed(&self) -> Option<OnStop> {
         self.shared.core().failed = true;
         Some(OnStop::FaultAction)
     }
 
-    /// The end that was asked for. Whether what belongs to it came to its end in its time.
+    /// Stops in the requested way. Returns whether the fault actions ended in time.
     async fn stop(&self, how: OnStop) -> bool {
         let within = ending::begin_stop(&self.shared, how);
         let holds = how == OnStop::Hold;
@@ -412,7 +418,7 @@ impl Gateway {
         }
     }
 
-    /// Nothing is decided any more, and what is under way comes to its end: another program takes the place of this one.
+    /// Ends all decisions, and waits for running exchanges, because another program takes over.
     async fn settle(&self) {
         let within = ending::begin_stop(&self.shared, OnStop::Hold);
         self.shared.report(&Event::Stopping { holds: true, within });
@@ -420,7 +426,8 @@ impl Gateway {
         self.settled(within).await;
     }
 
-    /// A register that is not known to have settled is no failure of a stop that moves nothing: the next start waits for it.
+    /// Waits until the registers have settled. If one has not, a stop without movement does not fail: the next start
+    /// waits for it.
     async fn settled(&self, within: Duration) {
         let _ = self.wait_until((within, SETTLED_EVERY), ending::has_settled).await;
     }
@@ -430,7 +437,7 @@ impl Gateway {
         Handover::of(&core, core.replaced_by.clone())
     }
 
-    /// Puts the state on disk. Whether something failed inside.
+    /// Stores the state on disk. Returns whether a task failed.
     async fn keep_for_the_last_time(&self) -> bool {
         let mut core = self.shared.core();
         let mut storage = std::mem::take(&mut core.storage);
@@ -441,7 +448,7 @@ impl Gateway {
         storage.remember((now, true), &core.compensation, of_profile, seen);
         let failed = core.failed;
         drop(core);
-        // The disk is waited for elsewhere: the lines may still be polled here.
+        // A blocking thread waits for the disk, because the lines may still be polled here.
         let mut finish = move || storage.finish();
         match self.options.has_threads {
             true => drop(tokio::task::spawn_blocking(finish).await),
@@ -462,7 +469,7 @@ impl Gateway {
         requests
     }
 
-    /// The task of a line, with its listener where it is CAN. `None` only where nothing opens a line of its kind.
+    /// Returns the task of a line, with its listener if it is CAN. `None` if the bus kind has no connection.
     fn line_task(
         &self,
         bus: BusId,
@@ -497,7 +504,7 @@ impl Gateway {
         Watch::start(self.shared.clone(), self.options.watch, move || stop.notify_one(), move || give_up())
     }
 
-    /// A line's task ended, which it only does by a panic: it is started once more, to carry out the fault actions.
+    /// Restarts the task of a line after a panic, so that it runs the fault actions.
     fn line_failed(
         &self,
         ended: Result<Id, JoinError>,
@@ -521,7 +528,7 @@ impl Gateway {
         lines.insert(tasks.spawn(again.run(listener)).id(), bus);
     }
 
-    /// Where a strobe is still up, the lines drop it before they end.
+    /// Waits until the lines have dropped every strobe that is still set.
     async fn release_strobes(&self) {
         if !ending::leave(&self.shared) {
             return;
@@ -534,13 +541,13 @@ impl Gateway {
         }
     }
 
-    /// A server that keeps a place for a line is told that it is free: one with few of them has it at once. A server that does
-    /// not answer is not waited for.
+    /// Closes sessions with servers that reserve resources for a line, so that a server with few sessions has them free
+    /// at once. A server that does not answer is not waited for.
     async fn take_leave(&self, tasks: &mut JoinSet<()>, lines: &HashMap<Id, BusId>) {
         let kept = |bus: BusId| Some(self.shared.profile.bus(bus)).filter(|bus| bus.opcua.is_some());
         let mut open: HashMap<Id, Duration> =
             lines.iter().filter_map(|(id, bus)| Some((*id, kept(*bus)?.timeout))).collect();
-        // One request may be under way, for its timeout; the farewell has its own.
+        // One request may be running for its timeout. The closing request has its own timeout.
         let Some(longest) = open.values().max().map(|timeout| *timeout * 2) else { return };
         self.shared.limit_lines(LineWork::Leave);
         let closed = async {
@@ -557,7 +564,7 @@ impl Gateway {
         }
     }
 
-    /// Waits until this is so, and checks it so often; `false` if it takes too long.
+    /// Waits until a condition is true, and checks it at this interval. Returns `false` if that takes too long.
     async fn wait_until(
         &self,
         (within, every): (Duration, Duration),

@@ -1,4 +1,5 @@
-//! Files that a verb writes beside its result. One that cannot be written is said after the result, of which nothing is lost.
+//! Files that a verb writes next to its result. A file that cannot be written is reported after the result, so that the
+//! result is not lost.
 
 use std::path::Path;
 
@@ -6,28 +7,28 @@ use anyhow::Context;
 
 use super::say::say;
 
-/// What became of each.
+/// Result of writing each file, in order.
 #[derive(Default)]
 pub(super) struct Beside(Vec<anyhow::Result<String>>);
 
 impl Beside {
-    /// Writes one; `what` is in it.
+    /// Writes a file. `what`: its content, for the message.
     pub(super) fn write(&mut self, what: &str, path: &Path, text: impl AsRef<[u8]>) {
         let written = std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()));
         self.0.push(written.map(|()| format!("{what} is in {}", path.display())));
     }
 
-    /// Says this behind the result, too.
+    /// Prints this line after the result, too.
     pub(super) fn say(&mut self, line: String) {
         self.0.push(Ok(line));
     }
 
-    /// Fails the verb with this, once its result was said: a file that it must not write.
+    /// Lets the verb fail with this message after its result: a file that it must not write.
     pub(super) fn refuse(&mut self, why: String) {
         self.0.push(Err(anyhow::Error::msg(why)));
     }
 
-    /// Says where they are, behind the result, unless a program reads it.
+    /// Prints after the result where the files are, unless a program reads it. Fails if a file could not be written.
     pub(super) fn end(self, is_for_a_program: bool) -> anyhow::Result<()> {
         let (mut wrong, mut lines) = (Vec::new(), Vec::new());
         for written in self.0 {

@@ -1,4 +1,4 @@
-//! `isotherm identify`: from logs with a measured error to a model, its cross-validation and its block.
+//! The verb `isotherm identify`: from logs with a measured error to a model, its cross-validation and its block.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -26,61 +26,64 @@ mod balls;
 mod prior;
 mod text;
 
-/// Finds the model of an axis from logs: coefficients with their uncertainty, and how it fares on days it never saw.
+/// Identifies the model of an axis from logs: coefficients with their uncertainty, and the result on held-out days.
 ///
-/// A log is CSV or Parquet: a column `time` (seconds, RFC 3339, or `05.01.2026 06:00:10` by the clock of --zone), `time_s` or `time_min`, one column per signal of the
-/// profile, and the measured displacement error in µm. One file is one run: a warm-up from a cold machine on. Faulty
-/// sensors are found, told, and mended or left out. Each run is held out in turn.
+/// A log is CSV or Parquet, with a column `time`, `time_s` or `time_min`. `time` is in seconds, RFC 3339, or
+/// `05.01.2026 06:00:10` in the time zone of --zone. It has one column per signal of the profile, and the measured
+/// displacement error in µm. One file is one run: a warm-up of a cold machine. Faulty sensors are found, reported, and
+/// repaired or left out. Each run is held out in turn.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm identify my-machine.toml mon.csv tue.csv wed.csv --axis z --error z_error_um\n  isotherm identify my-machine.toml week.parquet --gap 2h --axis z --write z-model.toml --report z.html\n  isotherm identify --balls touches.csv --recorded mon.csv --out mon-drift.csv"
 )]
 pub(super) struct Arguments {
-    /// The machine's profile, or the name of a shipped one
+    /// Profile of the machine, or the name of a shipped one
     #[arg(value_name = "PROFILE", required_unless_present = "balls")]
     path: Option<PathBuf>,
-    /// Overrides one key, as often as needed: `--set bus.cell.address=10.0.0.7:502`
+    /// Overrides one key; may be repeated: `--set bus.cell.address=10.0.0.7:502`
     #[arg(long, value_name = "KEY=VALUE", value_parser = super::key_and_value)]
     set: Vec<(String, String)>,
-    /// The logs
+    /// Logs
     #[arg(value_name = "LOG", required_unless_present = "balls")]
     logs: Vec<PathBuf>,
     #[command(flatten)]
     balls: balls::Touches,
-    /// The axis; may be left out where the profile has only one
+    /// Axis; may be omitted if the profile has only one
     #[arg(long, value_name = "NAME")]
     axis: Option<String>,
-    /// The column with the measured error e, µm [default: <axis>_error_um]
+    /// Column with the measured error e, µm [default: <axis>_error_um]
     #[arg(long, value_name = "COLUMN")]
     error: Option<String>,
-    /// The column with the Cz that acted on the error while it was measured, µm; none: nothing acted [default: as a log of
-    /// the gateway says]
+    /// Column with the Cz that acted on the error during the measurement, µm; none: no Cz acted [default: from the log
+    /// of the gateway]
     #[arg(long, value_name = "COLUMN")]
     cz: Option<String>,
-    /// How the model is found
+    /// Method of identification
     #[arg(long, value_parser = methods(), default_value = Method::default().name())]
     method: Method,
-    /// The inputs, instead of every temperature of the profile and, for whitened, every speed
+    /// Inputs, instead of every temperature of the profile and, for whitened, every speed
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     inputs: Vec<String>,
     /// Inputs that are left out
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     without: Vec<String>,
-    /// Inputs that stay in though they look faulty
+    /// Inputs that are used although they look faulty
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     keep: Vec<String>,
     /// Time constants that are tried [default: 0s,6min,25min,100min; ridge-lag, sparse-lag, stepwise and position:
     /// 0s,3min,6min,12min,25min,50min,100min,200min; rbf and network: 0s,12min,50min]
     #[arg(long, value_name = "TIME", value_delimiter = ',', value_parser = humantime::parse_duration)]
     lags: Vec<Duration>,
-    /// whitened: most sensors of the model; those are chosen that leave least on runs left out
+    /// whitened: maximum number of sensors of the model; those with the smallest residual error on held-out runs are
+    /// chosen
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     sensors: Option<u16>,
-    /// whitened: a model that exists, as --write or a profile has it: gains are held towards its gains instead of towards none.
-    /// For one new day of the same machine after a repair, or of a sister machine; from two days on it gains nothing
+    /// whitened: existing model, from --write or a profile; gains are shrunk towards its gains instead of towards zero.
+    /// For one new day of the same machine after a repair, or of a similar machine; with two days or more it has no
+    /// advantage
     #[arg(long, value_name = "MODEL.toml")]
     prior: Option<PathBuf>,
-    /// sparse-lag, stepwise, lag and position: most terms of the model
+    /// sparse-lag, stepwise, lag and position: maximum number of terms of the model
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     terms: Option<u16>,
     /// rbf: radial basis functions of each of the five models that are averaged
@@ -89,49 +92,50 @@ pub(super) struct Arguments {
     /// network: neurons of each of the five networks that are averaged
     #[arg(long, value_name = "N", default_value_t = 8)]
     neurons: usize,
-    /// rbf, network: what chance begins with; the same seed gives the same model
+    /// rbf, network: seed of the random numbers; the same seed gives the same model
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
     /// Rows closer than this count as one sample in F tests
     #[arg(long, value_name = "TIME", default_value = "30min", value_parser = humantime::parse_duration)]
     independent: Duration,
-    /// Judges with a probe that measures the error at this interval and takes it out
+    /// Validates with a simulated probe that measures the error at this interval and removes it
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     probe: Option<Duration>,
-    /// Rows are averaged over this long, after the lags; 0s leaves them as they are
+    /// Time over which rows are averaged, after the lags; 0s keeps them as they are
     #[arg(long, value_name = "TIME", default_value = "1min", value_parser = humantime::parse_duration)]
     resample: Duration,
-    /// Where the axis was, for errors measured at several positions (--method position)
+    /// Signal of the axis position, for errors measured at several positions (--method position)
     #[arg(long, value_name = "SIGNAL")]
     position: Option<String>,
-    /// Where the slope adds nothing, mm
+    /// Position at which the slope adds nothing, mm
     #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true)]
     position_reference: f64,
-    /// two-source: the runs in which the spindle waits
+    /// two-source: runs in which the spindle waits
     #[arg(long, value_name = "RUN", value_delimiter = ',')]
     waiting: Vec<String>,
-    /// two-source: the sensors of the first source
+    /// two-source: sensors of the first source
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     first: Vec<String>,
-    /// two-source: the sensors of the second
+    /// two-source: sensors of the second source
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     second: Vec<String>,
     #[command(flatten)]
     runs: Runs,
-    /// Writes the [[axis.…model]] block, and beside it the files that it names
+    /// Writes the [[axis.…model]] block, and next to it the files that it names
     #[arg(long, value_name = "MODEL.toml")]
     write: Option<PathBuf>,
-    /// Writes the block, and models for lost sensors, also if they leave more than a third of six or more held-out runs worse
-    /// than no compensation
+    /// Writes the block, and models for lost sensors, even if they fail: that is, if they are worse than no
+    /// compensation on more than a third of six or more held-out runs
     #[arg(long, requires = "write")]
     force: bool,
-    /// Writes a page with pictures that can be sent to anyone: one file, opened by any browser
+    /// Writes a page with charts that can be sent to anyone: one file for any browser
     #[arg(long, value_name = "OUT.html")]
     report: Option<PathBuf>,
-    /// Writes each run in which a faulty sensor was mended as a CSV file into this directory: as it was learnt from, and as recorded
+    /// Writes each run in which a faulty sensor was repaired as a CSV file into this directory: as used for learning,
+    /// and as recorded
     #[arg(long, value_name = "DIR")]
     mended: Option<PathBuf>,
-    /// What the block says the axis does outside its envelope
+    /// Action of the axis outside its envelope, for the block
     #[arg(long, value_parser = outsides(), default_value = "agree")]
     outside: Outside,
     /// One JSON document
@@ -139,7 +143,7 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-/// One of these, by its name; each with its help.
+/// Returns a parser for one of these values by its name, with the help of each.
 pub(super) fn one_of<T: Copy + Send + Sync + 'static, const N: usize>(
     all: [(T, &'static str, &'static str); N],
 ) -> impl TypedValueParser<Value = T> {
@@ -164,7 +168,7 @@ fn outsides() -> impl TypedValueParser<Value = Outside> {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    // A profile in the making has signals that no model uses yet: no word about them.
+    // A new profile has signals that no model uses yet. No warning is printed about them.
     let Some(path) = &arguments.path else { return balls::run(&arguments.balls, arguments.json) };
     let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
     if ["csv", "parquet"].iter().any(|log| ending.eq_ignore_ascii_case(log)) {
@@ -189,7 +193,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     beside.end(arguments.json)
 }
 
-/// What was found, and as one document where one is asked for.
+/// Identifies the model. Also returns the JSON document if it is requested.
 fn find(
     arguments: &Arguments,
     profile: &Profile,
@@ -247,16 +251,16 @@ fn find(
     Ok((found, document))
 }
 
-/// A file for each of these runs; the directory is made where there is none.
+/// Writes a file for each of these runs. The directory is created if it does not exist.
 fn write_mended(directory: &Path, runs: &[(String, String)], beside: &mut Beside) {
     if runs.is_empty() {
         beside.say("nothing was mended, so no file says what".to_owned());
         return;
     }
-    // Where it cannot be made, no file of it can be written, and that is said.
+    // If the directory cannot be created, writing each file fails and is reported.
     drop(std::fs::create_dir_all(directory));
     for (run, text) in runs {
-        // A run of a directory or of a column may have any name.
+        // The name of a run may contain any characters, because it can come from a directory or a column.
         let name = run.replace(['/', '\\'], "-");
         beside.write("what was mended", &directory.join(format!("{name}.mended.csv")), text);
     }

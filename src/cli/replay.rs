@@ -1,17 +1,18 @@
-//! `isotherm replay`: the gateway's own step over a recorded log.
+//! The verb `isotherm replay`: runs the gateway's own step over a recorded log.
 //!
-//! A log that the gateway wrote gives its decisions again, bit for bit; the summary says whether it did. It also says when a sensor was
-//! replaced and by what, when one was suspected, and when and why an axis held.
+//! A log of the gateway gives its decisions again, bit for bit; the summary tells whether it did. The summary also
+//! lists when a sensor was replaced and by what, when one was suspected, and when and why an axis was on hold.
 //!
-//! So does the log of the outputs (`NAME-DATE.outputs.csv`) its actions: alone, or with the log of the decisions that it
-//! stands beside.
+//! A log of outputs (`NAME-DATE.outputs.csv`) gives its actions again. It is replayed alone, or together with the log
+//! of decisions next to it.
 //!
-//! A log from elsewhere is shown to the same step, row by row, armed and with its registers at zero:
-//! - an axis updates at a row only where its period has passed since its last update. Where rows come faster, `z_cz_um`,
-//!   `z_state` and `z_acted` stand until the next update; where they come slower, there is one update per row, so that
-//!   Cz may lag where the machine's would not, and a warning says so.
-//! - `z_raw_um` and `z_model` are the model's at every row, whether or not the axis updates there.
-//! - `range` is applied to its values; `max_rate`, `max_age` and `fault_when` are not: a row is fresh by definition.
+//! A log from elsewhere is replayed by the same step, row by row. The axes are armed, and their registers start at
+//! zero:
+//! - An axis updates at a row only if its period has passed since its last update. If rows come faster, `z_cz_um`,
+//!   `z_state` and `z_acted` do not change until the next update. If rows come slower, there is one update per row.
+//!   Then Cz may lag more than on the machine, and a warning is given.
+//! - `z_raw_um` and `z_model` are those of the model at every row, even without an update.
+//! - `range` is applied to the values. `max_rate`, `max_age` and `fault_when` are not, because a row is always fresh.
 
 use std::io::{BufRead, BufReader, Read, Write};
 
@@ -43,24 +44,25 @@ pub use spans::{AxisSpans, LeftOut, Span};
 use summary::Tally;
 pub use summary::{AxisSummary, Difference, ErrorSummary, Range, Reproduced, Summary};
 
-/// The gateway's own step over a recorded log: every stage of Cz, and the error before and after where the log has one.
+/// Runs the gateway's own step over a recorded log: every stage of Cz, and the error before and after it if known.
 ///
-/// The summary says when a sensor was replaced and by what, when one was suspected of being frozen, and when and why an axis held.
+/// The summary lists when a sensor was replaced and by what, and when one was suspected of being frozen. It also lists
+/// when and why an axis was on hold.
 ///
-/// A log is CSV: a column `time` (seconds, RFC 3339, or `05.01.2026 06:00:10` by the clock of --zone), one column per signal in
-/// its unit, `<axis>_error_um` where the error was measured. Missing values are empty. What the outputs of a gateway did (`NAME-DATE.outputs.csv`) is
-/// replayed with the log that it stands beside, or alone.
+/// A log is CSV with a column `time` (seconds, RFC 3339, or `05.01.2026 06:00:10` in the time zone of --zone). It has
+/// one column per signal in its unit, and `<axis>_error_um` if the error was measured. Missing values are empty. The
+/// log of a gateway's outputs (`NAME-DATE.outputs.csv`) is replayed together with the log next to it, or alone.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:\n  isotherm replay my-machine.toml monday.csv --out replayed.csv")]
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// The log
+    /// Log
     #[arg(value_name = "LOG.csv")]
     recording: PathBuf,
     #[command(flatten)]
     zone: LogZone,
-    /// Where the replayed rows go
+    /// File for the replayed rows
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
     /// One JSON document
@@ -108,26 +110,26 @@ fn run_outputs(arguments: &Arguments, log: impl Read, name: &str) -> anyhow::Res
     Ok(())
 }
 
-/// Rows: a log of a month takes a while.
+/// Number of rows between two progress messages. A log of a month takes a while.
 const SAID_EVERY: u64 = 2_000_000;
 
-/// What one axis came to at one row.
+/// Result of one axis at one row.
 #[derive(Clone, Debug)]
 struct Outcome<'a> {
     raw: Option<Micron>,
     model: &'a str,
     decision: Decision,
-    /// The name of a sensor that others stood in for; empty where none was.
+    /// Name of a sensor that had a stand-in; empty if there was none.
     stood_in: &'a str,
     error: Option<f64>,
 }
 
-/// What is known of a log from elsewhere than itself.
+/// Properties of a log that the log itself does not contain.
 #[derive(Clone, Debug)]
 pub struct Recording<'a> {
-    /// Its name in messages.
+    /// Name of the log in messages.
     pub name: &'a str,
-    /// Where the clock hung whose times have no offset from UTC; none: such times are refused.
+    /// Time zone of times without an offset from UTC; `None` rejects such times.
     pub zone: Option<TimeZone>,
 }
 
@@ -137,10 +139,10 @@ impl<'a> From<&'a str> for Recording<'a> {
     }
 }
 
-/// Replays a log, writes a row for each of its rows to `out`, and sums up.
+/// Replays a log, writes a row for each of its rows to `out`, and returns a summary.
 ///
 /// # Errors
-/// A log that cannot be read, with the place; an output that cannot be written.
+/// Returns the place in a log that cannot be read, or the output that cannot be written.
 pub fn replay<'a>(
     profile: &Profile,
     log: impl Read,
@@ -235,7 +237,7 @@ fn outcome<'a>(
 }
 
 impl Outcome<'_> {
-    /// What is left of the error.
+    /// Returns the residual error; `None` if the log has no error at this row.
     fn residual(&self) -> Option<f64> {
         self.error.map(|error| error + self.decision.cz.get())
     }

@@ -241,7 +241,7 @@ fn check(arguments: &Arguments, socket: &Path) -> anyhow::Result<()> {
     anyhow::ensure!(
         own == socket,
         "another name of the machine, or another state directory, is another gateway ({} instead of {}): stop the one that runs, \
-         and start it anew",
+         and start it again",
         own.display(),
         socket.display()
     );

@@ -128,7 +128,7 @@ impl Arming {
                     if is_beyond && output.share == Share::Ledger {
                         return Attempt::Refused(Explained::new(
                             format!(
-                                "our share in the register of output {} is {cz}, beyond the limit of ±{limit}",
+                                "the gateway share in the register of output {} is {cz}, beyond the limit of ±{limit}",
                                 output.name
                             ),
                             format!("raise axis.{axis}.limit until it has gone back to zero"),

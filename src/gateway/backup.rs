@@ -45,7 +45,7 @@ fn one_put_back(
     name: &str,
     bytes: &[u8],
 ) -> Result<(String, Vec<u8>), String> {
-    let wrong = |why: String| format!("{name} of the backup is not believed: {why}");
+    let wrong = |why: String| format!("{name} of the backup is rejected: {why}");
     if name != file_name(machine) {
         return Err(wrong(format!(
             "it is no state of {machine} that this program reads: restore it with the version that made it"

@@ -1,4 +1,4 @@
-//! A model that is worse than no compensation, for people and for programs.
+//! Reports of a model that is worse than no compensation.
 
 use crate::observe::events::{Comparison, Event};
 use crate::observe::status::WorseStatus;
@@ -6,10 +6,11 @@ use isotherm_core::compensation::settings::AxisSettings;
 use isotherm_core::compensation::{AxisState, Decision, Worse};
 use isotherm_core::explained::Explained;
 
-/// What to do about a model that is worse than none.
+/// Hint for a model that is worse than no compensation.
 const IDENTIFY: &str = "identify the model again";
 
-/// Why an axis goes to zero, or stays there, because its model is worse than that. `None` if it does not.
+/// Returns why an axis goes to zero, or stays there, because its model is worse than no compensation. `None` if it does
+/// not.
 pub(super) fn cause(axis: &AxisSettings, decision: &Decision) -> Option<Explained> {
     let is_left = decision.worse.is_some()
         && axis.leaves_what_is_worse()
@@ -17,7 +18,8 @@ pub(super) fn cause(axis: &AxisSettings, decision: &Decision) -> Option<Explaine
     is_left.then(|| Explained::new("its model is worse than no compensation", IDENTIFY))
 }
 
-/// What is to be reported: once when a model is found worse, and once when it is not any more.
+/// Returns the event when a model is found worse, and when it is not worse any more. `reported` is the state after the
+/// last call.
 pub(super) fn event(axis: &AxisSettings, decision: &Decision, reported: &mut bool) -> Option<Event> {
     let was_worse = std::mem::replace(reported, decision.worse.is_some());
     let name = axis.name.clone();
@@ -31,7 +33,7 @@ pub(super) fn event(axis: &AxisSettings, decision: &Decision, reported: &mut boo
     }
 }
 
-/// The same for programs.
+/// Returns the comparison for the status.
 pub(super) fn status(axis: &AxisSettings, worse: &Worse) -> WorseStatus {
     WorseStatus {
         touches: worse.touches,

@@ -63,8 +63,7 @@ impl Left {
         let recalled = Memory::recall(state, profile).unwrap_or_else(|why| {
             is_lost = true;
             opened.file.question().open();
-            let why =
-                format!("{WHAT} in {} is not believed: {why}", store::path(directory, machine).display());
+            let why = format!("{WHAT} in {} is rejected: {why}", store::path(directory, machine).display());
             journal.report(now, &Event::NotBelieved { why });
             Recalled::default()
         });

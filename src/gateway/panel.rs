@@ -1,5 +1,5 @@
-//! What page, API and commands see and touch of the gateway: its state, and what a person asks for: arm, disarm, zero, a
-//! measured error.
+//! Interface of page, API and commands to the gateway: its state, and commands such as arm, disarm, zero and measured
+//! errors.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -26,24 +26,24 @@ use isotherm_core::quantity::{Micron, Moment, time};
 use isotherm_profile::regular::quoted;
 use isotherm_profile::{AxisId, DeviceId};
 
-/// Answer to a zero that nothing is measured from.
+/// Answer to a zero command without any reference to capture.
 const NO_ZERO: &str = "nothing is captured: the profile has no reference \"zero\" here; write reference = \"zero\" in a model, or \
                        datum = \"zero\" in its axis, and restart";
 
-/// What page, API and command socket have at hand: one hold to look, one to command.
+/// State and commands for page, API and command socket. Each has its own handle.
 pub(super) struct Panel {
     page: PageHandle,
     commands: CommandHandle,
 }
 
-/// Whoever looks: it sees the state, and touches nothing.
+/// Handle that only reads the state.
 struct PageHandle {
     shared: Arc<Shared>,
-    /// Where events are kept.
+    /// Directory of the events; `None` if they are not stored.
     directory: Option<PathBuf>,
 }
 
-/// Whoever commands.
+/// Handle that carries out commands.
 pub(super) struct CommandHandle(pub(super) Arc<Shared>);
 
 impl Panel {
@@ -110,7 +110,7 @@ impl Source for Panel {
 }
 
 impl PageHandle {
-    /// What is on disk, and what is on its way there.
+    /// Passes on the events on disk, and those that are not on disk yet.
     fn events(&self, since: Moment, found: &mut dyn FnMut(Found) -> bool) -> std::io::Result<()> {
         let journal = &self.shared.journal;
         let is_since = |entry: &Entry| time::parse(&entry.at).is_ok_and(|at| at >= since);
@@ -135,13 +135,13 @@ impl PageHandle {
     }
 }
 
-/// What a command for these axes is about; for one that nobody knows, nothing.
+/// Returns the subjects of a command for these axes. A command for an unknown axis has none.
 fn about<E>(axes: Result<&[usize], E>) -> Vec<About> {
     let each = |axes: &[usize]| axes.iter().map(|axis| About::Axis(*axis)).collect();
     axes.map_or_else(|_| vec![About::Nothing], each)
 }
 
-/// The axis that is meant, where only one can be.
+/// Returns the only chosen axis; a message if there are several.
 fn one(chosen: &[usize]) -> Result<usize, String> {
     match chosen {
         [one] => Ok(*one),
@@ -149,7 +149,7 @@ fn one(chosen: &[usize]) -> Result<usize, String> {
     }
 }
 
-/// The event of a command that was carried out, or refused.
+/// Returns the event of a command that was carried out or refused.
 fn reported(command: String, axes: Vec<String>, asker: &Asker, answer: Result<&str, Explained>) -> Event {
     let (way, who) = (asker.way, asker.who.clone());
     match answer.map(str::to_owned) {
@@ -159,7 +159,8 @@ fn reported(command: String, axes: Vec<String>, asker: &Asker, answer: Result<&s
 }
 
 impl CommandHandle {
-    /// Whoever still waits for it has it carried out; it is an event in any case, and stands before what comes of it.
+    /// Carries out a command if its sender still waits for it. The event of the command comes before the events that it
+    /// causes.
     pub(super) fn carry_out<T>(
         &self,
         (command, axes): (String, Vec<String>),
@@ -185,14 +186,14 @@ impl CommandHandle {
     fn command(&self, command: Command, axis: Option<&str>, asker: &Arc<Asker>) -> Result<Answer, String> {
         let shared = &*self.0;
         let chosen = match command {
-            // A person may end a release, too.
+            // The operator may end a release, too.
             Command::Disarm | Command::Cancel => self.named(axis),
             _ => self.chosen(axis),
         };
         let name = |place: &usize| shared.profile.axes[*place].settings.name.clone();
         let names: Vec<String> = chosen.iter().flatten().map(name).collect();
         let said = names.join(", ");
-        // What makes the machine stand still is never late.
+        // Commands that stop the machine are never rejected as too frequent.
         let about = about(chosen.as_deref());
         if self.withdraws(command, chosen.as_deref().unwrap_or_default()) {
             shared.rates().note(command.name(), &about, self.now());
@@ -262,7 +263,7 @@ impl CommandHandle {
         })
     }
 
-    /// It takes back something that one of these axes does, or is to do.
+    /// Returns whether a command takes back something that one of these axes does or will do.
     fn withdraws(&self, command: Command, axes: &[usize]) -> bool {
         let core = self.0.core();
         let does = |axis: &usize| {
@@ -280,7 +281,7 @@ impl CommandHandle {
         Now { machine: self.0.clock.now(), passed: Passing::default().passed() }
     }
 
-    /// Whether a command comes not too soon after the same one; else the answer to it.
+    /// Checks that a command does not follow the same one too soon. Returns the answer if it does.
     fn takes(&self, verb: &'static str, about: &[About]) -> Result<(), Answer> {
         if self.0.rates().take(verb, about, self.now()) {
             return Ok(());
@@ -296,7 +297,8 @@ impl CommandHandle {
         )))
     }
 
-    /// The places of the axes that are meant, without those that take a register back: `isotherm release` alone moves them.
+    /// Returns the indices of the chosen axes, without those that release a register. Only `isotherm release` moves
+    /// them.
     fn chosen(&self, axis: Option<&str>) -> Result<Vec<usize>, String> {
         let mut places = self.named(axis)?;
         places.retain(|place| !self.0.profile.is_release(AxisId(*place)));
@@ -308,7 +310,7 @@ impl CommandHandle {
         }
     }
 
-    /// The places of the axes that are meant.
+    /// Returns the indices of the named axis, or of all axes.
     fn named(&self, axis: Option<&str>) -> Result<Vec<usize>, String> {
         let axes = &self.0.profile.axes;
         let Some(axis) = axis else { return Ok((0..axes.len()).collect()) };
@@ -319,7 +321,7 @@ impl CommandHandle {
         })
     }
 
-    /// At once where that can be: whoever asks hears whether he is refused.
+    /// Arms the axes at once if possible, so that the answer contains a refusal.
     fn arm(&self, core: &mut Core, axis: Option<&str>, asker: &Arc<Asker>) -> Result<Answer, Explained> {
         let (now, chosen) = (self.0.clock.now(), self.armable(axis)?.0);
         for axis in &chosen {
@@ -346,7 +348,7 @@ impl CommandHandle {
         self.progress(&core, axis)
     }
 
-    /// Those that are meant and can be armed, and the names of those that cannot because they have no model yet.
+    /// Returns the chosen axes that can be armed, and the names of those that have no model yet.
     fn armable(&self, axis: Option<&str>) -> Result<(Vec<usize>, Vec<&str>), Explained> {
         let profile = &self.0.profile;
         let (armable, unmodelled): (Vec<usize>, Vec<usize>) =
@@ -386,7 +388,7 @@ impl CommandHandle {
         Ok(Answer::Waits(waiting.join("; ")))
     }
 
-    /// The same; whoever has armed hears once of each axis whose sign was never checked.
+    /// Adds a reminder to an answer for each axis whose sign was never checked. It is given once for each axis.
     fn reminding(&self, answer: Answer, axis: Option<&str>) -> Answer {
         let Answer::Done(mut said) = answer else { return answer };
         let profile = &self.0.profile;
@@ -403,7 +405,7 @@ impl CommandHandle {
         Answer::Done(said)
     }
 
-    /// A person has seen it: an event, and nothing else. The state of the machine is not even locked for it.
+    /// Acknowledges an alarm, or all. Only the journal changes. The state of the machine is not locked for it.
     fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<Answer, String> {
         let shared = &*self.0;
         let about = alarm.map(|alarm| {
@@ -432,7 +434,7 @@ impl CommandHandle {
         answer.map(Answer::Done).map_err(|why| why.to_string())
     }
 
-    /// The next value of each of its signals is accepted. Its checks are not: they must pass.
+    /// Accepts the next value of each signal of a device. Its checks must still pass.
     fn confirm(&self, device: &str, asker: &Asker) -> Result<Answer, String> {
         let profile = &*self.0.profile;
         let place = profile.devices.iter().position(|known| known.name == device);
@@ -463,7 +465,8 @@ impl CommandHandle {
         })
     }
 
-    /// Has the former registers of an output released. Their way back begins with the next start.
+    /// Requests the release of an output's former registers, or withdraws the request. They return to their base from
+    /// the next start on.
     fn release(&self, output: &str, wish: Wish<'_>, asker: &Asker) -> Result<Answer, String> {
         let Wish::Back(seen) = wish else {
             return Ok(Answer::Done(releasing::take_back(&mut self.0.core(), output)));
@@ -478,7 +481,8 @@ impl CommandHandle {
         .map(Answer::Done)
     }
 
-    /// The error is that of the diameter where the axis acts on one.
+    /// Takes a measured error, or discards what was learned. If the axis acts on a diameter, the error is that of the
+    /// diameter.
     fn measured(&self, axis: &str, report: Option<MeasuredReport>, asker: &Asker) -> Result<Answer, String> {
         let shared = &*self.0;
         let verb = if report.is_some() { "measured" } else { "measured clear" };
@@ -528,7 +532,7 @@ impl CommandHandle {
                 None => "it is learned from at once".to_owned(),
                 Some((Refused::Doubted(_), why)) => format!("not learned from yet: {why}"),
                 Some((refused, why)) => {
-                    // The error with the model and without compensation are compared all the same.
+                    // The comparison of the model with no compensation uses the error nevertheless.
                     if matches!(refused, Refused::Implausible | Refused::Outside) {
                         core.compensation.take_report(place, report, now);
                         core.probing[place].measured = Some(measured);

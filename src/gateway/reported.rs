@@ -1,5 +1,5 @@
-//! What has been reported of the axes: each state, level, extrapolation, stand-in and worse model once when it begins, and once when
-//! it ends.
+//! Reported conditions of the axes. Each state, level, extrapolation, stand-in and worse model is reported once when it
+//! begins, and once when it ends.
 
 use crate::observe::events::Event;
 use isotherm_core::compensation::settings::AxisSettings;
@@ -9,7 +9,7 @@ use isotherm_profile::Profile;
 
 use super::{comparison, extrapolation, stand_in};
 
-/// Steps in a row at which an axis is in the same state for another reason before that is reported.
+/// Number of consecutive steps with another cause of the same state until the change is reported.
 const CHANGED_AFTER_STEPS: u32 = 2;
 
 #[derive(Clone, Debug, Default)]
@@ -19,12 +19,12 @@ pub(super) struct Reported {
     cause: Option<Cause<String>>,
     levels: Levels,
     extrapolating: bool,
-    /// Its model is worse than no compensation.
+    /// The model is worse than no compensation.
     worse: bool,
     distrusted: Vec<stand_in::Reported>,
 }
 
-/// Which levels of one axis have been reported and not come to their end.
+/// Levels of one axis that have been reported and have not ended.
 #[derive(Clone, Copy, Debug, Default)]
 struct Levels {
     at_limit: bool,
@@ -32,7 +32,7 @@ struct Levels {
     tripped: bool,
 }
 
-/// A warning ends when |Cz| is back below this share of its level: a value that trembles there is one warning.
+/// Share of its level below which |Cz| ends a warning. A value that fluctuates at the level causes one warning.
 const ENDS_AT: f64 = 0.95;
 
 impl Levels {
@@ -40,7 +40,7 @@ impl Levels {
         self.warned
     }
 
-    /// Adds what is to be reported of this decision.
+    /// Adds the events of this decision.
     fn report(&mut self, axis: &AxisSettings, decision: &Decision, events: &mut Vec<Event>) {
         let name = || axis.name.clone();
         let at_limit = decision.acted.contains(Stages::LIMIT);
@@ -68,7 +68,7 @@ impl Reported {
         self.levels.is_warned()
     }
 
-    /// Adds what is to be reported of this decision; `why` says why the axis does not follow its preferred model.
+    /// Adds the events of this decision. `why` returns why the axis does not follow its preferred model.
     pub(super) fn report(
         &mut self,
         profile: &Profile,
@@ -100,7 +100,7 @@ impl Reported {
         events.extend(comparison::event(axis, decision, &mut self.worse));
     }
 
-    /// Adds what is to be reported of the sensors that the axis does not believe.
+    /// Adds the events of the sensors that the axis rejects.
     pub(super) fn report_distrusted(
         &mut self,
         profile: &Profile,
@@ -124,7 +124,7 @@ mod tests {
     use isotherm_core::compensation::{Compensation, Remembered};
     use isotherm_core::quantity::Moment;
 
-    /// An axis that holds because a sensor is lost, and then because a line is down, is the same state of another cause.
+    /// Checks an axis on hold: first a sensor is lost, then a line is down. The state is the same, the cause differs.
     #[test]
     fn a_state_is_reported_again_when_its_cause_is_another_one_for_two_steps() {
         let profile = sample::profile();

@@ -1,4 +1,4 @@
-//! Sensors that others stand in for, for people and for programs.
+//! Reports of sensors that have stand-ins.
 
 use crate::observe::events::{Event, StandIn, others};
 use crate::observe::status::StoodInStatus;
@@ -10,22 +10,22 @@ use isotherm_profile::Profile;
 
 use super::why::SEE_TO_THE_SENSOR;
 
-/// `bed frozen, taken from 5 others`.
+/// Returns the cause and hint of a sensor with a stand-in: `bed frozen, taken from 5 others`.
 pub(super) fn explained(profile: &Profile, found: &StoodIn) -> Explained {
     let is = if found.frozen { "frozen" } else { "lost" };
     let signal = &profile.signal(found.signal).name;
     Explained::new(format!("{signal} {is}, taken from {}", others(found.others)), SEE_TO_THE_SENSOR)
 }
 
-/// A sensor that was reported, and how.
+/// Sensor that was reported, and its state in the report.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Reported {
     signal: SignalId,
-    /// Others stand in for it; else it is suspected of being frozen, and its reading is used.
+    /// The sensor has a stand-in; else it is suspected of being frozen, and its reading is used.
     taken: bool,
 }
 
-/// What is to be reported of each sensor: when it begins, when it changes, and when it ends.
+/// Adds the events of each sensor: when its fault begins, when its state changes, and when the fault ends.
 pub(super) fn report(
     (profile, axis): (&Profile, &str),
     decision: &Decision,
@@ -34,7 +34,8 @@ pub(super) fn report(
     events: &mut Vec<Event>,
 ) {
     let name = |signal| profile.signal(signal).name.clone();
-    // Of one that is lost, and that nobody stands in for, the signal itself and the axis have said all there is.
+    // A lost sensor without a stand-in is not reported here. The events of the signal and of the axis contain all about
+    // it.
     let is_told = |found: &&Distrusted| found.others.is_some() || found.frozen;
     reported.retain(|known| {
         let now = found.iter().find(|found| found.signal == known.signal);
@@ -62,7 +63,7 @@ pub(super) fn report(
     }
 }
 
-/// The same for programs; `stamp`: of a counted moment.
+/// Returns the stand-in for the status. `stamp` converts a counted time.
 pub(super) fn status(profile: &Profile, found: &StoodIn, stamp: impl Fn(Moment) -> Moment) -> StoodInStatus {
     StoodInStatus {
         signal: profile.signal(found.signal).name.clone(),
@@ -112,7 +113,7 @@ mod tests {
                 "axis z: bed frozen for 0s, taken from 5 others".to_owned()
             ]
         );
-        assert_eq!(told(&[lost]), ["axis z: bed is believed again"]);
-        assert_eq!(told(&[]), [""; 0], "nothing was said of a lost one that nobody stands in for");
+        assert_eq!(told(&[lost]), ["axis z: bed is accepted again"]);
+        assert_eq!(told(&[]), [""; 0], "a lost sensor without a stand-in was not reported");
     }
 }

@@ -167,7 +167,7 @@ pub(super) fn open(
         content.map(|content| if is_begun { content.not_in_order() } else { content })
     });
     let found =
-        found.map_err(|why| format!("the saved state {} is not believed: {why}{kept}", document.display()));
+        found.map_err(|why| format!("the saved state {} is rejected: {why}{kept}", document.display()));
     let earlier = is_earlier.then(|| (layout, format!("its files are kept as {names}")));
     let file = StoreFile {
         disk: Arc::clone(disk),

@@ -1,4 +1,4 @@
-//! Why an axis does what it does.
+//! Causes of the states of the axes.
 
 use std::borrow::Cow;
 
@@ -13,14 +13,14 @@ use super::continuity::Devices;
 use super::output::{Outputs, Standing};
 use super::{comparison, extrapolation, stand_in};
 
-/// Cause of an axis that gave up.
+/// Cause of an axis that exceeded its error level.
 pub(super) const BEYOND_ERROR: &str = "its model asked for more than the error level";
-/// Hint for what only a person can find.
+/// Hint for a cause that only the operator can find.
 pub(super) const WHEN_FOUND: &str = "arm it again when the cause is found";
 /// Hint for a sensor that is lost or frozen.
 pub(super) const SEE_TO_THE_SENSOR: &str = "look at the sensor, its cable and its channel";
 
-/// What it can be known from.
+/// State from which the cause is derived.
 #[derive(Clone, Copy)]
 pub(super) struct Reasons<'a> {
     pub(super) profile: &'a Profile,
@@ -30,7 +30,7 @@ pub(super) struct Reasons<'a> {
     pub(super) outputs: &'a Outputs,
     pub(super) contact: &'a Contact,
     pub(super) devices: &'a Devices,
-    /// The readings as they were last looked at.
+    /// Readings of the last check.
     pub(super) seen: &'a [Reading],
     /// The machine has been seen running.
     pub(super) has_run: bool,
@@ -38,12 +38,12 @@ pub(super) struct Reasons<'a> {
     pub(super) dry_run: bool,
 }
 
-/// Why an axis without a model is off.
+/// Returns why an axis without a model is off.
 pub(super) fn unmodelled(profile: &Profile, axis: usize) -> Explained {
     Explained::new("no model yet", how_to_find_a_model(profile, axis))
 }
 
-/// How an axis gets its model.
+/// Returns a hint on how to identify the model of an axis.
 pub fn how_to_find_a_model(profile: &Profile, axis: usize) -> String {
     let (path, name) = (profile.path.display(), &profile.axes[axis].settings.name);
     format!(
@@ -53,8 +53,8 @@ pub fn how_to_find_a_model(profile: &Profile, axis: usize) -> String {
 }
 
 impl Reasons<'_> {
-    /// Why an axis is not following its preferred model; empty if it is. The cause has no figure that changes by itself: another
-    /// text is another cause.
+    /// Returns why an axis does not follow its preferred model; empty if it does. The cause contains no figure that
+    /// changes by itself, because another text is another cause.
     pub(super) fn explained(&self) -> Explained {
         let Reasons { profile, axis, arming, decision, .. } = *self;
         if !profile.axes[axis].has_model() {
@@ -136,7 +136,7 @@ impl Reasons<'_> {
         lacking(self.profile, lacks, self.has_run, |id| self.bad(id))
     }
 
-    /// What is wrong with a signal that a model lacks.
+    /// Returns the fault of a signal that a model requires.
     fn bad(&self, id: SignalId) -> Explained {
         let name = &self.profile.signal(id).name;
         let Some(Quality::Bad(reason)) = self.seen.get(id.0).map(|reading| reading.quality) else {
@@ -145,15 +145,15 @@ impl Reasons<'_> {
         self.contact.why(id, reason).within(|cause| match reason {
             Reason::OpenCircuit => format!("{name} has an open circuit"),
             Reason::ShortCircuit => format!("{name} has a short circuit"),
-            // Its age is another one at each look.
+            // The age of a stale value changes with each check.
             Reason::Stale => format!("{name}: {reason}"),
             _ => format!("{name}: {cause}"),
         })
     }
 }
 
-/// Why an axis does not follow its model, as far as its decision says it. Empty if the decision does not say it. `has_run`: the machine
-/// has been seen running. `bad`: what is wrong with a signal that the model lacks.
+/// Returns why an axis does not follow its model, as far as its decision contains it. Empty if it does not contain it.
+/// `has_run`: the machine has been seen running. `bad`: returns the fault of a signal that the model requires.
 pub(crate) fn why_by_decision(
     profile: &Profile,
     axis: usize,
@@ -174,7 +174,8 @@ pub(crate) fn why_by_decision(
     }
 }
 
-/// What a model lacks, in words. `has_run`: the machine has been seen running. `bad`: what is wrong with a signal.
+/// Returns why a model cannot be used. `has_run`: the machine has been seen running. `bad`: returns the fault of a
+/// signal.
 fn lacking(
     profile: &Profile,
     lacks: Unusable,
@@ -191,11 +192,11 @@ fn lacking(
         ),
         Unusable::Reference(id) => format!("the reference of {} is not captured yet", name(id)).into(),
         Unusable::Frozen(id) => Explained::new(
-            format!("{} is frozen, and no other sensor stands in for it in this model", name(id)),
+            format!("{} is frozen, and has no stand-in in this model", name(id)),
             SEE_TO_THE_SENSOR,
         ),
         Unusable::Unproven(id) => {
-            format!("{} is back, and not believed until it has agreed with the others for an hour", name(id))
+            format!("{} is back, and is accepted when it has agreed with the others for an hour", name(id))
                 .into()
         }
         Unusable::MachineOff => Explained::new("the machine has not been seen running yet", RUN_IT),
@@ -206,7 +207,7 @@ fn lacking(
     }
 }
 
-/// What to do about an output that is not verified, if no request of it has failed.
+/// Returns a hint for an output that is not verified, if no request of it has failed; `None` without one.
 fn hint_at(output: &Output, standing: Standing) -> Option<Cow<'static, str>> {
     Some(match standing {
         Standing::Interlocked => {

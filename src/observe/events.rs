@@ -1,6 +1,7 @@
-//! What happened, as one enum: the log line, the counter and the page's list come from the same variant.
+//! Events as one enum. The log line, the counter and the list of the page come from the same variant.
 //!
-//! An event is reported once, when a state begins or ends, with a count of what was not reported in between.
+//! An event is reported once, when a state begins or ends. It contains the number of occurrences that were not reported
+//! in between.
 
 use std::borrow::Cow;
 use std::time::Duration;
@@ -43,7 +44,7 @@ pub use page::{PagePort, PageToken};
 pub use stand_in::StandIn;
 pub(crate) use stand_in::others;
 
-/// Something that happened, in the names of the profile. Its fields are its data for programs.
+/// Event, in the names of the profile. Its fields are its data for programs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 #[allow(
@@ -51,59 +52,59 @@ pub(crate) use stand_in::others;
     reason = "each field is what its name says: a name of the profile, or a figure in its unit"
 )]
 pub enum Event {
-    /// The gateway runs.
+    /// The gateway has started.
     Started { machine: String, bus_requests: usize },
-    /// It was asked to stop, and runs the fault actions or `holds` what stands in the registers.
+    /// The gateway was asked to stop. It runs the fault actions, or `holds` the register values.
     Stopping {
         holds: bool,
         #[serde(rename = "within_s", serialize_with = "in_seconds")]
         within: Duration,
     },
-    /// It has stopped; `left` says what stays in the registers.
+    /// The gateway has stopped. `left`: values that stay in the registers.
     Stopped { left: String },
-    /// A connection could not be made, or broke.
+    /// A connection could not be made, or was lost.
     LinkDown { bus: String, address: String, fault: Explained },
-    /// A connection is back.
+    /// A connection works again.
     LinkUp { bus: String, address: String, attempts: u64 },
-    /// A device stopped answering properly.
+    /// A device does not answer properly any more.
     DeviceLost { device: String, at: String, fault: Explained },
-    /// It answers again.
+    /// A device answers again.
     DeviceBack { device: String, at: String, missed: u64 },
-    /// A device is not set as the profile expects it; nothing that depends on it is armed.
+    /// A device is not set as the profile expects. Nothing that depends on it is armed.
     NotAsExpected { device: String, found: Explained },
-    /// It is now.
+    /// A device is set as the profile expects again.
     AsExpected { device: String },
-    /// A signal became unusable.
+    /// A signal cannot be used any more.
     SignalBad { signal: String, reason: Explained },
-    /// It is usable again.
+    /// A signal can be used again.
     SignalGood {
         signal: String,
         #[serde(rename = "bad_for_s", serialize_with = "in_seconds")]
         bad_for: Duration,
     },
-    /// A counter was set anew, referenced or restarted: nothing moved.
+    /// A counter was set, referenced or restarted. Nothing moved.
     Rereferenced { signal: String, unit: String, from: f64, to: f64 },
-    /// An axis changed its state, or the cause of the state: `from` and `to` are then the same.
+    /// The state of an axis has changed, or the cause of its state. In that case `from` and `to` are the same.
     AxisState {
         axis: String,
         from: &'static str,
         to: &'static str,
         why: Explained,
-        /// The gateway was asked to stop: what the axis does is no fault.
+        /// The gateway was asked to stop. The change is no fault.
         #[serde(skip)]
         stopping: bool,
     },
-    /// What somebody asked for, and what came of it; `axes` is empty where it concerns none.
+    /// A command was carried out. `axes` is empty if it concerns no axis.
     Command { command: String, axes: Vec<String>, way: Way, who: String, answer: String },
-    /// It was not done.
+    /// A command was refused.
     CommandRefused { command: String, axes: Vec<String>, way: Way, who: String, why: Explained },
-    /// Nobody waited for it any more when its turn came: it will never be done.
+    /// A command was dropped, because its sender did not wait for it any more. It will not be carried out.
     CommandDropped { command: String, axes: Vec<String>, way: Way, who: String, why: String },
-    /// An axis that is to be armed waits for something else now.
+    /// An axis to be armed now waits for another condition.
     WaitsToArm { axis: String, why: Explained },
-    /// Nobody wants it to be armed any more.
+    /// A request to arm was withdrawn or has expired.
     ArmEnded { axis: String, why: Explained },
-    /// An axis is armed; `from` is what stood in its register.
+    /// An axis is armed. `from`: register value at that time.
     Armed {
         axis: String,
         #[serde(rename = "from_um")]
@@ -111,22 +112,22 @@ pub enum Event {
         way: Way,
         who: String,
     },
-    /// An armed axis goes on from what stands in its register after the control was restarted.
+    /// An armed axis resumes from its register value after a restart of the control.
     GoesOn {
         axis: String,
         #[serde(rename = "from_um")]
         from: Micron,
         way: Way,
     },
-    /// A person looked which way a gauge moved when Cz went to plus.
+    /// The operator has reported in which direction a gauge moved when Cz increased.
     SignChecked { axis: String, moved: Moved, way: Way, who: String },
-    /// Cz goes back, and nobody has said which way the gauge moved.
+    /// A check of the sign has ended without an answer. Cz goes back.
     SignEnded { axis: String, why: Explained },
-    /// An axis is off.
+    /// An axis was switched off.
     Disarmed { axis: String, why: Explained },
     /// An axis cannot be armed.
     ArmRefused { axis: String, why: Explained },
-    /// The model asks for more than the limit.
+    /// The model requests more than the limit.
     AtLimit {
         axis: String,
         #[serde(rename = "wanted_um")]
@@ -134,7 +135,7 @@ pub enum Event {
         #[serde(rename = "limit_um")]
         limit: Micron,
     },
-    /// |Cz| passed the level at which people are warned.
+    /// The absolute value of Cz is above the warning level.
     Warned {
         axis: String,
         #[serde(rename = "cz_um")]
@@ -142,7 +143,7 @@ pub enum Event {
         #[serde(rename = "warn_um")]
         warn: Micron,
     },
-    /// The model asks for more than the level at which it is not believed any more.
+    /// The model requests more than the error level, and is not used any more.
     BeyondError {
         axis: String,
         #[serde(rename = "wanted_um")]
@@ -150,11 +151,11 @@ pub enum Event {
         #[serde(rename = "error_um")]
         error: Micron,
     },
-    /// The inputs left the region that the axis's model was identified on.
+    /// The inputs are outside the region on which the axis's model was identified.
     Extrapolating { axis: String, how: Explained },
-    /// They are inside again, or no model is in use.
+    /// The inputs are inside the region again, or no model is in use.
     Interpolating { axis: String },
-    /// A measured error was learned from.
+    /// The axis has learned from a measured error.
     Probed {
         axis: String,
         #[serde(rename = "error_um")]
@@ -164,16 +165,16 @@ pub enum Event {
         #[serde(rename = "correction_um")]
         correction: Micron,
     },
-    /// It was not.
+    /// A measured error was refused.
     ProbeRefused {
         axis: String,
         #[serde(rename = "error_um")]
         error: Option<Micron>,
         why: Explained,
     },
-    /// What measured errors have taught was taken back.
+    /// The correction from measured errors was discarded.
     ProbeForgotten { axis: String },
-    /// A model was wrong by more than the level at which people are warned.
+    /// The error of a model was above the warning level.
     ModelAges {
         axis: String,
         #[serde(rename = "residual_um")]
@@ -181,50 +182,51 @@ pub enum Event {
         #[serde(rename = "warn_um")]
         warn: Micron,
     },
-    /// A value did not fit its register and was cut.
+    /// A value exceeded the range of its register and was limited.
     Saturated { output: String, wanted: f64 },
-    /// What was read back is not what was written.
+    /// The value that was read back differs from the written one.
     VerifyFailed {
         output: String,
         wrote: String,
         found: String,
-        /// It is in a node of an OPC UA server.
+        /// The value is in a node of an OPC UA server.
         #[serde(skip)]
         is_in_a_node: bool,
     },
-    /// The control applies something else than what stands in its register.
+    /// The control applies another value than the register value.
     NotApplied { output: String, stands: String, applies: String, register: String },
-    /// A write failed on its way.
+    /// A write has failed.
     WriteFailed { output: String, fault: Explained },
     /// The register of an output cannot be read.
     ReadFailed { output: String, fault: Explained },
-    /// The heartbeat of the gateway is not written; `place` is its register or node.
+    /// The heartbeat of the gateway is not written. `place`: its register or node.
     HeartbeatFailed { device: String, place: String, fault: Explained },
-    /// It is again.
+    /// The heartbeat of the gateway is written again.
     HeartbeatWritten { device: String, place: String },
-    /// A write was verified again.
+    /// A write was verified after failures.
     Verified { output: String, failures: u64 },
-    /// Somebody else wrote to our register.
+    /// An external write has changed the register.
     ForeignChange { output: String, expected: String, found: String },
-    /// A write of ours arrived long after it was sent.
+    /// A write of the gateway arrived long after it was sent.
     OwnWriteLate { output: String, value: String, sent: String },
-    /// What appeared after a start may be our own, from before it.
+    /// A value appeared after a start. It may be a write of the gateway from before the start.
     PerhapsFromBefore { output: String, value: String },
     /// A late write may still arrive, and the next change would be too far from it.
     WaitsForLateWrite { output: String, seconds: u64 },
-    /// What is written is acknowledged, and cannot be read.
+    /// Writes are acknowledged, but the register cannot be read.
     NotReadBack { output: String },
-    /// An operator changed his part of a register of which we own a share.
+    /// The operator has changed the operator offset in a shared register.
     OperatorChange { output: String, from: String, to: String, share: String },
-    /// What of a register is the operator's and what is ours, from now on.
+    /// The division of a shared register is recorded: operator offset and gateway share.
     LedgerOpened { output: String, base: String, share: String },
-    /// Nothing is known of a register that is to be shared and is not zero; a person has to say that it is his.
+    /// A register to be shared has an unknown value that is not zero. The operator must confirm that it is an operator
+    /// offset.
     FirstAccount { output: String, holds: String },
-    /// What of a register is ours is not certain; a person has to say.
+    /// The gateway share of a register is uncertain. The operator must confirm it.
     LedgerDoubt { output: String, why: Explained },
-    /// An output has another place, scale or owner of its register than in the last run: its axis is off.
+    /// The place, scale or owner of an output's register differs from the last run. Its axis is off.
     OutputMoved { output: String, why: Explained },
-    /// A value of ours was verified in a register that is no output's any more.
+    /// A register that belongs to no output any more contains a verified value of the gateway.
     RegisterLeft {
         output: String,
         register: String,
@@ -233,35 +235,35 @@ pub enum Event {
         #[serde(skip)]
         hint: String,
     },
-    /// A register that was no output's any more was read back at its base, where a person wanted it.
+    /// A register that belonged to no output was returned to its base at the operator's request, and verified.
     RegisterReleased { output: String, register: String },
-    /// A person has armed the axis and so confirmed the place of this output.
+    /// The operator has armed the axis, and so confirmed the place of this output.
     PlaceConfirmed { output: String },
-    /// A signal has another place than in the last run: what was captured from it is captured again.
+    /// The place of a signal differs from the last run. Its references are captured again.
     ReferenceForgotten { signal: String, why: Explained },
-    /// The URI behind an index of the profile is remembered from now on.
+    /// The URI of a namespace index in the profile is recorded.
     NamespaceRecorded { bus: String, index: u16, uri: String },
-    /// A namespace has another index at the server than in the profile. It is read and written there.
+    /// A namespace has another index on the server than in the profile. The server's index is used.
     NamespaceMoved { bus: String, uri: String, from: u16, to: u16 },
-    /// No state says which Cz a corrected position had: it begins at zero.
+    /// The Cz of a corrected position is unknown. It starts at zero.
     PositionFromZero { output: String },
-    /// The register was back at zero: the CNC was restarted.
+    /// The register was back at zero, because the CNC was restarted.
     CncRestarted { output: String, expected: String },
-    /// A device template is not as the last run had it.
+    /// A device template differs from the one of the last run.
     TemplateChanged { template: String, changes: String },
     /// The boot counter of a control changed.
     CncBooted { device: String, from: f64, to: f64 },
-    /// A control did not take what was written; `set` is "output cnc_z" or "set plc".
+    /// A control did not take a written value. `set` is "output cnc_z" or "set plc".
     Handshake { set: String, fault: HandshakeFault, register: String, cause: String },
-    /// A CAN node was reset, or has left its work for another reason; it is set up and started again.
+    /// A CAN node was reset, or has stopped for another reason. It is set up and started again.
     NodeReset { device: String, node: u8, what: String },
-    /// A CAN node complains of something.
+    /// A CAN node reports an emergency.
     Emergency { device: String, what: Explained },
-    /// It does not any more; so many messages came.
+    /// An emergency has ended. `count`: number of messages.
     EmergencyOver { device: String, count: u64 },
-    /// The controller, the queue or the receiver of a CAN line is in trouble, or another master is on a serial line.
+    /// A CAN line has a fault in its controller, queue or receiver, or another master is on a serial line.
     BusTrouble { bus: String, address: String, what: Explained },
-    /// It is over.
+    /// The fault of a line has ended.
     BusWell {
         bus: String,
         address: String,
@@ -270,95 +272,95 @@ pub enum Event {
         #[serde(rename = "within_s", serialize_with = "in_seconds")]
         within: Duration,
     },
-    /// The output's interlock opened; nothing is written.
+    /// The interlock of an output is open. Nothing is written.
     Interlocked { output: String, when: String },
-    /// It closed again.
+    /// The interlock of an output is closed again.
     Released { output: String },
-    /// The machine was started: the time since then is counted.
+    /// The machine was started. Its running time is counted from now on.
     MachineStarted,
     /// The "zero" references are captured from now on.
     Zeroed,
-    /// More is asked of a line than it can carry: something was this late when its turn came. Reported once, and again when the
-    /// line had been quick enough in between.
+    /// A line has more exchanges than it can carry: one of them was late. It is reported once, and again after the line
+    /// was fast enough in between.
     Overrun {
         bus: String,
         what: String,
         #[serde(rename = "late_s", serialize_with = "in_seconds")]
         late: Duration,
     },
-    /// A device does not bear two questions at a time: this came of them.
+    /// A device does not support two requests at a time: requests to it are sent one by one.
     PipelineGivenUp { bus: String, fault: String },
-    /// A server does not do what a subscription asks it for, or not as it is asked.
+    /// A server does not support a requested subscription, or not as requested.
     Subscription { device: String, what: String },
-    /// Nobody looked at the clock for this long: the computer was stopped, suspended or had no time for us.
+    /// The gateway did not run for this time: the computer was stopped, suspended or overloaded.
     StoodStill {
         #[serde(rename = "span_s", serialize_with = "in_seconds")]
         span: Duration,
     },
-    /// A task of the gateway failed inside; its axes take the fault action.
+    /// A task of the gateway failed. Its axes run the fault action.
     TaskFailed { task: String, why: String },
-    /// The computer's clock was set: stamps follow it, and nothing that is counted does.
+    /// The computer's clock was set. Displayed times follow it, counted times do not.
     ClockSet(#[serde(serialize_with = "both_in_text")] Correction),
-    /// It does not go on where the last run ended: how long that is ago is not known.
+    /// The computer's clock does not continue from the end of the last run. The time since then is unknown.
     ClockDoubtful {
         #[serde(serialize_with = "in_text")]
         last: Moment,
     },
     /// Logs were deleted.
     LogsDeleted { names: Vec<String>, why: String },
-    /// Other gateways of this computer cannot be seen, so a second writer of a register would not be refused.
+    /// Other gateways on this computer cannot be detected. A second writer of a register would not be rejected.
     NotExclusive { why: String },
-    /// The state or the log could not be kept on disk.
+    /// The state or the log could not be stored on disk.
     NotKept { what: String, why: Explained },
-    /// The state or the ledger is damaged, was changed, or is a copy from elsewhere: a sentence.
+    /// The state or the ledger was rejected: it is damaged, was changed, or is a copy from elsewhere.
     NotBelieved { why: String },
-    /// The program before this one in the same process handed nothing over that is accepted.
+    /// The handover of the program before this one in the same process was rejected.
     HandoverRefused { why: String },
-    /// The profile that was checked runs, and these of its files, variables or settings are different now.
+    /// The checked profile runs, but these of its files, variables or settings have changed since.
     ProfileDiffers { profile: String, files: Vec<String> },
     /// The state or the ledger of an earlier version of the program is used.
     TakenFromEarlier { what: &'static str, version: u32, kept: String },
-    /// So many events are not on disk.
+    /// Events are missing on disk.
     EventsLost { count: u64 },
     /// The file of a day's events is full.
     EventsFull { bytes: usize },
-    /// The state or the log is kept again.
+    /// The state or the log can be stored again.
     KeptAgain { what: String },
-    /// Others say what a sensor would read, or do not any more.
+    /// A sensor has a stand-in, or has none any more.
     StandIn(StandIn),
-    /// Touches show that an axis is worse with its model than without compensation, or do not any more.
+    /// Touches show that an axis is worse with its model than without compensation, or do not show it any more.
     Comparison(Comparison),
-    /// The page's port is taken, or free at last.
+    /// The port of the page is in use, or can be used again.
     Page(PagePort),
-    /// A token of the page is another one, or none.
+    /// A token of the page has changed or is missing.
     Token(PageToken),
-    /// Whether what is published arrives at the broker of `[mqtt]`.
+    /// State of publishing to the broker of `[mqtt]`.
     Broker(Broker),
-    /// Whether messages to a server of `[[notify]]` arrive.
+    /// State of messages to a server of `[[notify]]`.
     Delivery(Delivery),
-    /// A certificate of an OPC UA line expires soon, or has.
+    /// A certificate of an OPC UA line expires soon, or has expired.
     #[cfg(feature = "opcua")]
     Certificate(Expiry),
 }
 
-/// How much an event matters.
+/// Severity of an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Level {
-    /// For the record.
+    /// Information.
     Info,
-    /// Somebody should know.
+    /// Trouble that the operator should know of.
     Warning,
-    /// Somebody should act.
+    /// Trouble that requires an action.
     Error,
 }
 
 /// Description of an event.
 struct Described {
-    /// One word for programs.
+    /// Kind, as a word for programs.
     kind: &'static str,
     level: Level,
-    /// What happened and where, without the cause.
+    /// Subject of the event, without the cause.
     about: String,
     /// Cause and hint; `None` if nothing is wrong.
     why: Option<Explained>,
@@ -368,18 +370,18 @@ const fn info(kind: &'static str, about: String) -> Described {
     Described { kind, level: Level::Info, about, why: None }
 }
 
-/// Describes trouble that somebody should know of. `about` is empty if the cause says what happened.
+/// Describes trouble that the operator should know of. `about` is empty if the cause contains the subject.
 fn warning(kind: &'static str, about: impl Into<String>, why: Explained) -> Described {
     Described { kind, level: Level::Warning, about: about.into(), why: Some(why) }
 }
 
-/// Describes trouble that somebody should mend. `about` is empty if the cause says what happened.
+/// Describes trouble that requires an action. `about` is empty if the cause contains the subject.
 fn error(kind: &'static str, about: impl Into<String>, why: Explained) -> Described {
     Described { level: Level::Error, ..warning(kind, about, why) }
 }
 
 impl Described {
-    /// The sentence: what happened and where, the cause, and what to do.
+    /// Returns the text: subject, cause and hint.
     fn text(&self) -> String {
         let why = self.why.iter().map(ToString::to_string).filter(|why| !why.is_empty());
         let about = Some(&self.about).filter(|about| !about.is_empty()).cloned();
@@ -399,7 +401,7 @@ impl Described {
 }
 
 impl Event {
-    /// The event as it is logged at this moment.
+    /// Returns the log entry of the event at this time.
     pub fn entry(&self, at: Moment) -> Entry {
         let described = self.described();
         // Numbers and texts always have a JSON form.
@@ -410,7 +412,7 @@ impl Event {
         Entry { at: at.to_string(), kind: Cow::Borrowed(described.kind), level: described.level, text, data }
     }
 
-    /// One word for programs.
+    /// Returns the kind, as a word for programs.
     fn kind(&self) -> &'static str {
         self.described().kind
     }

@@ -1,7 +1,7 @@
-//! The state as Prometheus text, made when it is asked for: nothing is counted on the way of a reading.
+//! State as Prometheus text. It is computed for each request, so that reading a device counts nothing.
 //!
-//! What is not known has no line: no NaN, no zero that only looks like a value. Lengths are in meters, as Prometheus wants base
-//! units; what can be counted stands from the first on, so that its first time is an increase.
+//! An unknown value has no line, neither NaN nor zero. Lengths are in meters, because Prometheus uses base units.
+//! Counters exist from the start, so that their first count is an increase.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -11,7 +11,7 @@ use super::status::{AxisStatus, BusStatus, DeviceStatus, OutputStatus, ProbeStat
 use isotherm_core::compensation::{AxisState, Stages};
 use isotherm_core::display::Display;
 
-/// What each number is that goes up and down.
+/// Gauges, with their help texts.
 const GAUGES: [(&str, &str); 36] = [
     ("isotherm_axis_verified_cz_meters", "Compensation last verified in the control."),
     ("isotherm_axis_verified_age_seconds", "Time since that was verified."),
@@ -57,7 +57,7 @@ const GAUGES: [(&str, &str); 36] = [
     ("isotherm_build_info", "Always 1; the version is the label."),
 ];
 
-/// What each number is that only goes up.
+/// Counters, with their help texts.
 const COUNTERS: [(&str, &str); 11] = [
     ("isotherm_device_requests_total", "Requests sent."),
     ("isotherm_device_failures_total", "Requests that failed, by blame."),
@@ -72,7 +72,8 @@ const COUNTERS: [(&str, &str); 11] = [
     ("isotherm_log_dropped_total", "Rows and states lost because the queue to the disk was full."),
 ];
 
-/// Text in Prometheus' exposition format 0.0.4. `refused` counts the requests that the page turned away, by reason.
+/// Returns the text in Prometheus' exposition format 0.0.4. `refused`: number of requests that the page rejected, by
+/// reason.
 pub(super) fn exposition(status: &Status, refused: &[(&'static str, u64)]) -> String {
     let mut samples = Samples::default();
     record(status, &mut samples);
@@ -85,12 +86,12 @@ pub(super) fn exposition(status: &Status, refused: &[(&'static str, u64)]) -> St
     text
 }
 
-/// Samples by the name of their metric, each as its line: labels and value.
+/// Samples by the name of their metric: labels and value of each line.
 #[derive(Default)]
 struct Samples(BTreeMap<&'static str, String>);
 
 impl Samples {
-    /// Adds a gauge. A value that is not known or not finite has no line.
+    /// Adds a gauge. An unknown or infinite value has no line.
     fn set(&mut self, name: &'static str, labels: &str, value: Option<f64>) {
         if let Some(value) = value.filter(|value| value.is_finite()) {
             self.add(name, labels, &value);
@@ -103,7 +104,7 @@ impl Samples {
 
     fn add(&mut self, name: &'static str, labels: &str, value: &dyn std::fmt::Display) {
         let lines = self.0.entry(name).or_default();
-        // Writing into a string does not fail.
+        // Writing to a string never fails.
         let _ = writeln!(lines, "{name}{{{labels}}} {value}");
     }
 
@@ -153,7 +154,7 @@ fn record(status: &Status, samples: &mut Samples) {
     }
 }
 
-/// The labels of a sample: the machine, and what is named here.
+/// Function that returns the labels of a sample: the machine, and the given ones.
 type Labels<'a> = &'a dyn Fn(&[(&'static str, &str)]) -> String;
 
 fn record_alarms(alarms: &[Alarm], of: Labels<'_>, samples: &mut Samples) {
@@ -275,13 +276,13 @@ fn flag(is: bool) -> f64 {
 fn labels(machine: &str, more: &[(&'static str, &str)]) -> String {
     let mut text = format!("machine=\"{}\"", escaped(machine));
     for (name, value) in more {
-        // Writing into a string does not fail.
+        // Writing to a string never fails.
         let _ = write!(text, ",{name}=\"{}\"", escaped(value));
     }
     text
 }
 
-/// Writes the jitter of each bus. There is no `_sum`, because the gateway keeps counts and not single delays.
+/// Writes the jitter of each bus. A `_sum` is missing, because the gateway keeps counts and not single delays.
 fn write_jitter(text: &mut String, status: &Status) {
     const NAME: &str = "isotherm_bus_jitter_seconds";
     if status.buses.is_empty() {
@@ -318,7 +319,8 @@ fn head(text: &mut String, name: &str, help: &str, kind: &str) {
     ));
 }
 
-/// Each bucket's upper bound in seconds, and how often it was met and none before.
+/// Writes buckets. Each has its upper bound in seconds, and the count of values that exceed all lower bounds but not
+/// this one.
 fn write_buckets(text: &mut String, name: &str, named: &str, buckets: impl Iterator<Item = (f64, u64)>) {
     let mut total = 0_u64;
     for (bound, count) in buckets {

@@ -1,4 +1,4 @@
-//! The state of everything at one moment: what `/api/status`, the page, the metrics and the demo's table are made of.
+//! State of the gateway at one moment, for `/api/status`, the page, the metrics and the table of the demo.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -24,125 +24,128 @@ pub use broker::{BrokerFigures, BrokerStatus};
 pub use left::{LeftState, LeftStatus, Wish};
 pub use probe::{GainStatus, ProbeStatus, ProbedStatus, WorseStatus};
 
-/// Whoever shows the state of a running gateway, from any thread, without making it wait.
+/// Source of the state of a running gateway, and receiver of commands. It can be used from any thread, and never makes
+/// the gateway wait.
 pub trait Source: Send + Sync + 'static {
-    /// The state now.
+    /// Returns the present state.
     fn status(&self) -> Status;
 
-    /// Does what somebody asks for, of one axis or of all; the answer is a sentence for a person. What has lapsed by then is
-    /// not begun.
+    /// Carries out a command for one axis, or for all. The answer is a sentence for display. A command that has expired
+    /// by then is dropped.
     ///
     /// # Errors
-    /// A sentence that says why not.
+    /// Returns a sentence on why it was refused.
     fn command(&self, command: Command, axis: Option<&str>, asker: &Arc<Asker>) -> Result<Answer, String>;
 
-    /// What has become of the last [`Command::Arm`].
+    /// Returns the progress of the last [`Command::Arm`].
     ///
     /// # Errors
-    /// A sentence that says why an axis is not armed, and will not be.
+    /// Returns a sentence on why an axis is not armed, and will not be.
     fn arming(&self, axis: Option<&str>) -> Result<Answer, String>;
 
-    /// What has become of the last [`Command::Sign`]: done when the offset is there.
+    /// Returns the progress of the last [`Command::Sign`]. It is done when the offset is reached.
     ///
     /// # Errors
-    /// A sentence that says why it is over.
+    /// Returns a sentence on why the check has ended.
     fn signing(&self, axis: Option<&str>) -> Result<Answer, String>;
 
-    /// Learns from an axis's measured error; `None` takes back everything that was learned. The answer is a sentence.
+    /// Learns from a measured error of an axis; `None` discards everything that was learned. The answer is a sentence.
     ///
     /// # Errors
-    /// A sentence that says why not.
+    /// Returns a sentence on why it was refused.
     fn measured(&self, axis: &str, report: Option<MeasuredReport>, asker: &Asker) -> Result<Answer, String>;
 
-    /// Somebody has seen an alarm, or all that stand. The answer is a sentence.
+    /// Acknowledges an alarm, or all active alarms. The answer is a sentence.
     ///
     /// # Errors
-    /// A sentence that says why not.
+    /// Returns a sentence on why it was refused.
     fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<Answer, String>;
 
-    /// Accepts a device although it differs from the one before: a person has looked at it. The answer is a sentence.
+    /// Accepts a device although it differs from the one before, because the operator has checked it. The answer is a
+    /// sentence.
     ///
     /// # Errors
-    /// A sentence that says why not.
+    /// Returns a sentence on why it was refused.
     fn confirm(&self, device: &str, asker: &Asker) -> Result<Answer, String>;
 
-    /// Takes the wish of a person for the registers of an output that was moved or removed. They are taken back to their base from the
-    /// next start on. The answer is a sentence.
+    /// Takes the operator's request to release the registers of an output that was moved or removed, or to withdraw it.
+    /// The registers return to their base from the next start on. The answer is a sentence.
     ///
     /// # Errors
-    /// A sentence that says why not.
+    /// Returns a sentence on why it was refused.
     fn release(&self, output: &str, wish: Wish<'_>, asker: &Asker) -> Result<Answer, String>;
 
-    /// The logs of decisions that may have rows of this span; `None` where none are kept.
+    /// Returns the logs of decisions that may contain rows of this time span; `None` if no logs are stored.
     fn logs(&self, from: Moment, to: Moment) -> Option<Vec<PathBuf>>;
 
-    /// A command did not even come as far as that.
+    /// Reports a command that was rejected before it reached the gateway.
     fn turned_away(&self, command: &str, asker: &Asker, why: &str);
 
-    /// Something happened to whoever shows it.
+    /// Reports an event of a server that shows the state.
     fn report(&self, event: &Event);
 
-    /// What happened since this moment, before this run too, oldest first, until no more is wanted.
+    /// Passes on the events since this time, oldest first, including those of earlier runs. Stops when `found` returns
+    /// `false`.
     ///
     /// # Errors
-    /// What is kept cannot be read.
+    /// Returns the error of reading stored events.
     fn events(&self, since: Moment, found: &mut dyn FnMut(Found) -> bool) -> std::io::Result<()>;
 }
 
-/// What is said to whoever gave a command.
+/// Answer to a command.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Answer {
-    /// It is done.
+    /// The command was carried out.
     Done(String),
-    /// It will be, once what the sentence names is over.
+    /// The command waits for a condition that the sentence names.
     Waits(String),
-    /// It is not: the same was asked for a moment ago.
+    /// The command was not carried out, because the same one came a moment before.
     TooSoon(String),
 }
 
 impl Answer {
-    /// The sentence.
+    /// Returns the sentence.
     pub fn text(&self) -> &str {
         let (Answer::Done(text) | Answer::Waits(text) | Answer::TooSoon(text)) = self;
         text
     }
 }
 
-/// What a person may ask of a running gateway.
+/// Command to a running gateway.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Command {
-    /// Let the axes write.
+    /// Arms axes.
     Arm,
-    /// Let them write no more; what stands in the registers stays.
+    /// Disarms axes. The register values stay.
     Disarm,
-    /// Capture the "zero" references.
+    /// Captures the "zero" references.
     Zero,
-    /// Take back a request to arm that still waits, and a check of a sign.
+    /// Withdraws a request to arm that still waits, and ends a check of a sign.
     Cancel,
-    /// Take the Cz of one axis a little way to plus, for a dial gauge.
+    /// Increases the Cz of one axis a little, for a dial gauge.
     Sign,
-    /// Say which way the gauge has moved.
+    /// Reports in which direction the gauge has moved.
     Signed(Moved),
 }
 
-/// Which way a dial gauge moved when Cz went to plus.
+/// Direction in which a dial gauge moved when Cz increased.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Moved {
-    /// As it must.
+    /// In the correct direction.
     Plus,
-    /// The other way.
+    /// In the opposite direction.
     Minus,
-    /// Not at all.
+    /// The gauge did not move.
     None,
 }
 
 impl Moved {
-    /// Each by its name.
+    /// Each direction with its name.
     pub const ALL: [(&'static str, Moved); 3] =
         [("plus", Moved::Plus), ("minus", Moved::Minus), ("none", Moved::None)];
 
-    /// Meaning for an axis, and what to do.
+    /// Returns the meaning for an axis, and what to do.
     pub fn explained(self, axis: &str) -> Explained {
         match self {
             Moved::Plus => "the gauge moved to plus: the sign is right".into(),
@@ -163,7 +166,7 @@ impl Moved {
 }
 
 impl Command {
-    /// Each by its name in the API and at the socket.
+    /// Each command with its name in the API and on the socket.
     pub const ALL: [(&'static str, Command); 8] = [
         ("arm", Command::Arm),
         ("disarm", Command::Disarm),
@@ -175,7 +178,7 @@ impl Command {
         ("sign-none", Command::Signed(Moved::None)),
     ];
 
-    /// Its name in the API and at the socket.
+    /// Returns the name in the API and on the socket.
     pub fn name(self) -> &'static str {
         Command::ALL.into_iter().find(|(_, known)| *known == self).map_or("", |(name, _)| name)
     }
@@ -184,64 +187,64 @@ impl Command {
 /// The state of a gateway.
 #[derive(Clone, Debug, Serialize)]
 pub struct Status {
-    /// The machine's name.
+    /// Name of the machine.
     pub machine: String,
-    /// What people call it; empty where the profile does not say.
+    /// Displayed name; empty if the profile has none.
     pub label: String,
-    /// Its description.
+    /// Description of the machine.
     pub description: String,
-    /// Program version.
+    /// Version of the program.
     pub version: &'static str,
-    /// RFC 3339; the machine's time, which in a demo is not the wall's.
+    /// Time of the machine, RFC 3339. In a demo it differs from the wall-clock time.
     pub now: String,
-    /// The zone of the computer's clock, by its IANA name.
+    /// Time zone of the computer, by its IANA name.
     pub zone: String,
-    /// Whether the computer's clock is held to the right time: synchronised, not synchronised, not known; virtual in a demo.
+    /// Synchronisation of the computer's clock: synchronised, not synchronised, not known; virtual in a demo.
     pub clock: &'static str,
     /// Seconds since the gateway started.
     pub uptime_s: f64,
-    /// Seconds since the machine was switched on, once it was.
+    /// Seconds since machine start; `None` before the first one.
     pub machine_on_s: Option<f64>,
-    /// The language of the page; `None`: the browser's.
+    /// Language of the page; `None` means that of the browser.
     #[serde(skip)]
     pub language: Option<Language>,
-    /// What layers above the profile have set.
+    /// Settings from layers above the profile.
     pub overridden: Vec<Overridden>,
-    /// Nothing is written.
+    /// The gateway writes nothing.
     pub dry_run: bool,
-    /// It was asked to stop: what the axes do now is no fault.
+    /// The gateway was asked to stop. States of the axes are no faults then.
     pub stopping: bool,
-    /// Every device answered at least once, and every axis has decided.
+    /// Every device has answered at least once, and every axis has decided.
     pub ready: bool,
-    /// In the profile's order.
+    /// Axes, in the profile's order.
     pub axes: Vec<AxisStatus>,
-    /// In the profile's order.
+    /// Signals, in the profile's order.
     pub signals: Vec<SignalStatus>,
-    /// In the profile's order.
+    /// Buses, in the profile's order.
     pub buses: Vec<BusStatus>,
-    /// In the profile's order.
+    /// Devices, in the profile's order.
     pub devices: Vec<DeviceStatus>,
-    /// In the profile's order.
+    /// Outputs, in the profile's order.
     pub outputs: Vec<OutputStatus>,
-    /// Registers that are no output's any more and keep a value of ours.
+    /// Registers that belong to no output any more and contain a value of the gateway.
     pub left: Vec<LeftStatus>,
-    /// Rows of the log and states that found the queue to the disk full, and are lost.
+    /// Number of log rows and states that were lost because the queue to the disk was full.
     pub log_dropped: u64,
-    /// What went wrong and has not come to its end, the newest first.
+    /// Active alarms, newest first.
     pub alarms: Vec<Alarm>,
-    /// The last events, oldest first.
+    /// Last events, oldest first.
     pub events: Vec<Entry>,
-    /// How often each kind of event happened.
+    /// Number of events of each kind.
     pub event_counts: BTreeMap<&'static str, u64>,
-    /// How publishing goes; `None` where nothing is published.
+    /// State of publishing; `None` if nothing is published.
     pub mqtt: Option<BrokerStatus>,
-    /// Upper bounds in seconds, and how often the lock of the shared state was held for so long.
+    /// Times for which the lock of the shared state was held: upper bounds in seconds, with their counts.
     #[serde(skip)]
     pub lock_held: Vec<(f64, u64)>,
 }
 
 impl Status {
-    /// What keeps the machine from being held to its cold geometry now, against people's wish, in words; empty where nothing does.
+    /// Returns what prevents compensation now, against the operator's intention; empty if nothing does.
     pub fn missing(&self) -> Vec<String> {
         let sentence = |kind: &str, name: &str, state: &str, why: &str| match why {
             "" => format!("{kind} {name}: {state}"),
@@ -262,34 +265,34 @@ impl Status {
 }
 
 impl AxisStatus {
-    /// Returns whether the axis is to compensate. One without a model is not, nor one that a person keeps off or that takes a register
-    /// back.
+    /// Returns whether the axis should compensate. An axis without a model should not. The same applies to an axis that
+    /// the operator keeps off, or that releases a register.
     pub fn is_wanted(&self) -> bool {
         self.has_model && !self.left_off && !self.release
     }
 
-    /// The words for it that people see.
+    /// Returns the displayed words for the state.
     pub fn display(&self) -> &'static str {
         self.shown.words()
     }
 }
 
 impl DeviceStatus {
-    /// Every word for who is to blame for a request that failed.
+    /// Words for the cause of a failed request.
     pub const BLAMES: [&'static str; 5] = ["caller", "link", "peer", "exception", "timeout"];
 }
 
 impl OutputStatus {
-    /// Every word for its state.
+    /// Words for the state of an output.
     pub const STATES: [&'static str; 6] =
         ["off", "unknown", "verified", "unverified", "interlocked", "foreign"];
 
-    /// The unit of its value.
+    /// Returns the unit of the value.
     pub fn unit(&self) -> &'static str {
         OutputStatus::unit_of(self.writes)
     }
 
-    /// The unit of what is written so.
+    /// Returns the unit of this kind of output.
     pub fn unit_of(writes: &str) -> &'static str {
         match writes {
             "corrected" | "reference" => "mm",
@@ -299,7 +302,7 @@ impl OutputStatus {
     }
 }
 
-/// One sentence, and its parts if there is something to say.
+/// Serializes one sentence, and its parts if it is not empty.
 fn in_parts<S: Serializer>(why: &Explained, serializer: S) -> Result<S::Ok, S::Error> {
     let mut fields = serializer.serialize_map(None)?;
     fields.serialize_entry("why", why)?;
@@ -312,205 +315,207 @@ fn in_parts<S: Serializer>(why: &Explained, serializer: S) -> Result<S::Ok, S::E
     fields.end()
 }
 
-/// One axis.
+/// State of one axis.
 #[derive(Clone, Debug, Serialize)]
 pub struct AxisStatus {
     /// Name in the profile.
     pub name: String,
-    /// What people call it; empty where the profile does not say.
+    /// Displayed name; empty if the profile has none.
     pub label: String,
-    /// off, waiting, active, degraded, holding, ramping, zeroed: what is decided.
+    /// State of the decision: off, waiting, active, degraded, holding, ramping, zeroed.
     pub state: &'static str,
-    /// State as people see it, from the decision and the verified value: `shown` (these, unmodelled, sign-check, unreachable), and in
-    /// `tone` how alarming that is (good, warn, bad, off).
+    /// Displayed state, from the decision and the verified value. `shown`: the states above, and unmodelled,
+    /// sign-check, unreachable. `tone`: good, warn, bad or off.
     #[serde(flatten)]
     pub shown: Display,
-    /// The profile has a model for it; without one it stays off.
+    /// The profile has a model for the axis. Without a model it stays off.
     pub has_model: bool,
-    /// What it waits for, or what the preferred model lacks: `why` in one sentence, empty where nothing; `cause` and `hint`.
+    /// Condition for which the axis waits, or why the preferred model cannot be used. `why` is one sentence, empty if
+    /// there is none; `cause` and `hint` are its parts.
     #[serde(flatten, serialize_with = "in_parts")]
     pub why: Explained,
-    /// Somebody asked for it to be armed, which could not be done yet.
+    /// Request to arm that waits; `None` without one.
     pub waiting: Option<WaitingStatus>,
-    /// The model in use.
+    /// Model in use.
     pub model: Option<String>,
-    /// The model's Cz, µm.
+    /// Cz that the model requests, µm.
     pub raw_um: Option<f64>,
-    /// What is expected to be left of the error where the model is followed: one standard deviation, µm. `None` where the
-    /// profile does not say, and outside what the model was identified on.
+    /// Expected residual error if the model is followed: one standard deviation, µm. `None` if the profile does not
+    /// give it, and outside the range on which the model was identified.
     pub expected_um: Option<f64>,
-    /// Cz after the guard, µm: what is wanted.
+    /// Cz after the guard, µm. It is the target of the register.
     pub cz_um: f64,
-    /// Cz as last verified in its register, µm: what stands there; `None` where it was never read.
+    /// Last verified Cz in the register, µm; `None` before the first one.
     pub verified_um: Option<f64>,
-    /// Seconds since that was asked.
+    /// Seconds since the request that verified it.
     pub verified_age_s: Option<f64>,
-    /// The stages of the guard that acted: limit, deadband, step, rate, round.
+    /// Guard stages that changed the value: limit, deadband, step, rate, round.
     pub acted: Vec<&'static str>,
     /// Largest |Cz|, µm.
     pub limit_um: f64,
-    /// |Cz| at which people are warned, µm.
+    /// Warning level of |Cz|, µm.
     pub warn_um: Option<f64>,
-    /// |Cz| lies beyond it.
+    /// |Cz| is above the warning level.
     pub warned: bool,
-    /// The size of a model's Cz at which the axis gives up, µm.
+    /// Error level of a model's Cz, µm.
     pub error_um: Option<f64>,
-    /// A model asked for more than that since the axis was armed.
+    /// A model has requested more than the error level since the axis was armed.
     pub tripped: bool,
-    /// It may write.
+    /// The axis may write.
     pub armed: bool,
-    /// It is off because people want it so: one has switched it off, or is to arm it first.
+    /// The axis is off because the operator has switched it off, or must arm it first.
     pub left_off: bool,
-    /// The axis compensates nothing: it takes a register that is no output's any more back to its base. No log has its columns.
+    /// The axis compensates nothing: it returns a register that belongs to no output any more to its base. No log has
+    /// its columns.
     pub release: bool,
-    /// Its sign is being checked with a dial gauge.
+    /// Running check of the sign with a dial gauge; `None` without one.
     pub sign: Option<SignStatus>,
-    /// When its sign was checked last, RFC 3339, and which way the gauge moved.
+    /// Time of the last check of the sign, RFC 3339, and direction in which the gauge moved.
     pub sign_checked: Option<(String, Moved)>,
-    /// What is true of it; only a virtual machine knows that.
+    /// True error of the axis, which only a virtual machine knows.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub truth: Option<TruthStatus>,
-    /// What measured errors have taught it; `None` where the profile has no probe.
+    /// Correction from measured errors; `None` if the profile has no probe.
     pub probe: Option<ProbeStatus>,
-    /// The inputs lie outside what the model in use was identified on.
+    /// Position of the inputs outside the range on which the model in use was identified; `None` inside.
     pub extrapolating: Option<ExtrapolationStatus>,
-    /// How far outside that is, as a share: above 0 outside, negative inside; `None` where the model has no region.
+    /// Distance from that range as a share: above 0 outside, negative inside. `None` if the model has no region.
     pub excess: Option<f64>,
-    /// A sensor of the model in use that others stand in for.
+    /// Sensor of the model in use that has a stand-in; `None` if there is none.
     pub stood_in: Option<StoodInStatus>,
 }
 
-/// What is true of an axis of a virtual machine.
+/// True error of an axis of a virtual machine.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct TruthStatus {
-    /// The error without compensation, µm.
+    /// Error without compensation, µm.
     pub error_um: f64,
-    /// What is left of it, µm.
+    /// Residual error, µm.
     pub left_um: f64,
 }
 
-/// A check of the sign of an axis.
+/// Check of the sign of an axis.
 #[derive(Clone, Debug, Serialize)]
 pub struct SignStatus {
-    /// Who asked, and by which way.
+    /// Person or program that requested it, and channel.
     pub asked: String,
-    /// How far Cz is taken, µm.
+    /// Change of Cz for the check, µm.
     pub by_um: f64,
-    /// The offset is there: a person may look.
+    /// The offset is reached. The operator may read the gauge.
     pub there: bool,
-    /// Seconds until it is taken back.
+    /// Seconds until the offset is withdrawn.
     pub expires_s: f64,
-    /// Which way what must have moved, in words.
+    /// Expected movement, in words.
     pub must: String,
 }
 
-/// A request to arm that waits.
+/// Request to arm that waits.
 #[derive(Clone, Debug, Serialize)]
 pub struct WaitingStatus {
-    /// Who asked, and by which way.
+    /// Person or program that requested it, and channel.
     pub asked: String,
     /// Seconds until it expires.
     pub expires_s: f64,
 }
 
-/// How far a model's inputs lie outside what it was identified on.
+/// Position of a model's inputs outside the range on which it was identified.
 #[derive(Clone, Debug, Serialize)]
 pub struct ExtrapolationStatus {
-    /// Mahalanobis distance of all inputs together; `None` where only a guideway ends.
+    /// Mahalanobis distance of all inputs together; `None` beyond the end of a guideway.
     pub distance: Option<f64>,
-    /// The largest distance that is inside.
+    /// Largest distance that is inside.
     pub reach: Option<f64>,
-    /// The signal that is farthest beyond its smallest or largest value; `None` where only the combination is new.
+    /// Signal that is farthest beyond its range; `None` if only the combination of the inputs is new.
     pub signal: Option<String>,
-    /// By how much, in its unit; negative below the smallest.
+    /// Distance beyond the range, in the signal's unit; negative below the smallest value.
     pub beyond: Option<f64>,
-    /// `agree`, `warn`, `hold`, `shrink`.
+    /// Action of the axis: `agree`, `warn`, `hold` or `shrink`.
     pub outside: &'static str,
-    /// What the model's Cz is multiplied with.
+    /// Factor of the model's Cz.
     pub gain: f64,
-    /// What the two halves of the model differ by, µm; `None` where that is not asked.
+    /// Difference of the two halves of the model, µm; `None` if it is not used.
     pub apart_um: Option<f64>,
-    /// All of it in words.
+    /// Text for display.
     pub text: String,
 }
 
-/// A sensor that others stand in for.
+/// Sensor that has a stand-in.
 #[derive(Clone, Debug, Serialize)]
 pub struct StoodInStatus {
-    /// Which.
+    /// Name of the signal.
     pub signal: String,
-    /// It reads the same all the time; else it is lost.
+    /// The reading does not change; else the sensor is lost.
     pub frozen: bool,
-    /// Its reading last changed, or was last good, then.
+    /// Time at which its reading last changed, or was last good.
     pub since: String,
-    /// How many others say what it would read.
+    /// Number of predictors of the stand-in.
     pub others: usize,
 }
 
-/// One signal.
+/// State of one signal.
 #[derive(Clone, Debug, Serialize)]
 pub struct SignalStatus {
     /// Name in the profile.
     pub name: String,
-    /// What people call it; empty where the profile does not say.
+    /// Displayed name; empty if the profile has none.
     pub label: String,
     /// Device in the profile.
     pub device: String,
-    /// The last value, where it may be used.
+    /// Last value; `None` if it must not be used.
     pub value: Option<f64>,
     /// Engineering unit.
     pub unit: &'static str,
-    /// `good`, or the reason's code.
+    /// Quality: `good`, or the code of the reason.
     pub quality: &'static str,
-    /// The reason in words.
+    /// Reason, for display.
     pub reason: String,
-    /// Seconds since it was taken; `None` before the first.
+    /// Seconds since the measurement; `None` before the first one.
     pub age_s: Option<f64>,
 }
 
-/// One line.
+/// State of one bus.
 #[derive(Clone, Debug, Serialize)]
 pub struct BusStatus {
     /// Name in the profile.
     pub name: String,
     /// Host and port.
     pub address: String,
-    /// There is a connection.
+    /// The bus has a connection.
     pub connected: bool,
-    /// Cycles run.
+    /// Number of cycles.
     pub cycles: u64,
-    /// Cycles that ended later than their period allowed.
+    /// Number of cycles that ended later than their period allows.
     pub overruns: u64,
-    /// How late cycles began, as counts per upper bound in milliseconds: of this bound alone, not of those below
-    /// it too. The last bound is infinite, which JSON shows as null.
+    /// Delays of cycle starts: counts for each upper bound in milliseconds, without those of lower bounds. The last
+    /// bound is infinite, which JSON shows as null.
     pub jitter_ms: Vec<(f64, u64)>,
 }
 
-/// One device.
+/// State of one device.
 #[derive(Clone, Debug, Serialize)]
 pub struct DeviceStatus {
     /// Name in the profile.
     pub name: String,
-    /// What people call it; empty where the profile does not say.
+    /// Displayed name; empty if the profile has none.
     pub label: String,
     /// Bus in the profile.
     pub bus: String,
     /// Modbus unit, or CANopen node.
     pub unit: u8,
-    /// The same as people say it: ` (unit 3)`, ` (node 5)`, nothing for what only sends CAN frames.
+    /// Unit or node as a suffix: ` (unit 3)`, ` (node 5)`; empty for a device that only sends CAN frames.
     #[serde(skip)]
     pub at: String,
-    /// `ok`, `never-answered`, `lost`.
+    /// State: `ok`, `never-answered` or `lost`.
     pub state: &'static str,
-    /// What is wrong, in words; empty where nothing.
+    /// Fault, for display; empty without one.
     pub fault: String,
-    /// Requests sent.
+    /// Number of requests.
     pub requests: u64,
-    /// Requests that failed, by blame: timeout, link, peer, exception.
+    /// Number of failed requests by cause: timeout, link, peer, exception.
     pub failures: BTreeMap<&'static str, u64>,
 }
 
-/// One output.
+/// State of one output.
 #[derive(Clone, Debug, Serialize)]
 pub struct OutputStatus {
     /// Name in the profile.
@@ -519,36 +524,35 @@ pub struct OutputStatus {
     pub axis: String,
     /// Device in the profile.
     pub device: String,
-    /// The register in both notations.
+    /// Register in both notations.
     pub register: String,
-    /// `offset` or `corrected`.
+    /// Kind of the output: `offset` or `corrected`.
     pub writes: &'static str,
-    /// `off`, `unknown`, `verified`, `unverified`, `interlocked`, `foreign`.
+    /// State: `off`, `unknown`, `verified`, `unverified`, `interlocked` or `foreign`.
     pub state: &'static str,
-    /// What its handshake waits for, or failed at last; empty where neither, or where it has none.
+    /// Condition for which its handshake waits, or its last failure; empty if there is neither.
     pub handshake: String,
-    /// The last verified value, in the output's unit (µm for an offset, mm for a corrected position).
+    /// Last verified value, in the output's unit (µm for an offset, mm for a corrected position).
     pub value: Option<f64>,
-    /// Of that, the operator's part and ours, where the register is shared with an operator.
+    /// Operator offset and gateway share in the value, if the register is shared with the operator.
     pub shares: Option<SharesStatus>,
-    /// What the control says it applies, in the output's unit, where it says so.
+    /// Value that the control reports as applied, in the output's unit; `None` if it reports none.
     pub applied: Option<f64>,
-    /// What else is to be known of the value: that it waits for a late write, or is acknowledged and not read back. Empty
-    /// where nothing is.
+    /// Note on the value: it waits for a late write, or it is acknowledged and not read back. Empty without a note.
     pub note: String,
-    /// How long a change still waits for what may arrive late, at most.
+    /// Maximum remaining time for which a change waits for a late write, s.
     pub waits_s: Option<f64>,
-    /// Writes that were verified.
+    /// Number of verified writes.
     pub writes_done: u64,
-    /// Seconds since what stands there was asked.
+    /// Seconds since the request that read the value.
     pub age_s: Option<f64>,
 }
 
-/// Whose a register's value is.
+/// Parts of a shared register value.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct SharesStatus {
-    /// The operator's.
+    /// Operator offset.
     pub base: f64,
-    /// Ours.
+    /// Gateway share.
     pub share: f64,
 }

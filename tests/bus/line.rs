@@ -159,7 +159,7 @@ fn the_reference_position_comes_first_and_both_parts_walk_to_their_values() {
             let bank = seen.lock().unwrap();
             bank.words[10..13] == [50, 35, 0u16.wrapping_sub(5000)]
         });
-        wait_until(source, "it is told", |status| status.axes[0].warned);
+        wait_until(source, "it is reported", |status| status.axes[0].warned);
     });
     let bank = bank.lock().unwrap();
     assert_eq!(bank.written[0], (12, 0u16.wrapping_sub(5000)), "{:?}", bank.written);

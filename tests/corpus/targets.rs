@@ -1,6 +1,7 @@
-//! What is fed with bytes that nobody has checked: each takes any bytes at all, and panics only where something is wrong.
+//! Targets for fuzzing: readers of bytes from outside. Each accepts any bytes, and panics only on an error in the
+//! program.
 //!
-//! `tests/fuzz` lets a fuzzer look for such bytes; the inputs that it kept are fed again by every test run.
+//! `tests/fuzz` searches for such bytes with a fuzzer. Every test run repeats the inputs that it kept.
 
 use std::cell::Cell;
 use std::fs::Permissions;
@@ -41,10 +42,10 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, ReadBuf};
 use tokio::net::{TcpSocket, TcpStream};
 use tokio::runtime::Runtime;
 
-/// A target and its name, which is that of its directory.
+/// Name of a target, which is that of its directory, and the target.
 pub(crate) type Target = (&'static str, fn(&[u8]));
 
-/// All of them.
+/// All targets.
 pub(crate) const TARGETS: [Target; 15] = [
     ("codec", codec),
     ("plan", planner),
@@ -63,7 +64,7 @@ pub(crate) const TARGETS: [Target; 15] = [
     ("command", command),
 ];
 
-/// Bytes taken from the front; zeros when there are none left.
+/// Input that is consumed from the front. It yields zeros at the end.
 struct Bytes<'a>(&'a [u8]);
 
 impl Bytes<'_> {
@@ -91,7 +92,7 @@ impl Bytes<'_> {
             data_type: DataType::ALL[usize::from(kinds) % DataType::ALL.len()],
             word_order: if kinds & 0x40 == 0 { WordOrder::MswFirst } else { WordOrder::LswFirst },
             byte_swap: kinds & 0x80 != 0,
-            // What a profile may say: finite, and no scale of zero.
+            // Values that a profile may have: finite, and no scale of zero.
             scale: Scale::of(if scale.is_finite() && scale.abs() > 0.0 { scale } else { 1.0 }),
             offset: if offset.is_finite() { offset } else { 0.0 },
             bias: i64::from(i32::from_be_bytes(self.take())),
@@ -114,7 +115,7 @@ impl Bytes<'_> {
     }
 }
 
-/// Registers into numbers and back.
+/// Converts registers to numbers and back.
 pub(crate) fn codec(data: &[u8]) {
     let mut bytes = Bytes(data);
     let encoding = bytes.encoding();
@@ -139,7 +140,7 @@ pub(crate) fn codec(data: &[u8]) {
     }
 }
 
-/// Signals into requests, and answers of any shape into values.
+/// Plans requests for signals, and converts answers of any shape to values.
 pub(crate) fn planner(data: &[u8]) {
     let mut bytes = Bytes(data);
     let quirks = Quirks {
@@ -170,7 +171,7 @@ pub(crate) fn planner(data: &[u8]) {
     assert!(read.iter().all(|times| *times == 1), "{read:?}");
 }
 
-/// `None` where a profile would not allow it: a value beyond the last register.
+/// Returns a signal; `None` if a profile would reject it because it is beyond the last register.
 fn signal(bytes: &mut Bytes<'_>, usual: &Signal) -> Option<Signal> {
     let address = bytes.address();
     let mut encoding = bytes.encoding();
@@ -182,7 +183,7 @@ fn signal(bytes: &mut Bytes<'_>, usual: &Signal) -> Option<Signal> {
     fits.then(|| Signal { address: address.into(), encoding, merge, ..usual.clone() })
 }
 
-/// The text of a profile, whole or as one line within a good one.
+/// Loads the text of a profile, whole or as one line of a valid one.
 pub(crate) fn profile_text(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else { return };
     let path = Path::new("fuzz.toml");
@@ -191,12 +192,12 @@ pub(crate) fn profile_text(data: &[u8]) {
     }
     let within = format!("{PROFILE}\n{text}\n");
     if let Ok(loaded) = isotherm_profile::parse(path, &within, &[], &[]) {
-        // What is taken can be explained.
+        // The preview of an accepted profile never fails.
         let _ = isotherm_profile::preview::Preview::of(&loaded.profile).to_string();
     }
 }
 
-/// The files beside a profile: a network, a matrix, an envelope.
+/// Loads the files of a profile: a network, a matrix, an envelope.
 pub(crate) fn files(data: &[u8]) {
     let kind = ["n.json", "m.json", "e.json"][usize::from(data.first().copied().unwrap_or_default() % 3)];
     let bytes = data.get(1..).unwrap_or_default();
@@ -219,7 +220,7 @@ pub(crate) fn files(data: &[u8]) {
     }
 }
 
-/// A device template beside the profile.
+/// Loads a profile with a device template.
 pub(crate) fn template(data: &[u8]) {
     let text = PROFILE.replace("unit = 1\n", "unit = 1\ntemplate = \"fuzzed\"\n");
     let files = [("devices/fuzzed.toml", data)];
@@ -229,7 +230,7 @@ pub(crate) fn template(data: &[u8]) {
     }
 }
 
-/// A network in an ONNX file.
+/// Loads a network in an ONNX file.
 pub(crate) fn onnx(data: &[u8]) {
     let model = "kind = \"network\"\nfile = \"n.onnx\"\ninputs = [\"bed\"]";
     let text = format!("{PROFILE}\n[[axis.z.model]]\nname = \"fuzzed\"\n{model}\n");
@@ -240,7 +241,7 @@ pub(crate) fn onnx(data: &[u8]) {
 }
 
 thread_local! {
-    /// For what is read from a file only.
+    /// Directory for readers that accept only files.
     static DIRECTORY: tempfile::TempDir = tempfile::tempdir().expect("a directory");
 }
 
@@ -252,7 +253,7 @@ fn in_a_file(name: &str, data: &[u8], read: impl FnOnce(&Path)) {
     });
 }
 
-/// A log in CSV, for those who learn from it, and for the gateway's own steps over it.
+/// Reads a CSV log for identification, and replays it with the gateway's own steps.
 pub(crate) fn csv(data: &[u8]) {
     in_a_file("fuzz.csv", data, learn);
     if let Err(why) = isotherm::cli::replay::replay(&USUAL, data, "fuzz.csv", None) {
@@ -263,14 +264,14 @@ pub(crate) fn csv(data: &[u8]) {
     }
 }
 
-/// A log in Parquet.
+/// Reads a Parquet log.
 pub(crate) fn parquet(data: &[u8]) {
     in_a_file("fuzz.parquet", data, learn);
 }
 
 fn learn(path: &Path) {
     let split = Split { column: None, gap: Some(Duration::from_secs(3600)), zone: None };
-    // All of it, and as one does who uses some of its columns.
+    // The log is read with all columns, and with some of them.
     let some = |name: &str| name.len().is_multiple_of(2);
     for uses in [&every_column as &dyn Fn(&str) -> bool, &some] {
         match Dataset::read(&[path.to_owned()], &split, &|_| None, uses) {
@@ -285,7 +286,7 @@ fn learn(path: &Path) {
     }
 }
 
-/// An FE input file.
+/// Reads an FE input file.
 pub(crate) fn deck(data: &[u8]) {
     in_a_file("fuzz.inp", data, |path| {
         if let Err(faults) = isotherm_placement::fe_input::read(path) {
@@ -294,13 +295,13 @@ pub(crate) fn deck(data: &[u8]) {
     });
 }
 
-/// The page of a gateway that polls nothing, on a loopback socket of this process, and whoever asks, in one thread: nobody
-/// waits for another to be woken.
+/// Page of a gateway that polls nothing, on a loopback socket of this process. Server and client share one thread, so
+/// that neither waits for the other to be woken.
 struct Door {
     runtime: Runtime,
     address: SocketAddr,
     asked: Cell<u16>,
-    /// Of the tokens, which are read again.
+    /// Directory of the tokens, which are read again for each request.
     _files: tempfile::TempDir,
 }
 
@@ -313,7 +314,7 @@ impl Door {
     fn open() -> Door {
         let before = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |panic| {
-            // A task that panics takes its connection along, and nobody hears of it.
+            // A task that panics closes its connection, and the panic would be lost.
             PANICKED.store(true, Ordering::Relaxed);
             before(panic);
         }));
@@ -337,7 +338,8 @@ impl Door {
         Door { runtime, address, asked: Cell::new(0), _files: files }
     }
 
-    /// Each comes from another address of this computer: of one there are not ports enough for as many in a minute.
+    /// Connects from another address of this computer each time. A single address has too few ports for this many
+    /// connections in a minute.
     async fn connect(&self) -> TcpStream {
         let [high, low] = self.asked.replace(self.asked.get().wrapping_add(1)).to_be_bytes();
         let socket = TcpSocket::new_v4().expect("a socket");
@@ -346,14 +348,14 @@ impl Door {
     }
 }
 
-/// Requests to the page: each is answered in HTTP, or not at all.
+/// Sends requests to the page. Each must be answered in HTTP, or not at all.
 pub(crate) fn http(data: &[u8]) {
     PANICKED.store(false, Ordering::Relaxed);
     let answer = DOOR.with(|door| {
         door.runtime.block_on(async {
             let mut stream = door.connect().await;
             let mut answer = Vec::new();
-            // What is refused halfway is not read on.
+            // The rest of a rejected request is not read.
             if stream.write_all(data).await.is_ok() {
                 let _ = stream.shutdown().await;
             }
@@ -366,7 +368,8 @@ pub(crate) fn http(data: &[u8]) {
     assert!(!PANICKED.load(Ordering::Relaxed), "the server panicked");
 }
 
-/// What hosts ask for over a broker, as Sparkplug B and as JSON have it: a number for an axis that there is, or a refusal in a line.
+/// Parses commands of hosts from a broker, as Sparkplug B and as JSON. Each is a number for a known axis, or is
+/// rejected with one line.
 pub(crate) fn command(data: &[u8]) {
     let now = Moment::from_nanos(1_800_000_000_000_000_000);
     let armed = Metric {
@@ -411,21 +414,22 @@ pub(crate) fn command(data: &[u8]) {
     }
 }
 
-/// Requests to a virtual device, in frames of TCP or RTU: each is answered within a frame, or refused.
+/// Sends requests to a virtual device, in frames of TCP or RTU. Each is answered within a frame, or rejected.
 pub(crate) fn server(data: &[u8]) {
     let Some((how, bytes)) = data.split_first() else { return };
     let is_rtu = how & 1 == 1;
     let mut bytes = bytes.to_vec();
     if is_rtu && how & 2 == 2 {
-        // What comes behind is looked at only where the checksum is right.
+        // The content is only parsed if the checksum is right.
         let sum = checksum(&bytes).to_le_bytes();
         bytes.extend_from_slice(&sum);
     }
-    // The shortest request over TCP has eight bytes, and the longest answer 260.
+    // The shortest request over TCP has eight bytes, and the longest answer has 260.
     assert!(answered(&bytes, is_rtu).len() <= (bytes.len() / 4 + 1) * 260);
 }
 
-/// Frames of CANopen: what a node says while an entry of it is read or written, and while its master listens.
+/// Parses frames of CANopen: answers of a node while an entry is read or written, and messages that its master
+/// receives.
 pub(crate) fn canopen(data: &[u8]) {
     let mut bytes = Bytes(data);
     let how = bytes.byte();
@@ -464,7 +468,7 @@ pub(crate) fn canopen(data: &[u8]) {
     assert!(outputs.len() <= 64 * 8, "{}", outputs.len());
 }
 
-/// A DBC file, and frames of every length for the signals that it describes.
+/// Loads a DBC file, and decodes frames of every length for its signals.
 pub(crate) fn dbc(data: &[u8]) {
     let text = "[machine]\nname = \"fuzzed\"\n[bus.can]\ntype = \"can\"\ninterface = \"vcan0\"\n\
                 [device.d]\nbus = \"can\"\ndbc = \"f.dbc\"\n\
@@ -525,8 +529,8 @@ kind = "linear"
 terms = [ { signal = "bed", gain = -4.0, reference = 20.0 } ]
 "#;
 
-/// An answer of any bytes, through the Modbus client, in frames of TCP or RTU: it is the right one, or a fault, and never
-/// a panic.
+/// Sends any bytes as an answer to the Modbus client, in frames of TCP or RTU. The result is the expected answer or a
+/// fault, never a panic.
 pub(crate) fn client(data: &[u8]) {
     let mut bytes = Bytes(data);
     let how = bytes.byte();
@@ -565,17 +569,17 @@ pub(crate) fn client(data: &[u8]) {
     }
 }
 
-/// In `how`: frames of RTU.
+/// Bit of `how` for frames of RTU.
 const RTU: u8 = 32;
 
-/// Answers with the given bytes, in pieces, and hangs up.
+/// Answers with the given bytes, in pieces, and closes the connection.
 #[derive(Debug)]
 struct Peer {
     asked: Vec<u8>,
     answer: Vec<u8>,
     at: usize,
-    /// Bit 3: the answer begins with the header that belongs there, in RTU it ends with its checksum. Bit 4: one byte at a
-    /// time. Bit 5: RTU.
+    /// Kind of answer. Bit 3: it has the correct header, or in RTU the correct checksum. Bit 4: one byte at a time. Bit
+    /// 5: RTU.
     how: u8,
     calls: u32,
 }
@@ -596,7 +600,7 @@ impl AsyncRead for Peer {
             let sum = checksum(&self.answer).to_le_bytes();
             self.answer.extend_from_slice(&sum);
         } else if self.calls == 0 && self.how & 8 != 0 && self.asked.len() >= 7 {
-            // Transaction, protocol, length, unit: so that what comes after them is looked at.
+            // Transaction, protocol, length and unit, so that the rest of the answer is parsed.
             let length = u16::try_from(self.answer.len() + 1).unwrap_or(u16::MAX).to_be_bytes();
             let header = [self.asked[0], self.asked[1], 0, 0, length[0], length[1], self.asked[6]];
             self.answer.splice(0..0, header);

@@ -147,7 +147,7 @@ fn a_gateway_starts_and_ends_whatever_lies_in_its_directory() {
             let home = Home::new(MACHINE);
             lay(&home.state.join(format!("{name}.{file}")));
             let said = home.runs_and_ends();
-            assert!(said.contains(what) && said.contains("is not believed"), "{file}, {what}:\n{said}");
+            assert!(said.contains(what) && said.contains("is rejected"), "{file}, {what}:\n{said}");
         }
         let home = Home::new(MACHINE);
         let kept = ["state.json.bad", "number.bad", "state.json.new", "number.new"];

@@ -120,7 +120,7 @@ fn a_full_disk_is_reported_and_when_there_is_room_again_everything_goes_on_whole
     assert!(home.replays() >= 2);
     let mut again = Running::start(&mut home.run());
     again.hears("axis z: armed");
-    assert!(!again.said.join("\n").contains("is not believed"));
+    assert!(!again.said.join("\n").contains("is rejected"));
 }
 
 #[test]
@@ -218,7 +218,7 @@ fn a_directory_that_is_deleted_while_running_is_made_again() {
     home.replays();
     let mut again = Running::start(&mut home.run());
     again.hears("axis z: armed");
-    assert!(!again.said.join("\n").contains("is not believed"));
+    assert!(!again.said.join("\n").contains("is rejected"));
 }
 
 #[test]

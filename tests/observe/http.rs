@@ -259,7 +259,7 @@ async fn the_same_span_is_downloaded_as_rows() {
     assert_eq!(reply.body.matches("2026-07-02T").count(), 3);
 }
 
-/// Somebody who takes nothing of what he downloads keeps a turn for as long as he is there, and no longer.
+/// Checks that a client that does not read its download keeps its turn while connected, and no longer.
 #[tokio::test]
 async fn few_read_at_once_and_who_has_gone_gives_his_turn_back() {
     let home = tempfile::tempdir().unwrap();

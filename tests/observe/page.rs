@@ -1,6 +1,6 @@
-//! The page in a real browser: what a person sees there while the demo runs.
+//! The page of the running demo in a real browser.
 //!
-//! Needs chromium and python3; `tests/run page` installs both. Without them this test fails and says so.
+//! Requires chromium and python3; `tests/run page` installs both. Without them this test fails with a message.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -14,7 +14,7 @@ use crate::support::process;
 
 use process::{Running, isotherm};
 
-/// What a person sees of a demo: the text of its page once the words are there.
+/// Returns the text of a demo's page once the words are there.
 fn looked_at(demo: &[&str], view: &str, words: &[&str]) -> String {
     let home = tempfile::tempdir().unwrap();
     let mut running = isotherm(home.path());
@@ -23,7 +23,7 @@ fn looked_at(demo: &[&str], view: &str, words: &[&str]) -> String {
     look(&address, view, words)
 }
 
-/// What a person sees at this address once the words are there.
+/// Returns the text of the page at this address once the words are there.
 fn look(address: &str, view: &str, words: &[&str]) -> String {
     let look = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/interop/look.py");
     let seen = Command::new("python3").arg(look).arg(format!("{address}{view}")).args(words).output();
@@ -41,7 +41,7 @@ const DAY: [&str; 4] = ["--speed", "600", "--for", "24h"];
 
 #[test]
 fn a_browser_shows_the_running_machine() {
-    // The first word is there once figures have arrived, the last one once the axis is armed.
+    // The first word appears when figures have arrived, the last one when the axis is armed.
     let words = ["Axis z", "compensating", "scale_z", "cnc_z", "verified", "holding:104", "armed"];
     let text = looked_at(&DAY, "", &words);
     assert!(text.contains("Not a safety function"), "{text}");
@@ -86,12 +86,12 @@ fn how_wrong_cz_is_expected_to_be_stands_beside_it_and_on_the_wall() {
     }
 }
 
-/// The gateway goes on saying it: what Cz is on its way to is not what is believed to be that right.
+/// The status still contains the value. The page hides it, because it does not apply while Cz is on its way.
 #[test]
 fn how_wrong_cz_is_expected_to_be_is_not_said_while_a_step_or_the_rate_holds_it_back() {
     let model = "axis.z.model=[{ name = \"difference\", kind = \"linear\", expected = { since_datum = [0.0, 4.41] }, terms = [\
                  { signal = \"bed\", gain = 2.4, reference = 0.0 }, { signal = \"wheelhead\", gain = -2.4, reference = 0.0 }] }]";
-    // It asks for so much that it takes hours to come there.
+    // The model requests so much that Cz needs hours to reach it.
     let model = model.replace("terms = [", "offset = 30, terms = [");
     for (stage, least) in [("step", "0.1"), ("rate", "0.01")] {
         let slow = format!("axis.z.{stage}={least}");
@@ -108,7 +108,7 @@ fn how_wrong_cz_is_expected_to_be_is_not_said_while_a_step_or_the_rate_holds_it_
     }
 }
 
-/// Nothing of it comes from the page: it has only just been opened.
+/// The page has only just been opened, so none of the history comes from the page.
 #[test]
 fn the_past_comes_from_the_logs_with_zoom_and_as_a_file() {
     let two = "eval:document.querySelectorAll('.uplot').length === 2 && document.querySelector('#past-note').textContent === ''";
@@ -141,7 +141,7 @@ fn the_page_and_the_wall_speak_the_languages_of_the_browser() {
     }
 }
 
-/// CSS counts 96 pixels an inch; a figure has 0.7 of its font's size.
+/// CSS has 96 pixels per inch; a digit has 0.7 of its font's size.
 #[test]
 fn the_wall_is_one_colour_with_figures_of_twenty_millimetres_and_no_buttons() {
     let figures = "eval:[...document.querySelectorAll('.figure')].length > 0 && [...document.querySelectorAll('.figure')]\

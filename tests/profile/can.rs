@@ -364,7 +364,7 @@ fn a_can_line_is_explained_in_words_and_figures() {
         "    before arming and every 1m object 6110:01 must read 3: sensor type of channel 1",
         "    emergency 0xff01: open thermocouple",
         "    sends 0x20c, 8 bytes, 00 00 00 00 00 00 01 00 before the values: shown_x",
-        "  column: 0x185, 16 bits from 0 up (Intel), signed, from axtc, 0.0625 °C per count; not believed at raw -1 or -512 (open circuit)",
+        "  column: 0x185, 16 bits from 0 up (Intel), signed, from axtc, 0.0625 °C per count; rejected at raw -1 or -512 (open circuit)",
         "  coolant: 0x100, 16 bits from 7 down (Motorola), signed, from canmod, 0.1 °C per count",
         "  shown_x: 0x20c, 32 bits from 0 up (Intel), signed, to display, 0.001 mm per count\n",
         "    believed as soon as it is sent: shown, not verified, nothing reads it back",

@@ -59,7 +59,7 @@ fn an_offset_over_can_is_read_back_and_a_display_need_not_be() {
         display,
         offset,
         "output.shown_x.read_back",
-        &["nobody has read back", "a display of a corrected position"],
+        &["must be read back", "a display of a corrected position"],
     );
     let text = changed(display, &format!("{offset}\nread_back = \"2000:01\""));
     let loaded = lathe(&text).unwrap();

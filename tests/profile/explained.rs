@@ -110,7 +110,7 @@ fn an_operators_register_is_explained_as_his() {
     let machine = with("share = \"whole\"", "share = \"ledger\"").unwrap().profile;
     let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
     for words in [
-        "what an operator writes there stays; our share is added to it",
+        "the operator offset stays; the gateway share is added to it",
         "counts -400 to 400, and the operator's part",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");

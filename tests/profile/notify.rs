@@ -125,7 +125,7 @@ fn what_makes_no_sense_together_is_refused_or_warned_of() {
     assert!(error.to_string().contains("none.pem"), "{error}");
     for (table, words) in [
         (format!("{plain}token_file = \"t\"\n"), "the token goes over the network in plain text"),
-        (TABLE.replace("\"alarm\"", "\"alarm\", \"alarm\""), "`alarm` stands there twice"),
+        (TABLE.replace("\"alarm\"", "\"alarm\", \"alarm\""), "`alarm` is listed twice"),
     ] {
         let warnings = parse(&posts(&table)).unwrap_or_else(|errors| panic!("{errors}")).warnings;
         assert_eq!(warnings.len(), 1, "{warnings:?}");

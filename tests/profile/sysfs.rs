@@ -67,7 +67,7 @@ fn check_says_which_sensor_is_read_and_where_it_is_looked_for() {
         "only read; all sensors of a device at once; one that hangs is not asked again until it is back",
         "probes: every 5s: 1 request touching 3 sensors for 3 signals",
         "read 3 sensors at once: bed, cabinet, column",
-        "bed: sensor w1:28-0316a2794f01 of probes, plus -0.25; not believed where its checksum is wrong or it reads all zero, at exactly 85 °C",
+        "bed: sensor w1:28-0316a2794f01 of probes, plus -0.25; rejected where its checksum is wrong or it reads all zero, at exactly 85 °C",
         "read in /sys/bus/w1/devices/28-0316a2794f01/w1_slave",
         "read in /sys/class/hwmon, the chip with the name `lm75` that is the device `1-0048`, its temperature `temp1`",
         "column: sensor iio:mcp9808 of probes, times 1.01",
@@ -84,10 +84,10 @@ fn check_says_which_sensor_is_read_and_where_it_is_looked_for() {
 fn the_numbers_that_the_kernel_gives_at_each_start_are_no_names() {
     let (lm75, at) = ("hwmon:lm75@1-0048/temp1", "signal.cabinet.sensor");
     for number in ["hwmon:hwmon3/temp1", "hwmon:3/temp1", "hwmon:lm75@hwmon3/temp1"] {
-        no_pc(lm75, number, at, "\"hwmon", &["anew at each start", "isotherm scan --bus /sys"]);
+        no_pc(lm75, number, at, "\"hwmon", &["again at each start", "isotherm scan --bus /sys"]);
     }
     no_pc(lm75, "/sys/class/hwmon/hwmon3/temp1_input", at, "\"/sys", &["is a path", "hwmon:NAME/LABEL"]);
-    no_pc("iio:mcp9808", "iio:iio:device0", "signal.column.sensor", "\"iio", &["anew at each start"]);
+    no_pc("iio:mcp9808", "iio:iio:device0", "signal.column.sensor", "\"iio", &["again at each start"]);
     no_pc("w1:28-0316a2794f01", "w1:w1_bus_master1", "signal.bed.sensor", "\"w1", &["is no ROM id"]);
 }
 

@@ -87,7 +87,7 @@ fn what_a_template_fills_in_leaves_unverified_and_checks_is_explained() {
         "not verified: the scale of 0.1 °C per count of the channels",
         "not checked before arming: type code: write expect = { type_code = … } at the device",
         "before arming and every 1m coil:268 (00269) must read 1: data format: engineering units",
-        "bed: input:0 (30001) of module, i16, 0.1 °C per count; not believed at raw -32768 or 32767",
+        "bed: input:0 (30001) of module, i16, 0.1 °C per count; rejected at raw -32768 or 32767",
         "when module_range_0 != 0; channel 0 of icp-das-m7019r",
         "module_range_0: discrete:128 (10129) of module",
         "one request: holding:100..110 (40101..40111), 11 registers, function 16",

@@ -159,7 +159,7 @@ fn a_boot_counter_is_one_register_that_can_be_read() {
         &format!("{corrected}\nrestart = {{ boot_counter = \"holding:98\" }}"),
         1,
     );
-    reported(&text, "output.readout_z.restart.boot_counter", "boot_counter", &["anew with each position"]);
+    reported(&text, "output.readout_z.restart.boot_counter", "boot_counter", &["again with each position"]);
 }
 
 #[test]

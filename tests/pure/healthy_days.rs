@@ -1,5 +1,5 @@
-//! A thousand days of machines whose models are right on the whole, touched every hour or so: how often that looks worse than no
-//! compensation. And the same days with models of the wrong sign.
+//! A thousand days of machines with mostly correct models, touched about once an hour. The test counts how often that
+//! looks worse than no compensation. The same days are tested with models of the wrong sign.
 
 use std::time::Duration;
 
@@ -19,7 +19,7 @@ const STEP: u32 = 5;
 /// Standard deviation of a touch, µm.
 const SCATTER: f64 = 0.5;
 
-/// A number as the quantity that is asked for.
+/// Converts a number to the requested quantity.
 fn of<Quantity: TryFrom<f64, Error = &'static str>>(value: f64) -> Quantity {
     Quantity::try_from(value).unwrap()
 }
@@ -31,7 +31,7 @@ struct Part {
     constant: f64,
 }
 
-/// A row of a day: the rises of spindle and hall, and the error without compensation.
+/// Row of a day: the rises of spindle and hall, and the error without compensation.
 #[derive(Clone, Copy, Debug)]
 struct Row {
     rises: [f64; 2],
@@ -42,13 +42,13 @@ struct Row {
 #[derive(Clone, Debug)]
 struct Day {
     rows: Vec<Row>,
-    /// What the model knows of the machine: each gain and time constant is wrong by a share.
+    /// Model of the machine. Each gain and time constant has a relative error.
     model: [Part; 2],
     /// Rows between two touches.
     touched_every: usize,
 }
 
-/// A value with a normal law, but for its tails.
+/// Returns a random value with a normal distribution, except for its tails.
 fn normal(chance: &mut Pcg64Mcg) -> f64 {
     (0..12).map(|_| chance.random_range(-0.5..0.5)).sum()
 }
@@ -80,7 +80,7 @@ fn day(seed: u64) -> Day {
             wanted = if chance.random_range(0.0..1.0) < 0.6 { 0.0 } else { chance.random_range(2.0..10.0) };
         }
         lasts -= 1;
-        // The morning begins at rest.
+        // The machine is at rest in the morning.
         if row > 0 {
             spindle += gone(12.0) * (wanted - spindle);
         }
@@ -96,7 +96,7 @@ fn day(seed: u64) -> Day {
     Day { rows: all, model, touched_every: [6, 12, 12, 24][chance.random_range(0..4_usize)] }
 }
 
-/// The axis of a day: its model times this, corrected by probings up to this limit, µm.
+/// Axis of a day: its model times `times`, corrected by probings up to this limit, µm.
 fn compensation(day: &Day, times: f64, limit: f64) -> Compensation {
     let term = |(place, part): (usize, &Part)| {
         let lag = Duration::from_secs_f64(60.0 * part.constant);
@@ -133,7 +133,7 @@ fn compensation(day: &Day, times: f64, limit: f64) -> Compensation {
     Compensation::new(machine, vec![axis], Remembered::default())
 }
 
-/// Alarms of a day, each with whether the touches that count show it without their scatter.
+/// Returns the alarms of a day, each with whether the touches that count show it without their scatter.
 fn alarms(day: &Day, (times, limit): (f64, f64), seed: u64) -> Vec<bool> {
     let mut chance = Pcg64Mcg::seed_from_u64(DAYS + seed);
     let mut compensation = compensation(day, times, limit);
@@ -175,7 +175,7 @@ fn at_most_one_of_a_thousand_days_has_a_false_alarm_and_a_wrong_sign_is_found_on
         let found = alarms(&day, (1.0, 10.0), seed);
         right.0 += found.len();
         right.1 += found.iter().filter(|is_shown| !**is_shown).count();
-        // So small a limit leaves nothing of what probings could repair.
+        // With such a small limit, probings cannot correct the model.
         wrong += u64::from(!alarms(&day, (-1.0, 0.1), seed).is_empty());
     }
     println!(
@@ -183,6 +183,6 @@ fn at_most_one_of_a_thousand_days_has_a_false_alarm_and_a_wrong_sign_is_found_on
         right.0, right.1
     );
     assert!(right.1 <= 1, "{} false alarms", right.1);
-    // On the others the spindle hardly turns, and there is next to nothing to compensate.
+    // On the other days the spindle hardly turns, and almost nothing must be compensated.
     assert!(wrong > DAYS * 17 / 20, "the wrong sign is found on {wrong} days");
 }

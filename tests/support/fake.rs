@@ -1,4 +1,4 @@
-//! A gateway that is not there, behind the real door, and a client that speaks HTTP/1.1 by hand.
+//! Simulated gateway behind the real listener, and a client that speaks HTTP/1.1 by hand.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a helper of tests")]
 #![allow(dead_code, reason = "each of the tests uses its part")]
@@ -36,7 +36,7 @@ pub(crate) struct Fake {
     askers: Mutex<Vec<String>>,
     asked: AtomicUsize,
     logs: Mutex<Option<Vec<PathBuf>>>,
-    /// It hangs for as long as this is held.
+    /// Lock of the disk. Reading hangs while a test holds it.
     pub(crate) disk: Mutex<()>,
 }
 
@@ -132,7 +132,7 @@ impl Source for Fake {
     }
 }
 
-/// A probe that has learned once and refused once.
+/// Status of a probe that has learned once and refused once.
 fn probe() -> ProbeStatus {
     ProbeStatus {
         correction_um: -1.5,
@@ -152,7 +152,7 @@ fn probe() -> ProbeStatus {
     }
 }
 
-/// A machine with trouble, and with a name that wants escaping everywhere.
+/// Status of a machine with trouble. Its name must be escaped everywhere.
 pub(crate) fn status() -> Status {
     let signal = |name: &str, value, quality, reason: &str, age_s| SignalStatus {
         name: name.into(),
@@ -266,7 +266,7 @@ pub(crate) fn status() -> Status {
     }
 }
 
-/// The door, open on a free port.
+/// Listener, open on a free port.
 pub(crate) struct Door {
     pub(crate) address: SocketAddr,
     fake: Arc<Fake>,
@@ -275,10 +275,10 @@ pub(crate) struct Door {
     _tokens: tempfile::TempDir,
 }
 
-/// Of those who look, at each door that has a token.
+/// Token of viewers, at each listener that has one.
 pub(crate) const VIEWER: &str = "looks-and-no-more";
 
-/// A file with a token, as it must be.
+/// File with a token, with the required permissions.
 pub(crate) fn token_file(path: &Path, token: &str) -> TokenFile {
     std::fs::write(path, token).unwrap();
     std::fs::set_permissions(path, Permissions::from_mode(0o600)).unwrap();
@@ -286,7 +286,8 @@ pub(crate) fn token_file(path: &Path, token: &str) -> TokenFile {
 }
 
 impl Door {
-    /// One where this computer commands; or, with the operator's token, whoever has it, and the viewer's looks.
+    /// Opens a listener. Without a token, this computer may send commands. With the operator's token, its holder may,
+    /// and the viewer's token only reads.
     pub(crate) async fn open(token: Option<&str>) -> Door {
         let tokens = tempfile::tempdir().unwrap();
         let file = |name: &str, token| Some(token_file(&tokens.path().join(name), token));
@@ -360,7 +361,7 @@ impl Door {
         Reply::parse(&line.rest().await)
     }
 
-    /// A stream, read up to the end of its headers.
+    /// Opens a stream, and reads to the end of its headers.
     pub(crate) async fn stream(&self, path: &str) -> Line {
         let mut line = self.connect().await;
         line.write(&self.request("GET", path, &[], "")).await;
@@ -381,7 +382,7 @@ impl Door {
     }
 }
 
-/// A connection.
+/// Connection.
 pub(crate) struct Line {
     socket: TcpStream,
     unread: String,
@@ -406,7 +407,7 @@ impl Line {
         }
     }
 
-    /// Everything up to the end; a connection that is reset has ended too.
+    /// Reads everything to the end. A connection that is reset has ended, too.
     pub(crate) async fn rest(&mut self) -> String {
         let mut bytes = Vec::new();
         let _reset = self.socket.read_to_end(&mut bytes).await;
@@ -433,8 +434,9 @@ impl Reply {
     }
 }
 
-/// Reads Prometheus text strictly: every sample after the HELP and TYPE of its family, each family in one piece,
-/// no sample twice, every label value closed and escaped. Gives the samples by name and labels.
+/// Parses Prometheus text strictly. Every sample comes after the HELP and TYPE of its family, and each family is in one
+/// piece. No sample is there twice, and every label value is closed and escaped. Returns the samples by name and
+/// labels.
 pub(crate) fn exposition(text: &str) -> BTreeMap<String, String> {
     assert!(text.ends_with('\n'));
     let mut samples = BTreeMap::new();

@@ -1,10 +1,11 @@
-//! One axis of a surface grinder warms up for half an hour, then its bed sensor breaks: what Cz is, minute by minute.
+//! One axis of a surface grinder warms up for half an hour, then its bed sensor breaks. The example prints Cz minute by
+//! minute.
 //!
 //! ```sh
 //! cargo run -p isotherm-core --example compensate
 //! ```
 //!
-//! Nothing waits here. Time is an argument of the step, so half an hour takes no longer than its arithmetic.
+//! The example never waits. Time is an argument of the step, so half an hour takes only the time to compute it.
 
 use std::error::Error;
 use std::time::Duration;
@@ -21,24 +22,24 @@ const BED: SignalId = SignalId(0);
 const WHEELHEAD: SignalId = SignalId(1);
 
 const SECOND: Duration = Duration::from_secs(1);
-/// What the bed has gained after a very long time, °C, and how long it takes to 63 % of that, s.
+/// Rise of the bed after a very long time, °C, and the time to 63 % of it, s.
 const WARMTH: f64 = 4.0;
 const LAG: f64 = 900.0;
-/// When the sensor breaks, and when the example ends.
+/// Time at which the sensor breaks, and at which the example ends.
 const BREAKS: u32 = 30 * 60;
 const ENDS: u32 = 38 * 60;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let machine = MachineSettings { signals: 2, ..MachineSettings::default() };
     let mut compensation = Compensation::new(machine, vec![axis()?], Remembered::default());
-    // The first control hands over what stands in the register when the axis is armed.
+    // The first control takes over the register value when the axis is armed.
     let mut control = Control { permit: Permit::Armed, take_over: Some(Micron::ZERO), ..Control::default() };
 
     println!("  min  bed °C  model µm   Cz µm  state");
     for second in 0..=ENDS {
         let now = Moment::default().after(SECOND * second);
         let readings = readings(second, now);
-        // A step in between two updates of the axis changes nothing.
+        // A step between two updates of the axis changes nothing.
         let stepped = compensation.step(&Snapshot::new(now, &readings), &[control]);
         control.take_over = None;
         let Some(decision) = compensation.decision(0).filter(|_| stepped.anything && second % 120 == 0)
@@ -58,7 +59,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// `Cz = 2.4 · (bed − wheelhead)`, in steps of at most 1 µm every ten seconds.
+/// Axis with `Cz = 2.4 · (bed − wheelhead)`, in steps of at most 1 µm every ten seconds.
 fn axis() -> Result<AxisSettings, Box<dyn Error>> {
     let gain = MicronPerCelsius::try_from(2.4)?;
     let term = |signal, gain| Term { input: Input::of(signal, Reference::Fixed(Celsius::ZERO), None), gain };
@@ -86,7 +87,7 @@ fn axis() -> Result<AxisSettings, Box<dyn Error>> {
     })
 }
 
-/// The bed warms, the wheelhead does not.
+/// Readings: the bed warms up, the wheelhead does not.
 fn readings(second: u32, now: Moment) -> [Reading; 2] {
     let bed = 20.0 + WARMTH * (1.0 - (-f64::from(second) / LAG).exp());
     let bed = if second < BREAKS { Reading::good(bed, now) } else { Reading::bad(now, Reason::OpenCircuit) };

@@ -1,11 +1,11 @@
-//! The write side of one output, driven by hand: read, write, verify, and a write whose answer is lost.
+//! Write side of one output, driven by hand: read, write, verify, and a write whose answer is lost.
 //!
 //! ```sh
 //! cargo run -p isotherm-core --example output
 //! ```
 //!
-//! The gateway does the same over a line: it gives a fact in, carries the action out, and gives in what came of that.
-//! Here the register is a number in this file.
+//! The gateway does the same over a line: it passes a fact to the step, executes the action, and passes its result as
+//! the next fact. In this example the register is a number.
 
 use std::time::Duration;
 
@@ -27,13 +27,13 @@ fn main() {
     desk.decide("nothing is left to be done", Counts(25));
 }
 
-/// An output, and the register that it writes to.
+/// Output, and the register that it writes to.
 struct Desk {
     settings: Settings,
     state: State,
     now: Moment,
     register: Counts,
-    /// The next write is carried out, and nobody hears of it.
+    /// The next write is executed, but its answer is lost.
     answer_is_lost: bool,
 }
 
@@ -53,19 +53,19 @@ impl Desk {
             applied: None,
             rules: Rules::default(),
         };
-        // The last run ended in order: nothing of it may still arrive.
+        // The last run ended in order, so none of its writes may still arrive.
         let kept = Kept { in_order: true, ..Kept::default() };
         let state = State::new(&settings, Some(&kept), START);
         Desk { settings, state, now: START, register: Counts(0), answer_is_lost: false }
     }
 
-    /// Ten seconds later; a change to it may be sent for one second.
+    /// Passes a decision ten seconds later. Its change may be sent for one second.
     fn decide(&mut self, what: &str, offset: Counts) {
         self.now = self.now.after(10 * SECOND);
         self.give(what, Fact::Decided { offset, target: None, not_after: self.now.after(SECOND) });
     }
 
-    /// Gives a fact in, and carries out what is asked for until that is nothing.
+    /// Passes a fact, and executes the actions until there are none.
     fn give(&mut self, what: &str, fact: Fact) {
         println!("\n{what}");
         let mut fact = fact;
@@ -76,12 +76,12 @@ impl Desk {
             for event in self.state.take_events().iter() {
                 println!("            event: {event:?}");
             }
-            // Looked at before the question leaves, and after the last byte of a write has left.
+            // Time before the request is sent, or after the last byte of a write was sent.
             let moment = self.now.after(MILLI / 2);
             fact = match action {
                 Action::Nothing { .. } => return,
                 Action::Read => Fact::Read { found: self.register, asked: moment },
-                // Here a disk would be waited for.
+                // A gateway waits for the disk here.
                 Action::Keep => Fact::Kept,
                 Action::Write { value, .. } => {
                     self.register = value;

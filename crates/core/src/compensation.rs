@@ -1,16 +1,16 @@
-//! The heart: from a snapshot of the machine to one decision per axis. Pure: no I/O, no clock, no allocation in a step.
+//! The first pure step: from a snapshot of the machine to one decision for each axis.
 //!
-//! Time is an argument, so the same code runs in the gateway, the demo, the replay and the tests, and a recorded
-//! log gives the decisions of the day bit for bit.
+//! The step has no input or output, reads no clock, and allocates no memory. Time is an argument. Therefore gateway,
+//! demo, replay and tests run the same code, and a log gives the decisions of its day bit for bit.
 //!
 //! # Sign
-//! Cz is what is *added* to a position. With the displacement error e (actual minus commanded) a model yields `Cz = −e`.
+//! Cz is *added* to a position. The displacement error e is actual minus commanded position. A model yields `Cz = −e`.
 //!
 //! # Terms
-//! - **raw**: what the model asks for, µm.
-//! - **Cz**: what the guard lets through, in whole counts of the register.
-//! - **due**: an axis is stepped at its own period, and at once where its permit changes or it has something to take
-//!   over; any other snapshot in between changes nothing but edges.
+//! - **raw**: value that the model requests, µm.
+//! - **Cz**: value after the guard, in whole counts of the register.
+//! - **due**: an axis is stepped at its own period. It is stepped at once if its permit changes or if it must take over
+//!   a value. Any other snapshot only updates edges.
 
 use serde::{Deserialize, Serialize};
 
@@ -45,32 +45,32 @@ use model::Model;
 use reference::{Machine, Noticed, Reference};
 use settings::{AxisSettings, MachineSettings};
 
-/// The machine at one moment: one reading per signal of the profile, already aged.
+/// State of the machine at one moment: one reading for each signal of the profile, with its age already applied.
 #[derive(Clone, Copy, Debug)]
 pub struct Snapshot<'a> {
-    /// The moment.
+    /// Time of the snapshot.
     pub now: Moment,
-    /// By [`SignalId`].
+    /// Readings, indexed by [`SignalId`].
     pub readings: &'a [Reading],
-    /// What is used instead of readings: others stand in for those sensors.
+    /// Substitutes for rejected readings.
     instead: &'a [Instead],
-    /// The lags have gone on to it, all by their own sensors, and no reference has been captured since.
+    /// All lags have been updated with this snapshot, from their own sensors. No reference has been captured since.
     is_followed: bool,
 }
 
 impl<'a> Snapshot<'a> {
-    /// These readings at this moment.
+    /// Creates a snapshot without substitutes.
     pub fn new(now: Moment, readings: &'a [Reading]) -> Snapshot<'a> {
         Snapshot { now, readings, instead: &[], is_followed: false }
     }
 
-    /// The same after the lags have gone on to it.
+    /// Marks the lags as updated with this snapshot.
     #[must_use]
     pub fn followed(self) -> Snapshot<'a> {
         Snapshot { is_followed: true, ..self }
     }
 
-    /// The value of a signal, if it may be used.
+    /// Returns the value of a signal; `None` if it must not be used. A substitute replaces the reading.
     pub fn value(&self, id: SignalId) -> Option<f64> {
         match self.instead_of(id) {
             Some(instead) => instead.value(),
@@ -78,96 +78,97 @@ impl<'a> Snapshot<'a> {
         }
     }
 
-    /// What a sensor reads, believed or not, if that is good.
+    /// Returns the sensor's own good reading, even if a substitute replaces it; `None` if it is not good.
     #[inline]
     fn reading(&self, id: SignalId) -> Option<f64> {
         self.readings.get(id.0)?.usable()
     }
 
-    /// The same, if it is less than this, above and below zero.
+    /// Returns the sensor's own good reading if its absolute value is less than `limit`.
     #[inline]
     fn reading_below(&self, limit: f64, id: SignalId) -> Option<f64> {
         let Reading { value, quality, .. } = self.readings.get(id.0)?;
         (*quality == Quality::Good && value.abs() < limit).then_some(*value)
     }
 
-    /// What is used instead of this sensor.
+    /// Returns the substitute for the reading of this sensor; `None` if its reading is used.
     #[inline]
     fn instead_of(&self, id: SignalId) -> Option<&'a Instead> {
         self.instead.iter().find(|instead| instead.signal == id)
     }
 
-    /// The value of a signal that is the position of an axis, if it may be used.
+    /// Returns the value of a signal that is the position of an axis; `None` if it must not be used.
     pub fn position(&self, id: SignalId) -> Option<Millimetre> {
         Millimetre::new(self.value(id)?)
     }
 
-    /// Whether any reading may be used.
+    /// Returns whether at least one reading may be used.
     pub fn has_usable(&self) -> bool {
         self.readings.iter().any(|reading| reading.usable().is_some())
     }
 }
 
-/// What the world outside tells an axis at a step.
+/// Input of an axis for one step, besides the readings.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Control {
-    /// It may decide and write.
+    /// Whether the axis may decide and write.
     pub permit: Permit,
-    /// What stands in the register, where the axis has to take it over: at arming, and when an output comes back.
+    /// Register value from which the axis resumes. It is set when the axis is armed, and when an output recovers.
     pub take_over: Option<Micron>,
-    /// The same for a slope that the control applies itself: what it comes to at the axis's reach.
+    /// Effect at the axis's reach, from which the slope resumes. It is set only if the control applies the slope
+    /// itself.
     pub take_over_slope: Option<Micron>,
-    /// What probings have taught is taken back.
+    /// The axis discards what it learned from probings.
     pub forget: bool,
-    /// An error that was measured, to learn from.
+    /// Measured error from which the axis learns.
     pub measured: Option<Measured>,
-    /// Cz goes there, within the guard, while the axis would follow its model: its sign is checked with a dial gauge.
+    /// Target of Cz, within the guard, instead of the model. It is used to check the sign with a dial gauge.
     pub sign: Option<Micron>,
-    /// A person has disarmed it, and has looked: whatever its sensors read is believed.
+    /// The operator has disarmed the axis and checked its sensors. All present readings are accepted.
     pub trust: bool,
-    /// Verified Cz of the register that is farthest behind the last decision: Cz stays within one step of it. `None` if no register
-    /// is behind.
+    /// Verified Cz of the register that is farthest behind the last decision. Cz stays within one step of it. `None` if
+    /// no register is behind.
     pub behind: Option<Micron>,
-    /// Where an axis that keeps its value goes back to: a sensor's settings were changed, and what was decided since its last check is
-    /// wrong.
+    /// Values to which an axis in hold returns, after the settings of a sensor were changed. The decisions since the
+    /// sensor's last check are wrong.
     pub return_to: Option<ReturnTo>,
 }
 
 /// Cz, and the effect of the slope, before the settings of a sensor were changed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReturnTo {
-    /// Cz.
+    /// Cz before the change.
     pub cz: Micron,
     /// Effect of the slope at the axis's reach; zero without a slope.
     pub slope: Micron,
 }
 
 impl Control {
-    /// There is something to take over.
+    /// Returns whether the axis must take over a value.
     pub fn takes_over(&self) -> bool {
         self.take_over.is_some() || self.take_over_slope.is_some()
     }
 }
 
-/// Whether an axis may decide.
+/// Permission of an axis to decide.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Permit {
-    /// Not armed.
+    /// The axis is not armed.
     #[default]
     Off,
-    /// Armed, and what it wrote last was verified.
+    /// The axis is armed, and its last write was verified.
     Armed,
-    /// Armed, but what it wrote last was not verified.
+    /// The axis is armed, but its last write was not verified.
     Unverified,
-    /// Armed, but an interlock keeps what stands in the register: the axis waits, however long that takes.
+    /// The axis is armed, but an interlock keeps the register value. The axis waits without a time limit.
     Held,
-    /// The gateway is stopping: the fault action runs without its waiting time.
+    /// The gateway is stopping. The fault action runs without its waiting time.
     Stopping,
 }
 
 impl Permit {
-    /// The word for it in a log.
+    /// Returns the name of the permit in a log.
     pub fn name(self) -> &'static str {
         match self {
             Permit::Off => "off",
@@ -178,7 +179,7 @@ impl Permit {
         }
     }
 
-    /// The permit with this name.
+    /// Returns the permit with this name; `None` if there is none.
     pub fn from_name(name: &str) -> Option<Permit> {
         [Permit::Off, Permit::Armed, Permit::Unverified, Permit::Held, Permit::Stopping]
             .into_iter()
@@ -186,57 +187,57 @@ impl Permit {
     }
 }
 
-/// What was decided for one axis.
+/// Decision of a step for one axis.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Decision {
-    /// When.
+    /// Time of the decision.
     pub at: Moment,
-    /// The model's Cz with its correction, before the guard.
+    /// Cz that the model requests with its correction, before the guard.
     pub raw: Option<Micron>,
-    /// What is expected to be left of the error where that acts: one standard deviation. `None` where it is not known, and
-    /// outside what the model was identified on.
+    /// Expected residual error if the decision is applied: one standard deviation. `None` if it is unknown, and outside
+    /// the range on which the model was identified.
     #[serde(default)]
     pub expected: Option<Micron>,
-    /// What probings have added to the model's own Cz.
+    /// Correction that probings have added to the model's own Cz.
     #[serde(default)]
     pub correction: Micron,
-    /// Which model gave it: its place in the profile's list.
+    /// Index of the model in the profile's list; `None` if no model can be used.
     pub model: Option<usize>,
-    /// Cz after the guard: what is to be written.
+    /// Cz after the guard. The gateway writes this value.
     pub cz: Micron,
-    /// Where the control applies the slope itself: what it comes to at the axis's reach, after the guard; else zero.
-    /// Cz is K0 there, the value at the reference position.
+    /// Effect of the slope at the axis's reach, after the guard, if the control applies the slope itself; else zero. In
+    /// that case Cz is K0, the value at the reference position.
     pub slope: Micron,
-    /// Target of Cz within the limit: the value that the model, the fault action, the stop or the sign check requests. Equal to Cz
-    /// while nothing is requested.
+    /// Target of Cz within the limit: the value that the model, the fault action, the stop or the sign check requests.
+    /// Equal to Cz while nothing is requested.
     #[serde(default)]
     pub target: Micron,
-    /// Target of the slope.
+    /// Target of the slope's effect, within the limit.
     #[serde(default)]
     pub slope_target: Micron,
-    /// What the axis is doing.
+    /// State of the axis.
     pub state: AxisState,
-    /// The stages of the guard that changed the value.
+    /// Guard stages that changed the value.
     pub acted: Stages,
-    /// What the preferred model lacks.
+    /// Why the preferred model cannot be used; `None` if it is used.
     pub lacks: Option<Unusable>,
-    /// A sensor of the model in use that others stand in for.
+    /// Sensor of the model in use that has a stand-in; `None` if there is none.
     #[serde(default)]
     pub stood_in: Option<StoodIn>,
-    /// A model asked for more than the error level: the axis runs its fault action and waits to be armed again.
+    /// The model requested more than the error level. The axis runs its fault action until it is armed again.
     pub tripped: bool,
-    /// Touches show that the axis is worse with the model in use than without compensation. While no model can be used, that of the
-    /// model used last.
+    /// Measured errors which show that the model in use is worse than no compensation. While no model can be used,
+    /// those of the last one.
     #[serde(default)]
     pub worse: Option<Worse>,
-    /// How far the machine is from what the model in use was identified on; `None` inside.
+    /// Distance of the machine from the range on which the model in use was identified; `None` inside that range.
     pub extrapolating: Option<Extrapolation>,
-    /// The same as a number: above 0 outside, negative inside; `None` where the model in use has neither envelope nor
-    /// guideway. [`CLEARLY_INSIDE`] says when outside is over.
+    /// Distance from that range as a number: above 0 outside, negative inside. `None` if the model in use has neither
+    /// envelope nor guideway. Below [`CLEARLY_INSIDE`], extrapolation ends.
     pub excess: Option<f64>,
 }
 
-/// All axes of a machine, and what they remember.
+/// State of all axes of a machine, and of the machine itself.
 #[derive(Clone, Debug)]
 pub struct Compensation {
     settings: MachineSettings,
@@ -244,18 +245,18 @@ pub struct Compensation {
     axes: Vec<Axis>,
 }
 
-/// What a call of [`Compensation::step`] did.
+/// Result of [`Compensation::step`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stepped {
-    /// At least one axis decided, or an edge was seen: a row for the log.
+    /// At least one axis decided, or an edge was detected. The log gets a row.
     pub anything: bool,
-    /// Machine start and zero.
+    /// Machine start and zero command.
     pub noticed: Noticed,
 }
 
 impl Compensation {
-    /// With what is remembered from before ([`Remembered::default`] where that is nothing). The axes are at rest, but for
-    /// those whose running state is among it.
+    /// Creates the state from what was remembered. Without it, use [`Remembered::default`]. An axis is off, unless
+    /// `remembered` contains its running state.
     pub fn new(settings: MachineSettings, axes: Vec<AxisSettings>, remembered: Remembered) -> Compensation {
         let mut axes: Vec<Axis> = axes.into_iter().map(Axis::new).collect();
         for axis in &mut axes {
@@ -269,7 +270,7 @@ impl Compensation {
         Compensation { settings, machine: remembered.machine, axes }
     }
 
-    /// Steps each axis that is due at `snapshot.now`, under its control (same order, one each).
+    /// Steps each axis that is due at `snapshot.now`. `controls` has one control for each axis, in the same order.
     pub fn step(&mut self, snapshot: &Snapshot<'_>, controls: &[Control]) -> Stepped {
         let due = |axis: &Axis, control: &Control| axis.is_due(snapshot.now, control);
         let mut is_any_due = false;
@@ -284,7 +285,7 @@ impl Compensation {
             if !is_any_due {
                 return Stepped::default();
             }
-            // Axes that rest on no reading take notice of nothing, so that a log without them is replayed alike.
+            // Axes that read no signal do not update the machine, so that a log without readings is replayed alike.
             self.follow(snapshot);
             for (axis, control) in
                 self.axes.iter_mut().zip(controls).filter(|(axis, control)| due(axis, control))
@@ -320,13 +321,13 @@ impl Compensation {
         Stepped { anything: true, noticed }
     }
 
-    /// Whether this axis would be stepped now, under this control.
+    /// Returns whether a step would run this axis now, with this control.
     pub fn is_due(&self, axis: usize, now: Moment, control: &Control) -> bool {
         self.axes.get(axis).is_some_and(|axis| axis.is_due(now, control))
     }
 
-    /// Whether a step would take notice of the machine as a whole now, of what these signals say: that it began to run, or
-    /// a command to zero. `any_usable`: there is a reading that may be used.
+    /// Returns whether a step would detect a machine start or a zero command now. `value` gives the values of the
+    /// signals. `any_usable` returns whether any reading may be used.
     pub fn would_notice(
         &self,
         value: impl Fn(SignalId) -> Option<f64>,
@@ -335,33 +336,34 @@ impl Compensation {
         self.machine.would_notice(&self.settings, value, any_usable)
     }
 
-    /// The earliest moment at which an axis is due; `None` where there are no axes.
+    /// Returns the earliest time at which an axis is due; `None` if there are no axes.
     pub fn next_due(&self) -> Option<Moment> {
         self.axes.iter().map(|axis| axis.due.unwrap_or_default()).min()
     }
 
-    /// The last decision of each axis.
+    /// Returns the last decision of each axis.
     pub fn decisions(&self) -> impl Iterator<Item = &Decision> {
         self.axes.iter().map(|axis| &axis.decision)
     }
 
-    /// The last decision of one axis.
+    /// Returns the last decision of one axis; `None` if there is no such axis.
     pub fn decision(&self, axis: usize) -> Option<&Decision> {
         self.axes.get(axis).map(|axis| &axis.decision)
     }
 
-    /// Whether some model of this axis could be used now.
+    /// Returns whether at least one model of this axis can be used now.
     pub fn has_usable_model(&self, axis: usize, snapshot: &Snapshot<'_>) -> bool {
         self.model_value(axis, snapshot).is_some()
     }
 
-    /// What the first usable model of this axis would ask for now, with its place in the profile's list.
+    /// Returns the index of the first usable model of this axis, and the Cz that it requests now. `None` if no model
+    /// can be used.
     pub fn model_value(&self, axis: usize, snapshot: &Snapshot<'_>) -> Option<(usize, Micron)> {
         let chosen = self.axes.get(axis)?.choose(snapshot, &self.machine).0?;
         Some((chosen.model, chosen.raw))
     }
 
-    /// Those whose readings say what this signal of this model of an axis would read, where others stand in for it.
+    /// Returns the predictors of this signal for this model of an axis. `None` if the signal has no stand-in.
     pub fn predictors(
         &self,
         axis: usize,
@@ -371,27 +373,27 @@ impl Compensation {
         self.axes.get(axis)?.predictors(model, signal)
     }
 
-    /// The sensors that an axis does not believe, each once.
+    /// Returns the rejected sensors of an axis, each once.
     pub fn distrusted(&self, axis: usize) -> impl Iterator<Item = Distrusted> {
         self.axes.get(axis).into_iter().flat_map(Axis::distrusted)
     }
 
-    /// What the model asks for now, where that lies beyond the axis's error level.
+    /// Returns the Cz that the model requests now if it is beyond the axis's error level; else `None`.
     pub fn beyond_error(&self, axis: usize, snapshot: &Snapshot<'_>) -> Option<Micron> {
         let axis = self.axes.get(axis)?;
         let chosen = axis.choose(snapshot, &self.machine).0?;
         axis.is_beyond_error(&chosen).then_some(chosen.raw)
     }
 
-    /// What probings have taught an axis; `None` where it takes none.
+    /// Returns what an axis learned from probings; `None` if the axis does not learn.
     pub fn probe(&self, axis: usize) -> Option<&Probe> {
         self.axes.get(axis).filter(|axis| axis.settings.probe.is_some()).map(|axis| &axis.probe)
     }
 
-    /// Whether this axis would learn from a measured error now; it is not changed.
+    /// Checks whether this axis would learn from a measured error now. The axis does not change.
     ///
     /// # Errors
-    /// What it came to, with why not.
+    /// Returns the result of the probing, with the reason for the refusal.
     pub fn would_learn(
         &self,
         axis: usize,
@@ -403,11 +405,11 @@ impl Compensation {
         if probed.refused.is_some() { Err(probed) } else { Ok(()) }
     }
 
-    /// Whether a report that arrives `now` is of a measurement of this axis that may count: none that was taken, and none of
-    /// before its datum. `shift` brings counted time to the wall clock.
+    /// Checks whether a report that arrives at `now` may count as a measurement of this axis. A report that was already
+    /// taken is rejected, and so is one from before the axis's datum. `shift` converts counted time to wall-clock time.
     ///
     /// # Errors
-    /// Why it is rejected.
+    /// Returns why the report is rejected.
     pub fn check_report(
         &mut self,
         axis: usize,
@@ -419,15 +421,15 @@ impl Compensation {
         axis.probe.reports.check(report, (now, shift), datum)
     }
 
-    /// Remembers a report whose error is learned from or waits for another one: it does not count again.
+    /// Remembers a report whose error was learned or waits for another report. The report does not count again.
     pub fn take_report(&mut self, axis: usize, report: MeasuredReport, now: Moment) {
         if let Some(axis) = self.axes.get_mut(axis) {
             axis.probe.reports.take(report, now);
         }
     }
 
-    /// The lags go on to a snapshot at which no axis decided. A gateway records no such row; a log from elsewhere has
-    /// rows between two updates, and what it says there is not to be lost.
+    /// Updates the lags with a snapshot at which no axis decides. A gateway records no such row. A log from elsewhere
+    /// has rows between two updates, and these must not be lost.
     pub fn follow(&mut self, snapshot: &Snapshot<'_>) {
         for axis in &mut self.axes {
             axis.look(snapshot, &self.machine);
@@ -436,8 +438,8 @@ impl Compensation {
         self.take_beginnings();
     }
 
-    /// Where sensors are believed again that nobody could read at the machine's start, that is known now. Whether there are
-    /// any.
+    /// Stores the beginnings of sensors that are accepted again and could not be read at machine start. Returns whether
+    /// there are any.
     fn take_beginnings(&mut self) -> bool {
         let mut any = false;
         for axis in &mut self.axes {
@@ -449,23 +451,24 @@ impl Compensation {
         any
     }
 
-    /// The time since machine start and references.
+    /// Returns the time since machine start, and the references.
     pub fn machine(&self) -> &Machine {
         &self.machine
     }
 
-    /// What is worth keeping over a restart.
+    /// Returns the state to keep over a restart.
     pub fn remembered(&self) -> Remembered {
         let axes = self.axes.iter().filter_map(Axis::remembered).collect();
         Remembered { machine: self.machine.clone(), axes, running: Vec::new() }
     }
 
-    /// The same with where each axis stands now: whoever begins from it decides as this goes on.
+    /// Returns the state to keep over a restart, with the running state of each axis. A compensation that is created
+    /// from it makes the same decisions.
     pub fn running(&self) -> Remembered {
         Remembered { running: self.axes.iter().map(Axis::running).collect(), ..self.remembered() }
     }
 
-    /// Captures the "zero" references and takes the datum from now on.
+    /// Captures the "zero" references, and takes the datum of each axis from now on.
     pub fn zero(&mut self, now: Moment) {
         self.machine.zero(&self.settings, now);
         for axis in &mut self.axes {
@@ -473,7 +476,8 @@ impl Compensation {
         }
     }
 
-    /// The same for one axis; nothing, and `false`, where another axis counts from the "zero" of the same signal.
+    /// Captures the "zero" references of one axis, and takes its datum from now on. Returns `false`, and does nothing,
+    /// if another axis uses the "zero" of the same signal.
     pub fn zero_axis(&mut self, place: usize, now: Moment) -> bool {
         let from_zero = |axis: &Axis| -> Vec<SignalId> {
             let rises = axis.settings.models.iter().flat_map(Model::rises);

@@ -1,5 +1,5 @@
-//! What the step of the gateway makes of frozen sensors on two public records: alarms on runs in which none froze, how soon one that
-//! froze is found, and what it costs. Model, stand-ins and envelope are what `identify` writes of the other runs.
+//! Test of the gateway's step with frozen sensors on two public records: false alarms, time to detection, and cost.
+//! Model, stand-ins and envelope are identified from the other runs.
 //!
 //! ```text
 //! cargo run --release -p isotherm-identify --example frozen -- --mill runs/c*.csv --stage runs/day*.csv
@@ -33,11 +33,11 @@ use record::{machine, mean};
 
 mod record;
 
-/// Percent by which a range may grow where one sensor freezes, the mean over sensors and channels of a record.
+/// Largest accepted growth of the range with a frozen sensor, in percent: mean over sensors and channels of a record.
 const GROWTH: f64 = 8.0;
-/// How soon a frozen sensor is found, min, half of the times.
+/// Largest accepted median of the time to detection, min.
 const FOUND: f64 = 240.0;
-/// Times at which each sensor freezes in each run.
+/// Number of times at which each sensor freezes in each run.
 const TIMES: usize = 2;
 
 fn main() -> ExitCode {
@@ -53,15 +53,15 @@ fn main() -> ExitCode {
     if is_reached { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// A sensor that froze.
+/// Sensor that froze.
 struct Case {
-    /// Minutes until it was suspected.
+    /// Minutes until it was suspected; `None` if it was not.
     found: Option<f64>,
-    /// The range with it, of that without.
+    /// Range with the freeze divided by the range without it.
     growth: f64,
 }
 
-/// Prints the figures of a record. Whether they are within their limits.
+/// Prints the figures of a record. Returns whether they are within their limits.
 fn record(name: &str, files: &[PathBuf], names: &[String], errors: &[&str]) -> bool {
     let dataset = Dataset::read(files, &Split::default(), &|_| None, &every_column).unwrap();
     let hours: f64 = dataset.runs.iter().map(hours).sum();
@@ -122,14 +122,14 @@ fn hours(run: &Run) -> f64 {
     last.map_or(0.0, |last| last.since(first).as_secs_f64() / 3600.0)
 }
 
-/// The profile with what `identify` writes of all runs but this one.
+/// Returns the profile with the model from all runs except this one.
 fn learned(dataset: &Dataset, without: usize, names: &[String], error: &str) -> Profile {
     let mut others = dataset.clone();
     others.runs.remove(without);
     let choice = Choice {
         axis: Some("z".to_owned()),
         error: Some(error.to_owned()),
-        // Nothing is mended: the figures are those of the record as it is.
+        // No fault is repaired: the figures are those of the record as it is.
         keep: names.to_vec(),
         resample: Duration::from_secs(60),
         ..Choice::default()
@@ -147,15 +147,15 @@ fn learned(dataset: &Dataset, without: usize, names: &[String], error: &str) -> 
     isotherm_profile::load(&path, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 
-/// What was seen of an axis on one run.
+/// Result of an axis on one run.
 struct Seen {
-    /// Sensors that were suspected, each with the row.
+    /// Suspected sensors, each with the row.
     suspected: Vec<(usize, usize)>,
     /// Range of the error with the target of the axis, µm.
     range: f64,
 }
 
-/// `names` and `columns`: the sensors.
+/// Runs the step on a run. `names` and `columns`: the sensors.
 fn seen(profile: &Profile, run: &Run, (names, columns): (&[String], &[usize]), error: &[f64]) -> Seen {
     let place = |name: &String| names.iter().position(|known| known == name);
     let sensors: Vec<Option<usize>> = profile.signals.iter().map(|signal| place(&signal.name)).collect();

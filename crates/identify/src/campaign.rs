@@ -1,4 +1,4 @@
-//! The runs of a dataset as the gateway would see them: through a profile's signals, with one measured error.
+//! Runs of a dataset as the gateway would read them: through the signals of a profile, with one measured error.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -14,61 +14,61 @@ use isotherm_core::quantity::{Micron, MicronPerSecond, Moment};
 use isotherm_core::reading::{Reading, Reason, SignalId};
 use isotherm_profile::{Axis, Profile, Unit};
 
-/// What a reference is the mean over where the profile does not say.
+/// Time over which a reference is the mean if the profile does not say.
 pub(crate) const USUAL_SETTLE: Duration = Duration::from_secs(180);
 
-/// Runs, inputs and the error that is to be compensated.
+/// Runs, inputs, and the error to compensate.
 #[derive(Clone, Debug)]
 pub(crate) struct Campaign<'a> {
-    /// The logs, faults mended.
+    /// Logs, with their faults repaired.
     pub(crate) dataset: Cow<'a, Dataset>,
-    /// What a model may be made of.
+    /// Possible inputs of a model.
     pub(crate) inputs: Vec<Input>,
-    /// The column with the measured error e, µm.
+    /// Index of the column with the measured error e, µm.
     pub(crate) error: usize,
-    /// The profile's machine; its `settle` is [`USUAL_SETTLE`] where the profile has none.
+    /// Machine of the profile. If the profile has no `settle`, it is [`USUAL_SETTLE`].
     pub(crate) machine: MachineSettings,
-    /// Rows are averaged over this long; zero leaves them as they are.
+    /// Time over which rows are averaged; zero keeps them as they are.
     pub(crate) resample: Duration,
-    /// Where the axis was, for errors measured at several positions.
+    /// Position of the axis, for errors measured at several positions.
     pub(crate) position: Option<Position>,
     pub(crate) axes: Vec<AxisSettings>,
-    /// By signal of the profile.
+    /// Column of each signal of the profile; `None` if the dataset has none.
     columns: Vec<Option<Channel>>,
     mending: Option<Mending<'a>>,
 }
 
-/// A column, and the range outside which its values are no readings.
+/// Column, and the range outside which its values are not readings.
 type Channel = (usize, Option<(f64, f64)>);
 
-/// One input of a model.
+/// Input of a model.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Input {
-    /// The signal's name, in the profile and in the logs.
+    /// Name of the signal, in the profile and in the logs.
     pub(crate) name: String,
     pub(crate) signal: SignalId,
-    /// In the dataset.
+    /// Index of the column in the dataset.
     pub(crate) column: usize,
     pub(crate) unit: Unit,
 }
 
 impl Input {
-    /// How fast a spindle turns, or is to turn.
+    /// Returns whether the input is the actual or commanded speed of a spindle.
     pub(crate) fn is_speed(&self) -> bool {
         self.unit.0 == "rpm"
     }
 }
 
-/// The signal that says where the axis is.
+/// Signal of the axis position.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Position {
     pub(crate) input: Input,
-    /// Where the slope adds nothing, mm.
+    /// Position at which the slope adds nothing, mm.
     pub(crate) reference: f64,
 }
 
 impl<'a> Campaign<'a> {
-    /// The runs through the profile's signals.
+    /// Creates a campaign from the signals of a profile.
     pub(crate) fn new(
         profile: &Profile,
         dataset: &'a Dataset,
@@ -93,7 +93,7 @@ impl<'a> Campaign<'a> {
         }
     }
 
-    /// The runs without a profile: every column is a signal of its own, in its place.
+    /// Creates a campaign without a profile: every column is a signal, in the same order.
     pub(crate) fn of_columns(
         dataset: &'a Dataset,
         error: usize,
@@ -114,12 +114,12 @@ impl<'a> Campaign<'a> {
         }
     }
 
-    /// The inputs that are no speeds.
+    /// Returns the inputs that are not speeds.
     pub(crate) fn sensors(&self) -> Vec<usize> {
         (0..self.inputs.len()).filter(|input| !self.inputs[*input].is_speed()).collect()
     }
 
-    /// The same with what was faulty mended.
+    /// Replaces the logs by the repaired ones.
     #[must_use]
     pub(super) fn with_mending(self, mending: Option<Mending<'a>>) -> Campaign<'a> {
         match &mending {
@@ -128,13 +128,14 @@ impl<'a> Campaign<'a> {
         }
     }
 
-    /// The same as if this run had not been recorded yet when the other runs were mended; `None`: it is no other.
+    /// Returns the campaign as if this run had not been recorded when the other runs were repaired. `None` if that
+    /// changes nothing.
     pub(super) fn never_saw(&self, run: usize) -> Option<Campaign<'a>> {
         let dataset = self.mending.as_ref()?.never_saw(run)?;
         Some(Campaign { dataset: Cow::Owned(dataset), ..self.clone() })
     }
 
-    /// The same with one input more, with its readings as they were recorded.
+    /// Returns the campaign with one more input, with its readings as recorded.
     #[must_use]
     pub(crate) fn with_input(&self, input: Input) -> Campaign<'a> {
         let mut inputs = self.inputs.clone();
@@ -142,8 +143,8 @@ impl<'a> Campaign<'a> {
         Campaign { inputs, ..self.clone() }
     }
 
-    /// By row of a run: whether it is masked, because some sensor was frozen. No model is learnt from such a row or judged
-    /// by it, whichever its inputs are, so that all models are judged by the same rows.
+    /// Returns for each row of a run whether it is masked, because some sensor was frozen. Masked rows are not used to
+    /// learn or to judge any model, whichever its inputs are. Therefore all models are judged by the same rows.
     pub(super) fn masked(&self, run: usize) -> Vec<bool> {
         let rows = self.dataset.runs.get(run).map_or(0, |run| run.times.len());
         let mut masked = vec![false; rows];
@@ -152,7 +153,8 @@ impl<'a> Campaign<'a> {
         masked
     }
 
-    /// How long one row stands for after averaging, s: the averaging window, or the log's own step where that is longer.
+    /// Returns the time that one row stands for after averaging, s: the averaging window, or the log's own step if that
+    /// is longer.
     pub(crate) fn row_seconds(&self) -> f64 {
         let steps = self.dataset.runs.iter().flat_map(|run| run.times.windows(2));
         let mut steps: Vec<f64> = steps.map(|pair| pair[1].since(pair[0]).as_secs_f64()).collect();
@@ -166,7 +168,7 @@ impl<'a> Campaign<'a> {
         (independent.as_secs_f64() / self.row_seconds()).max(1.0)
     }
 
-    /// The readings of one row, as the gateway would believe them.
+    /// Fills `readings` with the readings of one row, with the checks of the gateway.
     pub(super) fn readings(&self, run: &Run, row: usize, now: Moment, readings: &mut Vec<Reading>) {
         readings.clear();
         readings.extend(self.columns.iter().map(|channel| {
@@ -182,7 +184,7 @@ impl<'a> Campaign<'a> {
         }));
     }
 
-    /// When the machine of this run starts: at the rising edge of its signal, else at the first good reading.
+    /// Returns the machine start of this run: the rising edge of its signal, else the first good reading.
     pub(super) fn start(&self, run: &Run) -> Option<Moment> {
         let mut readings = Vec::new();
         run.times.iter().enumerate().find_map(|(row, now)| {
@@ -195,9 +197,9 @@ impl<'a> Campaign<'a> {
         })
     }
 
-    /// The compensation of each row that would leave no error: Cz = −(e − its mean while the references settle), µm. With a
-    /// position, each place has a mean of its own: a scale's cold error is no drift. A place first visited later is
-    /// measured from its first visit.
+    /// Returns the compensation that would leave no error at each row: Cz = −(e − its mean while the references
+    /// settle), µm. With a position, each place has a mean of its own, because the cold error of a scale is no drift. A
+    /// place that is first visited later is measured from its first visit.
     pub(super) fn targets(&self, run: &Run) -> Vec<Target> {
         let errors = &run.values[self.error];
         let Some(start) = self.start(run) else { return vec![Target::UNKNOWN; errors.len()] };
@@ -205,9 +207,9 @@ impl<'a> Campaign<'a> {
             Some(position) => run.values[position.input.column].iter().map(|place| whole(*place)).collect(),
             None => vec![0; errors.len()],
         };
-        // By place: the sum of its errors before anything moved there, how many they are, and since which row.
+        // For each place: the sum of its cold errors, their number, and the row of its first visit if that was later.
         let mut cold: HashMap<i64, (f64, f64, Option<usize>)> = HashMap::new();
-        // The same rows as the references of the temperatures: those before their time is over, and at least the first.
+        // The rows of the temperatures' references: those before the settling time is over, and at least the first.
         let settled = start.after(self.machine.settle);
         let rows = || run.times.iter().zip(errors).zip(&places);
         for (row, ((time, error), place)) in rows().enumerate().filter(|(_, ((time, _), _))| **time >= start)
@@ -227,13 +229,13 @@ impl<'a> Campaign<'a> {
     }
 }
 
-/// What a model should compensate at one row.
+/// Target of a model at one row.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Target {
-    /// µm; NaN where the error is missing, and before the machine starts.
+    /// Target Cz, µm. NaN if the error is missing, and before the machine starts.
     pub(super) cz: f64,
-    /// The row that it is measured from, where that is the first visit of a place after the references had settled. The
-    /// machine was warm by then: a model's rises count from that row, too.
+    /// Row from which the target is measured, if that is the first visit of a place after the references had settled.
+    /// The machine was warm then, so the rises of a model are also counted from that row.
     pub(super) since: Option<usize>,
 }
 
@@ -241,7 +243,7 @@ impl Target {
     const UNKNOWN: Target = Target { cz: f64::NAN, since: None };
 }
 
-/// An axis that moves nothing: references are captured for the axes that are due, so there must be one at every row.
+/// Axis that moves nothing. References are captured only when an axis is due, so there must be one at every row.
 fn onlooker() -> AxisSettings {
     AxisSettings {
         name: "onlooker".to_owned(),
@@ -262,20 +264,20 @@ fn onlooker() -> AxisSettings {
     }
 }
 
-/// Positions are the same where they differ by less than a millimetre.
+/// Rounds a position. Positions in the same millimetre are equal.
 fn whole(place: f64) -> i64 {
     #[allow(clippy::cast_possible_truncation, reason = "a travel in mm; beyond it the cast saturates")]
     let whole = place.round() as i64;
     whole
 }
 
-/// These inputs but for those that are excluded.
+/// Returns these inputs without the excluded ones.
 pub(super) fn without(inputs: &[Input], excluded: &[Finding]) -> Vec<Input> {
     let is_good = |input: &&Input| !excluded.iter().any(|faulty| faulty.signal == input.name);
     inputs.iter().filter(is_good).cloned().collect()
 }
 
-/// The columns of these inputs that are temperatures.
+/// Returns the columns of these inputs that are temperatures.
 pub(super) fn temperatures_of(dataset: &Dataset, inputs: &[Input]) -> Vec<usize> {
     let columns = inputs.iter().map(|input| input.column);
     columns.filter(|column| dataset.columns[*column].kind == Kind::Temperature).collect()

@@ -1,33 +1,34 @@
-//! Held-out runs that go far beyond all the others: these are alike, and a model of them says little of such a run.
+//! Held-out runs that go far beyond all others. A model of the other runs, which are alike, says little about such a
+//! run.
 
 use crate::bank::Bank;
 use crate::campaign::Campaign;
 use crate::statistics::least_and_most;
 
-/// The other runs are alike beside a run, if what they span together is a smaller share of its own span.
+/// Share of a run's span. If the span of all other runs together is smaller, they are alike compared with this run.
 const ALIKE: f64 = 1.0 / 3.0;
-/// Spans that are smaller say nothing: µm of the error, °C, and revolutions per minute.
+/// Spans that are ignored if they are smaller: µm of the error, °C, and revolutions per minute.
 const MOVES_UM: f64 = 0.5;
 const MOVES_C: f64 = 0.5;
 const MOVES_RPM: f64 = 100.0;
-/// Most quantities that are named of a run.
+/// Maximum number of quantities in the message of a run.
 const MOST_NAMED: usize = 4;
 
-/// Least and most of a quantity in a run.
+/// Smallest and largest value of a quantity in a run.
 type Span = (f64, f64);
 
-/// The error, the rise of a sensor or a speed. Each of them begins at 0.
+/// Error, rise of a sensor, or speed. Each starts at 0.
 struct Quantity<'a> {
     name: &'a str,
     unit: &'a str,
-    /// Smaller spans say nothing.
+    /// Span below which a run is ignored.
     moves: f64,
-    /// By run.
+    /// Span of each run.
     spans: Vec<Span>,
 }
 
 impl Quantity<'_> {
-    /// What a run shows of it beyond all the others, in words; `None` if these show a third of that or more.
+    /// Returns a text that compares the span of a run with all others. `None` if the others have a third of it or more.
     fn beyond(&self, run: usize) -> Option<String> {
         let Quantity { name, unit, moves, spans } = self;
         let others = spans.iter().enumerate().filter(|(other, _)| *other != run);
@@ -40,7 +41,7 @@ impl Quantity<'_> {
     }
 }
 
-/// A sentence for each run beside which the others are alike. None if there are no others.
+/// Returns a message for each run compared with which the others are alike. Empty if there are no others.
 pub(crate) fn alike(campaign: &Campaign<'_>, bank: &Bank) -> Vec<String> {
     if bank.runs.len() < 2 {
         return Vec::new();
@@ -62,7 +63,7 @@ pub(crate) fn alike(campaign: &Campaign<'_>, bank: &Bank) -> Vec<String> {
     found
 }
 
-/// The error first, then each input.
+/// Returns the error, then each input.
 fn quantities<'a>(campaign: &'a Campaign<'_>, bank: &Bank) -> Vec<Quantity<'a>> {
     let errors = bank.runs.iter().map(|run| least_and_most(run.target.iter()).unwrap_or_default());
     let mut found =

@@ -1,14 +1,15 @@
-//! Sensors that must not be learnt from as they are, found in the logs and named with their times.
+//! Faults of sensors in the logs, with their times.
 //!
-//! One faulty sensor left in makes the worst run several times worse than no compensation. What counts as a fault:
-//! - **jump**: more than 3 °C within a minute, and it stays. No casting does that; it is a new sensor, or a broken one.
+//! One faulty sensor in a model makes the worst run several times worse than no compensation. These are faults:
+//! - **jump**: more than 3 °C within a minute, permanently. No casting changes that fast; the sensor is new or broken.
 //! - **spike**: more than 2 °C up or down, and back within five minutes: a bad contact.
-//! - **frozen**: one number while the other sensors say that it should have moved. The virtual sensors (`stand_in`) find it.
-//! - **constant**: it says nothing.
-//! - **missing**: more than a fifth of a run.
+//! - **frozen**: a constant reading while the predictions of the other sensors move. The virtual sensors (`stand_in`)
+//!   find it.
+//! - **constant**: a sensor without information.
+//! - **missing**: no value in more than a fifth of a run.
 //!
-//! The first three spoil one run, not the sensor in every other: what they spoilt is rebuilt where the good runs show
-//! that it can be, the rows of a freeze are masked, and the sensor is left out of everything only where neither will do.
+//! The first three affect one run, but not the sensor in other runs. Their rows are rebuilt if the good runs show that
+//! this is possible. The rows of a freeze are masked. The sensor is left out only if neither is possible.
 
 use std::borrow::Cow;
 use std::time::Duration;
@@ -24,130 +25,131 @@ pub(super) mod mend;
 mod rebuild;
 pub(crate) mod standstill;
 
-/// °C per minute that no casting reaches.
+/// Rate that no casting reaches, °C per minute.
 const JUMP: f64 = 3.0;
-/// °C up or down, and back soon after.
+/// Minimum height of a spike, °C.
 const SPIKE: f64 = 2.0;
 const SPIKE_LASTS: Duration = Duration::from_secs(300);
-/// s between the step with which a frozen sensor thaws, and the minute that shows it.
+/// Maximum time between the step at the end of a freeze and the minute that shows it, s.
 const THAWS: f64 = 120.0;
-/// Of the rows of a run.
+/// Largest share of the rows of a run that may be missing.
 pub(super) const MISSING: f64 = 0.2;
-/// A sensor that moves less, °C, in any run is constant.
+/// Minimum movement of a sensor in any run, °C. A sensor that moves less is constant.
 const STANDS_STILL: f64 = 1e-6;
 
-/// What was found about a sensor.
+/// Finding about a sensor.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
     /// The signal.
     pub signal: String,
-    /// Why it is said, with run, time or figures.
+    /// Reason, with run, time or figures.
     pub reason: String,
 }
 
-/// What leaving one sensor out costs, or gains: root mean square of what a `whitened` model leaves on held-out rows, µm.
-/// Both models are judged by the same rows.
+/// Cost or gain of leaving one sensor out: root mean square of the residual error of a `whitened` model on held-out
+/// rows, µm. Both models are judged by the same rows.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Omission {
-    /// The signal that is left out.
+    /// Signal that is left out.
     pub signal: String,
-    /// With it, as its readings were recorded but for masked rows.
+    /// Residual error with the signal, with its readings as recorded except masked rows.
     pub with_um: f64,
-    /// Without it.
+    /// Residual error without the signal.
     pub without_um: f64,
 }
 
-/// What a person must know of the logs beside the figures.
+/// Facts about the logs that the operator must know, besides the figures.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Notes {
-    /// Sensors left out, with the reason.
+    /// Sensors that are left out, with the reason.
     pub excluded: Vec<Finding>,
-    /// What each sensor that is left out costs; none for one of which it cannot be known.
+    /// Cost of each sensor that is left out, if it is known.
     pub omissions: Vec<Omission>,
     /// Sensors that behave like the air, with the reason.
     pub ambient: Vec<Finding>,
-    /// What is odd.
+    /// Remarks about unusual findings.
     pub remarks: Vec<String>,
 }
 
-/// A sensor that was faulty in one run, and stays in: what its readings of that run were replaced by.
+/// Sensor that was faulty in one run, and is used nevertheless: the repair of its readings in that run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Repaired {
     /// The signal.
     pub signal: String,
     /// The run.
     pub run: String,
-    /// What was found, with its time.
+    /// Fault, with its time.
     pub fault: String,
-    /// What was done about it.
+    /// Repair.
     pub done: String,
 }
 
 impl Repaired {
-    /// As it stands beside the sensors that were left out.
+    /// Returns the finding for the list of sensors with faults.
     pub(super) fn finding(&self) -> Finding {
         let reason = format!("{} ({}) in {}", self.fault, self.done, self.run);
         Finding { signal: self.signal.clone(), reason }
     }
 }
 
-/// A fault of one column.
+/// Fault of one column.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Fault {
     pub(super) column: usize,
-    /// `None`: of every run.
+    /// Run of the fault; `None` means every run.
     pub(super) run: Option<usize>,
-    /// What was found, with its time.
+    /// Fault, with its time.
     pub(super) message: String,
     pub(super) damage: Damage,
-    /// The rows of the run that it spoils.
+    /// Rows of the run that it affects.
     pub(super) rows: Vec<usize>,
 }
 
-/// How a fault spoils a run; in the order in which it is mended.
+/// Effect of a fault on a run, in the order of repair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Damage {
-    /// Some rows here and there.
+    /// Some separate rows.
     Spikes,
     /// All rows from one on, by a step.
     Jump,
-    /// A stretch at one number. Its rows are masked; for what lags behind them they are rebuilt.
+    /// A constant stretch. Its rows are masked. They are rebuilt only for later lagged values.
     Frozen,
-    /// A stretch at one number that is most of its run. It is rebuilt and learnt from: masked, it would leave too little.
+    /// A constant stretch that is most of its run. It is rebuilt and used for learning, because a mask would leave too
+    /// few rows.
     Rebuilt,
-    /// A stretch at one number that no other sensor can rebuild. Its rows are masked, and its readings are missing.
+    /// A constant stretch that no other sensor can rebuild. Its rows are masked, and its readings are missing.
     Missing,
-    /// Nobody knows which rows.
+    /// Unknown rows.
     Whole,
 }
 
 impl Damage {
-    /// Whether the reading stood still, whatever was done about it.
+    /// Returns whether the reading was frozen, independent of the repair.
     pub(super) fn is_frozen(self) -> bool {
         matches!(self, Damage::Frozen | Damage::Rebuilt | Damage::Missing)
     }
 }
 
-/// Every fault of these columns of temperatures but freezes, as reasons to leave them out. A jump with which one of
-/// `frozen` thaws is no fault.
+/// Returns the faults of these temperature columns, except freezes, as reasons to leave them out. A jump at the end of
+/// a freeze in `frozen` is no fault.
 pub(super) fn find(dataset: &Dataset, columns: &[usize], frozen: &[Frozen]) -> Vec<Finding> {
     faults(dataset, columns, frozen).iter().map(|fault| fault.finding(dataset, "")).collect()
 }
 
-/// Rows in which a reading stood still while the other sensors said that it should have moved.
+/// Rows in which a reading was constant while the predictions of the other sensors moved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Frozen {
-    /// Of the dataset.
+    /// Column of the dataset.
     pub(crate) column: usize,
-    /// Of the dataset.
+    /// Run of the dataset.
     pub(crate) run: usize,
-    /// The first row with the number: a true reading.
+    /// First row with the constant value. This reading is valid.
     pub(crate) first: usize,
-    /// The last row with the number.
+    /// Last row with the constant value.
     pub(crate) last: usize,
-    /// No reading of the run comes after it.
+    /// The run has no reading after the last row.
     pub(crate) lasts_to_the_end: bool,
-    /// °C that the other sensors say it moved by.
+    /// Predicted movement in that time, °C.
     pub(crate) missed: f64,
 }
 
@@ -164,7 +166,7 @@ impl Fault {
         Fault { column, run: Some(run), message, damage: Damage::Frozen, rows }
     }
 
-    /// With what else is to be said behind the message.
+    /// Returns the finding. `more` is added to the message.
     pub(super) fn finding(&self, dataset: &Dataset, more: &str) -> Finding {
         let run = self.run.map(|run| format!(" in {}", dataset.runs[run].name)).unwrap_or_default();
         let signal = dataset.columns[self.column].name.clone();
@@ -172,7 +174,7 @@ impl Fault {
     }
 }
 
-/// Every fault of these columns of temperatures but freezes, column by column, run by run.
+/// Returns the faults of these temperature columns, except freezes, by column and run.
 pub(super) fn faults(dataset: &Dataset, columns: &[usize], frozen: &[Frozen]) -> Vec<Fault> {
     columns.iter().flat_map(|column| of_column(dataset, *column, frozen)).collect()
 }
@@ -203,7 +205,7 @@ fn of_column(dataset: &Dataset, column: usize, frozen: &[Frozen]) -> Vec<Fault> 
         let own_frozen = frozen.iter().filter(|frozen| frozen.column == column && frozen.run == number);
         let thaws: Vec<f64> = own_frozen.filter_map(|frozen| run.seconds().nth(frozen.last + 1)).collect();
         for (step, place) in jumps(own, &spikes) {
-            // A sensor that thaws jumps, too: that belongs to its having been frozen.
+            // A jump at the end of a freeze belongs to the freeze.
             if is_near(own.seconds[place], &thaws) {
                 continue;
             }
@@ -215,8 +217,8 @@ fn of_column(dataset: &Dataset, column: usize, frozen: &[Frozen]) -> Vec<Fault> 
     found
 }
 
-/// The logs without the jumps with which a reading leaves a number at which it stood still. Only the other sensors tell
-/// whether such a jump is the thaw of a frozen sensor, and they must not be learnt from with the jump in them.
+/// Returns the logs without the jumps at the ends of constant stretches. Only the other sensors can tell whether such a
+/// jump is the end of a freeze. They must not be learned from readings that contain the jump.
 pub(super) fn levelled<'a>(dataset: &'a Dataset, columns: &[usize]) -> Cow<'a, Dataset> {
     let mut levelled = Cow::Borrowed(dataset);
     for (number, run) in dataset.runs.iter().enumerate() {
@@ -242,29 +244,29 @@ pub(super) fn levelled<'a>(dataset: &'a Dataset, columns: &[usize]) -> Cow<'a, D
     levelled
 }
 
-/// Whether a minute is that of one of these steps.
+/// Returns whether a minute is near one of these steps.
 fn is_near(minute: f64, steps: &[f64]) -> bool {
     steps.iter().any(|step| (step - minute).abs() <= THAWS)
 }
 
-/// The share of a run's rows that have no value here.
+/// Returns the share of a run's rows without a value in this column.
 pub(super) fn missing(run: &Run, column: usize) -> f64 {
     let gone = run.values[column].iter().filter(|value| !value.is_finite()).count();
     count(gone) / count(run.times.len()).max(1.0)
 }
 
-/// When the minute of this second begins, s.
+/// Returns the start of the minute of this time, s.
 fn minute(second: f64) -> f64 {
     (second / 60.0).floor() * 60.0
 }
 
-/// The rows from the first to before the second of any of these spans, s.
+/// Returns the rows within any of these spans, s. The end of a span is excluded.
 fn rows_within(run: &Run, spans: &[(f64, f64)]) -> Vec<usize> {
     let is_inside = |second: f64| spans.iter().any(|(from, to)| (*from..*to).contains(&second));
     run.seconds().enumerate().filter(|(_, second)| is_inside(*second)).map(|(row, _)| row).collect()
 }
 
-/// A minute that is a mean of several rows has rows of the spike in the minutes beside it, too.
+/// Returns the rows of spikes. If a minute is a mean of several rows, its neighbours contain rows of the spike, too.
 fn rows_of_spikes(run: &Run, own: &Minutes, spikes: &[(usize, usize)]) -> Vec<usize> {
     let seconds: Vec<f64> = run.seconds().collect();
     let step = median(seconds.windows(2).map(|pair| pair[1] - pair[0]).collect());
@@ -274,7 +276,7 @@ fn rows_of_spikes(run: &Run, own: &Minutes, spikes: &[(usize, usize)]) -> Vec<us
     rows_within(run, &spans.collect::<Vec<_>>())
 }
 
-/// The rows from the largest step of this column within two minutes of this time on.
+/// Returns all rows from the largest step of this column within two minutes of this time.
 fn rows_of_step(run: &Run, column: usize, at: f64) -> Vec<usize> {
     let values = run.values[column].iter().copied().enumerate().zip(run.seconds());
     let is_near = |value: f64, second: f64| value.is_finite() && (second - at).abs() <= 120.0;
@@ -285,7 +287,7 @@ fn rows_of_step(run: &Run, column: usize, at: f64) -> Vec<usize> {
     (first..run.times.len()).collect()
 }
 
-/// Where spikes begin, and where the first good minute after each is.
+/// Returns the start of each spike, and the first good minute after it.
 fn spikes(own: &Minutes) -> Vec<(usize, usize)> {
     let mut found = Vec::new();
     let mut place = 1;
@@ -306,7 +308,7 @@ fn spikes(own: &Minutes) -> Vec<(usize, usize)> {
     found
 }
 
-/// Jumps that stay, with the minute after each.
+/// Returns the permanent jumps, with the minute after each.
 fn jumps(own: &Minutes, spikes: &[(usize, usize)]) -> Vec<(f64, usize)> {
     let is_spike = |place: &usize| spikes.iter().any(|(from, to)| (from..to).contains(&place));
     let good: Vec<usize> = (0..own.values.len()).filter(|place| !is_spike(place)).collect();
@@ -319,7 +321,7 @@ fn jumps(own: &Minutes, spikes: &[(usize, usize)]) -> Vec<(f64, usize)> {
     good.windows(2).filter_map(step).collect()
 }
 
-/// The smallest step between two values of a column.
+/// Returns the smallest step between two values of a column; 0 if it never moved.
 pub(super) fn resolution(dataset: &Dataset, column: usize) -> f64 {
     let pairs = dataset.runs.iter().flat_map(|run| run.values[column].windows(2));
     let steps = pairs.map(|pair| (pair[1] - pair[0]).abs()).filter(|step| *step > 1e-9);
@@ -327,7 +329,7 @@ pub(super) fn resolution(dataset: &Dataset, column: usize) -> f64 {
     if smallest < f64::MAX { smallest } else { 0.0 }
 }
 
-/// `3:05 h` into the run.
+/// Returns the time in a run as text: `3:05 h`.
 fn clock(seconds: f64) -> String {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a run's length")]
     let minutes = (seconds / 60.0).max(0.0) as u64;

@@ -1,14 +1,15 @@
-//! The products of runs, kept: the runs of a fleet add up, and a model is learnt from them where their records are not.
+//! Products of runs, kept in files. The runs of a fleet are added up, and a model is learned from them without their
+//! records.
 //!
 //! ```text
 //! machine 1:  records ── RunProducts::of ── file ──┐
 //! machine 2:  records ── RunProducts::of ── file ──┴── add ── learn ── FleetModel ── block
 //! ```
-//! `whitened` needs no more of a run than the sums of products of its columns: less than 100 kB for sixteen sensors, however long it was. They
-//! depend on nothing but the run, so what is learnt from runs that were kept one by one is what is learnt from their records
-//! at once, to the last bit; unless a faulty sensor was mended with the help of other runs.
+//! `whitened` needs only the sums of products of a run's columns: less than 100 kB for sixteen sensors, independent of
+//! its length. The sums depend only on the run. Therefore a model from kept runs equals a model from their records, to
+//! the last bit. An exception is a faulty sensor that was repaired with the help of other runs.
 //!
-//! Products say nothing of single rows: no range, no envelope, no stand-ins.
+//! Products contain no single rows. Therefore they give no range, no envelope and no stand-ins.
 
 use std::time::Duration;
 
@@ -29,20 +30,20 @@ use isotherm_profile::sha256;
 const FORMAT: &str = "isotherm-products";
 const VERSION: u64 = 1;
 
-/// The products of some runs, of one machine or of several, with what they belong to.
+/// Products of runs, of one machine or of several, with their settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunProducts {
     axis: String,
-    /// What references are the mean over, s.
+    /// Time over which references are the mean, s.
     settle_s: f64,
-    /// Rows were averaged over this long, s.
+    /// Time over which rows were averaged, s.
     resample_s: f64,
     columns: Vec<Column>,
     runs: Vec<Run>,
 }
 
-/// A signal through a lag.
+/// Signal with a lag.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Column {
@@ -61,7 +62,7 @@ struct Run {
     white: Sums,
 }
 
-/// X'X row by row up to its diagonal, X'y, y'y and the number of rows.
+/// Sums of a run: X'X row by row up to its diagonal, X'y, y'y and the number of rows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Sums {
@@ -76,26 +77,26 @@ struct Sums {
 struct File {
     format: String,
     version: u64,
-    /// Of the products, as they stand here without a space.
+    /// Hash of the products as they are written here, without spaces.
     sha256: String,
     products: RunProducts,
 }
 
-/// What only is looked at first: a file of another version may have other keys.
+/// Keys that are read first, because a file of another version may have other keys.
 #[derive(Deserialize)]
 struct Head {
     format: Option<String>,
     version: Option<u64>,
 }
 
-/// A model of several runs: Cz is the sum of its terms.
+/// Model from several runs: Cz is the sum of its terms.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FleetModel {
     /// The axis.
     pub axis: String,
-    /// In the order of the columns.
+    /// Terms, in the order of the columns.
     pub terms: Vec<FleetTerm>,
-    /// Each run as models of others leave it.
+    /// Residual error of each run with models from other runs.
     pub runs: Vec<RunLeft>,
     settle_s: f64,
 }
@@ -105,38 +106,39 @@ pub struct FleetModel {
 pub struct FleetTerm {
     /// The signal.
     pub signal: String,
-    /// Its unit: the gain is µm per that, or per its square.
+    /// Unit of the signal. The gain is in µm per unit, or per its square.
     pub unit: String,
-    /// Time constant, s; 0: it acts at once.
+    /// Time constant, s; 0 means no lag.
     pub lag_s: f64,
-    /// The square of the signal counts.
+    /// The input is the square of the signal.
     pub squared: bool,
-    /// For Cz = −e.
+    /// Gain for Cz = −e.
     pub gain: f64,
-    /// Of the ridge and of the net whose mean it is; none of one or two runs.
+    /// Gains of the ridge and of the elastic net, whose mean is the gain. `None` with one or two runs.
     pub halves: Option<[f64; 2]>,
 }
 
-/// How far off a run is, root mean squares in µm.
+/// Residual error of a run, root mean squares in µm.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RunLeft {
-    /// Its machine.
+    /// Name of the machine.
     pub machine: String,
-    /// Its name.
+    /// Name of the run.
     pub run: String,
     /// Without compensation.
     pub uncompensated_rms_um: f64,
-    /// With a model of all the other runs; none where there are none.
+    /// With a model from all other runs; `None` if there are none.
     pub rms_um: Option<f64>,
-    /// With a model of the other machines' runs; none where there are none.
+    /// With a model from the runs of other machines; `None` if there are none.
     pub other_machines_rms_um: Option<f64>,
 }
 
 impl RunProducts {
-    /// Of each run of a campaign. `machine` tells its runs from those of others.
+    /// Computes the products of each run of a campaign. `machine` is the name by which its runs are distinguished from
+    /// others.
     ///
     /// # Errors
-    /// Settings of another method than `whitened` with every sensor, or a run without a row in which all is there.
+    /// Returns a message if the settings are not `whitened` with every sensor, or if a run has no complete row.
     pub fn of(ready: &Ready<'_>, machine: &str, settings: &Settings) -> Result<RunProducts, String> {
         settings.check()?;
         if settings.method != Method::Whitened || settings.sensors.is_some() || settings.prior.is_some() {
@@ -173,10 +175,10 @@ impl RunProducts {
         })
     }
 
-    /// As a file: JSON, with a seal over all of it.
+    /// Returns the products as a file: JSON, with a hash of all of it.
     ///
     /// # Errors
-    /// A number that JSON does not have.
+    /// Returns a message if a number cannot be written as JSON.
     pub fn to_json(&self) -> Result<String, String> {
         let file = File {
             format: FORMAT.to_owned(),
@@ -187,10 +189,10 @@ impl RunProducts {
         serde_json::to_string(&file).map_err(|why| why.to_string())
     }
 
-    /// From such a file.
+    /// Reads such a file.
     ///
     /// # Errors
-    /// It is none, or was changed since.
+    /// Returns a message if the file is invalid or was changed.
     pub fn from_json(bytes: &[u8]) -> Result<RunProducts, String> {
         let head: Head =
             serde_json::from_slice(bytes).map_err(|why| format!("no products of runs: {why}"))?;
@@ -204,7 +206,7 @@ impl RunProducts {
             serde_json::from_slice(bytes).map_err(|why| format!("no products of runs: {why}"))?;
         if file.sha256 != file.products.seal()? {
             return Err(
-                "its seal does not fit: it was changed, or damaged; keep the products of the records anew"
+                "its seal does not fit: it was changed, or damaged; keep the products of the records again"
                     .to_owned(),
             );
         }
@@ -220,15 +222,15 @@ impl RunProducts {
         serde_json::to_vec(self).map(|bytes| sha256(&bytes)).map_err(|why| why.to_string())
     }
 
-    /// The runs: their machines and their names.
+    /// Returns the machine and the name of each run.
     pub fn runs(&self) -> impl ExactSizeIterator<Item = (&str, &str)> {
         self.runs.iter().map(|run| (run.machine.as_str(), run.run.as_str()))
     }
 
-    /// The runs of another file as well. The order of its columns does not matter.
+    /// Adds the runs of another file. The order of its columns does not matter.
     ///
     /// # Errors
-    /// They are not of the same columns, or one of them is here already; nothing is added then.
+    /// Returns a message if the columns differ, or if a run is already here. In that case nothing is added.
     pub fn add(&mut self, other: &RunProducts) -> Result<(), String> {
         self.fits(other)?;
         let place = |column: &Column| other.columns.iter().position(|own| own == column);
@@ -242,7 +244,7 @@ impl RunProducts {
         Ok(())
     }
 
-    /// Whether sums of both mean the same.
+    /// Checks whether the sums of both can be added.
     fn fits(&self, other: &RunProducts) -> Result<(), String> {
         let (own, others) = (self.machines(), other.machines());
         if self.axis != other.axis {
@@ -291,8 +293,8 @@ impl RunProducts {
         names.join(", ")
     }
 
-    /// A model of all runs, by the method `whitened`: penalties are chosen on runs that were left out. And how models of the
-    /// others leave each run.
+    /// Learns a model from all runs by the method `whitened`. Penalties are chosen on held-out runs. Also returns the
+    /// residual error of each run with models from the others.
     pub fn learn(&self) -> FleetModel {
         let grams = |of: fn(&Run) -> &Sums| self.runs.iter().map(|run| of(run).gram()).collect();
         let products = Products::kept(grams(|run| &run.plain), grams(|run| &run.white));
@@ -333,7 +335,7 @@ impl RunProducts {
         }
     }
 
-    /// The columns, without their rows.
+    /// Returns the columns without their rows.
     fn bank(&self) -> Bank {
         let mut signals: Vec<&str> = Vec::new();
         let mut is_speed = Vec::new();
@@ -380,7 +382,7 @@ impl Sums {
         }
     }
 
-    /// Of so many columns.
+    /// Returns whether the sums are of this number of columns.
     fn has(&self, width: usize) -> bool {
         self.cross.len() == width && self.square.len() == width * (width + 1) / 2
     }
@@ -401,7 +403,7 @@ impl Sums {
 }
 
 impl FleetModel {
-    /// The `[[axis.….model]]` block of a profile, ready to paste.
+    /// Returns the `[[axis.….model]]` block for a profile.
     #[must_use]
     pub fn block(&self) -> String {
         let term = |term: &FleetTerm| TermFound {

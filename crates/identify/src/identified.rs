@@ -1,4 +1,4 @@
-//! What was found, and how far it may be believed.
+//! Result of an identification, with its validation.
 
 use serde::Serialize;
 
@@ -30,121 +30,123 @@ mod lost;
 pub use alone::Alone;
 pub use lost::Fallback;
 
-/// Most sensors for the curve over how many are kept.
+/// Maximum number of sensors in the table by number of sensors.
 const MOST_COUNTED: usize = 8;
 
-/// A model with its cross-validation. Serialized, it is the JSON of `identify`.
+/// Model with its cross-validation. Serialized, it is the JSON of `identify`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Identified {
-    /// The method's word.
+    /// Name of the method.
     pub method: &'static str,
     /// The axis.
     pub axis: String,
     /// The column with the measured error.
     pub error: String,
-    /// The terms of Cz = Σ gain·rise; empty for a network.
+    /// Terms of Cz = Σ gain·rise; empty for a network.
     pub terms: Vec<TermFound>,
-    /// The condition number of the terms' columns, each of root mean square 1; none where two are the same, or there are none.
+    /// Condition number of the terms' columns, each scaled to a root mean square of 1. `None` if two columns are the
+    /// same, or if there are none.
     pub condition: Option<f64>,
-    /// What the network is, where it is one.
+    /// Description of the network; `None` for other models.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub network: Option<String>,
-    /// Each run, held out.
+    /// Held-out result of each run.
     pub runs: Vec<RunScore>,
-    /// How they fared.
+    /// Means of the held-out results.
     #[serde(flatten)]
     pub means: Means,
-    /// The same without compensation.
+    /// Means without compensation.
     pub uncompensated: Means,
-    /// The interval of the probe, s, where the residual is taken out at one.
+    /// Interval of the simulated probe, s; `None` without one.
     pub probe_s: Option<f64>,
-    /// What is odd about the sensors and the logs.
+    /// Remarks about the sensors and the logs.
     #[serde(flatten)]
     pub notes: Notes,
-    /// Sensors that were faulty in a run, and what was done about it.
+    /// Sensors that were faulty in a run, with the repair.
     pub repaired: Vec<Repaired>,
-    /// What each column of the logs was taken for.
+    /// Use of each column of the logs.
     pub columns: Vec<ColumnShown>,
-    /// What to expect of it: one standard deviation that grows with the hours.
+    /// Expected error: one standard deviation, which grows with the hours.
     pub expected: Option<Expected>,
-    /// How fast what it leaves wanders, µm²/h: the probe's q.
+    /// Drift of the residual error, µm²/h. It is the q of the probe.
     pub probe_q: Option<f64>,
-    /// Runs that it left worse than they were without compensation.
+    /// Runs whose held-out error was larger than without compensation.
     pub worse_runs: Vec<String>,
-    /// Held out, by how many sensors are kept, from none on; empty where it was not asked for.
+    /// Held-out results by the number of sensors, from none on. Empty if not requested.
     pub by_sensors: Vec<Counted>,
-    /// Sensors of which no other tells: where one is lost, a run's range grows by more than a quarter.
+    /// Sensors without a good replacement: if one of them is lost, the range of a run grows by more than a quarter.
     pub irreplaceable: Vec<String>,
-    /// What stands in for each sensor that is frozen or lost.
+    /// Stand-in of each sensor.
     pub stand_ins: Vec<StandIn>,
     /// Models for the loss of each sensor, the best first.
     pub fallbacks: Vec<Fallback>,
     /// Every held-out run, row by row.
     #[serde(skip)]
     pub held_out: Vec<HeldOut>,
-    /// The model over all runs.
+    /// Model of all runs.
     #[serde(skip)]
     pub learned: Learned,
-    /// Where its inputs were; none where they are too many, or one never moved.
+    /// Range of the model's inputs. `None` if there are too many inputs, or if one never moved.
     #[serde(rename = "envelope")]
     pub region: Option<Region>,
-    /// The slope's position signal and where the slope adds nothing, mm.
+    /// Position signal of the slope, and the position at which the slope adds nothing, mm.
     pub position: Option<(String, f64)>,
-    /// What references are the mean over, s.
+    /// Time over which references are the mean, s.
     pub settle_s: f64,
 }
 
-/// One term of the sum.
+/// Term of the sum.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TermFound {
     /// The signal.
     pub signal: String,
-    /// Time constant, s; 0: it acts at once.
+    /// Time constant, s; 0 means no lag.
     pub lag_s: f64,
-    /// For Cz = −e.
+    /// Gain for Cz = −e.
     pub gain: f64,
-    /// The gain's unit: µm/°C, or as the profile has the signal; a term of the slope: µm/mm/°C.
+    /// Unit of the gain: µm/°C, or by the unit of the signal. For a term of the slope: µm/mm/°C.
     pub unit: String,
-    /// The gain's standard error; none where too few runs say nothing of it.
+    /// Standard error of the gain; `None` if there are too few runs.
     pub se: Option<f64>,
-    /// The most that it adds to Cz on any row, µm.
+    /// Largest contribution to Cz on any row, µm.
     pub largest_um: f64,
-    /// How many times the variance of the gain is what it were if no other term resembled it; none as for the condition.
+    /// Factor by which other, similar terms increase the variance of the gain; `None` as for the condition.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub inflation: Option<f64>,
-    /// It belongs to the slope over the position.
+    /// The term belongs to the slope over the position.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub slope: bool,
-    /// The square of the signal counts.
+    /// The input is the square of the signal.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub squared: bool,
-    /// It counts from standing still, not from the start.
+    /// The input is a speed. It is counted from standstill, not from machine start.
     #[serde(skip)]
     pub is_speed: bool,
 }
 
-/// A column, and what it was taken for.
+/// Column of the logs, and its use.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ColumnShown {
-    /// Its name.
+    /// Name of the column.
     pub name: String,
-    /// What it seems to be.
+    /// Detected kind.
     pub kind: Kind,
-    /// What it is used as.
+    /// Use of the column.
     pub used: &'static str,
-    /// The smallest step between two of its values; 0 where it never moved. None where it was not read, as its least and
-    /// its largest value.
+    /// Smallest step between two values; 0 if the column never moved. `None` if the column was not read. The same
+    /// applies to the smallest and the largest value.
     pub resolution: Option<f64>,
-    /// Its least value.
+    /// Smallest value.
     pub min: Option<f64>,
-    /// Its largest value.
+    /// Largest value.
     pub max: Option<f64>,
 }
 
-/// Finds the model and validates it; where the whole is wanted also what stands in for its sensors, and how many it needs.
+/// Identifies the model and validates it. If `is_whole`, also identifies its stand-ins, its fallbacks, and the result
+/// by number of sensors.
 ///
 /// # Errors
-/// What the method says: a sentence that says what to do.
+/// Returns the message of the method, which says what to do.
 pub fn identify(
     ready: &Ready<'_>,
     settings: &Settings,
@@ -178,7 +180,7 @@ pub fn identify(
         }
     }
     let inputs = learned.inputs();
-    // Where the machine keeps a few sensors, nothing may need another one.
+    // If the machine keeps only a few sensors, no other sensor may be needed.
     let among = match settings.sensors {
         Some(_) => inputs.clone(),
         None => (0..campaign.inputs.len()).collect(),
@@ -263,7 +265,7 @@ pub fn identify(
 }
 
 impl Identified {
-    /// The terms, those first that come to most: gains of different units cannot be compared.
+    /// Returns the terms by their largest contribution. Gains of different units cannot be compared.
     pub fn by_size(&self) -> Vec<&TermFound> {
         let mut terms: Vec<&TermFound> = self.terms.iter().collect();
         terms.sort_by(|one, other| other.largest_um.total_cmp(&one.largest_um));
@@ -271,10 +273,10 @@ impl Identified {
     }
 }
 
-/// How a model of some runs, by their numbers, fares on each of the others.
+/// Returns the result of a model from the given runs on each of the other runs.
 ///
 /// # Errors
-/// What the method says.
+/// Returns the message of the method.
 pub fn judged_on_the_others(
     ready: &Ready<'_>,
     settings: &Settings,
@@ -293,7 +295,7 @@ pub fn judged_on_the_others(
     Ok(others.map(judged).collect())
 }
 
-/// What a model of so few runs is worth.
+/// Returns a remark on the reliability of a model from one or two runs; `None` for more.
 fn worth(runs: usize, has_prior: bool) -> Option<String> {
     let share = match (runs, has_prior) {
         (1, false) => {
@@ -316,7 +318,7 @@ fn worth(runs: usize, has_prior: bool) -> Option<String> {
     })
 }
 
-/// Least squares on all columns needs more rows than columns, also where the longest run is held out.
+/// Checks that least squares on all columns has more rows than columns, also while the longest run is held out.
 fn check_count(bank: &Bank, method: Method) -> Result<(), String> {
     let terms = bank.candidates.len();
     let rows = bank.runs.iter().map(|run| run.target.len());
@@ -337,7 +339,7 @@ fn terms_of(campaign: &Campaign<'_>, bank: &Bank, gains: &[(Candidate, f64)]) ->
         if per.0 == "1" { of.to_owned() } else { format!("{of}/{per}{square}") }
     };
     let largest = |(candidate, gain): &(Candidate, f64)| {
-        // A time constant that was fitted is in no bank: what is late moves no more than what it follows.
+        // A fitted time constant is in no bank. A lagged input moves no more than the input.
         let column = bank.column(candidate).or_else(|| bank.plain(candidate.input));
         column.map_or(0.0, |column| bank.largest(column) * gain.abs())
     };
@@ -356,7 +358,7 @@ fn terms_of(campaign: &Campaign<'_>, bank: &Bank, gains: &[(Candidate, f64)]) ->
     gains.iter().map(term).collect()
 }
 
-/// As the columns were recorded: what was rebuilt has no resolution.
+/// Returns the columns as recorded, because rebuilt readings have no resolution.
 fn columns(ready: &Ready<'_>, error: &str) -> Vec<ColumnShown> {
     let used = |name: &str| {
         if name == error {

@@ -1,17 +1,19 @@
-//! Offline: from the logs of some days to a model that holds on a day it never saw.
+//! Offline identification: from the logs of some days to a model that is valid on other days.
 //!
 //! ```text
 //! dataset ── setup ── campaign ── bank ── gram ── method ── validate ── identified ── written
 //!  (logs)   (checks,   (profile's  (rises   (X'X)   (learn)    (one run    (JSON)        (TOML)
 //!           faults)     view)     and lags)                   left out)
 //! ```
-//! The rises and lags of the bank are computed by the gateway's own [`compensation`](isotherm_core::compensation): what is
-//! found is what runs.
+//! The rises and lags of the bank are computed by the gateway's own [`compensation`](isotherm_core::compensation).
+//! Therefore the identified model is the one that runs.
 //!
-//! [`fleet`] keeps of each run what a model is learnt from, so that the runs of several machines add up. [`select`] says which points are worth keeping, without a profile; [`report`] draws both for a customer.
+//! [`fleet`] keeps the products of each run, so that the runs of several machines can be added up. [`select`] selects
+//! measuring points without a profile. [`report`] draws reports of both.
 //!
 //! # Sign
-//! Methods learn the compensation that would leave no error, Cz = −(e − its cold value): a gain is the profile's gain.
+//! Methods learn the compensation that would leave no error, Cz = −(e − its cold value). A gain is the gain of the
+//! profile.
 
 pub mod applied;
 pub mod balls;

@@ -144,7 +144,7 @@ impl Settings {
         }
         if self.sensors.is_some() && self.prior.is_some() {
             return Err(
-                "--sensors chooses sensors anew, and --prior has its own: name one of the two".to_owned()
+                "--sensors chooses sensors again, and --prior has its own: name one of the two".to_owned()
             );
         }
         Ok(())

@@ -1,7 +1,7 @@
-//! What it costs to leave a sensor out: models with it and without it, each judged on runs that it never saw.
+//! Cost of leaving a sensor out: models with and without it, each judged on held-out runs.
 //!
-//! The models are those of `whitened`, whatever method is asked for. All are judged by the same rows: masked rows count for
-//! none of them.
+//! The models are those of `whitened`, independent of the chosen method. All are judged by the same rows, without
+//! masked rows.
 
 use std::iter::once;
 
@@ -11,11 +11,12 @@ use crate::method::Settings;
 use crate::statistics::{count, smallest};
 use crate::validate::{HeldOut, leave_one_run_out};
 
-/// A sensor is harmful only if less than this share of the root mean square is left without it. Smaller differences mean
-/// nothing.
+/// Largest ratio of the root mean squares without and with a sensor for which the sensor is harmful. A smaller
+/// difference is not significant.
 const CLEARLY: f64 = 0.98;
 
-/// Those of these inputs, by their places, without which clearly less is left; the worst first. One sensor stays at least.
+/// Returns the harmful inputs among these, worst first. Without each, the residual error is clearly smaller. At least
+/// one sensor stays.
 pub(crate) fn harmful(campaign: &Campaign<'_>, suspects: &[usize]) -> Vec<(usize, Omission)> {
     let (mut rest, mut found) = (suspects.to_vec(), Vec::<(usize, Omission)>::new());
     while !rest.is_empty() && found.len() + 1 < campaign.sensors().len() {
@@ -35,15 +36,15 @@ pub(crate) fn harmful(campaign: &Campaign<'_>, suspects: &[usize]) -> Vec<(usize
     found
 }
 
-/// What it costs that this input is not in a campaign; `None` if a model with it cannot be judged, because there is one run
-/// only, or because it is missing throughout a run.
+/// Returns the cost of leaving this input out of a campaign. `None` if a model with it cannot be judged, because there
+/// is only one run, or because it is missing throughout a run.
 pub(crate) fn cost(campaign: &Campaign<'_>, input: &Input) -> Option<Omission> {
     let (with, place) = (campaign.with_input(input.clone()), campaign.inputs.len());
     let left = left_without(&with, &[Vec::new(), vec![place]])?;
     Some(Omission { signal: input.name.clone(), with_um: left[0], without_um: left[1] })
 }
 
-/// Root mean square of what is left on the held-out rows of all runs, µm, for each list of inputs that are left out.
+/// Returns the root mean square of the residual error on held-out rows, µm, for each list of inputs that are left out.
 fn left_without(campaign: &Campaign<'_>, without: &[Vec<usize>]) -> Option<Vec<f64>> {
     if campaign.dataset.runs.len() < 2 {
         return None;
@@ -55,7 +56,7 @@ fn left_without(campaign: &Campaign<'_>, without: &[Vec<usize>]) -> Option<Vec<f
     each.into_iter().map(|held| Some(root_mean_square(&held.ok()?))).collect()
 }
 
-/// Over the rows of all runs, µm.
+/// Returns the root mean square over the rows of all runs, µm.
 fn root_mean_square(held_out: &[HeldOut]) -> f64 {
     let (mut sum, mut rows) = (0.0, 0);
     for held in held_out {

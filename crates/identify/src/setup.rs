@@ -1,4 +1,4 @@
-//! What is asked, checked against the profile and the logs: every mistake in a sentence that says what to do.
+//! Check of a choice against the profile and the logs. Every error is a message that says what to do.
 
 use std::time::Duration;
 
@@ -14,44 +14,44 @@ use sound_sensors::{SoundSensors, examine};
 
 mod sound_sensors;
 
-/// Which columns are what; without a profile, axis and position say nothing.
+/// Use of the columns. Without a profile, axis and position are ignored.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Choice {
-    /// The axis's name; `None`: the profile's only one.
+    /// Name of the axis; `None` means the only axis of the profile.
     pub axis: Option<String>,
-    /// The column with the measured error; `None`: `<axis>_error_um`.
+    /// Column with the measured error; `None` means `<axis>_error_um`.
     pub error: Option<String>,
-    /// The inputs; empty: every temperature of the profile that is in the logs.
+    /// Inputs. If empty, every temperature of the profile that is in the logs.
     pub inputs: Vec<String>,
-    /// Beside every temperature each speed of the profile that all logs have.
+    /// Also use each speed of the profile that all logs contain.
     pub speeds: bool,
     /// Inputs that are left out.
     pub without: Vec<String>,
-    /// Inputs that stay in though they look faulty.
+    /// Inputs that are used although they look faulty.
     pub keep: Vec<String>,
-    /// Rows are averaged over this long.
+    /// Time over which rows are averaged.
     pub resample: Duration,
-    /// The signal that says where the axis was, and where the slope adds nothing, mm.
+    /// Signal of the axis position, and the position at which the slope adds nothing, mm.
     pub position: Option<(String, f64)>,
 }
 
-/// A campaign that can be learnt from.
+/// Campaign that is ready for learning.
 #[derive(Clone, Debug)]
 pub struct Ready<'a> {
-    /// The runs through the profile's signals.
+    /// Runs, read through the signals of the profile.
     pub(crate) campaign: Campaign<'a>,
-    /// The axis's name.
+    /// Name of the axis.
     pub axis: String,
-    /// The logs as they were recorded.
+    /// Logs as they were recorded.
     pub logs: &'a Dataset,
-    /// What is odd about the sensors and the logs.
+    /// Remarks about the sensors and the logs.
     pub notes: Notes,
-    /// Sensors that were faulty in a run, and what their readings were replaced by.
+    /// Sensors that were faulty in a run, with the repair.
     pub repaired: Vec<Repaired>,
 }
 
 impl Ready<'_> {
-    /// Half a count of the axis's register, µm; half of what a CNC usually counts in where no output says.
+    /// Returns half a count of the axis's register, µm. Without an output, half of the usual count of a CNC.
     pub(crate) fn half_a_count(&self) -> f64 {
         const USUAL: f64 = 0.1;
         let own = self.campaign.axes.iter().find(|axis| axis.name == self.axis);
@@ -59,27 +59,28 @@ impl Ready<'_> {
     }
 }
 
-/// Takes out of the measured error the Cz that acted on it, where a log of the gateway or `applied` has it.
+/// Subtracts the effect of the Cz that acted from the measured error. The Cz is taken from a gateway log or from
+/// `applied`.
 ///
 /// # Errors
-/// What acted cannot be known.
+/// Returns a message if the Cz that acted cannot be determined.
 pub fn without_cz(
     profile: &Profile,
     dataset: &mut Dataset,
     choice: &Choice,
     applied: &Applied,
 ) -> Result<(), BadLog> {
-    // `ready` says so where the axis or the column is not there.
+    // `ready` reports a missing axis or column.
     let Some(axis) = axis(profile, choice, &mut Vec::new()) else { return Ok(()) };
     let moves = applied::moves_the_machine(profile, &axis);
     applied::without_cz(dataset, &choice.error_of(&axis), Some(&axis), moves, applied)
 }
 
 impl Choice {
-    /// The column with the measured error: that which is named, or `<axis>_error_um`.
+    /// Returns the column with the measured error: the named one, or `<axis>_error_um`.
     #[must_use]
     pub fn error_column(&self, profile: &Profile) -> String {
-        // `ready` says so where the axis is not there.
+        // `ready` reports a missing axis.
         self.error_of(&axis(profile, self, &mut Vec::new()).unwrap_or_default())
     }
 
@@ -88,15 +89,15 @@ impl Choice {
     }
 }
 
-/// The unit of a column, where it is a signal of the profile.
+/// Returns a function that gives the unit of a column; `None` if the column is no signal of the profile.
 pub fn units(profile: &Profile) -> impl Fn(&str) -> Option<&'static str> + '_ {
     |name| profile.signals.iter().find(|signal| signal.name == name).map(|signal| signal.unit.0)
 }
 
-/// Checks the choice, and mends what faulty sensors spoilt or leaves them out.
+/// Checks the choice. Repairs faulty sensors, or leaves them out.
 ///
 /// # Errors
-/// Everything that is wrong, in sentences.
+/// Returns all errors as messages.
 pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Result<Ready<'a>, BadLog> {
     let mut wrong = Vec::new();
     let axis = axis(profile, choice, &mut wrong);
@@ -167,7 +168,7 @@ fn signals(profile: &Profile) -> Vec<&str> {
     profile.signals.iter().map(|signal| signal.name.as_str()).collect()
 }
 
-/// The place of a signal.
+/// Returns the index of a signal; `None` and a message if the profile has none of that name.
 fn signal(profile: &Profile, name: &str, wrong: &mut Vec<String>) -> Option<SignalId> {
     let signals = signals(profile);
     let found = signals.iter().position(|signal| *signal == name);
@@ -177,7 +178,7 @@ fn signal(profile: &Profile, name: &str, wrong: &mut Vec<String>) -> Option<Sign
     found.map(SignalId)
 }
 
-/// A signal that is in the profile and in the logs.
+/// Returns a signal that is in the profile and in the logs; `None` and a message otherwise.
 fn input(
     profile: &Profile,
     dataset: &Dataset,
@@ -242,7 +243,8 @@ fn inputs(
     found
 }
 
-/// The speeds that turn in some run, and are known in all: a row without one of its inputs is lost to a model.
+/// Returns the speeds that change in some run and are known in all runs. A row without one of its inputs cannot be used
+/// by a model.
 fn speeds<'a>(
     profile: &'a Profile,
     dataset: &Dataset,

@@ -1,7 +1,7 @@
-//! Virtual sensors: what the others say of one that is frozen, or lost.
+//! Virtual sensors: predictions of a frozen or lost sensor from the others.
 //!
-//! The rise of each sensor is predicted from the others through the usual lags, by the ridge on whitened rows. It is **stuck**
-//! where its reading has not changed for a while and the others say that it should have, by more than θ:
+//! The rise of each sensor is predicted from the others through the usual lags, by the ridge on whitened rows. The
+//! sensor is suspected if its reading has been constant for a while and the prediction has moved by more than θ:
 //!
 //! ```text
 //! D(t) = |x̂(t) − x̂(s)|, s being when the reading last changed; 0 where that is less than 3 minutes ago
@@ -9,7 +9,7 @@
 //!        of four runs or more 2 × the second largest, if the largest exceeds three times that
 //! ```
 //!
-//! From then on its value is x̂ + (its last reading − x̂ then), through the model's own lags.
+//! From then on its value is x̂ + (its last reading − x̂ at that time), through the model's own lags.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -31,45 +31,45 @@ mod frozen;
 
 pub use frozen::{Frozen, frozen};
 
-/// s: a reading that changed so lately is not stuck.
+/// Time after a change during which a sensor is not suspected, s.
 const LATELY: f64 = 180.0;
-/// °C: less is noise.
+/// Smallest threshold, °C. Smaller differences are noise.
 const LEAST: f64 = 0.05;
-/// How many times what was seen on good runs.
+/// Factor of the largest difference on good runs.
 const TIMES: f64 = 2.0;
-/// From so many runs on, the largest of them may be a fault of its own.
+/// Number of runs from which on the largest difference may be ignored as a fault.
 const ENOUGH_RUNS: usize = 4;
-/// It is taken for one if it exceeds the second largest by this factor.
+/// Factor by which the largest difference must exceed the second largest to be ignored.
 const FAR: f64 = 3.0;
-/// Where one run gives no validation.
+/// Penalty if there is only one run, which gives no validation.
 const UNCHOSEN: f64 = 0.3;
 
-/// What stands in for one sensor.
+/// Stand-in of one sensor.
 #[derive(Clone, Debug, Serialize)]
 pub struct StandIn {
-    /// The signal.
+    /// Signal of the sensor.
     pub signal: String,
-    /// θ, °C.
+    /// Threshold θ, °C.
     pub threshold: f64,
-    /// Its value may be used: nothing else leaves less where the sensor is lost.
+    /// The stand-in may be used: no other replacement of the lost sensor leaves less error.
     pub stands_in: bool,
-    /// What each other sensor's rise counts: its name, time constant in s, °C per °C.
+    /// Terms: name of another sensor, time constant in s, gain in °C per °C.
     #[serde(skip)]
     pub terms: Vec<(String, f64, f64)>,
-    /// Held out, with the sensor lost from the beginning of each run.
+    /// Means of the held-out results if the sensor is lost from the start of each run.
     #[serde(flatten)]
     pub means: Means,
 }
 
 impl StandIn {
-    /// Whether it depends on two other sensors or more. The fault of a single one would pass into it whole, so that the gateway uses no
-    /// such stand-in.
+    /// Returns whether the stand-in depends on at least two other sensors. With a single one, its fault would pass
+    /// fully into the stand-in. The gateway uses no such stand-in.
     pub(crate) fn has_others_enough(&self) -> bool {
         let mut names = self.terms.iter().filter(|(_, _, gain)| gain.abs() > 0.0).map(|(name, ..)| name);
         names.next().is_some_and(|first| names.any(|name| name != first))
     }
 
-    /// As its part of the file.
+    /// Returns the sensor's part of the file.
     pub(crate) fn file(&self) -> Value {
         let term = |(signal, lag_s, gain): &(String, f64, f64)| json!({ "signal": signal, "lag_s": lag_s, "gain": gain });
         let terms: Vec<Value> = self.terms.iter().map(term).collect();
@@ -77,12 +77,12 @@ impl StandIn {
     }
 }
 
-/// The other sensors, over every row: also those in which no error was measured.
+/// Readings of all sensors in every row, including rows without a measured error.
 pub(crate) struct Others<'a> {
     campaign: &'a Campaign<'a>,
     bank: Bank,
     white: Vec<Gram>,
-    /// By their places among the inputs.
+    /// Indices of the sensors among the inputs.
     sensors: Vec<usize>,
 }
 
@@ -90,7 +90,7 @@ pub(crate) struct Others<'a> {
 type Gains = Vec<(Candidate, f64)>;
 
 impl<'a> Others<'a> {
-    /// Those of these inputs that are temperatures.
+    /// Creates the data of those of these inputs that are temperatures.
     pub(crate) fn new(campaign: &'a Campaign<'a>, among: &[usize]) -> Others<'a> {
         let mut sensors = campaign.sensors();
         sensors.retain(|sensor| among.contains(sensor));
@@ -99,7 +99,7 @@ impl<'a> Others<'a> {
         Others { campaign, white: bank.runs_in_parallel(gram), bank, sensors }
     }
 
-    /// The products of these columns with that of a sensor's own rise as the target.
+    /// Returns the products of these columns, with a sensor's own rise as the target.
     fn products(&self, own: usize, columns: &[usize], runs: &[usize]) -> Gram {
         let sum = Gram::sum(&self.white, runs);
         Gram {
@@ -112,12 +112,12 @@ impl<'a> Others<'a> {
         }
     }
 
-    /// What these runs say of a sensor.
+    /// Learns the prediction of a sensor from these runs.
     fn learn(&self, sensor: usize, runs: &[usize]) -> Gains {
         self.learn_with(sensor, runs, self.penalty(sensor, runs))
     }
 
-    /// The column of a sensor and those of the others; none where there is nothing to learn from.
+    /// Returns the column of a sensor and those of the others; `None` if there is nothing to learn from.
     fn columns(&self, sensor: usize, runs: &[usize]) -> Option<(usize, Vec<usize>)> {
         let candidates = self.bank.candidates.iter().enumerate();
         let others = candidates.filter(|(_, candidate)| candidate.input != sensor);
@@ -126,7 +126,7 @@ impl<'a> Others<'a> {
         Some((own, columns))
     }
 
-    /// The penalty that leaves least on runs that are left out in turn.
+    /// Returns the penalty with the smallest error on held-out runs.
     fn penalty(&self, sensor: usize, runs: &[usize]) -> f64 {
         let Some((own, columns)) = self.columns(sensor, runs) else { return UNCHOSEN };
         let all = self.products(own, &columns, runs);
@@ -139,14 +139,14 @@ impl<'a> Others<'a> {
         least_sum(costs).map_or(UNCHOSEN, |(place, _)| penalties[place])
     }
 
-    /// What these runs say of a sensor, with this penalty.
+    /// Learns the prediction of a sensor from these runs, with this penalty.
     fn learn_with(&self, sensor: usize, runs: &[usize], penalty: f64) -> Gains {
         let Some((own, columns)) = self.columns(sensor, runs) else { return Gains::new() };
         let gains = Ridge::of(&self.products(own, &columns, runs)).at(penalty);
         columns.iter().map(|column| self.bank.candidates[*column]).zip(gains.iter().copied()).collect()
     }
 
-    /// Its rise as the others have it, over every row of a run.
+    /// Returns the predicted rise of a sensor in every row of a run.
     fn predicted(&self, gains: &Gains, run: usize) -> Vec<f64> {
         let rises = &self.bank.runs[run].rises;
         let mut sum = DVector::zeros(rises.nrows());
@@ -158,13 +158,13 @@ impl<'a> Others<'a> {
         sum.data.into()
     }
 
-    /// By row of a run: D.
+    /// Returns D in each row of a run.
     fn apart(&self, sensor: usize, gains: &Gains, run: usize) -> Vec<f64> {
         let seconds = &self.bank.runs[run].seconds;
         apart(seconds, &self.predicted(gains, run), &self.changed(sensor, run))
     }
 
-    /// By row of a run: when the reading changed last, s.
+    /// Returns the time of the last change of the reading in each row of a run, s.
     fn changed(&self, sensor: usize, run: usize) -> Vec<f64> {
         let recorded = &self.campaign.dataset.runs[run];
         let values = &recorded.values[self.campaign.inputs[sensor].column];
@@ -181,7 +181,7 @@ impl<'a> Others<'a> {
         self.bank.runs[run].seconds.iter().map(|second| until(*second)).collect()
     }
 
-    /// Each of these runs with its D by row, predicted by a fit that did not see it.
+    /// Returns D in each row of each of these runs. The prediction is learned from the other runs.
     fn held_out(&self, sensor: usize, runs: &[usize]) -> Vec<(usize, Vec<f64>)> {
         let mut each = Vec::new();
         for held in folds(runs) {
@@ -196,7 +196,7 @@ impl<'a> Others<'a> {
         threshold(&self.held_out(sensor, runs))
     }
 
-    /// What Cz changes by, over every row of a run, where a sensor's rise is another by so much.
+    /// Returns the change of Cz in every row of a run if a sensor's rise changes by `other`.
     fn changes(&self, sensor: usize, learned: &[(Candidate, f64)], run: usize, other: &[f64]) -> Vec<f64> {
         let seconds = &self.bank.runs[run].seconds;
         let mut cz = vec![0.0; seconds.len()];
@@ -208,8 +208,8 @@ impl<'a> Others<'a> {
         cz
     }
 
-    /// A held-out run where what is left is another by this Cz, over every row. That run has fewer rows: those with an error,
-    /// and with a speed where the model has one.
+    /// Scores a held-out run whose residual error is changed by this Cz. `cz` has every row. The held-out run has fewer
+    /// rows: those with an error, and with a speed if the model has one.
     fn score(&self, held: &HeldOut, run: usize, cz: &[f64]) -> RunScore {
         let change =
             |window: &u128| self.bank.runs[run].windows.binary_search(window).map_or(0.0, |row| cz[row]);
@@ -224,7 +224,7 @@ impl<'a> Others<'a> {
         column.map(|column| column.iter().copied().collect()).unwrap_or_default()
     }
 
-    /// How each held-out run fares where the sensor is lost from its beginning.
+    /// Returns the held-out results if the sensor is lost from the start of each run.
     fn lost(&self, sensor: usize, held_out: &[HeldOut]) -> Means {
         let all = 0..held_out.len();
         let score = |(out, held): (usize, &HeldOut)| {
@@ -240,7 +240,7 @@ impl<'a> Others<'a> {
     }
 }
 
-/// What stands in for each of these inputs of a model that was held out, as those of `among` say it.
+/// Returns the stand-ins of these inputs of a model, predicted from the sensors in `among`.
 pub(crate) fn stand_ins(
     campaign: &Campaign<'_>,
     among: &[usize],
@@ -266,7 +266,7 @@ pub(crate) fn stand_ins(
     if others.sensors.len() < 2 { Vec::new() } else { sensors.iter().map(one).collect() }
 }
 
-/// θ, from D of each run.
+/// Returns θ from D of each run.
 fn threshold(each: &[(usize, Vec<f64>)]) -> f64 {
     let mut largest: Vec<f64> =
         each.iter().map(|(_, apart)| apart.iter().copied().fold(0.0, f64::max)).collect();
@@ -279,7 +279,7 @@ fn threshold(each: &[(usize, Vec<f64>)]) -> f64 {
     (TIMES * seen).max(LEAST)
 }
 
-/// D over rows.
+/// Returns D in each row.
 fn apart(seconds: &[f64], predicted: &[f64], changed: &[f64]) -> Vec<f64> {
     let then = |changed: f64| seconds.partition_point(|second| *second <= changed).saturating_sub(1);
     let rows = seconds.iter().zip(predicted).zip(changed);
@@ -290,7 +290,7 @@ fn apart(seconds: &[f64], predicted: &[f64], changed: &[f64]) -> Vec<f64> {
     .collect()
 }
 
-/// What follows these values late: at rest at zero before, and exact for straight lines between rows.
+/// Returns the lagged values. The lag starts at zero, and is exact for straight lines between rows.
 fn lagged(seconds: &[f64], values: &[f64], constant: f64) -> Vec<f64> {
     if constant <= 0.0 {
         return values.to_vec();

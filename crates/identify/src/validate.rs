@@ -1,4 +1,4 @@
-//! Leave one run out, never rows: neighbouring minutes are not independent.
+//! Validation on held-out runs. Single rows are never held out, because neighbouring minutes depend on each other.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -11,33 +11,34 @@ use crate::learn::{Learned, Learner};
 use crate::method::Settings;
 use crate::statistics::{count, percentile_95, range, rms};
 
-/// Called with how many runs have been held out, and how many there are.
+/// Callback with the number of runs that have been held out, and the number of all runs.
 pub(crate) type Progress<'a> = &'a (dyn Fn(usize, usize) + Sync);
 
-/// How a run fared that the model never saw.
+/// Result of a held-out run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RunScore {
-    /// The run.
+    /// Name of the run.
     pub name: String,
     /// Largest minus smallest residual, µm.
     pub range_um: f64,
     /// Root mean square residual, µm.
     pub rmse_um: f64,
-    /// 95 % of the rows are within ± this of zero, µm.
+    /// Bound of the absolute residual in 95 % of the rows, µm.
     pub p95_um: f64,
     /// The range without compensation, µm.
     pub uncompensated_range_um: f64,
     /// The root mean square without compensation, µm.
     pub uncompensated_rmse_um: f64,
-    /// How much of the range is gone, in percent; below zero where it grew, none where there was none.
+    /// Reduction of the range in percent. It is negative if the range grew, and `None` if the range is zero without
+    /// compensation.
     pub range_cut_percent: Option<f64>,
-    /// How much of it was where it is expected.
+    /// Share of the rows within the expected error.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_um: Option<Inside>,
 }
 
 impl RunScore {
-    /// From the measured error and what the model left of it, µm.
+    /// Creates a score from the measured error and the residual error, µm.
     pub(super) fn new(name: &str, error: &[f64], left: &[f64]) -> RunScore {
         let (range_um, uncompensated_range_um) = (range(left), range(error));
         RunScore {
@@ -53,13 +54,13 @@ impl RunScore {
         }
     }
 
-    /// Whether the run is left with a larger range than it has without compensation.
+    /// Returns whether the range is larger than without compensation.
     pub fn is_worse(&self) -> bool {
         self.range_um > self.uncompensated_range_um
     }
 }
 
-/// Figures over all runs.
+/// Means over all runs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Means {
     /// Mean range, µm.
@@ -68,17 +69,17 @@ pub struct Means {
     pub worst_range_um: f64,
     /// Mean of the root mean squares, µm.
     pub mean_rmse_um: f64,
-    /// Share of the runs that are left worse than uncompensated, by their range.
+    /// Share of the runs with a larger range than without compensation.
     pub worse_share: f64,
 }
 
 impl Means {
-    /// Of the held-out residuals.
+    /// Returns the means of the held-out residuals.
     pub(super) fn of<'a>(runs: impl IntoIterator<Item = &'a RunScore>) -> Means {
         Means::over(runs.into_iter().map(|run| (run.range_um, run.rmse_um, run.is_worse())))
     }
 
-    /// Of the residuals as the model left them, whatever probe takes them out: what stands in for a sensor is judged so, too.
+    /// Returns the means of the residuals without the effect of a probe. Stand-ins are judged in the same way.
     pub(super) fn unprobed(held_out: &[HeldOut]) -> Means {
         Means::over(held_out.iter().map(|held| {
             let left = held.residual(None);
@@ -87,15 +88,15 @@ impl Means {
         }))
     }
 
-    /// Of the errors without compensation.
+    /// Returns the means of the errors without compensation.
     pub(super) fn uncompensated(runs: &[RunScore]) -> Means {
         Means::over(runs.iter().map(|run| (run.uncompensated_range_um, run.uncompensated_rmse_um, false)))
     }
 
-    /// Of the range and the root mean square of each run, and whether it is worse than uncompensated.
+    /// Returns the means of these ranges, root mean squares, and whether each run is worse.
     fn over(scores: impl Iterator<Item = (f64, f64, bool)>) -> Means {
         let scores: Vec<(f64, f64, bool)> = scores.collect();
-        // Of nothing there is no mean.
+        // Without runs, the means are NaN.
         let runs = count(scores.len());
         Means {
             mean_range_um: scores.iter().map(|score| score.0).sum::<f64>() / runs,
@@ -106,26 +107,26 @@ impl Means {
     }
 }
 
-/// One held-out run, row by row.
+/// Held-out run, row by row.
 #[derive(Clone, Debug)]
 pub struct HeldOut {
-    /// How it fared.
+    /// Score of the run.
     pub score: RunScore,
-    /// By row: which averaging window of the run it is.
+    /// Averaging window of each row.
     pub(crate) windows: Vec<u128>,
     /// Seconds since the run's first row.
     pub seconds: Vec<f64>,
-    /// The measured error e, µm, from its cold value.
+    /// Measured error e, µm, counted from its cold value.
     pub error: Vec<f64>,
-    /// What the model would have added, µm.
+    /// Cz that the model would have added, µm.
     pub cz: Vec<f64>,
-    /// The model, learnt from all the other runs.
+    /// Model, learned from all other runs.
     pub learned: Learned,
 }
 
 impl HeldOut {
-    /// What is left, row by row: e + Cz. With the interval of a probe, s: what changed since it last touched and took the
-    /// residual out.
+    /// Returns the residual error in each row: e + Cz. With the interval of a probe, s, the residual at the last touch
+    /// is subtracted.
     pub fn residual(&self, probe: Option<f64>) -> Vec<f64> {
         residual(&self.seconds, &self.error, &self.cz, probe)
     }
@@ -138,7 +139,7 @@ fn residual(seconds: &[f64], error: &[f64], cz: &[f64], probe: Option<f64>) -> V
     let mut since_probing = |(left, second): (f64, &f64)| {
         let window = (second / interval).floor();
         if window > last.0 {
-            // The references begin at zero: the first touch is the datum itself.
+            // The references are zero at the start: the first touch is the datum itself.
             last = (window, if last.0.is_finite() { left } else { 0.0 });
         }
         left - last.1
@@ -146,7 +147,7 @@ fn residual(seconds: &[f64], error: &[f64], cz: &[f64], probe: Option<f64>) -> V
     left.zip(seconds).map(&mut since_probing).collect()
 }
 
-/// What `held` makes of each run, by its number, and of all the others; in the order of the runs.
+/// Returns the result of `held` for each run and all the others, in the order of the runs.
 pub(super) fn hold_out_each<T: Send>(
     runs: usize,
     progress: Progress<'_>,
@@ -163,10 +164,11 @@ pub(super) fn hold_out_each<T: Send>(
 }
 
 /// Learns once for each run from all the others, and judges on that run. With `probe`, the residual is measured and
-/// taken out at that interval, in seconds. Where a fault of another run was mended with a run's help, the method begins
-/// anew without it, once for all of `without`: `settings` are those of the learner.
+/// removed at that interval, in seconds. If the repair of another run used the held-out run, the learner is prepared
+/// again without it, once for all of `without`. `settings` are those of the learner.
 ///
-/// For each list of inputs that are left out every run, or what the method says of the first that it cannot do without.
+/// Returns for each list of omitted inputs the result of every run. If the method requires an omitted input, returns
+/// its message.
 pub(super) fn leave_one_run_out(
     campaign: &Campaign<'_>,
     learner: &dyn Learner,

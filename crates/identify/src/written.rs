@@ -1,4 +1,4 @@
-//! What was found as a `[[axis.z.model]]` block, ready to paste, and the files beside it.
+//! Output of an identification: a `[[axis.z.model]]` block, and its files.
 
 use std::time::Duration;
 
@@ -14,17 +14,17 @@ use crate::stand_in::StandIn;
 use isotherm_core::compensation::model::Outside;
 use isotherm_profile::sha256;
 
-/// A block and its files, by name.
+/// Block with its files.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Written {
-    /// TOML.
+    /// TOML text of the block.
     pub block: String,
-    /// Names and contents of the files that the block names; they belong beside the profile.
+    /// Names and contents of the files that the block names. They belong next to the profile.
     pub files: Vec<(String, String)>,
 }
 
-/// The block of a model; its files are called `<stem>.envelope.json`, `<stem>.halves.json`, `<stem>.stand-ins.json` and
-/// `<stem>.network.json`.
+/// Returns the block of a model. Its files are called `<stem>.envelope.json`, `<stem>.halves.json`,
+/// `<stem>.stand-ins.json` and `<stem>.network.json`.
 pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
     let (position, mut files) = (found.position.as_ref(), Vec::new());
     let mut block = head(found).iter().map(|line| format!("# {line}\n")).collect::<String>();
@@ -44,7 +44,7 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
     let has_halves = matches!(found.learned, Learned::Mean { .. });
     let beside = beside(found, stem, &mut files);
     let mut model = |name: &str, body: String, region: Option<&Region>, file: String, has_halves: bool| {
-        // Without halves there is nothing that could agree, and `check` would say so.
+        // Without halves there is no agreement, and `check` would reject it.
         let outside = if outside == Outside::Agree && !has_halves { Outside::Warn } else { outside };
         let envelope = match region {
             None => "# No envelope: too many inputs, or one that never moved.".to_owned(),
@@ -83,13 +83,13 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
     Written { block, files }
 }
 
-/// The keys of what stands beside the first model: its halves, what to expect of it, and what stands in for its sensors.
+/// Returns the further keys of the first model: its halves, its expected error, and its stand-ins.
 fn beside(found: &Identified, stem: &str, files: &mut Vec<(String, String)>) -> String {
     let mut keys = String::new();
     let mut file = |key: &str, word: &str, content: Value| {
         keys += &named(key, format!("{stem}.{word}.json"), &content, files);
     };
-    // How far they agree counts outside the envelope.
+    // The agreement of the halves is used only outside the envelope.
     if let (Learned::Mean { halves, .. }, Some(_)) = (&found.learned, &found.region) {
         let half = |(term, [ridge, net]): (&TermFound, &[f64; 2])| json!({ "signal": term.signal, "lag_s": term.lag_s, "ridge": ridge, "net": net });
         let terms: Vec<Value> = found.terms.iter().zip(halves).map(half).collect();
@@ -106,7 +106,7 @@ fn beside(found: &Identified, stem: &str, files: &mut Vec<(String, String)>) -> 
     keys + &expected(found.expected.as_ref())
 }
 
-/// The keys that name a file and seal it.
+/// Returns the keys that name a file and give its hash. Adds the file to `files`.
 fn named(key: &str, name: String, content: &Value, files: &mut Vec<(String, String)>) -> String {
     let content = format!("{content:#}\n");
     let keys = format!("{key} = {}\nsha256.{key} = \"{}\"\n", json!(name), sha256(content.as_bytes()));
@@ -123,24 +123,24 @@ fn expected(found: Option<&Expected>) -> String {
     )
 }
 
-/// What references are the mean over, as a profile writes it.
+/// Returns the time over which references are the mean, as a profile writes it.
 fn settle(seconds: f64) -> humantime::FormattedDuration {
     format_duration(Duration::try_from_secs_f64(seconds).unwrap_or_default())
 }
 
-/// What its rises are measured from, for `check` to compare.
+/// Returns the key with the settling time of the identification. `check` compares it with the profile.
 pub(crate) fn identified_with(settle_s: f64) -> String {
     format!("identified_with = {{ settle = \"{}\" }}", settle(settle_s))
 }
 
-/// What `isotherm zero` needs, as a sentence: rises that count from the start of the machine know nothing of a zero.
+/// Returns a message on `isotherm zero`: rises that are counted from machine start do not change with a zero.
 pub(crate) fn zero_needs(axis: &str) -> String {
     format!(
         "Its rises count from the start of the machine: `isotherm zero` needs datum = \"zero\" under [axis.{axis}]."
     )
 }
 
-/// What a person must know of the model, line by line.
+/// Returns the comment above the block, line by line: facts that the operator must know about the model.
 fn head(found: &Identified) -> Vec<String> {
     let (means, before) = (&found.means, &found.uncompensated);
     let settle = settle(found.settle_s);
@@ -187,7 +187,8 @@ fn head(found: &Identified) -> Vec<String> {
     lines
 }
 
-/// kind, terms and slope. A gain has every digit, so that what was validated is what runs.
+/// Returns the keys `kind`, `terms` and `slope`. A gain has every digit, so that the validated model is the one that
+/// runs.
 pub(crate) fn sum(terms: &[TermFound], position: Option<&(String, f64)>) -> String {
     let list = |of_slope: bool| -> String {
         terms.iter().filter(|term| term.slope == of_slope).map(listed).collect()
@@ -217,7 +218,7 @@ fn listed(term: &TermFound) -> String {
     )
 }
 
-/// Three digits that count.
+/// Returns a number with three significant digits.
 fn short(value: f64) -> String {
     if value.abs() < 1e-9 {
         return "0.0".to_owned();
@@ -227,7 +228,7 @@ fn short(value: f64) -> String {
     format!("{value:.decimals$}")
 }
 
-/// In the network's order, one line for each sensor.
+/// Returns the inputs in the network's order, one line for each sensor.
 fn network_inputs(file: &Value, inputs: &[Candidate]) -> String {
     let names = file["inputs"]["names"].as_array().map(Vec::as_slice).unwrap_or_default();
     let named: Vec<(&Value, &Candidate)> = names.iter().zip(inputs).collect();

@@ -1,4 +1,4 @@
-//! What was found, for a person.
+//! Result of an identification as text.
 
 use std::io::{self, Write};
 use std::time::Duration;
@@ -6,7 +6,7 @@ use std::time::Duration;
 use isotherm_identify::Identified;
 use isotherm_profile::duration_text;
 
-/// Most terms that are printed; all of them stand in the block and in the JSON.
+/// Maximum number of terms that are printed. Block and JSON contain all terms.
 const MOST_TERMS: usize = 40;
 
 pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Duration>) -> io::Result<()> {
@@ -73,7 +73,7 @@ pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Dur
     lost(out, found)
 }
 
-/// Each run, how the model fared on it.
+/// Prints the result of each held-out run.
 fn held_out(out: &mut impl Write, found: &Identified) -> io::Result<()> {
     let width = found.runs.iter().map(|run| run.name.chars().count()).max().unwrap_or(0).max(4);
     writeln!(
@@ -126,7 +126,7 @@ fn held_out(out: &mut impl Write, found: &Identified) -> io::Result<()> {
     }
 }
 
-/// What takes the place of a sensor that is lost.
+/// Prints the replacement of each lost sensor.
 fn lost(out: &mut impl Write, found: &Identified) -> io::Result<()> {
     let virtually = found.stand_ins.iter().filter(|stand_in| stand_in.stands_in);
     let virtually = virtually.map(|own| (&own.signal, "its value from the others".to_owned(), own.means));

@@ -114,7 +114,7 @@ fn module(text: &mut String, answers: &Answers) -> std::fmt::Result {
         }
         writeln!(
             text,
-            "unit     = \"degC\"\nrange    = [-10.0, 80.0]             # beyond it is not believed\nmax_age  = \"5s\""
+            "unit     = \"degC\"\nrange    = [-10.0, 80.0]             # values outside are rejected\nmax_age  = \"5s\""
         )?;
     }
     writeln!(text)

@@ -49,11 +49,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         (false, false) => Some(made(&line, &cert, &key, arguments.years)?),
         (true, false) => anyhow::bail!(
             "{shown_cert} is there, and its key {shown_key} is not: put the key there, or move the certificate away and \
-             have both made anew"
+             have both made again"
         ),
         (false, true) => anyhow::bail!(
             "the key {shown_key} is there, and its certificate {shown_cert} is not: put the certificate there, or move the \
-             key away and have both made anew"
+             key away and have both made again"
         ),
     };
     let (is_new, bytes) = (made.is_some(), made.unwrap_or(line.cert.bytes));

@@ -1,4 +1,4 @@
-//! Findings of one row of a log: the sensors of an axis that are not used as they read, and why the axis holds.
+//! Findings of one row of a log: rejected sensors of an axis, and why the axis is on hold.
 
 use std::fmt;
 use std::time::Duration;
@@ -13,57 +13,57 @@ use isotherm_core::explained::Explained;
 use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
 use isotherm_profile::{Profile, duration_text};
 
-/// A sensor that others stand in for.
+/// Sensor that has a stand-in.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StandIn {
-    /// Its signal.
+    /// Signal of the sensor.
     pub signal: String,
     /// Fault of the sensor.
     pub kind: SensorFault,
-    /// Time since it last changed, or was last good, at the beginning of the span, s.
+    /// Time since its reading last changed, or was last good, at the start of the span, s.
     pub for_s: f64,
-    /// Signals that its stand-in is computed from.
+    /// Signals from which its stand-in is computed.
     pub by: Vec<String>,
 }
 
-/// Why a sensor is replaced.
+/// Fault of a sensor that is replaced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SensorFault {
-    /// It reads the same all the time.
+    /// The reading does not change.
     Frozen,
-    /// It has no good reading, or is back and has not agreed with the others for long enough.
+    /// The sensor has no good reading, or is back and has not agreed with the others for long enough.
     Lost,
 }
 
-/// A sensor that is suspected of being frozen, and whose reading is used all the same.
+/// Sensor that is suspected of being frozen, and whose reading is still used.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Suspicion {
-    /// Its signal.
+    /// Signal of the sensor.
     pub signal: String,
-    /// Time since it last changed at the beginning of the span, s.
+    /// Time since its reading last changed, at the start of the span, s.
     pub for_s: f64,
-    /// Why no others stood in for it at the beginning of the span.
+    /// Reason why it had no stand-in at the start of the span.
     pub why: String,
 }
 
-/// An axis that does not follow a model.
+/// Axis that does not follow a model.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Hold {
-    /// Its state: holding, ramping, zeroed.
+    /// State: holding, ramping or zeroed.
     pub state: &'static str,
     /// Cause.
     pub why: String,
 }
 
-/// Whether an axis holds after a row.
+/// Whether an axis is on hold after a row.
 #[derive(Debug)]
 pub(super) enum Held {
-    /// The axis decided nothing at this row: it does what it did before.
+    /// The axis decided nothing at this row. Its state is the one before.
     AsBefore,
-    /// It follows a model, is off, or stops because the gateway does.
+    /// The axis follows a model, is off, or stops because the gateway stops.
     No,
-    /// It holds, goes to zero or is at zero.
+    /// The axis keeps its value, goes to zero or is at zero.
     Yes(Hold),
 }
 
@@ -76,7 +76,7 @@ pub(super) struct Findings {
 }
 
 impl Findings {
-    /// Findings of an axis after the step at this row.
+    /// Collects the findings of an axis after the step at this row.
     pub(super) fn of(profile: &Profile, compensation: &Compensation, axis: usize, row: &LogRow) -> Findings {
         let (mut stand_ins, mut suspicions) = (Vec::new(), Vec::new());
         let distrusted: Vec<Distrusted> = compensation.distrusted(axis).collect();
@@ -104,7 +104,8 @@ impl Findings {
     }
 }
 
-/// Stand-ins that watch a sensor, with the place of their model: those of the model in use, else of the first model that has them.
+/// Returns the stand-ins that watch a sensor, with the index of their model. Those of the model in use come first, then
+/// those of the first model that has some.
 fn watching(models: &[Model], used: Option<usize>, signal: SignalId) -> Option<(usize, &StandIns)> {
     let others = (0..models.len()).filter(|place| Some(*place) != used);
     let places = used.into_iter().chain(others);
@@ -112,7 +113,7 @@ fn watching(models: &[Model], used: Option<usize>, signal: SignalId) -> Option<(
     all.find(|(_, stand_ins)| stand_ins.watched().any(|(watched, _)| watched == signal))
 }
 
-/// Signals that the stand-in of a sensor is computed from, each once.
+/// Returns the signals from which the stand-in of a sensor is computed, each once.
 fn predictors(stand_ins: &StandIns, signal: SignalId) -> Vec<SignalId> {
     let mut all = Vec::new();
     for id in stand_ins.predictors(signal) {
@@ -123,7 +124,8 @@ fn predictors(stand_ins: &StandIns, signal: SignalId) -> Vec<SignalId> {
     all
 }
 
-/// Why no others stand in for a sensor that is suspected. `distrusted`: all sensors of the axis that are suspected, frozen or lost.
+/// Returns why a suspected sensor has no stand-in. `distrusted`: all sensors of the axis that are suspected, frozen or
+/// lost.
 fn why_not_replaced(
     profile: &Profile,
     stand_ins: &StandIns,
@@ -150,7 +152,7 @@ fn why_not_replaced(
     "its stand-in would move the target by more than one step, or is outside its range".to_owned()
 }
 
-/// Whether an axis holds after this row, and why.
+/// Returns whether an axis is on hold after this row, and why.
 fn held(profile: &Profile, compensation: &Compensation, axis: usize, row: &LogRow) -> Held {
     let decided = compensation.decision(axis).filter(|decision| decision.at == row.now);
     let Some((decision, control)) = decided.zip(row.controls.get(axis)) else { return Held::AsBefore };
@@ -180,12 +182,12 @@ fn held(profile: &Profile, compensation: &Compensation, axis: usize, row: &LogRo
     Held::Yes(Hold { state: decision.state.name(), why })
 }
 
-/// A span of time in whole seconds.
+/// Returns a time span as text, in whole seconds.
 pub(super) fn whole_seconds(seconds: f64) -> String {
     duration_text(Duration::try_from_secs_f64(seconds.round()).unwrap_or_default())
 }
 
-/// `bed`, `bed and column`, `bed, column and nut`.
+/// Returns names as a list: `bed`, `bed and column`, `bed, column and nut`.
 fn listed(names: &[String]) -> String {
     match names {
         [] => "no other".to_owned(),

@@ -1,4 +1,4 @@
-//! Spans of a log in which sensors of an axis were replaced or suspected, and in which the axis held.
+//! Spans of a log in which sensors of an axis were replaced or suspected, and in which the axis was on hold.
 
 use std::fmt;
 
@@ -9,52 +9,53 @@ use crate::gateway::log::LogRow;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::counted;
 
-/// Most spans of one kind that are kept of an axis: a log has no end. Further ones are counted.
+/// Maximum number of spans of one kind that are kept for an axis, because a log may be endless. Further ones are
+/// counted.
 const MOST: usize = 1000;
-/// Most spans of one kind that are printed of an axis.
+/// Maximum number of spans of one kind that are printed for an axis.
 const MOST_PRINTED: usize = 20;
 
-/// A span of a log, and what held in it.
+/// Span of a log, with the finding that was true in it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Span<T> {
-    /// `time` of the first row in which it held, as the log has it.
+    /// `time` of the first row of the span, as in the log.
     pub from: String,
-    /// `time` of the first row in which it did not hold any more, or of the last row.
+    /// `time` of the first row after the span, or of the last row of the log.
     pub to: String,
-    /// Time between the two, s.
+    /// Time between both rows, s.
     pub span_s: f64,
-    /// It held in the last row, too.
+    /// The finding was still true in the last row.
     pub lasts: bool,
-    /// What held.
+    /// Finding of the span.
     #[serde(flatten)]
     pub what: T,
 }
 
-/// Spans of one axis, each list in the order of their beginnings.
+/// Spans of one axis. Each list is ordered by the start of its spans.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct AxisSpans {
-    /// Others stood in for a sensor.
+    /// Spans in which a sensor had a stand-in.
     pub stand_ins: Vec<Span<StandIn>>,
-    /// A sensor was suspected of being frozen, and its reading was used.
+    /// Spans in which a sensor was suspected of being frozen and its reading was used.
     pub suspicions: Vec<Span<Suspicion>>,
-    /// The axis held, went to zero or was at zero.
+    /// Spans in which the axis kept its value, went to zero or was at zero.
     pub holds: Vec<Span<Hold>>,
-    /// Spans beyond those of each list.
+    /// Number of spans that are missing from each list.
     pub left_out: LeftOut,
 }
 
-/// How many spans of each kind are not in the lists, because there are too many.
+/// Number of spans of each kind that are not in the lists, because there are too many.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct LeftOut {
-    /// Beyond the stand-ins.
+    /// Number of missing stand-ins.
     pub stand_ins: u64,
-    /// Beyond the suspicions.
+    /// Number of missing suspicions.
     pub suspicions: u64,
-    /// Beyond the holds.
+    /// Number of missing holds.
     pub holds: u64,
 }
 
-/// Gathers the spans of one axis row by row.
+/// Collects the spans of one axis row by row.
 #[derive(Debug)]
 pub(super) struct SpanTally {
     stand_ins: Gathered<StandIn>,
@@ -67,9 +68,9 @@ impl SpanTally {
         SpanTally { stand_ins: Gathered::new(), suspicions: Gathered::new(), holds: Gathered::new() }
     }
 
-    /// Takes in a row.
+    /// Adds the findings of a row.
     pub(super) fn row(&mut self, row: &LogRow, found: Findings) {
-        // `for_s` grows with each row, and `why` of a suspicion is that of its first row.
+        // `for_s` grows with each row. `why` of a suspicion is that of its first row.
         self.stand_ins.row(row, found.stand_ins, |one, other| {
             (&one.signal, one.kind, &one.by) == (&other.signal, other.kind, &other.by)
         });
@@ -82,7 +83,7 @@ impl SpanTally {
         self.holds.row(row, holds, |one, other| one == other);
     }
 
-    /// The spans up to the last row, given by its `time` and moment.
+    /// Returns the spans up to the last row, which is given by its `time` as text and as a moment.
     pub(super) fn spans(self, last: (&str, Moment)) -> AxisSpans {
         let (stand_ins, stand_ins_left_out) = self.stand_ins.spans(last);
         let (suspicions, suspicions_left_out) = self.suspicions.spans(last);
@@ -101,14 +102,14 @@ struct Gathered<T> {
     open: Vec<Open<T>>,
 }
 
-/// A span that has not ended.
+/// Span that has not ended.
 #[derive(Debug)]
 struct Open<T> {
     what: T,
     begun: Moment,
-    /// Its place among those that are kept; `None` if it is not kept.
+    /// Index in the list of kept spans; `None` if it is not kept.
     place: Option<usize>,
-    /// It holds in the present row, too.
+    /// The finding is true in the present row, too.
     lasts: bool,
 }
 
@@ -117,7 +118,7 @@ impl<T: Clone> Gathered<T> {
         Gathered { kept: Vec::new(), left_out: 0, open: Vec::new() }
     }
 
-    /// Takes in what holds at a row. `is_same`: whether two findings belong to one span.
+    /// Adds the findings of a row. `is_same` returns whether two findings belong to one span.
     fn row(&mut self, row: &LogRow, found: Vec<T>, is_same: impl Fn(&T, &T) -> bool) {
         self.open.iter_mut().for_each(|open| open.lasts = false);
         for what in found {
@@ -150,7 +151,7 @@ impl<T: Clone> Gathered<T> {
         self.open.push(Open { what, begun: row.now, place, lasts: true });
     }
 
-    /// The spans that are kept, and how many are left out.
+    /// Returns the kept spans, and the number of those left out.
     fn spans(mut self, last: (&str, Moment)) -> (Vec<Span<T>>, u64) {
         for open in &self.open {
             open.end(&mut self.kept, last, true);
@@ -160,7 +161,7 @@ impl<T: Clone> Gathered<T> {
 }
 
 impl<T> Open<T> {
-    /// Ends the span at this row. `lasts`: it is the last row, and the span holds in it.
+    /// Ends the span at this row. `lasts`: the row is the last one, and the finding is true in it.
     fn end(&self, kept: &mut [Span<T>], (time, now): (&str, Moment), lasts: bool) {
         if let Some(span) = self.place.and_then(|place| kept.get_mut(place)) {
             time.clone_into(&mut span.to);
@@ -169,7 +170,7 @@ impl<T> Open<T> {
     }
 }
 
-/// A moment of a log for people, by the log's own clock: to the second if it has a date, else in seconds.
+/// Returns a time of a log for display, by the log's own clock: to the second if it has a date, else in seconds.
 fn shown(time: &str) -> String {
     let time = time.trim();
     if time.parse::<f64>().is_ok() {

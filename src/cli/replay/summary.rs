@@ -1,4 +1,4 @@
-//! What a replay came to, for a person and for a program.
+//! Result of a replay, as text and as JSON.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -14,55 +14,56 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::Profile;
 use isotherm_profile::{counted, duration_text};
 
-/// A replayed log in numbers.
+/// Figures of a replayed log.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
-    /// The log's name.
+    /// Name of the log.
     pub log: String,
-    /// Rows replayed.
+    /// Number of replayed rows.
     pub rows: u64,
-    /// From the earliest to the latest moment, s.
+    /// Time from the earliest to the latest row, s.
     pub span_s: f64,
-    /// What is odd about the log.
+    /// Warnings about the log.
     pub warnings: Vec<String>,
-    /// By name.
+    /// Figures of each axis, by name.
     pub axes: BTreeMap<String, AxisSummary>,
-    /// What the outputs did with the decisions, where a log of it stands beside this one.
+    /// Replay of the outputs, if a log of them is next to this one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub outputs: Option<OutputsSummary>,
 }
 
-/// One axis in numbers.
+/// Figures of one axis.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct AxisSummary {
-    /// The model's Cz; `None` where no model was ever usable.
+    /// Cz that the models requested; `None` if no model could be used in any row.
     pub raw_um: Option<Range>,
     /// Cz after the guard.
     pub cz_um: Option<Range>,
     /// Share of the rows in each state that occurred.
     pub states: BTreeMap<&'static str, f64>,
-    /// Share of the rows in which touches showed that the model was worse than no compensation; `None` if there were none.
+    /// Share of the rows with a model that touches had shown to be worse than no compensation; `None` if there were
+    /// none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub worse: Option<f64>,
     /// Spans in which sensors were replaced or suspected, and in which the axis held.
     #[serde(flatten)]
     pub spans: AxisSpans,
-    /// Where the log has the measured error.
+    /// Error with and without compensation; `None` if the log has no measured error.
     pub error: Option<ErrorSummary>,
-    /// Where the log has the gateway's own decisions.
+    /// Comparison with the gateway's own decisions; `None` if the log has none.
     pub reproduced: Option<Reproduced>,
 }
 
-/// Smallest and largest.
+/// Smallest and largest value.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Range {
-    /// Smallest.
+    /// Smallest value.
     pub min: f64,
-    /// Largest.
+    /// Largest value.
     pub max: f64,
 }
 
-/// The measured error, as it was and with Cz added, over the rows that have one.
+/// Measured error without and with Cz, over the rows that have an error.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ErrorSummary {
     /// Rows with an error.
@@ -77,31 +78,31 @@ pub struct ErrorSummary {
     pub rms_after_um: f64,
 }
 
-/// Whether the decisions of the day, or the actions of an output, came out again, every bit of them.
+/// Comparison of decisions, or of an output's actions, with those in the log, bit for bit.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Reproduced {
-    /// Rows with a decision or an action in the log.
+    /// Number of rows with a decision or an action in the log.
     pub rows: u64,
-    /// Rows for which another one came out.
+    /// Number of rows with a different result.
     pub differing: u64,
-    /// The first of them.
+    /// First difference.
     pub first: Option<Difference>,
 }
 
-/// A decision or an action that came out different.
+/// Decision or action that differs from the log.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Difference {
-    /// Line in the log.
+    /// Line of the log.
     pub line: u64,
-    /// The column.
+    /// Name of the column.
     pub column: String,
-    /// What the log says.
+    /// Value in the log.
     pub recorded: String,
-    /// What came out.
+    /// Value of the replay.
     pub replayed: String,
 }
 
-/// Gathers a [`Summary`] row by row.
+/// Collects a [`Summary`] row by row.
 #[derive(Debug)]
 pub(super) struct Tally {
     rows: u64,
@@ -109,7 +110,7 @@ pub(super) struct Tally {
     last: Option<Moment>,
     /// `time` of the last row.
     last_time: String,
-    /// Axis and model whose stand-ins are of another file than those that the log was written with.
+    /// Axis and model whose stand-ins file differs from the one with which the log was written.
     other_stand_ins: Option<(String, String)>,
     axes: Vec<AxisTally>,
 }
@@ -243,8 +244,8 @@ impl Tally {
         }
         if let Some((axis, model)) = self.other_stand_ins {
             warnings.push(format!(
-                "{log}: axis {axis}, model {model}: the log was written with other stand-ins than its file has now; what they knew \
-                 begins anew"
+                "{log}: axis {axis}, model {model}: the log was written with other stand-ins than its file has now; their \
+                 state starts again"
             ));
         }
         let span = self.span.map_or(Duration::ZERO, |(first, latest)| latest.since(first));

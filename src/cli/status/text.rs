@@ -1,4 +1,4 @@
-//! The status as a person reads it in a terminal: what the page shows, from top to bottom.
+//! Status as text for a terminal, in the order of the page.
 
 use std::fmt::Write as _;
 use std::time::Duration;
@@ -12,7 +12,7 @@ use isotherm_core::quantity::Micron;
 use isotherm_profile::{Unit, labelled};
 use isotherm_profile::{counted, duration_text};
 
-/// So many of the last events are shown; `isotherm events` shows all.
+/// Number of last events that are shown; `isotherm events` shows all.
 const LAST_EVENTS: usize = 5;
 
 pub(super) fn of(status: &Value) -> String {
@@ -35,7 +35,7 @@ pub(super) fn of(status: &Value) -> String {
     })
 }
 
-/// Machine, clock, whether it stops or writes nothing, and the alarms that stand.
+/// Returns machine, clock, whether the gateway stops or writes nothing, and the active alarms.
 fn head(status: &Value) -> String {
     let mut text = format!(
         "{} at {} UTC, clock {}, up for {}\n",
@@ -53,7 +53,7 @@ fn head(status: &Value) -> String {
     text + &broker(&status["mqtt"]) + &rows("alarms", &status["alarms"], alarm)
 }
 
-/// How publishing goes, where anything is published.
+/// Returns the state of publishing; empty if nothing is published.
 fn broker(mqtt: &Value) -> String {
     if mqtt.is_null() {
         return String::new();
@@ -132,7 +132,7 @@ fn axis_lines(name: &str, axis: &Value, dry_run: bool) -> String {
     text
 }
 
-/// Sentence about a model that is worse than no compensation, and what its axis does.
+/// Returns a sentence about a model that is worse than no compensation, and the action of its axis.
 fn worse_model(worse: &Value) -> String {
     let left = |key: &str| worse[key].as_f64().and_then(Micron::new).unwrap_or_default();
     let touches = worse["touches"].as_u64().and_then(|count| usize::try_from(count).ok());
@@ -174,7 +174,7 @@ fn device(device: &Value) -> String {
     format!("  {:<16}{}{fault}{}\n", word(&device["name"]), word(&device["state"]), aside(device))
 }
 
-/// A heading and a line each, or nothing where there are none.
+/// Returns a heading and a line for each element; empty without elements.
 fn rows(heading: &str, of: &Value, row: impl Fn(&Value) -> String) -> String {
     let rows: String = of.as_array().into_iter().flatten().map(row).collect();
     if rows.is_empty() { rows } else { format!("\n{heading}\n{rows}") }
@@ -197,7 +197,8 @@ fn moment(value: &Value) -> String {
     word(value).get(..19).unwrap_or_default().replace('T', " ")
 }
 
-/// What people call it, at the end of its line: characters of some scripts are wider than others.
+/// Returns the label in brackets. It is at the end of the line, because characters of some scripts are wider than
+/// others.
 fn aside(what: &Value) -> String {
     match word(&what["label"]) {
         "" => String::new(),

@@ -126,8 +126,8 @@ impl Publishing {
 
     fn lost(&mut self, why: Option<StatusCode>) {
         self.news = Some(match why {
-            Some(status) => format!("the server has ended it ({status}); it is made anew"),
-            None => "a message of the server is missing; it is made anew".to_owned(),
+            Some(status) => format!("the server has ended it ({status}); it is created again"),
+            None => "a message of the server is missing; it is created again".to_owned(),
         });
     }
 

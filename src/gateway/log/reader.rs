@@ -1,4 +1,4 @@
-//! Reads the gateway's own logs and those from elsewhere.
+//! Reader of the gateway's own logs and of logs from elsewhere.
 
 use std::collections::HashMap;
 use std::fmt::Display;
@@ -17,65 +17,65 @@ use isotherm_core::reading::{Reading, Reason};
 use isotherm_profile::Profile;
 use isotherm_profile::regular::{self, Lines, quoted};
 
-/// A log that cannot be read, with the place.
+/// Log that cannot be read, with the place of the error.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{file}, line {line}{}: {message}", .column.as_ref().map(|name| format!(", column {name}")).unwrap_or_default())]
 pub struct LogError {
-    /// The log's name.
+    /// Name of the log.
     pub file: String,
-    /// Counted from one; the header is line one.
+    /// Number of the line. The header is line 1.
     pub line: u64,
-    /// The column's name, where one is to blame.
+    /// Name of the column; `None` if the error belongs to no column.
     pub column: Option<String>,
-    /// What is wrong, in words.
+    /// Error message.
     pub message: String,
 }
 
-/// One row: the machine at one moment.
+/// Row: the machine at one moment.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LogRow {
-    /// Its line in the file.
+    /// Number of its line in the file.
     pub line: u64,
-    /// `time` as the log wrote it.
+    /// `time`, as in the log.
     pub time: String,
     /// `time` as a moment.
     pub now: Moment,
-    /// By signal of the profile.
+    /// Reading of each signal of the profile.
     pub readings: Vec<Reading>,
-    /// By axis of the profile.
+    /// Control of each axis of the profile.
     pub controls: Vec<Control>,
-    /// By axis: its measured error in µm.
+    /// Measured error of each axis in µm.
     pub errors: Vec<Option<f64>>,
-    /// By axis: what the log says was decided.
+    /// Decision of each axis in the log; `None` if the log has none.
     pub decided: Vec<Option<Decided>>,
-    /// A run of the gateway or a file of it begins here, from this.
+    /// State with which a run of the gateway, or a file of it, starts at this row.
     pub begins: Option<Remembered>,
-    /// "Zero" was commanded at these moments, before this row; of one axis, or of the machine.
+    /// Zero commands before this row: time, and axis. The axis is `None` for the whole machine.
     pub zeroed: Vec<(Moment, Option<usize>)>,
 }
 
-/// A decision as it stands in a log.
+/// Decision in a log.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Decided {
-    /// The model's Cz, µm.
+    /// Cz that the model requested, µm.
     pub raw: Option<f64>,
     /// Cz after the guard, µm.
     pub cz: f64,
-    /// The model's name.
+    /// Name of the model.
     pub model: String,
-    /// The axis's state.
+    /// State of the axis.
     pub state: String,
-    /// The stages of the guard that acted.
+    /// Guard stages that changed the value.
     pub acted: String,
-    /// What was expected to be left of the error, µm; `None` where the log does not have it.
+    /// Expected residual error, µm; `None` if the log does not contain the column.
     pub expected: Option<Option<f64>>,
-    /// The sensor that others stood in for; `None` where the log does not have it.
+    /// Sensor that had a stand-in; `None` if the log does not contain the column.
     pub stood_in: Option<String>,
-    /// "1" where the model was worse than no compensation; `None` where the log does not have it.
+    /// "1" if the model was worse than no compensation; `None` if the log does not contain the column.
     pub worse: Option<String>,
 }
 
-/// Gives the rows of a log, one after the other.
+/// Reads the rows of a log, one after the other.
 #[derive(Debug)]
 pub struct LogReader<R> {
     csv: csv::Reader<Lines<R>>,
@@ -90,7 +90,7 @@ pub struct LogReader<R> {
     warnings: Vec<String>,
 }
 
-/// Where things stand in a row.
+/// Columns of a row, by index.
 #[derive(Clone, Debug)]
 struct Columns {
     time: usize,
@@ -120,15 +120,15 @@ struct AxisColumns {
     worse: Option<usize>,
 }
 
-/// A log whose clock runs wild would give a warning per row.
+/// Maximum number of warnings. A log with a wrong clock would give one for each row.
 const MOST_WARNINGS: usize = 20;
 
 impl<R: Read> LogReader<R> {
-    /// Reads the header. `file` is the log's name in messages; `zone`: of times that have no offset from UTC, which are refused
-    /// without it.
+    /// Reads the header. `file`: name of the log in messages. `zone`: time zone of times without an offset from UTC.
+    /// Without it, such times are rejected.
     ///
     /// # Errors
-    /// A header that is none: no `time`, no signal of the profile, a name twice.
+    /// Returns an invalid header: no `time`, no signal of the profile, or a name twice.
     pub fn open(
         profile: &Profile,
         input: R,
@@ -173,20 +173,20 @@ impl<R: Read> LogReader<R> {
         Ok(LogReader { csv, file, dialect, names, axes, columns, ranges, record, last: None, warnings })
     }
 
-    /// What is odd about the log, but did not keep it from being read.
+    /// Returns the warnings about the log so far.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
     }
 
-    /// The log has a column with this axis's measured error.
+    /// Returns whether the log has a column with this axis's measured error.
     pub fn has_error(&self, axis: usize) -> bool {
         self.columns.axes.get(axis).is_some_and(|columns| columns.error.is_some())
     }
 
-    /// The next row; `None` at the end.
+    /// Reads the next row; `None` at the end.
     ///
     /// # Errors
-    /// The place of what cannot be read.
+    /// Returns the place of the error.
     pub fn next_row(&mut self) -> Result<Option<LogRow>, LogError> {
         if !self.read_record()? {
             return Ok(None);
@@ -223,7 +223,7 @@ impl<R: Read> LogReader<R> {
         }
     }
 
-    /// Decimal commas of the row become points, where commas separate nothing.
+    /// Replaces decimal commas of the row by points, unless commas separate the columns.
     fn point(&mut self) -> Result<(), LogError> {
         if self.dialect.separator() == b',' {
             return Ok(());
@@ -239,7 +239,8 @@ impl<R: Read> LogReader<R> {
         Ok(())
     }
 
-    /// The line that the row begins in. A record says where the one before ended, empty lines or not.
+    /// Returns the number of the line in which the row starts. The position of a record is the end of the one before,
+    /// even with empty lines in between.
     fn line(&self) -> u64 {
         let inside = self.record.iter().flat_map(str::bytes).filter(|byte| *byte == b'\n').count();
         self.csv.position().line().saturating_sub(1 + inside as u64)
@@ -281,7 +282,7 @@ impl<R: Read> LogReader<R> {
         Ok(row)
     }
 
-    /// A moment, and the name of an axis behind it, if it was of one.
+    /// Parses a time, and the name of an axis after it. Without a name, the zero is of the whole machine.
     fn zeroed(&self, text: &str) -> Result<(Moment, Option<usize>), String> {
         let (at, name) = text.split_once(' ').map_or((text, None), |(at, name)| (at, Some(name)));
         let place = |name| {
@@ -291,7 +292,8 @@ impl<R: Read> LogReader<R> {
         Ok((time::parse(at)?, name.map(place).transpose()?))
     }
 
-    /// An axis without a permit in the log is armed, and at the first row finds its register at zero.
+    /// Returns the control of an axis. An axis without a permit in the log is armed. At the first row it finds its
+    /// register at zero.
     fn control(&self, line: u64, columns: &AxisColumns) -> Result<Control, LogError> {
         let take_over = self.micron(line, columns.from)?;
         let take_over_slope = self.micron(line, columns.slope_from)?;
@@ -351,7 +353,7 @@ impl<R: Read> LogReader<R> {
         Some((place, self.cell(place))).filter(|(_, text)| !text.is_empty())
     }
 
-    /// A number, which may be NaN or infinite; `None` where the cell is empty.
+    /// Returns a number, which may be NaN or infinite; `None` if the cell is empty.
     fn number(&self, line: u64, place: Option<usize>) -> Result<Option<f64>, LogError> {
         let Some((place, text)) = self.filled(place) else { return Ok(None) };
         let text = text.trim();
@@ -380,7 +382,7 @@ impl<R: Read> LogReader<R> {
     }
 }
 
-/// A record that is none; `line`: where the reader stands, if the cause does not say where.
+/// Returns the error of an invalid record. `line`: position of the reader, if the cause contains no position.
 pub(super) fn unreadable(file: &str, line: u64, cause: &csv::Error) -> LogError {
     let message = match cause.kind() {
         csv::ErrorKind::Utf8 { .. } => "this is not text in UTF-8".to_owned(),
@@ -426,7 +428,7 @@ impl Columns {
     }
 }
 
-/// What the gateway would have made of this value: a log holds no broken sensor's −32 °C as a temperature.
+/// Returns the reading with the checks of the gateway. In a log, the −32 °C of a broken sensor is no temperature.
 fn reading(value: Option<f64>, range: Option<(f64, f64)>, now: Moment) -> Reading {
     match (value, range) {
         (None, _) => Reading::bad(now, Reason::NotInLog),

@@ -1,4 +1,4 @@
-//! Formats rows into one buffer that is used again; knows nothing of files.
+//! Formats rows into a reused buffer. It does not access files.
 
 use std::io::Write;
 
@@ -11,34 +11,34 @@ use isotherm_core::compensation::{Control, Decision, Remembered, Snapshot};
 use isotherm_core::quantity::{Moment, Shift, Shifted, time};
 use isotherm_profile::{Axis, Profile};
 
-/// Turns steps into rows.
+/// Converts steps to rows.
 #[derive(Clone, Debug)]
 pub struct Recorder {
-    /// By axis and model, ready to stand in a cell.
+    /// Names of the models, by axis and model, as the text of a cell.
     models: Vec<Vec<String>>,
-    /// By axis: the control is given the slope.
+    /// Whether the control of each axis gets the slope.
     apart: Vec<bool>,
-    /// By axis: errors are measured.
+    /// Whether errors of each axis are measured.
     probed: Vec<bool>,
-    /// By axis: some model says how wrong it is expected to be.
+    /// Whether some model of each axis gives its expected error.
     expected: Vec<bool>,
-    /// By axis: sensors may be stood in for.
+    /// Whether sensors of each axis may have stand-ins.
     watched: Vec<bool>,
-    /// Their names, ready to stand in a cell.
+    /// Names of the signals, as the text of a cell.
     signals: Vec<String>,
     memory: Option<String>,
     axes: Vec<String>,
     zeroed: Vec<(Moment, Option<usize>)>,
-    /// What brings counted moments to the stamps of the file.
+    /// Shift from counted times to the times in the file.
     shift: Shift,
     correction: Option<Correction>,
-    /// Nothing that is decided is written to a device.
+    /// Decisions are not written to any device.
     dry_run: bool,
     line: Vec<u8>,
 }
 
 impl Recorder {
-    /// For the axes of this profile.
+    /// Creates a recorder for the axes of this profile.
     pub fn new(profile: &Profile) -> Recorder {
         let names = |axis: &Axis| axis.settings.models.iter().map(|model| cell(&model.name)).collect();
         let models = recorded(profile).map(names).collect();
@@ -61,13 +61,13 @@ impl Recorder {
         }
     }
 
-    /// The same; of a dry run its rows say so.
+    /// Marks the rows as those of a dry run.
     #[must_use]
     pub(in crate::gateway) fn of_dry_run(self, dry_run: bool) -> Recorder {
         Recorder { dry_run, ..self }
     }
 
-    /// The first line of a log, with its line break.
+    /// Returns the header of a log, with its line break.
     pub fn header(profile: &Profile) -> String {
         let mut header = TIME.to_owned();
         for signal in &profile.signals {
@@ -90,28 +90,28 @@ impl Recorder {
         header + "," + MEMORY + "," + ZERO + "," + CLOCK + "\n"
     }
 
-    /// The same of a dry run, which says so: no Cz in it ever acted.
+    /// Returns the header of a dry run's log. It has one more column, because no Cz of a dry run acts.
     pub(in crate::gateway) fn dry_header(profile: &Profile) -> String {
         format!("{},{DRY_RUN}\n", Recorder::header(profile).trim_end())
     }
 
-    /// How the rows of the file are stamped that begins now, and whether the clock was set before.
+    /// Sets the shift of times in the file that starts now, and the correction of the clock before it.
     pub(in crate::gateway) fn stamp_by(&mut self, shift: Shift, correction: Option<Correction>) {
         (self.shift, self.correction) = (shift, correction);
     }
 
-    /// A run or a file begins with the next row, from this.
+    /// Starts a run or a file with the next row. `remembered`: its state.
     pub fn begin(&mut self, remembered: &Remembered) {
         self.memory =
             serde_json::to_string(&remembered.clone().shifted(self.shift)).ok().map(|json| cell(&json));
     }
 
-    /// "Zero" was commanded, at this moment, before the next row; of one axis, or of the machine.
+    /// Records a zero command at this time, before the next row. `axis` is `None` for the whole machine.
     pub fn zeroed(&mut self, at: Moment, axis: Option<usize>) {
         self.zeroed.push((at, axis));
     }
 
-    /// The row of a step, with its line break. Control and decision: one for each axis, in the profile's order.
+    /// Returns the row of a step, with its line break. Controls and decisions are in the order of the profile's axes.
     pub fn row<'a>(
         &mut self,
         snapshot: &Snapshot<'_>,
@@ -187,12 +187,13 @@ impl Recorder {
     }
 }
 
-/// The axes that have columns: those of the profile file, which come first. The log of the outputs has what a release does.
+/// Returns the axes that have columns: those of the profile file, which come first. The log of the outputs contains the
+/// releases.
 fn recorded(profile: &Profile) -> impl Iterator<Item = &Axis> {
     profile.axes.iter().take(profile.compensated())
 }
 
-/// What its models read is watched for standing still.
+/// Returns whether sensors of the axis are watched for being frozen.
 fn is_watched(axis: &Axis) -> bool {
     axis.settings.models.iter().any(|model| model.stand_ins.is_some())
 }
@@ -209,7 +210,7 @@ fn optional(line: &mut Vec<u8>, value: Option<f64>) {
     }
 }
 
-/// The shortest text that reads back as exactly this number.
+/// Writes the shortest text that is parsed to exactly this number.
 pub fn number(line: &mut Vec<u8>, value: f64) {
     let size = value.abs();
     let plain = (1e-6..1e17).contains(&size) || size.to_bits() == 0;
@@ -217,7 +218,7 @@ pub fn number(line: &mut Vec<u8>, value: f64) {
     let _ = if plain { write!(line, "{value}") } else { write!(line, "{value:e}") };
 }
 
-/// Quoted where CSV wants it.
+/// Quotes the text of a cell if CSV requires it.
 pub(super) fn cell(text: &str) -> String {
     if has_to_be_quoted(text) {
         return format!("\"{}\"", text.replace('"', "\"\""));

@@ -1,6 +1,7 @@
-//! Alarms: what went wrong and has not come to its end. An event raises one, another ends it.
+//! Alarms: faults that have not ended. An event raises an alarm, another event ends it.
 //!
-//! Acknowledged means that a person has seen it. It changes nothing else; an alarm that is raised anew is a new one.
+//! An alarm is acknowledged when the operator has seen it. Nothing else changes by that. An alarm that is raised again
+//! is a new one.
 
 use std::collections::BTreeMap;
 
@@ -8,18 +9,18 @@ use serde::Serialize;
 
 use super::{Broker, Comparison, Delivery, Entry, Event, Level, PagePort, StandIn};
 
-/// One that stands.
+/// Active alarm.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Alarm {
-    /// What it is about: by this it is acknowledged.
+    /// Subject of the alarm. The alarm is acknowledged by it.
     pub id: String,
-    /// The kind of the event that raised it.
+    /// Kind of the event that raised it.
     pub kind: String,
-    /// How much it matters.
+    /// Severity.
     pub level: Level,
-    /// Since when, RFC 3339.
+    /// Time since which it is active, RFC 3339.
     pub since: String,
-    /// The sentence.
+    /// Text of the event.
     pub text: String,
     /// Present cause.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -27,29 +28,29 @@ pub struct Alarm {
     /// Hint: what to do about the cause.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hint: Option<String>,
-    /// Who has seen it, and when.
+    /// Acknowledgement; `None` before it.
     pub acknowledged: Option<Seen>,
 }
 
-/// That a person has seen it.
+/// Acknowledgement of an alarm.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Seen {
-    /// RFC 3339.
+    /// Time, RFC 3339.
     pub at: String,
-    /// Who, and by which way.
+    /// Person or program, and channel.
     pub by: String,
 }
 
-/// What an event has changed of the alarms, by what they are about.
+/// Change of the alarms by an event. Alarms are given by their subjects.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Change {
-    /// The one that it raised.
+    /// Alarm that was raised.
     pub raised: Option<String>,
-    /// Those that stood, and have come to their end.
+    /// Alarms that were active and have ended.
     pub ended: Vec<String>,
 }
 
-/// All that stand, by what they are about.
+/// Active alarms, by their subjects.
 #[derive(Debug, Default)]
 pub(super) struct Alarms(BTreeMap<String, Alarm>);
 
@@ -59,7 +60,7 @@ impl Alarms {
         ended.retain(|id| self.0.remove(id).is_some());
         if let Some(id) = raised.clone() {
             let field = |name: &str| entry.data.get(name).and_then(|value| value.as_str()).map(str::to_owned);
-            // An alarm that stands keeps its beginning. Its new cause is not acknowledged yet.
+            // An alarm that is active keeps its beginning. Its new cause is not acknowledged yet.
             let since = self.0.get(&id).filter(|known| known.kind == *entry.kind);
             let since = since.map_or_else(|| entry.at.clone(), |known| known.since.clone());
             let alarm = Alarm {
@@ -77,14 +78,15 @@ impl Alarms {
         Change { raised, ended }
     }
 
-    /// The newest first.
+    /// Returns all alarms, newest first.
     pub(super) fn all(&self) -> Vec<Alarm> {
         let mut all: Vec<Alarm> = self.0.values().cloned().collect();
         all.sort_by(|one, other| other.since.cmp(&one.since));
         all
     }
 
-    /// Somebody has seen one, or all of them; how many he had not seen before.
+    /// Acknowledges one alarm, or all of them. Returns how many were not acknowledged before; `None` if there is no
+    /// such alarm.
     pub(super) fn acknowledge(&mut self, id: Option<&str>, seen: &Seen) -> Option<usize> {
         let meant = self.0.values_mut().filter(|alarm| id.is_none_or(|id| id == alarm.id));
         let mut meant = meant.peekable();
@@ -95,7 +97,7 @@ impl Alarms {
 }
 
 impl Event {
-    /// The alarm that it raises, and those that it ends.
+    /// Returns the alarm that the event raises, and those that it ends.
     fn about(&self) -> (Option<String>, Vec<String>) {
         let raises = |what: &str, name: &str| (Some(format!("{what} {name}")), Vec::new());
         let ends =
@@ -113,7 +115,7 @@ impl Event {
             Event::EmergencyOver { device, .. } => ends(&[("emergency of device", device)]),
             Event::SignalBad { signal, .. } => raises("signal", signal),
             Event::SignalGood { signal, .. } => ends(&[("signal", signal)]),
-            // What is switched off or stopped on purpose is no alarm.
+            // An axis that is switched off or stopped on purpose is no alarm.
             Event::AxisState { axis, to, stopping, .. } => match *to {
                 "degraded" | "holding" | "ramping" | "zeroed" if !stopping => raises("axis", axis),
                 _ => ends(&[("axis", axis), ("level of axis", axis)]),

@@ -1,4 +1,4 @@
-//! Whether touches show that an axis is worse with its model than without compensation.
+//! Events of the comparison of a model with no compensation.
 
 use serde::Serialize;
 
@@ -10,11 +10,11 @@ use isotherm_core::quantity::Micron;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Comparison {
-    /// More is left with the model.
+    /// The error is larger with the model.
     Worse {
-        /// Whose model.
+        /// Axis of the model.
         axis: String,
-        /// How many touches show it; none if they were taken before the last datum.
+        /// Number of touches that show it; zero if they were taken before the last datum.
         touches: usize,
         /// Root mean square of the error without compensation.
         #[serde(rename = "without_um")]
@@ -22,17 +22,17 @@ pub enum Comparison {
         /// Root mean square of the error with the Cz of the model.
         #[serde(rename = "with_um")]
         with: Micron,
-        /// Cz goes to zero until it is over.
+        /// Cz goes to zero until the model is not worse any more.
         ramps: bool,
     },
-    /// It is over.
+    /// The model is not worse any more.
     Over {
-        /// Whose model.
+        /// Axis of the model.
         axis: String,
     },
 }
 
-/// Sentence about a model that is worse than no compensation, with the figures of its touches.
+/// Returns a sentence about a model that is worse than no compensation, with the figures of its touches.
 pub(crate) fn found_worse(touches: usize, with: Micron, without: Micron) -> String {
     let shown = match touches {
         0 => "as touches before the last datum show".to_owned(),

@@ -294,7 +294,7 @@ impl Event {
             Event::OperatorChange { output, from, to, share } => info(
                 "operator-change",
                 format!(
-                    "output {output}: the operator's part went from {from} to {to}; kept, our share stays {share}"
+                    "output {output}: the operator offset changed from {from} to {to}; it is kept, and the gateway share stays {share}"
                 ),
             ),
             Event::LedgerOpened { output, base, share } => info(

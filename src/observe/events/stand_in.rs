@@ -1,4 +1,4 @@
-//! A sensor that is not believed, whether others stand in for it, and its end.
+//! Events of a rejected sensor: its stand-in, and its end.
 
 use std::time::Duration;
 
@@ -9,36 +9,36 @@ use super::{Described, info, warning};
 use isotherm_core::explained::Explained;
 use isotherm_profile::{counted, duration_text};
 
-/// What becomes of a sensor of an axis's model.
+/// Change of the state of a sensor of an axis's model.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum StandIn {
-    /// It is frozen or lost, and others say what it would read; or it is suspected of being frozen, and its reading is used.
+    /// The sensor is frozen or lost and has a stand-in; or it is suspected of being frozen, and its reading is used.
     Taken {
-        /// Whose model reads it.
+        /// Axis of the model.
         axis: String,
-        /// Which.
+        /// Name of the signal.
         signal: String,
-        /// It reads the same all the time; else it is lost.
+        /// The reading does not change; else the sensor is lost.
         frozen: bool,
-        /// How long it has been that.
+        /// Time since the fault began.
         #[serde(rename = "for_s", serialize_with = "in_seconds")]
         span: Duration,
-        /// How many they are; `None` where nothing is taken from others.
+        /// Number of predictors of the stand-in; `None` without a stand-in.
         others: Option<usize>,
     },
-    /// It is not taken from others any more.
+    /// The sensor has no stand-in any more.
     Over {
-        /// Whose model reads it.
+        /// Axis of the model.
         axis: String,
-        /// Which.
+        /// Name of the signal.
         signal: String,
-        /// Its own reading is used again; else it still is not there, or not believed.
+        /// The sensor's own reading is accepted again; else it is still missing or rejected.
         believed: bool,
     },
 }
 
-/// `1 other`, `5 others`.
+/// Returns the number of other sensors as text: `1 other`, `5 others`.
 pub(crate) fn others(count: usize) -> String {
     counted(count, "other")
 }
@@ -63,7 +63,7 @@ impl StandIn {
                 warning(kind, format!("axis {axis}"), Explained::new(cause, hint))
             }
             StandIn::Over { axis, signal, believed: true } => {
-                info("stand-in-over", format!("axis {axis}: {signal} is believed again"))
+                info("stand-in-over", format!("axis {axis}: {signal} is accepted again"))
             }
             StandIn::Over { axis, signal, believed: false } => {
                 info("stand-in-over", format!("axis {axis}: {signal} is not taken from others any more"))

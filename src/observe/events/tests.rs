@@ -1,10 +1,10 @@
-//! Each event that tells of trouble has its cause and what to do as fields of their own.
+//! Tests of the events of trouble: each has its cause and its hint as separate fields.
 
 use std::time::Duration;
 
 use super::*;
 
-/// One event of each kind that tells of trouble.
+/// Returns one event of each kind of trouble.
 fn troubles() -> Vec<Event> {
     let name = || "z".to_owned();
     let um = |um| Micron::new(um).unwrap();
@@ -147,7 +147,7 @@ fn troubles() -> Vec<Event> {
     all
 }
 
-/// Kinds of which nothing is to be done, or whose cause says it.
+/// Kinds of events without a hint, because there is nothing to do or the cause contains it.
 const NOTHING_TO_DO: [&str; 2] = ["command-refused", "taken-from-earlier"];
 
 #[test]
@@ -168,7 +168,7 @@ fn each_event_that_tells_of_trouble_has_cause_and_hint_and_a_sentence_of_both() 
     assert!(without.is_empty(), "{} of {}:\n{}", without.len(), troubles().len(), without.join("\n"));
 }
 
-/// What can be posted and tells of trouble is in the list above.
+/// Checks that every trigger that is trouble is in the list above.
 #[test]
 fn no_kind_of_trouble_is_missing_from_the_list() {
     let known: Vec<String> =

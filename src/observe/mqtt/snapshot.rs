@@ -1,7 +1,7 @@
-//! From the state of the gateway to the figures that are published.
+//! Figures for publishing, from the state of the gateway.
 //!
-//! What changes by itself all the time, as counts of requests do, is not among them: it would be published every second,
-//! and is served to those who ask for metrics. The age of a verified value is published in steps.
+//! Values that always change, for example counts of requests, are not published. They would be published every second,
+//! and are available as metrics. The age of a verified value is published in steps.
 
 use std::time::Duration;
 
@@ -12,12 +12,13 @@ use isotherm_core::quantity::Moment;
 use isotherm_plant::{Metric, Subject, Value};
 use isotherm_profile::Profile;
 
-/// A verified value that has grown older by less is not published again, s.
+/// Minimum increase of the age of a verified value that is published, s.
 const AGES_BY_S: f64 = 30.0;
-/// Half of what is shown of a compensation, µm.
+/// Half of the displayed resolution of a compensation, µm.
 const RESOLUTION_UM: f64 = 0.05;
 
-/// A smaller change of each signal is none, in the profile's order: half a count, and nothing for floating-point numbers.
+/// Returns the smallest change of each signal that is published, in the profile's order: half a count, and zero for
+/// floating-point numbers.
 pub(super) fn resolutions(profile: &Profile) -> Vec<f64> {
     let resolution = |encoding: &isotherm_core::codec::Encoding| match encoding.data_type {
         DataType::F32 | DataType::F64 => 0.0,
@@ -26,7 +27,7 @@ pub(super) fn resolutions(profile: &Profile) -> Vec<f64> {
     profile.signals.iter().map(|signal| resolution(&signal.encoding)).collect()
 }
 
-/// The figures of a state.
+/// Returns the figures of a state.
 pub(super) fn metrics(status: &Status, resolutions: &[f64]) -> Vec<Metric> {
     let mut list = List { now: moment(&status.now).unwrap_or_default(), metrics: Vec::new() };
     list.gateway(status);
@@ -45,7 +46,7 @@ struct List {
     metrics: Vec<Metric>,
 }
 
-/// Of one subject.
+/// Figures of one subject.
 struct Of<'l> {
     list: &'l mut List,
     subject: Subject,
@@ -71,7 +72,7 @@ impl List {
 
     fn axis(&mut self, axis: &AxisStatus) {
         let mut of = self.of(Subject::Axis(axis.name.clone()));
-        // Value in the control first, then what is decided.
+        // The value in the control comes first, then the decision.
         of.micron("verified_um", axis.verified_um);
         of.real("verified_age_s", axis.verified_age_s.map(f64::round), "s", AGES_BY_S);
         of.text("shown", axis.shown.name());
@@ -150,7 +151,7 @@ impl Of<'_> {
     }
 
     fn micron(&mut self, name: &'static str, micron: Option<f64>) {
-        // To the nanometre: what lies behind it is arithmetic.
+        // Rounds to the nanometre. Further digits are rounding errors.
         let micron = micron.map(|micron| (micron * 1000.0).round() / 1000.0);
         self.real(name, micron, "um", RESOLUTION_UM);
     }

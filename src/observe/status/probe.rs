@@ -1,63 +1,63 @@
-//! What measured errors have taught an axis, and what they show of its model.
+//! Correction of an axis from measured errors, and the comparison of its model with no compensation.
 
 use serde::Serialize;
 
-/// What measured errors have taught an axis.
+/// Correction of an axis from measured errors.
 #[derive(Clone, Debug, Serialize)]
 pub struct ProbeStatus {
-    /// What is added to the model's Cz now, µm.
+    /// Present correction of the model's Cz, µm.
     pub correction_um: f64,
-    /// Its largest size, µm.
+    /// Largest correction, µm.
     pub limit_um: f64,
-    /// Beyond it people are warned, µm.
+    /// Warning level of a residual, µm.
     pub warn_um: Option<f64>,
-    /// One beyond it is refused, µm.
+    /// Error level: a probing beyond it is refused, µm.
     pub max_error_um: f64,
-    /// The last probing, learned from or not.
+    /// Last probing, even if nothing was learned from it.
     pub last: Option<ProbedStatus>,
-    /// When, and what would have remained with the model's Cz, µm: the last probings that were learned from, oldest first.
+    /// Last accepted probings, oldest first: time, and error that would have remained with the model's Cz, µm.
     pub history: Vec<(String, f64)>,
-    /// How far each gain has been changed; empty where gains do not learn.
+    /// Learned change of each gain; empty if gains are not learned.
     pub gains: Vec<GainStatus>,
-    /// The axis is worse with the model in use than without compensation; `None` where touches do not show that.
+    /// Comparison that shows that the model in use is worse than no compensation; `None` if touches do not show that.
     pub worse: Option<WorseStatus>,
 }
 
 /// Figures of a model that is worse than no compensation.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct WorseStatus {
-    /// How many touches they are of; none directly after a new datum.
+    /// Number of touches; zero directly after a new datum.
     pub touches: usize,
     /// Root mean square of the error without compensation, µm.
     pub without_um: f64,
     /// Root mean square of the error with the Cz of the model, µm.
     pub with_um: f64,
-    /// Cz goes to zero until it is over.
+    /// Cz goes to zero until the model is not worse any more.
     pub ramps: bool,
 }
 
-/// One probing.
+/// Result of one probing.
 #[derive(Clone, Debug, Serialize)]
 pub struct ProbedStatus {
-    /// RFC 3339.
+    /// Time, RFC 3339.
     pub at: String,
     /// The measured error, µm.
     pub error_um: f64,
-    /// The Cz that acted, µm.
+    /// Cz that acted, µm.
     pub acting_um: f64,
-    /// What would remain with the model's Cz, µm.
+    /// Error that would remain with the model's Cz, µm; `None` if no model had a value.
     pub residual_um: Option<f64>,
-    /// Why nothing was learned from it, in words.
+    /// Why nothing was learned, for display; `None` if the probing was accepted.
     pub refused: Option<String>,
 }
 
-/// The gain of one term.
+/// Learned change of one gain.
 #[derive(Clone, Debug, Serialize)]
 pub struct GainStatus {
-    /// Its model.
+    /// Name of the model.
     pub model: String,
-    /// Its signal.
+    /// Name of the signal.
     pub signal: String,
-    /// By which share of it it has been changed.
+    /// Change as a share of the gain.
     pub change: f64,
 }

@@ -86,7 +86,7 @@ fn a_member_that_keeps_its_old_value_though_the_server_answers_good_is_caught_an
     let text = in_a_set(port(&server), "");
     let control = server.clone();
     beside(&text, Options::default(), move |source| {
-        wait_until(source, "it is told", |status| {
+        wait_until(source, "it is reported", |status| {
             events(status).iter().any(|text| {
                 let said = "read back 0.0000 µm/mm: the server said Good and kept the old value";
                 text.starts_with("output tan: wrote ") && text.contains(said)
@@ -108,7 +108,7 @@ fn a_set_of_which_one_node_is_denied_is_neither_done_nor_not_done_and_goes_no_fu
     let control = server.clone();
     beside(&text, Options::default(), move |source| {
         let said = "the server answers BadUserAccessDenied to output tan (node ns=2;s=tan), and has written others of set line";
-        wait_until(source, "it is told", |status| events(status).iter().any(|text| text.contains(said)));
+        wait_until(source, "it is reported", |status| events(status).iter().any(|text| text.contains(said)));
         std::thread::sleep(Duration::from_secs(5));
         assert!(holds(&control, "k0") < 0.001 + 1e-9, "{}", holds(&control, "k0"));
         assert!(holds(&control, "tan").abs() < 1e-12);
@@ -127,7 +127,7 @@ fn a_set_of_which_every_node_is_refused_is_not_done_and_nothing_is_waited_for() 
     let text = in_a_set(port(&server), "");
     let control = server.clone();
     let status = beside(&text, Options::default(), move |source| {
-        wait_until(source, "it is told", |status| {
+        wait_until(source, "it is reported", |status| {
             events(status)
                 .iter()
                 .any(|text| text.contains("output k0") && text.contains("the server answers BadNotWritable"))
@@ -148,7 +148,7 @@ fn a_server_that_takes_fewer_nodes_in_a_call_than_a_set_has_is_written_nothing_a
     beside(&text, Options::default(), move |source| {
         let said =
             "the server takes 2 in one call (MaxNodesPerWrite), and a set is written in one or not at all";
-        wait_until(source, "it is told", |status| events(status).iter().any(|text| text.contains(said)));
+        wait_until(source, "it is reported", |status| events(status).iter().any(|text| text.contains(said)));
         assert!(!control.lock().unwrap().does("log").contains("write"));
     });
 }
@@ -222,7 +222,7 @@ fn a_word_of_a_set_whose_node_is_not_there_is_told_by_its_name_and_not_as_a_faul
     beside(&text, Options::default(), move |source| {
         let said =
             "control of set line (node ns=2;s=gone) cannot be read: the server answers BadNodeIdUnknown";
-        wait_until(source, "it is told", |status| events(status).iter().any(|text| text.contains(said)));
+        wait_until(source, "it is reported", |status| events(status).iter().any(|text| text.contains(said)));
         wait_until(source, "the axis says so", |status| {
             let why = status.axes[0].why.to_string();
             why.contains(said) && why.contains("there is no such node")
@@ -243,7 +243,7 @@ fn a_heartbeat_whose_node_is_not_there_is_told_and_its_end_as_well() {
     let status = beside(&gone, Options::default(), move |source| {
         // asyncua answers BadUserAccessDenied for a missing node; other servers answer BadNodeIdUnknown.
         let said = "heartbeat (node ns=2;s=gone of cnc): not written: the server answers Bad";
-        wait_until(source, "it is told", |status| events(status).iter().any(|text| text.contains(said)));
+        wait_until(source, "it is reported", |status| events(status).iter().any(|text| text.contains(said)));
         wait_until(source, "it stands", |status| status.alarms.iter().any(|alarm| alarm.text.contains(said)));
         std::thread::sleep(Duration::from_secs(1));
     });
@@ -252,7 +252,7 @@ fn a_heartbeat_whose_node_is_not_there_is_told_and_its_end_as_well() {
     let there = format!("{}{}", in_a_set(port(&server), ""), heartbeat("life"));
     let control = server.clone();
     let status = beside(&there, Options::default(), move |source| {
-        wait_until(source, "it is told", |status| reported(status, "heartbeat-failed") == 1);
+        wait_until(source, "it is reported", |status| reported(status, "heartbeat-failed") == 1);
         control.lock().unwrap().does("allow life");
         wait_until(source, "it is over", |status| reported(status, "heartbeat-written") == 1);
     });
@@ -291,7 +291,7 @@ fn a_set_that_is_never_acknowledged_is_told_with_its_node_and_goes_no_further() 
     let text = with_a_strobe(port(&server));
     let control = server.clone();
     beside(&text, Options::default(), move |source| {
-        wait_until(source, "it is told", |status| {
+        wait_until(source, "it is reported", |status| {
             events(status).iter().any(|text| text.contains("set line") && text.contains("node ns=2;s=taken"))
         });
         std::thread::sleep(Duration::from_secs(3));

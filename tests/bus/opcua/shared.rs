@@ -32,7 +32,7 @@ fn an_operator_s_part_of_a_node_stays_while_ours_moves_and_over_a_restart_of_the
         wait_until(source, "it is his", |status| {
             events(status)
                 .iter()
-                .any(|text| text.starts_with("output offset: the operator's part went from 0.0 µm to 5.0 µm"))
+                .any(|text| text.starts_with("output offset: the operator offset changed from 0.0 µm to 5.0"))
         });
         control.lock().unwrap().does("value bed 21");
         stands(source, &control, "60");
@@ -54,7 +54,7 @@ fn a_sum_that_the_server_says_it_has_taken_and_has_not_is_caught() {
     let options = Options { directory: Some(directory.path().to_owned()), ..Options::default() };
     let control = server.clone();
     beside(&text, options, move |source| {
-        wait_until(source, "it is told", |status| {
+        wait_until(source, "it is reported", |status| {
             events(status).iter().any(|text| {
                 text.starts_with("output offset: wrote 1.0 µm, read back 0.0 µm: the server said Good")
             })
@@ -98,7 +98,7 @@ fn a_control_that_was_restarted_is_seen_by_its_boot_counter_and_its_offset_walke
         server.does("value offset 0");
         server.does("value boots 2");
         drop(server);
-        wait_until(source, "it is told", |status| {
+        wait_until(source, "it is reported", |status| {
             events(status)
                 .iter()
                 .any(|text| text.starts_with("device cnc: its boot counter went from 1 to 2"))

@@ -64,7 +64,7 @@ impl Bench {
     /// Output of `isotherm events`, with its warnings.
     pub(crate) fn events_and_warnings(&self) -> String {
         let mut said = String::new();
-        until("the last start is told", || {
+        until("the last start is reported", || {
             said = self.ask(&["events", "--json"]).1;
             let starts = said.matches("\"kind\":\"started\"").count();
             if starts > 2 { Ok(()) } else { Err(said.clone()) }

@@ -68,7 +68,7 @@ fn never_done(bench: &Bench, asks: Asks, span: Duration) {
     bench.gateway.goes_on();
     std::thread::sleep(tick * 15);
     drop(rest);
-    until("it is told", || match count("command-dropped") {
+    until("it is reported", || match count("command-dropped") {
         dropped if dropped == before.1 + 1 => Ok(()),
         dropped => Err(format!("{asks:?}: {dropped} dropped, {} before", before.1)),
     });
@@ -154,9 +154,9 @@ fn a_request_that_waits_while_the_gateway_stops_for_long_is_reported_and_ended()
     bench.device.asks(0);
     assert_eq!(asker.ends_within(PATIENCE).code(), Some(3));
     bench.gateway.goes_on();
-    until("it is told", || match bench.reported("arm-ended").len() {
+    until("it is reported", || match bench.reported("arm-ended").len() {
         1 => Ok(()),
-        _ => Err("nothing is told".to_owned()),
+        _ => Err("nothing is reported".to_owned()),
     });
     assert_eq!(bench.axis()["armed"], false);
 }

@@ -102,7 +102,7 @@ fn what_changed_in_a_template_since_the_last_run_is_told_once_and_by_check() {
     let said = String::from_utf8(check.stderr).unwrap();
     assert!(check.status.success() && said.contains(change), "{said}");
     bench.restart();
-    until("it is told", || match bench.reported("template-changed").len() {
+    until("it is reported", || match bench.reported("template-changed").len() {
         1 => Ok(()),
         count => Err(count.to_string()),
     });

@@ -16,7 +16,7 @@ fn what_the_control_applies_verifies_a_write_and_what_it_does_not_holds_the_axis
     let status = beside(&text, move |source| {
         wait_until(source, "it walks", |_| seen.lock().unwrap().offset() >= 20);
         seen.lock().unwrap().applies = false;
-        wait_until(source, "that is told", |status| reported(status, "not-applied") == 1);
+        wait_until(source, "that is reported", |status| reported(status, "not-applied") == 1);
         wait_until(source, "it holds", |status| status.axes[0].state == "holding");
         let stood = seen.lock().unwrap().offset();
         std::thread::sleep(Duration::from_millis(600));

@@ -30,7 +30,7 @@ fn a_control_that_is_read_and_whose_writes_are_never_answered_is_reported_with_c
     let control = Control::of(|_| Fate::DoneAndSilent);
     let text = profile_of(&control, "2s", "");
     let status = beside(&text, move |source| {
-        wait_until(source, "that is told", |status| reported(status, "write-failed") == 1);
+        wait_until(source, "that is reported", |status| reported(status, "write-failed") == 1);
         wait_until(source, "the axis says so", |status| {
             status.axes[0].why.cause.contains("is unverified: no answer in time")
         });

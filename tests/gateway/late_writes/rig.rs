@@ -110,7 +110,7 @@ pub(crate) fn nobody_is_blamed(control: &Shared, status: &Status, what: &str) {
 #[track_caller]
 pub(crate) fn blames_nobody(name: &str, said: &[String]) {
     let blames =
-        ["somebody else wrote", "the operator's part went", "taken to be ours", "back at zero", "off:"];
+        ["somebody else wrote", "the operator offset changed", "taken to be ours", "back at zero", "off:"];
     for blame in blames {
         assert!(!said.iter().any(|line| line.contains(blame)), "{name}: {blame}: {said:#?}");
     }

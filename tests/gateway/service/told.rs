@@ -18,7 +18,7 @@ fn a_gateway_is_ready_when_its_lines_were_tried_and_says_in_words_what_it_does()
     let heard = service.manager.heard.join("");
     assert!(heard.contains("STATUS=z compensating\n"), "{heard}");
     let again = service.manager.rest();
-    assert!(again.iter().all(|told| !told.contains("STATUS=")), "only what is new is told: {again:?}");
+    assert!(again.iter().all(|told| !told.contains("STATUS=")), "only what is new is reported: {again:?}");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! What is published, to whom it is kept, and what a gateway that dies leaves.
+//! Published messages, retained messages, and the messages after a gateway has died.
 
 use std::time::Duration;
 
@@ -15,7 +15,7 @@ fn mqtt(broker: &Broker) -> String {
     )
 }
 
-/// The document of the next message to this topic.
+/// Returns the document of the next message to this topic.
 fn document(reader: &mut Running, topic: &str) -> Value {
     let line = reader.hears(&format!(" {topic} "));
     let payload = line.split_once(&format!(" {topic} ")).unwrap().1;
@@ -31,7 +31,7 @@ fn state_is_kept_for_whoever_comes_later_and_events_are_told_once() {
     machine.is_active();
     let mut late = broker.reads("#", &[]);
     late.hears("1 isotherm/press/state online");
-    // What is kept is what was published last, a moment behind what the gateway says itself.
+    // The retained message is the last published one. It is a moment behind the gateway's own status.
     until("an axis that is kept as active", || {
         let axis = broker.reads("isotherm/press/axis/z", &[]).hears("1 isotherm/press/axis/z ");
         let parts = ["\"state\":\"active\"", "\"verified_um\":", "\"verified_age_s\":", "\"worse\":false"];
@@ -97,7 +97,7 @@ fn what_another_profile_has_no_more_the_broker_forgets() {
     });
     until("Home Assistant's topics are cleared", || {
         let cleared = gone[1].so_far().iter().filter(|line| line.trim_end().ends_with("/config")).count();
-        // One of each signal, five of the axis, one of the gateway.
+        // One topic for each signal, five for the axis, one for the gateway.
         if cleared == SIGNALS + 6 { Ok(()) } else { Err(cleared.to_string()) }
     });
     broker.reads("isotherm/press/signal/table", &[]).hears("1 isotherm/press/signal/table {");
@@ -133,7 +133,7 @@ fn check_says_what_is_published_and_online_whether_the_broker_is_there() {
     broker.dies();
     let (fits, said) = check(&["--online"]);
     assert!(!fits && said.contains("nothing listens at that port"), "{said}");
-    // A listener that speaks something else.
+    // Starts a listener that speaks another protocol.
     let other = std::net::TcpListener::bind(("127.0.0.1", broker.port)).unwrap();
     std::thread::spawn(move || {
         for mut stream in other.incoming().flatten() {

@@ -1,4 +1,5 @@
-//! A frozen sensor and a silent control on the page: a real gateway at a virtual machine, whose time stands still while somebody looks.
+//! A frozen sensor and a silent control on the page: a real gateway with a virtual machine. Its time is stopped while
+//! the browser reads the page.
 
 use std::path::Path;
 use std::time::Duration;
@@ -18,7 +19,7 @@ const STAND_INS: &str = r#"{ "format": "isotherm-stand-ins", "version": 1, "sens
     { "signal": "bed", "lag_s": 0, "gain": 1.2 }, { "signal": "scale_z", "lag_s": 0, "gain": 1e-9 }] } ] }"#;
 const FROZEN: &str = "[[fault]]\ndevice = \"thermocouples\"\nkind = \"value\"\nsignal = \"wheelhead\"\nvalue = 23.0\nat = \"30min\"";
 
-/// The grinder with one model, which says how wrong it is, and whose wheelhead the bed knows.
+/// Profile of the grinder with one model, with its expected error. The bed predicts the wheelhead.
 fn grinder() -> Profile {
     let model = "[[axis.z.model]]
 name = \"rises\"
@@ -39,13 +40,13 @@ terms = [
         .profile
 }
 
-/// What a browser shows, three hours after the machine began at this hour of its own zone; the sensor froze after half an
-/// hour.
+/// Returns the page three hours after the machine started at this hour of its own time zone. The sensor froze after
+/// half an hour.
 fn looked_at_from(hour: i8, view: &str, words: &[&str]) -> String {
     looked_at_after(FROZEN, hour, view, words)
 }
 
-/// The same after these faults.
+/// Returns the page after these faults.
 fn looked_at_after(faults: &str, hour: i8, view: &str, words: &[&str]) -> String {
     let here = jiff::tz::TimeZone::get(&zone()).unwrap();
     let begin = jiff::civil::date(2026, 1, 5).at(hour, 0, 0, 0).to_zoned(here).unwrap().timestamp();
@@ -89,12 +90,12 @@ fn who_is_frozen_since_when_and_who_stands_in_is_read_on_the_page_and_on_the_wal
     let whole = "eval:document.documentElement.scrollWidth <= innerWidth";
     let card = "follows a fallback model: wheelhead frozen since 10:30, taken from 2 others";
     let first = "Axis z: follows a fallback model (wheelhead frozen since 10:30, taken from 2 others).";
-    // How wrong Cz is was not tried with a sensor that the others say.
+    // The expected error is unknown while a sensor has a stand-in.
     let untold = "eval:document.querySelector('.expected').textContent === ''";
     let row = "eval:[...document.querySelectorAll('#signals tr')].some((row) => row.innerText.includes('▲ frozen'))";
     let words = [first, card, untold, row, "size:390x844", whole];
     let text = looked_at_from(10, "", &words);
-    // As the gateway told it.
+    // The text is that of the gateway's event.
     assert!(text.contains("axis z: wheelhead frozen for "), "{text}");
     looked_at_from(10, "/?view=wall", &[first, untold, "size:390x844", whole]);
 }
@@ -117,7 +118,7 @@ fn each_language_says_it_in_its_own_words_and_marks_them_as_its_own() {
     }
 }
 
-/// The page and the wall show the verified value, and not what is decided meanwhile; and below each trouble what to do.
+/// Checks that page and wall view show the verified value, not the present decision, and a hint below each trouble.
 #[test]
 fn a_control_that_does_not_answer_is_unreachable_with_the_verified_value_and_its_age() {
     let silent = "[[fault]]\ndevice = \"cnc\"\nkind = \"silent\"\nat = \"179min\"";
@@ -129,7 +130,7 @@ fn a_control_that_does_not_answer_is_unreachable_with_the_verified_value_and_its
         "verified ",
         " · target ",
     ];
-    // Said once, on a line of its own.
+    // The hint is shown once, on a line of its own.
     let hint = "eval:[...document.querySelectorAll('.axis, #alarms li, #events li')].some((node) => \
                 node.querySelector('.hint:not([hidden])')?.innerText.startsWith('To do: is the unit number right'))";
     let once = "eval:[...document.querySelectorAll('#alarms .text, #events .text > span')].every((node) => \
@@ -143,7 +144,7 @@ fn a_control_that_does_not_answer_is_unreachable_with_the_verified_value_and_its
     looked_at_after(silent, 10, "", &german);
 }
 
-/// Before anything was verified there is no figure, and the bar is empty: the target is no substitute.
+/// Checks that before the first verified value the figure is missing and the bar is empty. The target is no substitute.
 #[test]
 fn a_control_that_never_answered_has_no_figure_and_an_empty_bar() {
     let refused = "[[fault]]\ndevice = \"cnc\"\nkind = \"refuse\"";

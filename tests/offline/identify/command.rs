@@ -1,4 +1,4 @@
-//! Options of the command line: what they read and write.
+//! Options of the command line: their inputs and outputs.
 
 use std::path::Path;
 use std::process::Command;
@@ -9,7 +9,7 @@ use super::rig;
 use super::speed;
 use super::whitened::{days, logs};
 
-/// What `identify` says of these logs, and whether it ended well.
+/// Runs `identify` on these logs. Returns its output, and whether it succeeded.
 pub(crate) fn identify(home: &Path, profile: &str, logs: &[String], arguments: &[&str]) -> (String, bool) {
     let path = home.join("bench.toml");
     std::fs::write(&path, profile).unwrap();
@@ -34,7 +34,7 @@ fn a_prior_is_read_for_the_axis_with_0s_as_at_once_and_another_axis_has_none() {
              reference = \"start\", lag = \"0s\" }},\n]\n"
         )
     };
-    // The axes of a file come in the order of their names; a is of another size.
+    // The axes of a file are ordered by name; a has another size.
     std::fs::write(home.path().join("old.toml"), model("a", 1000.0) + &model("z", 1.5)).unwrap();
     std::fs::write(home.path().join("other.toml"), model("a", 1000.0)).unwrap();
     let logs = logs(&days(1, 3, 0.0));
@@ -70,7 +70,7 @@ fn what_was_mended_is_written_beside_what_was_recorded_and_where_nothing_was_tha
     let good = logs(&days(4, 23, 0.2));
     let (said, is_good) = identify(home.path(), &bench(), &good, &["--mended", "none"]);
     assert!(is_good && said.contains("nothing was mended"), "{said}");
-    // A run of a column may be called anything.
+    // The name of a run from a column may contain any characters.
     let shift = |log: &String| log.replace(",z_error_um\n", ",z_error_um,shift\n");
     let one = (all.iter().zip(["mon/1", "mon/2", "tue/1", "tue/2"]))
         .enumerate()

@@ -15,7 +15,7 @@ fn days() -> Vec<Day> {
     (20..25).map(|seed| machine().day(seed)).collect()
 }
 
-/// What is left out of every run: the sensor, and why.
+/// Returns the sensors that are left out of every run, with the reason.
 fn reasons(days: &[Day]) -> Vec<(String, String)> {
     let logs: Vec<String> = days.iter().map(Day::log).collect();
     let dataset = dataset(&logs).unwrap();
@@ -23,7 +23,7 @@ fn reasons(days: &[Day]) -> Vec<(String, String)> {
     ready.notes.excluded.into_iter().map(|faulty| (faulty.signal, faulty.reason)).collect()
 }
 
-/// What stays in: the sensor, the run, what was found and what was done.
+/// Returns the repairs: sensor, run, fault, and repair.
 fn mended(days: &[Day]) -> Vec<Repaired> {
     let logs: Vec<String> = days.iter().map(Day::log).collect();
     let dataset = dataset(&logs).unwrap();
@@ -97,7 +97,7 @@ fn a_faulty_sensor_that_is_not_needed_costs_nothing() {
     assert!(broken < 1.1 * clean, "{clean} {broken}");
 }
 
-/// A casting has many sensors that say nearly the same; the faulty one is one that the model uses.
+/// Days with a twin: a casting has many sensors that read nearly the same. The faulty one is used by the model.
 fn with_a_twin() -> Vec<Day> {
     let mut days = days();
     for (number, day) in days.iter_mut().enumerate() {
@@ -137,7 +137,7 @@ fn a_faulty_sensor_that_the_model_needs_is_named_and_costs_less_than_a_tenth() {
             let mut broken = clean.clone();
             of_day(&mut broken[run]);
             let found = of(&broken);
-            // A sensor that froze jumps when it thaws: that is no second fault.
+            // A sensor jumps at the end of a freeze. The jump is no second fault.
             let [mended] = found.repaired.as_slice() else { panic!("{word}: {:?}", found.repaired) };
             assert_eq!((mended.signal.as_str(), mended.run.as_str()), ("s0", format!("day{run}").as_str()));
             assert!(mended.fault.starts_with(word), "{mended:?}");

@@ -1,7 +1,7 @@
-//! Sensors that stand still: at equilibrium, which is no fault, or frozen.
+//! Constant readings: at equilibrium, which is no fault, or frozen.
 //!
-//! A machine of five sensors with counts of 0.1 °C, on days of spindle speeds in steps: a quick nose, a head and a column
-//! that follow it, coolant, and the hall. Nothing is left to chance.
+//! The machine has five sensors with counts of 0.1 °C. Its days have spindle speeds in steps: a fast nose, a head and a
+//! column that follow it, coolant, and the hall. Nothing is random.
 
 use isotherm_identify::identify;
 use isotherm_identify::method::Settings;
@@ -11,24 +11,24 @@ use isotherm_profile::Profile;
 use super::command;
 use super::rig::{self, Day, dataset};
 
-/// What the nose rises by at equilibrium, °C, spell by spell.
+/// Rise of the nose at equilibrium in each spell, °C.
 const LEVELS: [f64; 6] = [0.0, 9.0, 3.0, 12.0, 0.0, 6.0];
 const MINUTES: usize = 480;
 const HEAD: usize = 1;
 const HALL: usize = 4;
 
-/// What a day is like.
+/// Properties of a day.
 #[derive(Clone, Copy)]
 struct Plan {
-    /// Days have spells of other lengths.
+    /// Number of the day. Each day has spells of other lengths.
     number: usize,
-    /// The spindle rests all day, and coolant 5 °C colder comes on at this minute.
+    /// Minute at which coolant comes on that is 5 °C colder, on a day without spindle speed.
     coolant: Option<usize>,
-    /// A row every 5 s instead of the mean of each minute.
+    /// Rows every 5 s instead of means of each minute.
     is_raw: bool,
 }
 
-/// What the nose goes towards.
+/// Returns the temperature that the nose approaches.
 fn level(plan: Plan, minute: usize) -> f64 {
     if plan.coolant.is_some() || minute < 20 {
         return 0.0;
@@ -37,7 +37,7 @@ fn level(plan: Plan, minute: usize) -> f64 {
 }
 
 fn day(plan: Plan) -> Day {
-    // Of what is left, in 5 s, with a time constant in minutes.
+    // Share of the remaining difference that disappears in 5 s. The time constant is in minutes.
     let gone = |minutes: f64| 1.0 - (-5.0 / (60.0 * minutes)).exp();
     let (mut nose, mut head, mut column, mut coolant, mut bent) = (0.0, 0.0, 0.0, 0.0, 0.0);
     let mut day = Day { times: Vec::new(), temperatures: vec![Vec::new(); 5], error: Vec::new() };
@@ -78,13 +78,13 @@ fn days(count: usize) -> Vec<Day> {
     (0..count).map(|number| day(Plan { number, coolant: None, is_raw: false })).collect()
 }
 
-/// The head stands still from the first of these minutes to before the second.
+/// Freezes the head from the first of these minutes to before the second.
 fn freeze_head(day: &mut Day, from: usize, to: usize) {
     let stays = day.temperatures[HEAD][from];
     day.temperatures[HEAD][from..to].fill(stays);
 }
 
-/// Signals with whole counts of 0.1 °C.
+/// Profile with signals in whole counts of 0.1 °C.
 fn profile_text() -> String {
     let fine = "type = \"f32\"\nword_order = \"msw-first\"\nunit";
     rig::profile_with(5, rig::NO_MODEL).replace(fine, "type = \"i16\"\nscale = 0.1\nunit")
@@ -98,7 +98,7 @@ fn logs(days: &[Day]) -> Vec<String> {
     days.iter().map(Day::log).collect()
 }
 
-/// What was found about the sensors of these days: of those left out, and of those mended.
+/// Returns the findings about the sensors of these days: those of sensors left out, and those of repaired ones.
 fn findings(days: &[Day]) -> (Vec<String>, Vec<String>) {
     let dataset = dataset(&logs(days)).unwrap();
     let Ready { notes, repaired, .. } = ready(&profile(), &dataset, &rig::choice()).unwrap();

@@ -1,5 +1,5 @@
-//! Sensors that freeze while an axis runs, and days on which none does: what the step of the gateway makes of the block that
-//! `identify` has written. The machines are synthetic: eight sensors at three sources of heat, speeds and coolant by chance.
+//! Sensors that freeze while an axis runs, and days on which none does. The gateway's step runs with the block from
+//! `identify`. The machines are synthetic: eight sensors at three sources of heat, with random speeds and coolant.
 
 use std::path::Path;
 use std::time::Duration;
@@ -21,19 +21,19 @@ use super::rig::{self, Day, dataset};
 
 const SENSORS: usize = 8;
 const MINUTES: usize = 480;
-/// Readings in a minute.
+/// Number of readings in a minute.
 const OFTEN: usize = 6;
-/// Days that are learnt from.
+/// Number of days for learning.
 const TRAINING: u64 = 8;
-/// Healthy days of each kind, and as many on which a sensor freezes.
+/// Number of healthy days of each kind, and of days on which a sensor freezes.
 const DAYS: u64 = 50;
 
-/// Readings as a log has them.
+/// Kind of readings in a log.
 #[derive(Clone, Copy, Debug)]
 struct Kind {
-    /// °C of one count.
+    /// Size of one count, °C.
     count: f64,
-    /// A row every ten seconds; else the mean of each minute.
+    /// One row every ten seconds; else the mean of each minute.
     is_raw: bool,
 }
 
@@ -54,16 +54,16 @@ struct Machine {
     bend: f64,
 }
 
-/// What spindle and coolant do on a day.
+/// Use of spindle and coolant on a day.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Duty {
-    /// Both change every hour or so, by chance.
+    /// Both change at random, about once an hour.
     Changing,
-    /// The spindle rests. After five hours comes coolant that is colder by 5 °C than the machine.
+    /// The spindle rests. After five hours, coolant comes that is 5 °C colder than the machine.
     ColdCoolant,
 }
 
-/// A value that lasts for some readings.
+/// Value that lasts for some readings.
 #[derive(Clone, Copy, Debug, Default)]
 struct Spell {
     value: f64,
@@ -71,7 +71,7 @@ struct Spell {
 }
 
 impl Spell {
-    /// The value at the next reading; a new one is drawn when the old one has lasted long enough.
+    /// Returns the value at the next reading. A new value is drawn when the old one has lasted long enough.
     fn advance(
         &mut self,
         chance: &mut Pcg64Mcg,
@@ -101,7 +101,7 @@ impl Machine {
 
     fn day(&self, kind: Kind, duty: Duty, seed: u64) -> Day {
         let mut chance = Pcg64Mcg::seed_from_u64(seed);
-        // Of what is left, in the time between two readings.
+        // Share of the remaining difference that disappears between two readings.
         let gone = |minutes: f64| 1.0 - (-1.0 / (OFTEN as f64 * minutes)).exp();
         let phase = chance.random_range(0.0..std::f64::consts::TAU);
         let (amplitude, drift) = (chance.random_range(0.6..1.6), chance.random_range(-0.15..0.25));
@@ -137,7 +137,7 @@ impl Machine {
             column += gone(self.column) * (0.5 * head + 0.6 * hall - column);
             cabinet += gone(25.0) * (hall + 0.8 * heat - cabinet);
             bend += gone(self.bend) * (nose - bend);
-            // Four uniforms have nearly a normal law.
+            // The sum of four uniform numbers is nearly normal.
             let mut noise =
                 |size: f64| size * (0..4).map(|_| chance.random_range(-1.0..1.0)).sum::<f64>() * 0.866;
             let rises = [nose, bearing, head, column, inlet, outlet, hall, cabinet];
@@ -158,7 +158,7 @@ impl Machine {
     }
 }
 
-/// The profile with this model and this largest step, µm.
+/// Profile with this model and this largest step, µm.
 fn profile_text(kind: Kind, step: f64, model: &str) -> String {
     let fine = "type = \"f32\"\nword_order = \"msw-first\"\nunit";
     let counts = format!("type = \"i16\"\nscale = {}\nunit", kind.count);
@@ -166,7 +166,7 @@ fn profile_text(kind: Kind, step: f64, model: &str) -> String {
     text.replace("step = 500.0", &format!("step = {step:.1}"))
 }
 
-/// The profile with what `identify` writes of some days of this machine.
+/// Profile with the model that `identify` finds on some days of this machine.
 fn learned(machine: &Machine, kind: Kind, step: f64) -> Profile {
     let days: Vec<String> = (0..TRAINING).map(|seed| machine.day(kind, Duty::Changing, seed).log()).collect();
     let dataset = dataset(&days).unwrap();
@@ -178,14 +178,14 @@ fn learned(machine: &Machine, kind: Kind, step: f64) -> Profile {
     rig::pasted(&profile_text(kind, step, &block.block), &block.files)
 }
 
-/// What was seen of an axis on one day.
+/// Result of an axis on one day.
 #[derive(Clone, Debug, Default)]
 struct Seen {
-    /// Sensors that were suspected, each with when, s.
+    /// Suspected sensors, each with its time, s.
     suspected: Vec<(usize, f64)>,
-    /// Others stood in for one of them.
+    /// At least one of them had a stand-in.
     is_replaced: bool,
-    /// By row: the error with the target of the axis, µm.
+    /// Error with the target of the axis in each row, µm.
     left: Vec<f64>,
 }
 
@@ -224,7 +224,7 @@ fn mean(values: &[f64]) -> f64 {
 #[test]
 fn no_healthy_day_has_an_alarm_and_four_of_five_frozen_sensors_are_found() {
     let (mut alarms, mut others, mut replaced) = (0, 0, 0);
-    // Minutes until it was found; by how much the range grew.
+    // Minutes until the sensor was found, and growth of the range.
     let (mut found, mut growth) = (Vec::new(), Vec::new());
     for (number, kind) in (0..).zip(KINDS) {
         let machine = Machine::new(number);
@@ -268,7 +268,7 @@ fn no_healthy_day_has_an_alarm_and_four_of_five_frozen_sensors_are_found() {
 fn on_a_day_whose_coolant_is_colder_than_ever_stand_ins_make_nothing_worse() {
     for kind in [KINDS[1], KINDS[3]] {
         let machine = Machine::new(9);
-        // Here no step bounds what a stand-in moves.
+        // In this test, no step limits the effect of a stand-in.
         let profile = learned(&machine, kind, 500.0);
         let with = &profile.axes[0].settings;
         let mut without = with.clone();

@@ -210,7 +210,7 @@ fn a_silent_node_is_reported_once_its_readings_are_bad_and_it_returns_by_itself(
         std::thread::sleep(Duration::from_secs(1));
         cell.module.state().is_mute = false;
         wait_until(source, "it follows again", is_active);
-        let status = wait_until(source, "it is told", |status| count(status, "device-back") == 1);
+        let status = wait_until(source, "it is reported", |status| count(status, "device-back") == 1);
         assert_eq!(count(&status, "device-lost"), 1, "{:#?}", events(&status));
     });
 }
@@ -275,7 +275,7 @@ fn a_node_that_is_set_otherwise_is_not_believed() {
     let mut state = module();
     state.objects.insert((0x6110, 1), vec![11, 0]);
     Cell::new("otherwise", state).run(|_, source| {
-        let status = wait_until(source, "it is told", |status| count(status, "not-as-expected") == 1);
+        let status = wait_until(source, "it is reported", |status| count(status, "not-as-expected") == 1);
         reported(&status, "6110:01");
         wait_until(source, "the reading says so", |status| {
             signal(status, "bed").quality == "not-as-expected"
@@ -290,7 +290,7 @@ fn an_emergency_is_reported_once_in_the_device_s_words_until_it_is_over() {
         for _ in 0..5 {
             cell.interface.send("085#3150010000000000");
         }
-        let status = wait_until(source, "it is told", |status| count(status, "emergency") == 1);
+        let status = wait_until(source, "it is reported", |status| count(status, "emergency") == 1);
         reported(&status, "sensor 1 broken");
         cell.interface.send("085#0000000000000000");
         let status = wait_until(source, "it is over", |status| count(status, "emergency-over") == 1);
@@ -304,7 +304,7 @@ fn an_interface_that_goes_down_is_reported_once_and_everything_on_it_returns_whe
     Cell::new("down", module()).run(|cell, source| {
         wait_until(source, "the axis follows", |status| is_active(status) && cell.offset() == 50);
         cell.interface.down();
-        let status = wait_until(source, "it is told", |status| count(status, "link-down") == 1);
+        let status = wait_until(source, "it is reported", |status| count(status, "link-down") == 1);
         reported(&status, "the interface is down");
         wait_until(source, "the readings are bad", |status| {
             signal(status, "bed").quality == "link-down" && signal(status, "room").quality == "link-down"
@@ -331,14 +331,14 @@ fn an_interface_that_goes_down_is_reported_once_and_everything_on_it_returns_whe
 fn an_interface_that_is_missing_at_the_start_or_taken_away_is_taken_up_when_it_is_there() {
     let interface = Interface::absent("missing");
     beside(load(&patient(), &interface), false, move |source| {
-        let status = wait_until(source, "it is told", |status| count(status, "link-down") == 1);
+        let status = wait_until(source, "it is reported", |status| count(status, "link-down") == 1);
         reported(&status, "no such interface");
         interface.appears();
         let nodes = [module(), sender(), cnc()].map(|state| Node::new(interface.name(), state));
         wait_until(source, "the axis follows", is_active);
         drop(nodes);
         interface.vanishes();
-        let status = wait_until(source, "it is told again", |status| count(status, "link-down") == 2);
+        let status = wait_until(source, "it is reported again", |status| count(status, "link-down") == 2);
         assert_eq!(count(&status, "link-up"), 1);
         interface.appears();
         let _nodes = [module(), sender(), cnc()].map(|state| Node::new(interface.name(), state));
@@ -353,7 +353,7 @@ fn error_frames_are_reported_when_they_begin_and_counted() {
         for _ in 0..20 {
             cell.interface.send("20000008#0000801900000000");
         }
-        let status = wait_until(source, "it is told", |status| count(status, "bus-trouble") == 1);
+        let status = wait_until(source, "it is reported", |status| count(status, "bus-trouble") == 1);
         reported(&status, "nobody acknowledges");
         cell.interface.send("20000040#0000000000000000");
         let status = wait_until(source, "it is worse", |status| count(status, "bus-trouble") == 2);
@@ -374,7 +374,7 @@ fn a_full_queue_is_reported_once_and_what_waits_in_it_arrives() {
         let slow = format!("tc qdisc add dev {name} root tbf rate 2kbit burst 40 limit 80");
         let load = "insmod /usr/lib/uml/modules/$(uname -r)/kernel/net/sched/sch_tbf.ko";
         shell(&format!("{slow} 2>/dev/null || {{ {load}; {slow}; }}"));
-        let status = wait_until(source, "it is told", |status| count(status, "bus-trouble") >= 1);
+        let status = wait_until(source, "it is reported", |status| count(status, "bus-trouble") >= 1);
         reported(&status, "queue is full");
         std::thread::sleep(Duration::from_secs(2));
         shell(&format!("tc qdisc del dev {name} root"));

@@ -1,4 +1,4 @@
-//! One axis: its models, its guard, and the state it is in.
+//! One axis: its models, its guards and its state.
 
 use std::time::Duration;
 
@@ -25,9 +25,9 @@ pub(super) struct Axis {
     pub(super) settings: AxisSettings,
     /// The axis has models, and none of them reads a signal.
     pub(super) reads_nothing: bool,
-    /// By model, by term.
+    /// Lag of each term, by model.
     lags: Vec<Vec<Lag>>,
-    /// By model.
+    /// Rejected sensors and stand-ins, by model.
     watched: Vec<Watched>,
     zeroing: Zeroing,
     pub(super) probe: Probe,
@@ -35,11 +35,11 @@ pub(super) struct Axis {
     slope_guard: Guard,
     state: AxisState,
     permit: Permit,
-    /// The model asked for more than the error level since it was armed.
+    /// A model has requested more than the error level since the axis was armed.
     tripped: bool,
-    /// It keeps its value because the model's inputs lie outside its envelope.
+    /// The axis keeps its value because the model's inputs are outside its envelope.
     kept_outside: bool,
-    /// The first fallback model that is not used because its inputs lie outside its envelope.
+    /// First fallback model that is not used because its inputs are outside its envelope.
     fallback_outside: Option<usize>,
     stepped: Option<Moment>,
     pub(super) due: Option<Moment>,
@@ -99,7 +99,7 @@ impl Axis {
         }
     }
 
-    /// Takes up what it remembers; a term that is not the one remembered begins anew.
+    /// Restores what is remembered. A term that differs from the remembered one starts again.
     pub(super) fn recall(&mut self, remembered: &AxisMemory) {
         for (model, lags) in self.settings.models.iter().zip(&mut self.lags) {
             for ((place, input), lag) in model.rises().enumerate().zip(lags) {
@@ -115,12 +115,12 @@ impl Axis {
         }
     }
 
-    /// What is worth keeping over a restart; `None` where that is nothing.
+    /// Returns the state to keep over a restart; `None` if there is none.
     pub(super) fn remembered(&self) -> Option<AxisMemory> {
         AxisMemory::of(&self.settings, &self.lags, &self.watched, &self.zeroing, &self.probe)
     }
 
-    /// Takes up where it stood in the middle of a run.
+    /// Restores the running state in the middle of a run.
     pub(super) fn go_on(&mut self, running: &AxisRunning) {
         (self.guard, self.slope_guard) = (running.guard, running.slope_guard);
         (self.state, self.permit, self.tripped) = (running.state, running.permit, running.tripped);
@@ -128,7 +128,7 @@ impl Axis {
         (self.stepped, self.due, self.decision) = (running.stepped, running.due, running.decision);
     }
 
-    /// Where it stands now.
+    /// Returns the running state.
     pub(super) fn running(&self) -> AxisRunning {
         AxisRunning {
             axis: self.settings.name.clone(),
@@ -145,7 +145,7 @@ impl Axis {
         }
     }
 
-    /// The datum is taken from now on.
+    /// Takes the datum of the axis from now on.
     pub(super) fn zero(&mut self, machine: &MachineSettings, now: Moment) {
         if self.settings.datum == Datum::Zero {
             self.zeroing.begin(now.after(machine.settle));
@@ -153,13 +153,14 @@ impl Axis {
         self.renew(Reference::Zero, now.after(machine.settle));
     }
 
-    /// The machine was started: what is measured from that is captured from now on.
+    /// Captures the references at machine start again, and resets the watches, after a machine start.
     pub(super) fn started(&mut self, machine: &MachineSettings, now: Moment) {
         self.renew(Reference::Start, now.after(machine.settle));
         self.watch_anew(now);
     }
 
-    /// At its period; at once where it never ran, where time went back, and where its control says something new.
+    /// Returns whether the axis must be stepped: at its period, or at once. It is stepped at once if it never ran, if
+    /// time went back, or if its control has a new demand.
     pub(super) fn is_due(&self, now: Moment, control: &Control) -> bool {
         let (Some(due), Some(last)) = (self.due, self.stepped) else { return true };
         let is_new = control.permit != self.permit || control.trust;
@@ -183,7 +184,7 @@ impl Axis {
         if let Some(found) = control.take_over {
             self.guard.take_over(found, &self.settings.guard);
         }
-        // An axis without a line of its own has no slope to go on from.
+        // An axis without `intercept_slope` has no slope to take over.
         if let Some(found) = control.take_over_slope.filter(|_| self.settings.intercept_slope.is_some()) {
             self.slope_guard.take_over(found, &self.slope_settings());
         }
@@ -228,7 +229,7 @@ impl Axis {
         self.stepped = Some(now);
     }
 
-    /// Beyond the error level the model is not believed any more, until the axis is armed again.
+    /// Updates `tripped`. Beyond the error level the model is not followed until the axis is armed again.
     fn note_error_level(&mut self, chosen: Option<Chosen>, permit: Permit) {
         let beyond = chosen.is_some_and(|chosen| self.is_beyond_error(&chosen));
         self.tripped = permit != Permit::Off && (self.tripped || beyond);
@@ -239,7 +240,8 @@ impl Axis {
         error.is_some_and(|error| chosen.raw.abs() > error || chosen.slope.abs() > error)
     }
 
-    /// The figures of the model in use where it is worse than no compensation; while none can be used, those of the last one.
+    /// Returns the comparison of the model in use if it is worse than no compensation. While no model can be used, that
+    /// of the last one.
     fn worse(&self, chosen: Option<Chosen>) -> Option<Worse> {
         match chosen {
             _ if self.settings.probe.is_none() => None,
@@ -248,7 +250,7 @@ impl Axis {
         }
     }
 
-    /// How the fault action goes to zero.
+    /// Returns the pace at which the fault action returns Cz to zero.
     fn ramp_pace(&self) -> Pace {
         match self.settings.on_fault {
             OnFault::Zero => Pace::Steps,
@@ -256,20 +258,21 @@ impl Axis {
         }
     }
 
-    /// State of an axis that goes to zero or stays there, whatever its fault action is.
+    /// Returns the state of an axis that returns to zero or stays there, independent of its fault action.
     fn returns_to_zero(&self) -> AxisState {
         if self.is_at_zero() { AxisState::Zeroed } else { AxisState::Ramping }
     }
 
-    /// Moves both guards towards the requested values; their values, the targets, and the stages that acted on either. `ramp`: the
-    /// pace at which an axis goes to zero.
+    /// Moves both guards towards the requested values. Returns their values, the targets, and the stages that changed
+    /// either value. `ramp`: pace at which the axis returns to zero.
     fn guarded(
         &mut self,
         followed: Option<Chosen>,
         control: &Control,
         (dt, ramp): (Duration, Pace),
     ) -> Guarded {
-        // An axis whose output is in trouble goes back, too: the value that could not be written was decided on wrong readings.
+        // An axis whose output failed returns, too. The value that could not be written was decided from wrong
+        // readings.
         let returns =
             control.return_to.filter(|_| matches!(control.permit, Permit::Armed | Permit::Unverified));
         let (wanted, pace) = match (self.state, followed) {
@@ -304,7 +307,7 @@ impl Axis {
         }
     }
 
-    /// The slope's effect at the reach has the same bounds as Cz, in counts of its own register.
+    /// Returns the settings of the slope's guard: the same bounds as for Cz, in counts of the slope's register.
     fn slope_settings(&self) -> GuardSettings {
         GuardSettings {
             count: self.settings.intercept_slope.and_then(|line| line.count),
@@ -312,12 +315,12 @@ impl Axis {
         }
     }
 
-    /// The next tick of the period, or the end of a hold that comes before it.
+    /// Returns the next tick of the period, or the end of a hold if that is earlier.
     fn next_due(&self, now: Moment, is_checked: bool) -> Moment {
-        // A person waits at the machine: the axis goes as fast as it may.
+        // The operator waits at the machine: the axis moves as fast as it may.
         let period = if is_checked { self.settings.ramp_period() } else { self.period() };
         let tick = match self.due {
-            // It acted before its time, or time went back.
+            // The axis was stepped before its time, or time went back.
             Some(due) if due > now => due.min(now.after(period)),
             Some(due) => now.next_tick(due, period),
             None => now.after(period),
@@ -330,7 +333,8 @@ impl Axis {
         }
     }
 
-    /// Outside the region the model was identified on, and not to be followed there until clearly inside again.
+    /// Returns whether the axis must keep its value because the model is outside its envelope. This state lasts until
+    /// the inputs are clearly inside.
     fn keeps_outside(&self, chosen: &Chosen) -> bool {
         let envelope = self.settings.models.get(chosen.model).and_then(|model| model.envelope.as_ref());
         let Some(coverage) =
@@ -346,7 +350,7 @@ impl Axis {
         let keeps = permit == Permit::Held || outside;
         match (permit, followed) {
             (Permit::Off, _) => AxisState::Off,
-            // It never took over what stands in the register, so there is nothing of its own to bring back.
+            // The axis never took over the register value, so it has nothing to return.
             (Permit::Stopping, _) if self.state == AxisState::Off => AxisState::Off,
             _ if keeps => match self.state {
                 AxisState::Holding(since) => AxisState::Holding(since),
@@ -362,9 +366,9 @@ impl Axis {
     fn fault_action(&self, now: Moment, at_once: bool) -> AxisState {
         let since = match self.state {
             AxisState::Ramping | AxisState::Zeroed => return self.returns_to_zero(),
-            // What was kept outside an envelope was no fault: the fault begins now.
+            // A value kept outside an envelope was no fault: the fault begins now.
             AxisState::Holding(_) if self.kept_outside => now,
-            // Where time went back, the hold does not wait for the moment at which it began to come again.
+            // If time went back, the hold begins now, so that its end is not delayed.
             AxisState::Holding(since) => since.min(now),
             AxisState::Off | AxisState::Active | AxisState::Degraded => now,
         };

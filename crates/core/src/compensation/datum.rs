@@ -1,9 +1,10 @@
 //! The datum of an axis: `Cz(t) − Cz(t_zero)`.
 //!
-//! A workpiece that is referenced on a warm machine has the drift of that moment in its datum; compensating all of it
-//! again would count it twice. At a zero what each model asks for is captured, as the mean over the machine's settling
-//! time, and subtracted from then on. Until it is complete the old one serves. A model that had no value meanwhile takes
-//! the datum of the first that had, so that changing to it is no jump.
+//! A workpiece that is referenced on a warm machine has the drift of that time in its datum. Compensating all of the
+//! drift would count it twice. After a zero command, the value that each model requests is captured as the mean over
+//! the machine's settling time. From then on it is subtracted. Until the capture is complete, the old datum is used. A
+//! model that had no value meanwhile takes the datum of the first model that had one, so that a change to it is no
+//! jump.
 
 use serde::{Deserialize, Serialize};
 
@@ -14,13 +15,13 @@ use crate::quantity::{Micron, MicronPerMillimetre, Moment};
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Zeroing {
     models: Vec<Level>,
-    /// A capture is under way and ends here.
+    /// End of a running capture; `None` if none is running.
     until: Option<Moment>,
-    /// When the last one was complete.
+    /// Time at which the last capture was complete.
     at: Option<Moment>,
 }
 
-/// What is subtracted from one model, and the mean that will be.
+/// Datum of one model, and the sums of a running capture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Level {
     cz: Micron,
@@ -42,12 +43,12 @@ impl Zeroing {
         Zeroing { models, until, at }
     }
 
-    /// By model, and when a capture under way ends.
+    /// Returns the datum of each model, and the end of a running capture.
     pub(super) fn kept(&self) -> (&[Level], Option<Moment>) {
         (&self.models, self.until)
     }
 
-    /// When the datum that serves was complete; `None` before the first.
+    /// Returns the time at which the datum in use was complete; `None` before the first one.
     pub(super) fn at(&self) -> Option<Moment> {
         self.at
     }
@@ -56,7 +57,7 @@ impl Zeroing {
         self.until.is_some()
     }
 
-    /// What is to be subtracted from what a model asks for.
+    /// Returns the datum of a model, which is subtracted from its request.
     pub(super) fn of(&self, model: usize) -> Outputs {
         self.models.get(model).map_or(Outputs::default(), |level| {
             let Level { cz, slope, apart, .. } = *level;
@@ -71,7 +72,8 @@ impl Zeroing {
         }
     }
 
-    /// Takes in what the models ask for now; complete once the time is over and at least one had a value.
+    /// Adds what the models request now. The capture is complete once its time is over and at least one model had a
+    /// value.
     pub(super) fn gather(&mut self, now: Moment, evaluate: impl Fn(usize) -> Option<Outputs>) {
         let Some(until) = self.until else { return };
         for (place, level) in self.models.iter_mut().enumerate() {
@@ -93,7 +95,7 @@ impl Zeroing {
 }
 
 impl Level {
-    /// `None` where nothing was counted, or the sum is no finite number.
+    /// Returns the mean; `None` if nothing was counted or the mean is not finite.
     fn mean(&self) -> Option<Outputs> {
         let count = f64::from(self.count);
         let mean = Outputs::of(self.sum.0 / count, self.sum.1 / count).ok()?;

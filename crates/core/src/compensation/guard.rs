@@ -1,7 +1,7 @@
 //! The guard between a model and a register: limit → deadband → step → rate → whole counts.
 //!
-//! Each stage says when it acted. Two numbers are kept: where the offset is in µm, and the whole counts of it
-//! that were decided; without the first, a rate of less than one count per update would never move at all.
+//! Each stage reports if it changed the value. The guard keeps two numbers: the offset in µm, and the decided offset in
+//! whole counts. Without the first number, a rate of less than one count per update would never move the offset.
 
 use std::fmt;
 use std::time::Duration;
@@ -11,12 +11,12 @@ use serde::{Deserialize, Serialize};
 use super::settings::GuardSettings;
 use crate::quantity::Micron;
 
-/// Which stages changed the value.
+/// Guard stages that changed the value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Stages(u8);
 
 impl Stages {
-    /// The model asked for more than the limit.
+    /// The model requested more than the limit.
     pub const LIMIT: Stages = Stages(1);
     /// The change was too small to be made.
     pub const DEADBAND: Stages = Stages(2);
@@ -27,7 +27,7 @@ impl Stages {
     /// The value was rounded to whole counts.
     pub const ROUND: Stages = Stages(16);
 
-    /// Every stage with its name, in the order in which they stand.
+    /// Every stage with its name, in order.
     pub const ALL: [(Stages, &'static str); 5] = [
         (Stages::LIMIT, "limit"),
         (Stages::DEADBAND, "deadband"),
@@ -36,12 +36,12 @@ impl Stages {
         (Stages::ROUND, "round"),
     ];
 
-    /// This stage is among them.
+    /// Returns whether this stage is contained.
     pub fn contains(self, stage: Stages) -> bool {
         self.0 & stage.0 == stage.0
     }
 
-    /// The stages of both.
+    /// Returns the stages of both.
     pub(super) fn and(self, other: Stages) -> Stages {
         Stages(self.0 | other.0)
     }
@@ -53,7 +53,7 @@ impl Stages {
     }
 }
 
-/// `limit+step`; nothing where none acted.
+/// Prints the stages as `limit+step`; prints nothing if there are none.
 impl fmt::Display for Stages {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut between = "";
@@ -65,18 +65,18 @@ impl fmt::Display for Stages {
     }
 }
 
-/// How a change is made.
+/// Kind of a change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Pace {
-    /// Towards a model's value: every stage.
+    /// Towards a model's value, with every stage.
     Follow,
-    /// To rest, at the axis's rate.
+    /// To zero, at the axis's rate.
     Ramp,
-    /// To rest, one whole step at every update.
+    /// To zero, one whole step at every update.
     Steps,
 }
 
-/// Where the offset is.
+/// Offset in µm, and in whole counts of the register.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Guard {
     place: Micron,
@@ -84,8 +84,8 @@ pub(super) struct Guard {
 }
 
 impl Guard {
-    /// Takes over what stands in the register: as whole counts inside the limit, so that holding it never writes
-    /// what may not be written.
+    /// Takes over the register value as whole counts inside the limit. Holding it then never writes a value that is not
+    /// allowed.
     pub(super) fn take_over(&mut self, found: Micron, settings: &GuardSettings) {
         let inside = found.clamp_to(settings.limit);
         self.place = settings.count.map_or(inside, |count| Grid { count, settings }.nearest(inside));
@@ -101,12 +101,13 @@ impl Guard {
         self.counted
     }
 
-    /// The value decided last: whole counts.
+    /// Returns the last decided value, in whole counts.
     pub(super) fn value(&self) -> Micron {
         self.counted
     }
 
-    /// Moves towards `target` as far as `dt` and the settings allow.
+    /// Moves towards `target` as far as `dt` and the settings allow. Returns the decided value, and the stages that
+    /// changed it.
     pub(super) fn advance(
         &mut self,
         target: Micron,

@@ -1,30 +1,30 @@
-//! What is used in the place of a reading that is not believed.
+//! Substitutes for rejected readings.
 
 use crate::quantity::Moment;
 use crate::reading::SignalId;
 
-/// A sensor whose reading is used for nothing, whatever it reads.
+/// Substitute for a sensor whose own reading is not used.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Instead {
     pub(super) signal: SignalId,
-    /// It has read the same all the time; else it was lost.
+    /// The reading is constant; else the sensor was lost.
     pub(super) frozen: bool,
-    /// Its reading last changed, or was last good, then.
+    /// Time at which the reading last changed, or was last good.
     pub(super) since: Moment,
     pub(super) says: Says,
 }
 
-/// Who says what it would read.
+/// Source of a substitute.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Says {
-    /// Other sensors.
+    /// A stand-in, predicted from other sensors.
     Others {
-        /// In its unit; `None` where nobody knows what it begins from.
+        /// Value in the unit of the sensor; `None` if the sensor's start is unknown.
         value: Option<f64>,
-        /// Since the machine's start.
+        /// Rise since machine start.
         rise: f64,
     },
-    /// Nobody: whatever needs it waits.
+    /// No source. Everything that requires the sensor waits.
     Nobody,
 }
 

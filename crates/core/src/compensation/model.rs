@@ -1,4 +1,5 @@
-//! The models: from a snapshot to a raw Cz. Each kind is one file behind [`Evaluate`], and one line in `Kind::model`.
+//! Models: from a snapshot to a raw Cz. Each kind is one file with an implementation of [`Evaluate`], and one line in
+//! `Kind::model`.
 
 use crate::reading::SignalId;
 
@@ -33,22 +34,22 @@ use super::instead::Instead;
 use super::reference::Machine;
 use crate::quantity::{Micron, MicronPerMillimetre};
 
-/// A model with the name the profile gives it.
+/// Model with the name that the profile gives it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Model {
-    /// For people: the page, the log, `z_model`.
+    /// Name on the page, in the log and in `z_model`.
     pub name: String,
-    /// How it computes.
+    /// Kind of the model.
     pub kind: Kind,
-    /// The region it was identified on, where the profile names one.
+    /// Region on which the model was identified, if the profile gives one.
     pub envelope: Option<Envelope>,
-    /// How wrong it was on runs that it had not seen, where the profile says so.
+    /// Residual error on runs that were not used to identify the model, if the profile gives it.
     pub expected: Option<Expected>,
-    /// What its sensors say of each other, where the profile names a file of it.
+    /// Predictions of its sensors from each other, if the profile names a file of them.
     pub stand_ins: Option<StandIns>,
 }
 
-/// The kinds of models. A new one is a file beside the others, a variant here and its line in `Kind::model`.
+/// Kinds of models. A new kind is a file next to the others, a variant here, and its line in `Kind::model`.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Kind {
     /// A sum of gains times temperature rises.
@@ -62,7 +63,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// What computes.
+    /// Returns the implementation of the model.
     fn model(&self) -> &dyn Evaluate {
         match self {
             Kind::Linear(model) => model,
@@ -73,34 +74,35 @@ impl Kind {
     }
 }
 
-/// What every kind of model can do.
+/// Interface of every kind of model.
 pub trait Evaluate {
-    /// The compensation value, from good readings only.
+    /// Returns the compensation value, from good readings only.
     ///
     /// # Errors
-    /// What is missing, or that the result is no finite number.
+    /// Returns which input is missing, or that the result is not finite.
     fn evaluate(&self, inputs: &Inputs<'_>) -> Result<Outputs, Unusable>;
 
-    /// The signals it needs.
+    /// Returns the signals that the model requires.
     fn signals(&self) -> Vec<SignalId>;
 
-    /// What may lag, in order, one [`Lag`] for each.
+    /// Returns the inputs that may lag, in order. Each has one [`Lag`].
     fn lagging(&self) -> Rises<'_> {
         Rises::default()
     }
 
-    /// Where the machine is on what the model has bounds for by itself; `None` where it has none.
+    /// Returns the position of the machine relative to bounds that the kind of model itself has; `None` without such
+    /// bounds.
     fn coverage(&self, _: &Snapshot<'_>) -> Option<Coverage> {
         None
     }
 
-    /// Itself, where its gains can be corrected by probings.
+    /// Returns the linear model whose gains can be corrected by probings; `None` for other kinds.
     fn correctable(&self) -> Option<&Linear> {
         None
     }
 }
 
-/// Why a model has no value now.
+/// Reason why a model has no value now.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Unusable {
@@ -108,100 +110,100 @@ pub enum Unusable {
     Signal(SignalId),
     /// The reference of this signal has not been captured yet.
     Reference(SignalId),
-    /// The machine has not been seen running: there is no time since its start.
+    /// The machine has not been seen running. There is no time since its start.
     MachineOff,
-    /// The reading of this signal is frozen, and nothing stands in for it.
+    /// The reading of this signal is frozen, and it has no stand-in.
     Frozen(SignalId),
-    /// This signal reads something again, which is not believed yet.
+    /// This signal has a reading again, which is not accepted yet.
     Unproven(SignalId),
     /// The result is not a finite number (a division by zero, a root of a negative number).
     NotANumber,
 }
 
 impl From<&Instead> for Unusable {
-    /// Nobody says what is needed of this sensor.
+    /// Returns the reason for a sensor whose substitute has no value.
     fn from(instead: &Instead) -> Unusable {
         if instead.frozen { Unusable::Frozen(instead.signal) } else { Unusable::Unproven(instead.signal) }
     }
 }
 
-/// What a model is evaluated from.
+/// Inputs of a model.
 #[derive(Clone, Copy, Debug)]
 pub struct Inputs<'a> {
     /// The readings.
     pub snapshot: Snapshot<'a>,
-    /// The time since machine start, and references.
+    /// Time since machine start, and references.
     pub machine: &'a Machine,
-    /// One for each of [`Model::rises`], in their order.
+    /// Lag of each input of [`Model::rises`], in the same order.
     pub lags: &'a [Lag],
-    /// The control itself multiplies the slope by the distance: it is given both parts.
+    /// The control itself multiplies the slope by the distance, and gets both parts.
     pub splits_slope: bool,
 }
 
-/// What a model asks for.
+/// Values that a model requests.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Outputs {
-    /// Cz at the present position; where the slope is split off, K0: Cz at the reference position.
+    /// Cz at the present position. If the slope is split off, it is K0: Cz at the reference position.
     pub cz: Micron,
-    /// tanβ where it is split off, else zero.
+    /// tanβ if the slope is split off, else zero.
     pub slope: MicronPerMillimetre,
-    /// What the two halves of the model differ by; zero where it has none.
+    /// Difference of the two halves of the model; zero without halves.
     pub apart: Micron,
 }
 
 impl Outputs {
-    /// Checks a computed Cz in µm and slope in µm/mm: both must be finite.
+    /// Creates the outputs from a computed Cz in µm and slope in µm/mm. Both must be finite.
     pub(super) fn of(cz: f64, slope: f64) -> Result<Outputs, Unusable> {
         let outputs = Micron::new(cz).zip(MicronPerMillimetre::new(slope));
         outputs.map(|(cz, slope)| Outputs { cz, slope, apart: Micron::ZERO }).ok_or(Unusable::NotANumber)
     }
 }
 
-/// What a model asks for, and how far it can be trusted there.
+/// Values that a model requests, and the position of the inputs in its envelope.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evaluated {
-    /// As it comes from the model: where the envelope shrinks it, before that.
+    /// Values of the model itself, before the envelope shrinks them.
     pub outputs: Outputs,
-    /// Where the machine is in or outside what the model was identified on; `None` where that is not known.
+    /// Position of the machine inside or outside the range on which the model was identified; `None` if it is unknown.
     pub coverage: Option<Coverage>,
 }
 
 impl Model {
-    /// A model that knows no bounds.
+    /// Creates a model without bounds.
     pub fn new(name: String, kind: Kind) -> Model {
         Model { name, kind, envelope: None, expected: None, stand_ins: None }
     }
 
-    /// What may lag, in order, one [`Lag`] for each: the inputs of its terms, those of the slope last; of a matrix its
-    /// blocks, of a network what it reads.
+    /// Returns the inputs that may lag, in order. Each has one [`Lag`]. For a linear model these are the inputs of its
+    /// terms, those of the slope last. For a matrix they are its blocks, for a network its inputs.
     pub fn rises(&self) -> impl Iterator<Item = &Input> {
         self.kind.model().lagging().into_iter()
     }
 
-    /// The signals it needs.
+    /// Returns the signals that the model requires.
     pub fn signals(&self) -> Vec<SignalId> {
         self.kind.model().signals()
     }
 
-    /// What it asks for now, wherever its inputs lie.
+    /// Returns the values that the model requests now, without regard to its envelope.
     ///
     /// # Errors
-    /// What is missing, or that the result is no finite number.
+    /// Returns which input is missing, or that the result is not finite.
     pub fn outputs(&self, inputs: &Inputs<'_>) -> Result<Outputs, Unusable> {
         self.kind.model().evaluate(inputs)
     }
 
-    /// What it asks for now, and where its inputs lie.
+    /// Returns the values that the model requests now, and the position of its inputs in the envelope.
     ///
     /// # Errors
-    /// What is missing.
+    /// Returns which input is missing.
     pub fn evaluate(&self, inputs: &Inputs<'_>) -> Result<Evaluated, Unusable> {
         let outputs = Outputs { apart: self.apart(inputs)?, ..self.outputs(inputs)? };
         let envelope = self.envelope.as_ref().map(|envelope| envelope.coverage(inputs)).transpose()?;
         Ok(Evaluated { outputs, coverage: worse(envelope, self.kind.model().coverage(&inputs.snapshot)) })
     }
 
-    /// What its two halves differ by now.
+    /// Returns the difference of the two halves now.
     fn apart(&self, inputs: &Inputs<'_>) -> Result<Micron, Unusable> {
         let apart = self.envelope.as_ref().map_or(&[][..], Envelope::apart);
         let mut sum = 0.0;
@@ -211,18 +213,19 @@ impl Model {
         Micron::new(sum).ok_or(Unusable::NotANumber)
     }
 
-    /// The terms whose gains can be corrected: those of a linear model, without its slope's.
+    /// Returns the terms whose gains can be corrected: those of a linear model, without those of its slope.
     pub fn correctable(&self) -> &[Term] {
         self.kind.model().correctable().map_or(&[], |linear| &linear.terms)
     }
 
-    /// The terms of a linear model that is nothing but their sum: no slope, which would add what is not in them.
+    /// Returns the terms of a linear model without slope; empty for any other model. A slope would add a value that is
+    /// not in the terms.
     pub fn sum(&self) -> &[Term] {
         let plain = self.kind.model().correctable().filter(|linear| linear.slope.is_none());
         plain.map_or(&[], |linear| &linear.terms)
     }
 
-    /// What each of them contributes to Cz now, µm; NaN where it contributes nothing that could be used.
+    /// Returns the contribution of each correctable term to Cz now, µm. A term without a usable value gives NaN.
     pub fn parts<'a>(&'a self, inputs: Inputs<'a>) -> impl Iterator<Item = f64> + Clone + 'a {
         self.correctable().iter().enumerate().map(move |(place, term)| {
             let lag = inputs.lags.get(place).unwrap_or(&Lag::NONE);
@@ -230,19 +233,20 @@ impl Model {
         })
     }
 
-    /// The offset and the gains that the profile gives a linear model.
+    /// Returns the offset and the gains of a linear model in the profile.
     pub fn numbers(&self) -> impl Iterator<Item = f64> {
         let linear = self.kind.model().correctable().into_iter();
         linear.flat_map(|linear| [linear.offset.get()].into_iter().chain(linear.gains()))
     }
 
-    /// What its rises are measured from.
+    /// Returns the references of the model's rises.
     pub fn references(&self) -> impl Iterator<Item = Reference> {
         self.rises().map(|input| input.reference)
     }
 }
 
-/// An envelope comes before a guideway, whose ends count only where the axis is beyond them.
+/// Returns the coverage that counts. The envelope comes first. The guideway counts if there is no envelope, or if only
+/// the end of the guideway is exceeded.
 fn worse(envelope: Option<Coverage>, guideway: Option<Coverage>) -> Option<Coverage> {
     match (envelope, guideway) {
         (Some(inside), Some(beyond)) if inside.extrapolating.is_none() && beyond.extrapolating.is_some() => {

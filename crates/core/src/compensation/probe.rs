@@ -1,25 +1,25 @@
-//! Probe updates: what a measured error teaches the models of an axis.
+//! Probe updates: learning of an axis's models from measured errors.
 //!
-//! A probing measures the error e that remains while some Cz acts in the machine. The Cz that would have left none is
-//! `Cz_acting − e`, and what a model lacks of that is its residual r:
+//! A probing measures the error e that remains while a Cz acts in the machine. The Cz that would have left no error is
+//! `Cz_acting − e`. The residual r is what a model lacks of that value:
 //!
 //! ```text
 //! r = (Cz_acting − e) − (model's Cz + correction)        correction += K · r        |correction| ≤ limit
 //! ```
 //!
-//! K is a fixed share, or what the certainty of the correction makes it.
+//! K is a fixed share, or depends on the certainty of the correction.
 //!
-//! Where Cz had arrived at what the model asks for, `r = −e`. Where it had not (a ramp after arming, a limit, a register
-//! that stands while the axis is off), what is still under way is not counted as the model's fault.
+//! If Cz had reached the model's request, `r = −e`. If it had not, the missing way is not counted as an error of the
+//! model. Reasons are a ramp after arming, a limit, or a constant register while the axis is off.
 //!
 //! # Rules
-//! - The correction is added to the raw Cz, before the guard: it reaches the register in steps and never in one.
-//! - Each model has its own; a probing teaches every model that has a value then, so that changing to a fallback model loses
-//!   nothing. A model with an envelope that holds or shrinks it learns nothing outside.
-//! - A residual beyond `max_error` is not believed. One that the model cannot have come to since it was last certain
-//!   waits for a second one that agrees with it.
-//! - Where what a model is measured from is captured anew (a zero, a machine start), the correction begins at nothing
-//!   there: what it made up for is in the new datum. Gains that were learned go on from that point.
+//! - The correction is added to the raw Cz, before the guard. It therefore reaches the register in steps.
+//! - Each model has its own correction. A probing teaches every model that has a value then, so that a fallback model
+//!   has learned as well. A model whose envelope holds or shrinks its value learns nothing outside.
+//! - A residual beyond `max_error` is rejected. A residual that is too large for the model's certainty waits for a
+//!   second one that agrees with it.
+//! - If a reference of the model is captured again (a zero, a machine start), its correction begins at zero. The new
+//!   datum contains what it had corrected. Learned gains are kept, and count from that point.
 
 use std::collections::VecDeque;
 
@@ -44,71 +44,70 @@ pub(super) use comparison::{Credit, Touch};
 pub(super) use learned::Learned;
 pub use report::{MeasuredReport, Rejected};
 
-/// How many residuals are kept for people: two days of one an hour.
+/// Number of residuals kept for display: two days with one in each hour.
 const KEPT: usize = 48;
 
-/// A measured error, and the Cz that stood in the machine while it was measured.
+/// Measured error, and the Cz that acted in the machine during the measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
-    /// Actual minus commanded.
+    /// Actual minus commanded position.
     pub error: Micron,
-    /// As verified; `None`: what the axis decided last.
+    /// Verified Cz that acted; `None` means the last decision of the axis.
     pub acting: Option<Micron>,
 }
 
-/// What a probing came to.
+/// Result of a probing.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Probed {
-    /// When it was taken in.
+    /// Time at which the axis received the probing.
     pub at: Moment,
     /// The measured error.
     pub error: Micron,
-    /// The Cz that acted.
+    /// Cz that acted.
     pub acting: Micron,
-    /// What would remain if the model's Cz with its correction acted: an error, with the sign of one. `None` where no
-    /// model had a value.
+    /// Error that would remain if the model's Cz with its correction acted. `None` if no model had a value.
     pub residual: Option<Micron>,
-    /// Why nothing was learned from it.
+    /// Why nothing was learned; `None` if the probing was accepted.
     pub refused: Option<Refused>,
 }
 
-/// Why nothing is learned from a measured error.
+/// Reason why nothing is learned from a measured error.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Refused {
     /// No model can be used.
     NoModel,
-    /// The model asked for more than the error level and is not believed.
+    /// The model has requested more than the error level and is not used.
     Tripped,
-    /// The inputs lie outside what the model was identified on, and it is not followed there.
+    /// The inputs are outside the range on which the model was identified, and it is not followed there.
     Outside,
-    /// The model would be wrong by more than `max_error`.
+    /// The error of the model would be more than `max_error`.
     Implausible,
-    /// The model would be wrong by more than it can have come to, which is this much: a second probing that agrees is
-    /// waited for.
+    /// The error of the model would be more than its certainty allows, which is this value. A second probing must
+    /// agree.
     Doubted(Micron),
 }
 
-/// A residual that was learned from.
+/// Residual from which the axis learned.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Residual {
-    /// When.
+    /// Time of the probing.
     pub at: Moment,
-    /// With the sign of an error.
+    /// Residual, with the sign of an error.
     pub residual: Micron,
 }
 
 shifted!(Probed: at);
 shifted!(Residual: at);
 
-/// What probings have taught one axis. All of it is kept over a restart.
+/// Result of all probings of one axis. It is kept over a restart.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Probe {
-    /// By model.
+    /// Learned correction of each model.
     pub(super) models: Vec<Learned>,
     last: Option<Probed>,
     history: VecDeque<Residual>,
-    /// Reports that were taken, by which a repetition is recognised.
+    /// Reports that were taken. A repeated report is recognised by them.
     #[serde(default, skip_serializing_if = "TakenReports::is_empty")]
     pub(super) reports: TakenReports,
 }
@@ -125,7 +124,7 @@ impl Probe {
         }
     }
 
-    /// Takes up what was kept, inside the bounds that hold now. A model that has changed since begins at nothing.
+    /// Restores what was kept, within the present bounds. A model that has changed since starts at zero.
     pub(super) fn recall(&mut self, kept: &Probe, settings: &ProbeSettings) {
         for learned in &mut self.models {
             learned.recall(&kept.models, settings);
@@ -135,8 +134,8 @@ impl Probe {
         self.reports = kept.reports.clone().newest();
     }
 
-    /// Takes in how long the machine was away. The time of a manual measurement shifts by the wall clock. How certain a
-    /// correction still is, and how old a touch, depends on the longest time that the machine can have been away.
+    /// Accounts for the time without the gateway. The times of manual measurements shift by the wall clock. The age of
+    /// a touch and the certainty of a correction use the longest possible time of the pause.
     pub(super) fn away(&mut self, (by_the_clock, at_most): (Shift, Shift)) {
         self.last.shift(by_the_clock);
         self.history.shift(by_the_clock);
@@ -147,22 +146,22 @@ impl Probe {
         }
     }
 
-    /// The last probing, learned from or not.
+    /// Returns the last probing, even if nothing was learned from it.
     pub fn last(&self) -> Option<&Probed> {
         self.last.as_ref()
     }
 
-    /// The residuals of the last probings that were learned from, oldest first.
+    /// Returns the residuals of the last accepted probings, oldest first.
     pub fn history(&self) -> impl ExactSizeIterator<Item = &Residual> {
         self.history.iter()
     }
 
-    /// By how much the gains of a model's terms have been changed, as a share of each; empty where gains are not learned.
+    /// Returns the learned relative change of each gain of a model; empty if gains are not learned.
     pub fn gains(&self, model: usize) -> &[f64] {
         self.models.get(model).map_or(&[], Learned::gains)
     }
 
-    /// The figures of a model that is worse than no compensation; `None` of one that is not.
+    /// Returns the comparison of a model that is worse than no compensation; `None` if it is not worse.
     pub fn worse(&self, model: usize) -> Option<Worse> {
         self.models.get(model).and_then(Learned::worse)
     }
@@ -177,14 +176,14 @@ impl Probe {
         self.last = Some(probed);
     }
 
-    /// Everything learned is taken back; what was measured stays on the record.
+    /// Discards everything that was learned. The history of the measurements is kept.
     pub(super) fn clear(&mut self) {
         self.models.iter_mut().for_each(Learned::clear);
     }
 }
 
 impl Control {
-    /// It brings something to learn, or to forget.
+    /// Returns whether the control contains something to learn or to forget.
     pub fn teaches(&self) -> bool {
         self.measured.is_some() || self.forget
     }

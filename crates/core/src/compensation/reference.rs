@@ -1,8 +1,8 @@
-//! What ΔT is measured from, and how long the machine has been running.
+//! References of temperature rises, and the running time of the machine.
 //!
-//! Both belong to the machine, not to an axis, and both survive a restart. Edges of the `on` and `zero` signals
-//! are seen between two calls of [`Machine::observe`]; the caller asks [`Machine::would_notice`] on every new
-//! reading, so that a short press of a button is not lost between two updates.
+//! Both belong to the machine, not to an axis, and are kept over a restart. [`Machine::observe`] detects edges of the
+//! `on` and `zero` signals by comparing two calls. The caller asks [`Machine::would_notice`] on every new reading, so
+//! that a short press of a button between two updates is not lost.
 
 use std::time::Duration;
 
@@ -14,25 +14,25 @@ use super::stand_in::Beginning;
 use crate::quantity::{Celsius, Moment, shifted};
 use crate::reading::SignalId;
 
-/// What ΔT is measured from.
+/// Reference of a temperature rise ΔT.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reference {
-    /// A number; 0 means the temperature itself.
+    /// Fixed temperature; 0 means the temperature itself.
     Fixed(Celsius),
-    /// The value at machine start.
+    /// Value at machine start.
     Start,
-    /// The value at the last zero.
+    /// Value at the last zero command.
     Zero,
 }
 
-/// The time since machine start and the captured references of every signal.
+/// Time since machine start, and the captured references of every signal.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Machine {
     on_since: Option<Moment>,
-    /// How long it had been running then: what was counted before a restart.
+    /// Running time of the machine before `on_since`, counted before a restart.
     #[serde(default)]
     on_before: Duration,
-    /// What of the time since then was not counted, at most: nobody looked.
+    /// Largest time since machine start that was not counted, because the gateway was away.
     #[serde(default, skip_serializing_if = "Duration::is_zero")]
     on_away: Duration,
     was_on: Option<bool>,
@@ -43,12 +43,12 @@ pub struct Machine {
     known: Known,
 }
 
-/// What saves looking at captures. It says nothing that they do not say: no two machines differ by it.
+/// Facts derived from the captures, to avoid searching them. They are not compared when machines are.
 #[derive(Clone, Copy, Debug, Default)]
 struct Known {
-    /// How often what is captured has changed since the gateway started.
+    /// Number of changes of the captured values since the gateway started.
     captures: u32,
-    /// None is being gathered.
+    /// No capture is running.
     is_complete: bool,
 }
 
@@ -58,32 +58,32 @@ impl PartialEq for Known {
     }
 }
 
-/// The reference of one signal: captured, or being gathered.
+/// Reference of one signal: captured, or being captured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Capture {
     value: Option<f64>,
-    /// When it was complete: tells two captures of the same value apart.
+    /// Time at which the capture was complete. It distinguishes two captures of the same value.
     #[serde(default)]
     at: Moment,
     gathering: Option<Gathering>,
-    /// It was not gathered when it could be read last: the sensor is not believed.
+    /// The last reading was not used for the capture, because the sensor was rejected.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     withheld: bool,
-    /// What of the time since then was not counted, at most: the machine was away.
+    /// Largest time since the capture that was not counted, because the gateway was away.
     #[serde(default, skip_serializing_if = "Duration::is_zero")]
     away: Duration,
 }
 
-/// A reference value.
+/// Captured reference of a signal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Captured {
-    /// In the signal's unit.
+    /// Value in the signal's unit.
     pub value: Celsius,
-    /// When it was complete; the beginning of time for a fixed one.
+    /// Time at which the capture was complete; the earliest time for a fixed reference.
     pub at: Moment,
 }
 
-/// A mean that is still growing.
+/// Mean of the values so far.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Gathering {
     until: Moment,
@@ -91,23 +91,23 @@ struct Gathering {
     count: u32,
 }
 
-/// What [`Machine::observe`] noticed.
+/// Result of [`Machine::observe`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Noticed {
-    /// The time since machine start begins to count now.
+    /// The time since machine start is counted from now on.
     pub started: bool,
-    /// The references given as "zero" are captured from now on.
+    /// The "zero" references are captured from now on.
     pub zeroed: bool,
 }
 
 impl Machine {
-    /// The same machine, whose time since its start is counted on from this moment.
+    /// Counts the running time from `at` on. The time before is added up.
     pub(super) fn counted_until(self, at: Moment) -> Machine {
         let on_before = self.on_time(at).unwrap_or_default();
         Machine { on_since: self.on_since.map(|_| at), on_before, ..self }
     }
 
-    /// The same machine, after it was away for at most so long.
+    /// Accounts for a time without the gateway of at most `span`.
     pub(super) fn away(mut self, span: Duration) -> Machine {
         for capture in self.start.iter_mut().chain(&mut self.zero) {
             capture.away = capture.away.saturating_add(span);
@@ -116,8 +116,8 @@ impl Machine {
         self
     }
 
-    /// How long ago the reference of a term was captured, at most: while the machine was away it grew older. `None` for a
-    /// number, and while none has been captured.
+    /// Returns the largest possible age of a term's reference. It includes the time without the gateway. `None` for a
+    /// fixed reference, and while none has been captured.
     pub fn age(&self, reference: Reference, signal: SignalId, now: Moment) -> Option<Duration> {
         let capture = match reference {
             Reference::Fixed(_) => return None,
@@ -127,17 +127,17 @@ impl Machine {
         capture.value.map(|_| now.since(capture.at).saturating_add(capture.away))
     }
 
-    /// How long the machine has been running; `None` before it was first seen running.
+    /// Returns the running time of the machine; `None` before it was first seen running.
     pub fn on_time(&self, now: Moment) -> Option<Duration> {
         self.on_since.map(|since| self.on_before + now.since(since))
     }
 
-    /// The same with the time in which nobody looked, at most: so old may be what was measured from the start.
+    /// Returns the running time, plus the largest time that was not counted.
     pub(super) fn on_time_at_most(&self, now: Moment) -> Option<Duration> {
         self.on_time(now).map(|counted| counted.saturating_add(self.on_away))
     }
 
-    /// The reference value of a term; `None` while it has not been captured.
+    /// Returns the reference value of a term; `None` while it has not been captured.
     #[inline]
     pub fn captured(&self, reference: Reference, signal: SignalId) -> Option<Captured> {
         let capture = match reference {
@@ -148,19 +148,19 @@ impl Machine {
         Some(Captured { value: Celsius::new(capture.value?)?, at: capture.at })
     }
 
-    /// A number that is another one whenever some reference has been captured, or taken away: whoever knows it need look
-    /// nothing up.
+    /// Returns a number that changes whenever a reference is captured or removed. A caller can keep what it derived
+    /// while the number is the same.
     #[inline]
     pub(super) fn captures(&self) -> u32 {
         self.known.captures
     }
 
-    /// What is captured is not what it was.
+    /// Notes that the captured values have changed.
     fn changed(&mut self) {
         self.known.captures = self.known.captures.wrapping_add(1);
     }
 
-    /// A reference waits for its sensor to be believed.
+    /// Returns whether a capture waits because its sensor is rejected.
     pub(super) fn is_withheld(&self, reference: Reference, signal: SignalId) -> bool {
         let captures = match reference {
             Reference::Fixed(_) => return false,
@@ -170,12 +170,13 @@ impl Machine {
         captures.get(signal.0).is_some_and(|capture| capture.gathering.is_some() && capture.withheld)
     }
 
-    /// A zero was commanded, and that of this signal is not captured yet.
+    /// Returns whether a zero command is in progress for this signal.
     pub(super) fn is_zeroed_anew(&self, signal: SignalId) -> bool {
         self.zero.get(signal.0).is_some_and(|capture| capture.gathering.is_some())
     }
 
-    /// A sensor is believed again, and this is what it began from. It holds where nothing was captured before it was distrusted.
+    /// Sets the start reference of a sensor that is accepted again. A reference that was captured before the sensor was
+    /// rejected is kept.
     pub(super) fn begins(&mut self, signal: SignalId, beginning: Beginning) {
         let Some(capture) = self.start.get_mut(signal.0) else { return };
         let Some(began) = self.on_since.filter(|_| beginning.value.is_finite()) else { return };
@@ -188,7 +189,8 @@ impl Machine {
         self.changed();
     }
 
-    /// Whether these values hold an edge, or the first good reading, that [`Machine::observe`] would act upon.
+    /// Returns whether these values contain an edge, or the first good reading, that [`Machine::observe`] would act
+    /// upon.
     pub fn would_notice(
         &self,
         settings: &MachineSettings,
@@ -204,12 +206,12 @@ impl Machine {
             || (self.waits_for_a_reading(settings) && any_usable())
     }
 
-    /// Takes in a snapshot: edges, the machine start, references being gathered.
+    /// Observes a snapshot: edges, machine start, and running captures.
     pub fn observe(&mut self, settings: &MachineSettings, snapshot: &Snapshot<'_>) -> Noticed {
         self.observe_without(settings, snapshot, |_| false)
     }
 
-    /// The same; nothing is gathered from a sensor that is not believed.
+    /// Observes a snapshot without capturing references from rejected sensors.
     pub(super) fn observe_without(
         &mut self,
         settings: &MachineSettings,
@@ -221,7 +223,7 @@ impl Machine {
         self.start.resize(settings.signals, Capture::default());
         self.zero.resize(settings.signals, Capture::default());
         if self.on_since.is_some() && !self.known.is_complete {
-            // A signal that is new or forgotten since the machine started is captured from now on.
+            // A signal that is new, or was forgotten since machine start, is captured from now on.
             let all = self.start.iter_mut().chain(&mut self.zero);
             all.filter(|capture| capture.is_nothing()).for_each(|capture| *capture = fresh);
         }
@@ -232,7 +234,7 @@ impl Machine {
             self.start.fill(fresh);
             self.changed();
             self.known.is_complete = false;
-            // A machine that was never zeroed is zeroed by its first start.
+            // The first start of a machine also sets its zero.
             for capture in self.zero.iter_mut().filter(|capture| capture.value.is_none()) {
                 *capture = fresh;
             }
@@ -247,7 +249,7 @@ impl Machine {
         Noticed { started, zeroed }
     }
 
-    /// Takes what can be read now into the references that are open.
+    /// Adds the present readings to the running captures.
     fn gather(&mut self, snapshot: &Snapshot<'_>, is_distrusted: impl Fn(SignalId) -> bool) {
         let is_open = |capture: &Capture| capture.gathering.is_some();
         let mut has_captured = false;
@@ -269,7 +271,8 @@ impl Machine {
         self.known.is_complete = !self.start.iter().chain(&self.zero).any(is_open);
     }
 
-    /// Forgets what was captured from this signal. It is captured again from the next snapshot on. Returns whether anything was.
+    /// Discards the references of this signal. They are captured again from the next snapshot on. Returns whether there
+    /// were any.
     pub(super) fn forget(&mut self, signal: SignalId) -> bool {
         let mut was_captured = false;
         for capture in [&mut self.start, &mut self.zero].into_iter().filter_map(|all| all.get_mut(signal.0)) {
@@ -280,7 +283,7 @@ impl Machine {
         was_captured
     }
 
-    /// Captures the "zero" references from now on. The old ones serve until the new ones are complete.
+    /// Captures the "zero" references from now on. The old ones are used until the new ones are complete.
     pub fn zero(&mut self, settings: &MachineSettings, now: Moment) {
         self.zero.resize(settings.signals, Capture::default());
         self.known.is_complete = false;
@@ -289,7 +292,7 @@ impl Machine {
         }
     }
 
-    /// The same for these signals.
+    /// Captures the "zero" references of these signals from now on.
     pub(super) fn zero_of(&mut self, signals: &[SignalId], settings: &MachineSettings, now: Moment) {
         self.zero.resize(settings.signals, Capture::default());
         self.known.is_complete = false;
@@ -307,7 +310,7 @@ impl Machine {
         self.waits_for_a_reading(settings) && snapshot.has_usable()
     }
 
-    /// The first good reading starts a machine that has no signal for it.
+    /// Returns whether the first good reading starts the machine, because it has no `on` signal.
     fn waits_for_a_reading(&self, settings: &MachineSettings) -> bool {
         settings.on.is_none() && self.on_since.is_none()
     }
@@ -324,14 +327,14 @@ impl Gathering {
 }
 
 impl Capture {
-    /// Returns whether nothing is captured and nothing is being gathered.
+    /// Returns whether there is neither a value nor a running capture.
     fn is_nothing(&self) -> bool {
         self.value.is_none() && self.gathering.is_none()
     }
 
     fn gather(&mut self, value: f64, now: Moment) {
         let Some(gathering) = &mut self.gathering else { return };
-        // What is read when the time is over belongs to what follows, unless there is nothing else.
+        // A reading after the end belongs to the time that follows. It is used only if there is no other.
         if now < gathering.until || gathering.count == 0 {
             gathering.sum += value;
             gathering.count += 1;
@@ -344,12 +347,12 @@ impl Capture {
     }
 }
 
-/// A signal as a yes or no.
+/// Returns whether a signal is high.
 fn is_high(value: f64) -> bool {
     value >= 0.5
 }
 
-/// A signal that is high now and was not: a first look at a high signal counts as its edge.
+/// Returns whether a signal is high now and was not before. The first value counts as an edge if it is high.
 fn rising(last: &mut Option<bool>, signal: Option<SignalId>, snapshot: &Snapshot<'_>) -> bool {
     let Some(now) = signal.and_then(|id| snapshot.value(id)).map(is_high) else { return false };
     let rose = now && *last != Some(true);

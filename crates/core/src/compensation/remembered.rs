@@ -1,8 +1,9 @@
-//! What is worth keeping over a restart: the machine's references, the lags of the terms, the datum of the axes,
-//! what probings taught them.
+//! State that is kept over a restart: the machine's references, the lags of the terms, the datum of the axes, and the
+//! corrections from probings.
 //!
-//! The state file and the first row of a run in its log hold it, so that a replay decides as the gateway did. A lag is kept with
-//! the axis, the model and the place of its term; a term whose signal, lag or kind of reference has changed starts without it.
+//! The state file contains it, and so does the first row of a run in its log. A replay therefore decides as the gateway
+//! did. A lag is kept with the axis, the model and the index of its term. A term whose signal, lag or kind of reference
+//! has changed starts without it.
 
 use std::time::Duration;
 
@@ -19,29 +20,30 @@ use super::stand_in::Watch;
 use crate::quantity::{Moment, Shift, Shifted, shifted};
 use crate::reading::SignalId;
 
-/// The memory of a machine.
+/// Kept state of a machine.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Remembered {
-    /// The time since machine start, and references.
+    /// Time since machine start, and references.
     #[serde(flatten)]
     pub machine: Machine,
-    /// Those that have lags, a datum or a probe.
+    /// Axes with lags, a datum or a probe.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub axes: Vec<AxisMemory>,
-    /// Where the axes stood, for a log that goes on in a new file; none after a restart, which begins at rest.
+    /// Running state of the axes, for a log that continues in a new file. It is empty after a restart, because the axes
+    /// are off then.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub running: Vec<AxisRunning>,
 }
 
-/// The memory of one axis.
+/// Kept state of one axis.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AxisMemory {
     axis: String,
     lags: Vec<KeptLag>,
     datum: Vec<KeptDatum>,
-    /// When a datum that is being taken will be complete.
+    /// End of a running capture of the datum.
     datum_until: Option<Moment>,
-    /// When the last one was complete.
+    /// Time at which the last datum was complete.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     datum_at: Option<Moment>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -54,7 +56,7 @@ pub struct AxisMemory {
 struct KeptLag {
     model: String,
     term: usize,
-    /// By place in the list of signals.
+    /// Index in the list of signals.
     signal: usize,
     constant: Duration,
     reference: ReferenceKind,
@@ -78,15 +80,15 @@ struct KeptDatum {
 }
 
 impl Remembered {
-    /// The same, whose time since machine start is counted on from this moment.
+    /// Counts the time since machine start from `at` on.
     #[must_use]
     pub fn counted_until(mut self, at: Moment) -> Remembered {
         self.machine = self.machine.counted_until(at);
         self
     }
 
-    /// The same for a run that goes on at `now` with what was kept at `kept`, of the same clock or of another one: every
-    /// span that had been counted is as long as it was. Of the time between the two only this is believed.
+    /// Continues at `now` with the state that was kept at `kept`. Both times may be of different clocks. Counted times
+    /// keep their length. Of the time in between, only `stop` is used.
     #[must_use]
     pub fn going_on(self, kept: Moment, now: Moment, stop: Stop) -> Remembered {
         let mut going_on = self.counted_until(kept).shifted(Shift::between(kept, now));
@@ -102,7 +104,7 @@ impl Remembered {
         going_on
     }
 
-    /// The axis and the model, by name, whose stand-ins are not those of the file that this was kept with.
+    /// Returns the first axis and model, by name, whose stand-ins file differs from the one at the time of keeping.
     pub fn other_stand_ins<'a>(
         &'a self,
         axes: impl IntoIterator<Item = &'a AxisSettings>,
@@ -117,9 +119,9 @@ impl Remembered {
         })
     }
 
-    /// Forgets what was measured with this signal, because it is another sensor now, or counts otherwise: its references, its lags,
-    /// and the datum of the models that read it. All of that is captured again from the next snapshot on. Returns whether a model of these
-    /// axes reads the signal and something was captured.
+    /// Discards what was measured with this signal, because its sensor or its settings have changed. This includes its
+    /// references, its lags, and the datum of models that read it. All of that is captured again from the next snapshot
+    /// on. Returns whether a model of these axes reads the signal and a reference was captured.
     pub fn forget(&mut self, signal: SignalId, axes: &[AxisSettings]) -> bool {
         let was_captured = self.machine.forget(signal);
         let mut is_used = false;
@@ -133,7 +135,7 @@ impl Remembered {
             kept.lags.retain(|lag| lag.signal != signal.0);
             kept.watches.retain(|watch| !reads(&watch.model));
             if kept.datum.iter().any(|datum| reads(&datum.model)) {
-                // The datum of each model is of the same moment.
+                // The datum of all models is of the same moment.
                 kept.datum.clear();
                 (kept.datum_until, kept.datum_at) = (Some(Moment::from_nanos(1)), None);
             }
@@ -141,12 +143,12 @@ impl Remembered {
         was_captured && is_used
     }
 
-    /// Where an axis stood.
+    /// Returns the running state of an axis; `None` if there is none.
     pub(super) fn running(&self, name: &str) -> Option<&AxisRunning> {
         self.running.iter().find(|axis| axis.axis == name)
     }
 
-    /// The memory of an axis.
+    /// Returns the kept state of an axis; `None` if there is none.
     pub(super) fn axis(&self, name: &str) -> Option<&AxisMemory> {
         self.axes.iter().find(|axis| axis.axis == name)
     }
@@ -156,21 +158,21 @@ shifted!(Remembered: machine, axes, running);
 shifted!(AxisMemory: lags, datum_until, datum_at, probe, watches);
 shifted!(KeptLag: lagged);
 
-/// How long nobody counted, between two runs. The wall's clock says so, if it can be believed.
+/// Time between two runs, in which nothing was counted. The wall clock gives it if it is valid.
 ///
-/// What follows a temperature goes on over it. The time since machine start does not: a gateway that was off for a day
-/// does not know whether the machine was on.
+/// Everything that follows a temperature continues over it. The time since machine start does not: a gateway that was
+/// off for a day does not know whether the machine was on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stop {
-    /// `None`: the clock was set meanwhile, and it was long.
+    /// Time by the wall clock. `None` if the clock was set meanwhile, or if the time was too long.
     pub by_the_clock: Option<Duration>,
 }
 
 impl Stop {
-    /// No stop that is longer is believed.
+    /// Longest time that is accepted.
     pub const LONGEST: Duration = Duration::from_hours(30 * 24);
 
-    /// From what was kept to now, as the wall's clock has both; not believed where that is negative, or too long.
+    /// Returns the time from `kept` to `now`, both by the wall clock. A negative or too long time is rejected.
     pub fn between(kept: Moment, now: Moment) -> Stop {
         let span = now.since(kept);
         Stop { by_the_clock: (now >= kept && span <= Stop::LONGEST).then_some(span) }

@@ -1,5 +1,4 @@
-//! Where an axis stands in the middle of a run: with it in the first row of a file, a log that goes on there gives the
-//! decisions of the day without the files before it.
+//! Running state of an axis. The first row of a log file contains it, so that a replay needs no earlier file.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,7 +6,7 @@ use super::guard::Guard;
 use super::{AxisState, Decision, Permit};
 use crate::quantity::{Moment, shifted};
 
-/// Where one axis stands.
+/// Running state of one axis.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AxisRunning {
     pub(super) axis: String,

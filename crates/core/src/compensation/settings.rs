@@ -9,48 +9,48 @@ mod machine;
 
 pub use machine::MachineSettings;
 
-/// One axis: its models in order of preference, and the guard that stands before the register.
+/// Settings of one axis: its models in order of preference, and its guard.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AxisSettings {
-    /// The axis's name in the profile.
+    /// Name of the axis in the profile.
     pub name: String,
-    /// The first whose signals are all good is used. Empty where none has been found yet.
+    /// Models. The first one whose signals are all good is used. Empty before a model has been identified.
     pub models: Vec<Model>,
     /// Bounds of the offset.
     pub guard: GuardSettings,
     /// Update period.
     pub every: Duration,
-    /// What happens when no model can be used.
+    /// Action if no model can be used.
     pub on_fault: OnFault,
-    /// Sizes of Cz at which people are warned, and at which the axis gives up.
+    /// Levels of Cz for a warning, and for the fault action.
     pub levels: Levels,
-    /// What Cz is measured from.
+    /// Datum from which Cz is measured.
     pub datum: Datum,
-    /// The control multiplies the slope by the distance itself and is given both parts; `None`: it is given Cz.
+    /// Bounds of the slope, if the control multiplies the slope by the distance itself. `None` if it gets Cz.
     pub intercept_slope: Option<InterceptSlope>,
-    /// Measured errors correct its models; `None`: it takes none.
+    /// Settings for learning from measured errors; `None` if the axis does not learn.
     pub probe: Option<ProbeSettings>,
 }
 
-/// What a measured error may change.
+/// Settings for learning from measured errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProbeSettings {
     /// Largest correction of a model's Cz, µm.
     pub limit: Micron,
-    /// How much of a residual one probing takes into the offset.
+    /// Share of a residual that one probing adds to the offset.
     pub filter: Filter,
-    /// A model that would be wrong by more than this is not what was measured: the probing is refused.
+    /// Largest accepted error of a model. A probing beyond it is refused.
     pub max_error: Micron,
-    /// A residual beyond it is reported: the model ages.
+    /// Residual beyond which an aged model is reported.
     pub warn: Option<Micron>,
-    /// The gains of linear models learn as well.
+    /// Settings for learning the gains of linear models; `None` if they do not learn.
     pub gains: Option<GainSettings>,
-    /// What happens while its touches show that the axis is worse with the model than without compensation.
+    /// Action while touches show that the axis is worse with the model than without compensation.
     pub worse: OnWorse,
 }
 
 impl ProbeSettings {
-    /// The standard deviation of a probing, µm.
+    /// Returns the standard deviation of a probing, µm.
     pub fn scatter(&self) -> f64 {
         match self.filter {
             Filter::Weighed { repeat, .. } => repeat,
@@ -59,41 +59,41 @@ impl ProbeSettings {
     }
 }
 
-/// What an axis does while touches show that it is worse with its model than without compensation.
+/// Action of an axis while touches show that it is worse with its model than without compensation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum OnWorse {
-    /// It follows the model all the same, and it is reported.
+    /// The axis continues to follow the model, and the result is reported.
     #[default]
     Warn,
-    /// Cz goes to zero at the axis's rate, until touches show that the model is better than that.
+    /// Cz goes to zero at the axis's rate, until touches show that the model is better than no compensation.
     Ramp,
 }
 
-/// How much of a residual one probing takes into the offset of a model.
+/// Share of a residual that one probing adds to the offset of a model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Filter {
-    /// Always the same share of it, above 0 and up to 1.
+    /// Constant share, above 0 and up to 1.
     Share(f64),
-    /// As much as the offset is less certain than the probing.
+    /// Share by the certainty of the offset compared with that of the probing.
     Weighed {
-        /// The probing's own standard deviation, µm. Above zero.
+        /// Standard deviation of a probing, µm. Above zero.
         repeat: f64,
-        /// What an hour adds to the variance of the offset, µm²/h. Above zero.
+        /// Increase of the variance of the offset in each hour, µm²/h. Above zero.
         walk: f64,
     },
 }
 
 impl Filter {
-    /// The scatter of a probing where the profile does not name it, µm.
+    /// Standard deviation of a probing if the profile does not name it, µm.
     pub const REPEAT: f64 = 0.5;
-    /// The walk of an offset where the profile does not name it, µm²/h.
+    /// Increase of the variance if the profile does not name it, µm²/h.
     pub const WALK: f64 = 4.0;
 }
 
-/// How gains learn.
+/// Settings for learning gains.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GainSettings {
-    /// What the knowledge of one probing is worth at the next, above 0 and up to 1.
+    /// Weight of earlier probings at the next one, above 0 and up to 1.
     pub forgetting: f64,
     /// Largest relative change of a gain.
     pub limit: f64,
@@ -102,49 +102,49 @@ pub struct GainSettings {
 /// Two levels of |Cz|, as controls have them (Beckhoff TF5200: warn, error). `warn` ≤ `limit` ≤ `error`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Levels {
-    /// Beyond it people are warned, once.
+    /// Level beyond which one warning is given.
     pub warn: Option<Micron>,
-    /// A model that asks for more is not believed: the axis takes its fault action and stays off until armed.
+    /// Level beyond which a model is not used. The axis takes its fault action until it is armed again.
     pub error: Option<Micron>,
 }
 
-/// What an axis's Cz is measured from.
+/// Datum from which an axis's Cz is measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Datum {
-    /// The model's own zero.
+    /// Zero of the model itself.
     #[default]
     Model,
-    /// What the model asked for at the last zero: `Cz(t) − Cz(t_zero)`. A datum measured while the machine is warm has
-    /// that much drift in it already.
+    /// Value that the model requested at the last zero command: `Cz(t) − Cz(t_zero)`. A datum measured while the
+    /// machine is warm already contains that drift.
     Zero,
 }
 
-/// The bounds of a slope that the control applies itself.
+/// Bounds of a slope that the control applies itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InterceptSlope {
-    /// P0: where the slope adds nothing.
+    /// Position P0 at which the slope adds nothing.
     pub reference: Millimetre,
-    /// The farthest that the axis goes from the reference position: tanβ times this obeys the axis's guard.
+    /// Largest distance of the axis from the reference position. tanβ times this distance obeys the axis's guard.
     pub reach: Millimetre,
-    /// One count of the slope's register, as its effect at the reach in µm; `None` where it takes fractions.
+    /// One count of the slope's register, as its effect at the reach in µm; `None` if the register takes fractions.
     pub count: Option<Micron>,
 }
 
 impl AxisSettings {
-    /// Whether Cz goes to zero while touches show that the model is worse than that.
+    /// Returns whether Cz goes to zero while touches show that the model is worse than no compensation.
     pub fn leaves_what_is_worse(&self) -> bool {
         self.probe.is_some_and(|probe| probe.worse == OnWorse::Ramp)
     }
 
-    /// How often an axis that goes to zero updates: as often as its rate needs it to, however slow its normal period,
-    /// but no oftener than a fieldbus could follow.
+    /// Returns the update period of an axis that goes to zero. It is as short as the rate requires, but not shorter
+    /// than a fieldbus can follow.
     pub fn ramp_period(&self) -> Duration {
         let one_step = self.guard.step.get() / self.guard.rate.get();
         let one_step = Duration::try_from_secs_f64(one_step).unwrap_or(Duration::MAX);
         self.every.min(one_step.max(SHORTEST_PERIOD))
     }
 
-    /// How long the fault action takes from this Cz, once it has begun.
+    /// Returns the duration of the fault action from this Cz, without its waiting time.
     pub fn time_to_rest(&self, cz: Micron) -> Duration {
         let period = self.ramp_period();
         let a_step_each = self.guard.step.get() / period.as_secs_f64();
@@ -158,10 +158,10 @@ impl AxisSettings {
     }
 }
 
-/// A ramp in the tiniest steps updates no oftener than this.
+/// Shortest update period of a ramp.
 const SHORTEST_PERIOD: Duration = Duration::from_millis(100);
 
-/// The bounds of an offset. All positive and finite.
+/// Bounds of an offset. All values are positive and finite, except a deadband of zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GuardSettings {
     /// Largest |Cz|.
@@ -170,22 +170,22 @@ pub struct GuardSettings {
     pub step: Micron,
     /// Largest speed.
     pub rate: MicronPerSecond,
-    /// A change smaller than this is not made.
+    /// Smallest change that is made.
     pub deadband: Micron,
-    /// One count of the register in µm of Cz; `None` where the register takes fractions.
+    /// One count of the register in µm of Cz; `None` if the register takes fractions.
     pub count: Option<Micron>,
 }
 
-/// What an axis does when its inputs or outputs fail.
+/// Action of an axis if its inputs or outputs fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OnFault {
-    /// Keep the last value for as long as the fault lasts.
+    /// Keeps the last value for as long as the fault lasts.
     Hold,
-    /// Keep it this long, then go to zero at the axis's `rate`.
+    /// Keeps the value for this time, then goes to zero at the axis's `rate`.
     Ramp {
-        /// How long the last value is kept.
+        /// Time for which the last value is kept.
         after: Duration,
     },
-    /// Go to zero at once, as fast as `step` per update allows.
+    /// Goes to zero at once, as fast as `step` per update allows.
     Zero,
 }

@@ -1,39 +1,46 @@
-//! The stuck test, and what is used instead of a sensor that is frozen or lost. Pure, and no allocation in a step.
+//! The stuck test, and stand-ins for frozen and lost sensors. Pure, without allocation in a step.
 //!
-//! x̂ is what the others predict of a sensor, as the mean of a minute; s the moment at which its reading last changed, y
-//! the reading then. A machine that rests predicts no motion: a reading that stands is frozen only where
+//! Notation: x̂ is the rise of a sensor that its predictors predict, as the mean of a minute. s is the time at which
+//! its reading last changed, and y the reading then. For a machine at rest, no motion is predicted. A constant reading
+//! is suspected only if
 //!
 //! ```text
 //! D = |x̂(now) − x̂(s)| > θ          0 while the reading changed less than 3 min ago
 //! ```
 //!
-//! Three minutes of that in a row are a suspicion: it is reported, and the reading is used all the same. Its value is `y + x̂ − x̂(s)`
-//! instead, and the lags of its terms are those that have followed this since s, if that moves the target by one step of the axis at
-//! most: beside each lag runs its shadow, which is the lag at every change of the reading and follows the prediction in between. A
-//! sensor that is lost is replaced from its last good reading on, one that was lost when the machine started by x̂ as its rise.
+//! Three such minutes in a row are a suspicion. It is reported, and the reading is still used. The value
+//! `y + x̂ − x̂(s)` replaces the reading if that moves the target by at most one step of the axis. The lags of its
+//! terms then become those that have followed this value since s. For that, each lag has a shadow. The shadow equals
+//! the lag at every change of the reading, and follows the prediction in between. A lost sensor is replaced from its
+//! last good reading on. If it was already lost when the machine started, x̂ is its rise.
 //!
 //! # Rules
-//! - A suspicion alone never makes an axis hold. Where nobody stands in for a sensor that is suspected, its reading serves for
-//!   everything, but for the predictions of others. So it does for the models whose own watch has no stand-in for it.
-//! - A sensor that others stand in for, or that was lost and is not believed yet, is used for nothing itself: where nobody says
-//!   what a lost one would read, lags wait, nothing is learned, and no reference is captured from it.
-//! - A stand-in is never an input of another: what is suspected, frozen or lost predicts nothing. It serves the test alone, so that
-//!   a second sensor that freezes is found too.
-//! - A stand-in depends on two other sensors or more, and both they and it are inside the ranges on which the model was
-//!   identified: the envelope says so, input by input. Its distance does not count: a sensor that is frozen moves it itself. While one
-//!   of the others is beyond its range, or the sensor itself or what follows the others by more than a tenth of that, it is not
-//!   suspected either. For a frozen sensor the last value from inside serves meanwhile: its own reading is older than that.
-//! - A mean is that of the readings that there were. A prediction ends with the first whole minute in which one of those
-//!   it depends on had none, and where nobody looked for two minutes. For a frozen sensor the last one serves for ten minutes more;
-//!   then the reading of the sensor is used again.
-//! - There is none while a lag that it depends on began on a warm machine less than five of its time constants ago.
-//! - A sensor that others stand in for is believed again when it has moved and stayed within θ of the prediction for an hour, and when
-//!   a person disarms its axis, who has looked; one that is suspected, when it moves. Lost for less than 3 min it was the line that
-//!   was lost, and it is believed at once; so it is where nobody could have said meanwhile what it reads, and where for an hour
-//!   nobody can.
-//! - What it would have read when the machine started is then what it reads less its predicted rise, where nothing was
-//!   captured that can be believed.
-//! - A machine start begins everything anew. Frozen stays frozen until it has moved.
+//! - A suspicion alone never puts an axis on hold. If a suspected sensor has no stand-in, its reading is used for
+//!   everything except the predictions of other sensors. The same applies to models whose own watch has no stand-in for
+//!   it.
+//! - The reading of a sensor with a stand-in, or of a lost sensor that is not accepted yet, is not used. If a lost
+//!   sensor has no stand-in, lags wait, nothing is learned, and no reference is captured from it.
+//! - A stand-in never contributes to another stand-in. A suspected, frozen or lost sensor only contributes to the stuck
+//!   test, so that a second frozen sensor is found.
+//! - A stand-in depends on at least two other sensors. They and the stand-in must be inside the ranges on which the
+//!   model was identified; the envelope gives a range for each input. The distance from the envelope does not count,
+//!   because a frozen sensor changes it.
+//! - A sensor is not suspected while one of its predictors is beyond its range. Nor is it while the sensor itself, or a
+//!   lagged predictor, is beyond its range by more than a tenth. For a frozen sensor, the last value from inside is
+//!   used meanwhile, because its own reading is older.
+//! - A mean uses the readings that were present. A prediction ends with the first whole minute in which one of its
+//!   predictors had no reading. It also ends after two minutes without a check. For a frozen sensor, the last
+//!   prediction is used for ten more minutes; then its reading is used again.
+//! - A sensor has no prediction while a lag on which the prediction depends is not settled. A lag that began on a warm
+//!   machine settles after five of its time constants.
+//! - A sensor with a stand-in is accepted again if it has moved and stayed within θ of the prediction for an hour. It
+//!   is also accepted when the operator disarms its axis after a check. A suspected sensor is accepted when it moves.
+//! - A sensor that was lost for less than 3 min is accepted at once, because the line was lost. A sensor without a
+//!   prediction during its loss is also accepted at once. If there is no prediction later, the sensor is accepted after
+//!   an hour.
+//! - When a sensor is accepted, its value at machine start is its reading minus its predicted rise, unless a valid
+//!   reference was captured.
+//! - A machine start resets everything. A frozen sensor stays frozen until it has moved.
 
 use std::time::Duration;
 
@@ -53,85 +60,86 @@ pub(super) use sensor::Beginning;
 use sensor::{Predicted, Prediction, Sensor, Verdict};
 use serde::{Deserialize, Serialize};
 
-/// What a prediction is the mean over.
+/// Time over which a prediction is the mean.
 const MINUTE: Duration = Duration::from_secs(60);
-/// Where nobody looked for longer, what was predicted before says nothing of now.
+/// Maximum time between two checks. After a longer pause, earlier predictions are discarded.
 const PAUSE: Duration = Duration::from_secs(2 * 60);
 
-/// A sensor that others stand in for.
+/// Sensor that has a stand-in.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StoodIn {
-    /// Which.
+    /// Signal of the sensor.
     pub signal: SignalId,
-    /// Its reading last changed, or was last good, then.
+    /// Time at which its reading last changed, or was last good.
     pub since: Moment,
-    /// It reads the same all the time; else it is lost.
+    /// The reading does not change; else the sensor is lost.
     pub frozen: bool,
-    /// How many others say what it would read.
+    /// Number of predictors of the stand-in.
     pub others: usize,
 }
 
-/// A sensor of an axis that is not believed.
+/// Rejected sensor of an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Distrusted {
-    /// Which.
+    /// Signal of the sensor.
     pub signal: SignalId,
-    /// Its reading last changed, or was last good, then.
+    /// Time at which its reading last changed, or was last good.
     pub since: Moment,
-    /// It reads the same all the time; else it was lost.
+    /// The reading does not change; else the sensor was lost.
     pub frozen: bool,
-    /// How many others stand in for it; `None` if none do: the reading of a frozen one is used all the same.
+    /// Number of predictors of its stand-in; `None` if it has no stand-in. The reading of a frozen sensor without a
+    /// stand-in is still used.
     pub others: Option<usize>,
 }
 
 shifted!(StoodIn: since);
 
-/// The watch over the sensors of one model. What it knows is kept over a restart, and in the first row of a log.
+/// Watch of the sensors of one model. Its state is kept over a restart, and in the first row of a log.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Watch {
     /// Name of the model.
     pub(super) model: String,
-    /// Fingerprint of the file of stand-ins.
+    /// Fingerprint of the stand-ins file.
     pub(super) file: u64,
-    /// Offset and gains that the profile gives the model.
+    /// Offset and gains of the model in the profile.
     numbers: Vec<f64>,
-    /// What the terms of the model read.
+    /// Inputs of the model's terms.
     #[serde(default)]
     terms: Vec<TermOfModel>,
-    /// By sensor of the file.
+    /// State of each sensor of the file.
     sensors: Vec<Sensor>,
-    /// By place in the bank.
+    /// State of each input of the bank.
     bank: Vec<Gathered>,
-    /// By term of the model.
+    /// Shadow of each lag, by term of the model.
     shadows: Vec<Lag>,
-    /// When the minute ends.
+    /// End of the current minute.
     until: Option<Moment>,
-    /// When it looked last.
+    /// Time of the last check.
     #[serde(default)]
     looked: Option<Moment>,
-    /// By term of the model: the sensor that it reads.
+    /// Sensor of each term of the model, as an index; `None` if the file does not contain it.
     #[serde(skip)]
     of_terms: Vec<Option<usize>>,
-    /// What is not believed now; it never grows beyond the sensors.
+    /// Substitutes for the rejected readings. There are never more than sensors.
     #[serde(skip)]
     instead: Vec<Instead>,
-    /// By sensor, where it was believed again in this step: what it began from.
+    /// Beginning of each sensor that was accepted again in this step.
     #[serde(skip)]
     beginnings: Vec<Option<Beginning>>,
-    /// Room to try a substitution in.
+    /// Buffers in which a substitution is tried.
     #[serde(skip)]
     tried: (Vec<Instead>, Vec<Lag>),
 }
 
-/// How far a substitution may move the target of the axis.
+/// Limits for the effect of a substitution on the target of the axis.
 #[derive(Clone, Copy)]
 pub(super) struct Bounds<'a> {
     /// The largest step of the axis.
     pub(super) step: Micron,
-    /// The control multiplies the slope by the distance itself.
+    /// The control itself multiplies the slope by the distance.
     pub(super) splits_slope: bool,
-    /// Cz, and the effect of the slope at the reach, that the axis would follow: as its envelope fades them and with what probings have
-    /// taught. `None` if the model has no value.
+    /// Cz, and the effect of the slope at the reach, that the axis would follow. The envelope and the learned
+    /// correction are applied. `None` if the model has no value.
     pub(super) target: &'a dyn Fn(&Inputs<'_>) -> Option<(Micron, Micron)>,
 }
 
@@ -163,7 +171,7 @@ impl Watch {
         }
     }
 
-    /// The same, as it is kept: lags at rest, and nothing that the next step finds out anew.
+    /// Returns the state to keep: lags without their scratch values, and nothing that the next step computes again.
     pub(super) fn kept(&self) -> Watch {
         let mut kept = self.clone();
         let lags = kept.bank.iter_mut().map(|gathered| &mut gathered.lag).chain(&mut kept.shadows);
@@ -172,7 +180,7 @@ impl Watch {
         kept
     }
 
-    /// Takes up what was kept of this model with this file.
+    /// Restores the kept state, if it belongs to this model and this file.
     pub(super) fn recall(&mut self, kept: &Watch) {
         let sizes = |watch: &Watch| (watch.sensors.len(), watch.bank.len(), watch.shadows.len());
         let is_same = kept.file == self.file && kept.numbers == self.numbers && kept.terms == self.terms;
@@ -183,7 +191,7 @@ impl Watch {
         }
     }
 
-    /// Takes in how long the machine was away. Lags follow over that time; predictions from before it end.
+    /// Accounts for the time without the gateway. The lags follow over that time. Predictions from before it end.
     pub(super) fn away(&mut self, span: Duration) {
         if span > PAUSE {
             self.sensors.iter_mut().for_each(Sensor::away);
@@ -194,12 +202,12 @@ impl Watch {
         lags.for_each(|lag| *lag = lag.kept().map(|lagged| lagged.away(span)).into());
     }
 
-    /// What is used instead of readings.
+    /// Returns the substitutes for the rejected readings.
     pub(super) fn instead(&self) -> &[Instead] {
         &self.instead
     }
 
-    /// The sensors that are not believed, with how many others stand in for each.
+    /// Returns the rejected sensors, with the number of predictors of each stand-in.
     pub(super) fn distrusted<'a>(&'a self, settings: &'a StandIns) -> impl Iterator<Item = Distrusted> + 'a {
         settings.sensors().iter().zip(&self.sensors).filter_map(|(known, sensor)| {
             let (since, frozen) = sensor.distrusted()?;
@@ -210,7 +218,7 @@ impl Watch {
         })
     }
 
-    /// The machine was started: everything begins anew.
+    /// Resets everything after a machine start.
     pub(super) fn started(&mut self, model: &Model, settings: &StandIns, now: Moment) {
         self.sensors.iter_mut().for_each(|sensor| sensor.started(now));
         for (input, shadow) in model.rises().zip(&mut self.shadows) {
@@ -224,7 +232,7 @@ impl Watch {
         self.fill((model, settings), None, now);
     }
 
-    /// A person has looked: every sensor that reads something is believed.
+    /// Accepts every sensor that has a reading, because the operator has checked them.
     pub(super) fn trust(&mut self, (model, settings): (&Model, &StandIns), machine: &Machine, now: Moment) {
         for (sensor, beginning) in self.sensors.iter_mut().zip(&mut self.beginnings) {
             if let Some(Verdict::Believed(found)) = sensor.trust(now) {
@@ -234,7 +242,7 @@ impl Watch {
         self.fill((model, settings), Some(machine), now);
     }
 
-    /// Looks at the readings before anything goes on to them. `every`: how often that is meant to be.
+    /// Checks the readings before lags and references use them. `every`: intended time between two checks.
     pub(super) fn look(
         &mut self,
         (model, settings): (&Model, &StandIns),
@@ -255,8 +263,8 @@ impl Watch {
         self.fill((model, settings), Some(machine), now);
     }
 
-    /// What is used instead, as it is known now. Without a machine nothing was captured yet. A frozen sensor that nobody stands in
-    /// for any more is suspected.
+    /// Computes the substitutes for the rejected readings. Without `machine`, nothing has been captured yet. A frozen
+    /// sensor without a stand-in becomes suspected.
     fn fill(&mut self, (model, settings): (&Model, &StandIns), machine: Option<&Machine>, now: Moment) {
         self.instead.clear();
         for (place, known) in settings.sensors().iter().enumerate() {
@@ -272,7 +280,7 @@ impl Watch {
                 sensor.suspect();
                 continue;
             }
-            // Of one that reads nothing the reading itself says why.
+            // If a sensor has no good reading, the reading itself gives the reason.
             if says != Says::Nobody || sensor.reads(now) {
                 self.instead.push(instead);
             }
@@ -284,9 +292,8 @@ impl Watch {
         known.terms.iter().filter_map(|(place, _)| of(place)).any(|sensor| self.sensors[sensor].is_doubted())
     }
 
-    /// After the lags of the model have gone on: their shadows and the bank do, and where the minute is over what
-    /// it says is looked at. `lags`: of one that is frozen they become their shadows. `seen`: the readings as the model
-    /// sees them.
+    /// Updates the shadows and the bank after the lags of the model. At the end of a minute, judges each sensor.
+    /// `lags`: the lags of a frozen sensor become their shadows. `seen`: the readings as the model uses them.
     pub(super) fn follow(
         &mut self,
         (model, settings, bounds): (&Model, &StandIns, Bounds<'_>),
@@ -306,8 +313,8 @@ impl Watch {
         }
     }
 
-    /// A shadow goes on as its lag would, had the sensor frozen at its last change. Where nobody says how, it waits. Of a lost sensor
-    /// it stays as it is.
+    /// Updates the shadows as the lags would be if the sensor had frozen at its last change. A shadow without a
+    /// prediction waits. A shadow of a lost sensor does not change.
     fn follow_shadows(&mut self, model: &Model, lags: &[Lag], seen: &Snapshot<'_>, machine: &Machine) {
         let shadows = model.rises().zip(lags).zip(&mut self.shadows).zip(&self.of_terms);
         for (((input, lag), shadow), sensor) in shadows {
@@ -328,7 +335,7 @@ impl Watch {
         }
     }
 
-    /// What the minute that is over says of each sensor.
+    /// Judges each sensor by the minute that has ended.
     fn judge(
         &mut self,
         (model, settings, bounds): (&Model, &StandIns, Bounds<'_>),
@@ -364,8 +371,8 @@ impl Watch {
         }
     }
 
-    /// By how much the target would move, µm, if others stood in for this sensor from now on. `None` if it is not suspected, if nobody can
-    /// stand in, or if the model has no value.
+    /// Returns by how much the target would move, µm, if a stand-in replaced this sensor from now on. `None` if the
+    /// sensor is not suspected, if it has no stand-in, or if the model has no value.
     fn moved_by(
         &mut self,
         (model, settings, bounds): (&Model, &StandIns, Bounds<'_>),
@@ -401,7 +408,7 @@ impl Watch {
         Some(of_cz.abs().get().max(of_slope.abs().get()))
     }
 
-    /// What the minute says of one sensor.
+    /// Returns the prediction of the last minute for one sensor.
     fn predict(
         &self,
         (model, settings): (&Model, &StandIns),
@@ -432,7 +439,7 @@ impl Watch {
         Prediction::Known(Predicted { inside, ..predicted })
     }
 
-    /// The sum of the terms of one sensor; `None` where somebody is missing who is needed for that.
+    /// Returns the sum of the terms of one sensor; `None` if a required predictor has no value.
     fn sum(&self, settings: &StandIns, known: &VirtualSensor, seen: &Snapshot<'_>) -> Option<Predicted> {
         let mut predicted = Predicted { rise: 0.0, lent: false, present: true, inside: true };
         for (place, gain) in &known.terms {
@@ -452,7 +459,7 @@ impl Watch {
         self.bank.iter_mut().for_each(Gathered::begin_minute);
     }
 
-    /// Of each sensor that was believed again since this was asked: what it began from.
+    /// Passes on, and clears, the beginnings of the sensors that were accepted again since the last call.
     pub(super) fn take_beginnings(&mut self, settings: &StandIns, mut take: impl FnMut(SignalId, Beginning)) {
         for (known, beginning) in settings.sensors().iter().zip(&mut self.beginnings) {
             if let Some(beginning) = beginning.take() {
@@ -462,7 +469,7 @@ impl Watch {
     }
 }
 
-/// What others say of a sensor, where they predict this rise of it.
+/// Returns the substitute for a sensor with this predicted rise.
 fn says(sensor: &Sensor, signal: SignalId, rise: f64, machine: Option<&Machine>) -> Says {
     let value = sensor.value(rise);
     let start = machine.and_then(|machine| machine.captured(Reference::Start, signal));
@@ -470,7 +477,7 @@ fn says(sensor: &Sensor, signal: SignalId, rise: f64, machine: Option<&Machine>)
     Says::Others { value, rise }
 }
 
-/// Returns whether everything that a model and its envelope take of a sensor is known of what others say.
+/// Returns whether a substitute provides every input that a model and its envelope take from the sensor.
 fn answers(model: &Model, instead: &Instead, machine: Option<&Machine>, now: Moment) -> bool {
     let Some(machine) = machine.filter(|_| instead.is_stood_in()) else { return false };
     let instead_of_it = [*instead];

@@ -13,12 +13,13 @@
 //! ```
 //!
 //! # Theory of operation
-//! An axis that is off decides nothing; what stands in the register stays. Arming takes over what stands there, so
-//! the first decision is a step from it, never a jump to something else. While a model can be used and what was
-//! written was verified, the axis follows the model through the guard; on a fallback model it says so. When either
-//! fails it keeps its value, and then does what the profile says. Coming back is the same walk through the guard.
-//! A model that asks for more than the error level counts as none until the axis is armed again.
-//! When the gateway stops, the action runs without its waiting time; an axis that is off stays off.
+//! An axis that is off decides nothing, and the register value stays. When it is armed, it takes over the register
+//! value. The first decision is therefore one step from that value. The axis follows a model through the guard while
+//! the model can be used and the last write was verified. If it follows a fallback model, its state shows that. If
+//! either condition fails, the axis keeps its value, and then runs the fault action of the profile. When it recovers,
+//! it moves through the guard in the same way. A model that requests more than the error level cannot be used until the
+//! axis is armed again. When the gateway stops, the action runs without its waiting time. An axis that is off stays
+//! off.
 
 use std::fmt;
 
@@ -26,11 +27,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::quantity::{Moment, Shift, Shifted};
 
-/// What an axis is doing.
+/// State of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum AxisState {
-    /// Not armed: nothing is decided, nothing written.
+    /// Not armed. The axis decides and writes nothing.
     #[default]
     Off,
     /// Following its preferred model.
@@ -46,7 +47,7 @@ pub enum AxisState {
 }
 
 impl AxisState {
-    /// The word for it everywhere: `z_state`, page, metrics, log.
+    /// Returns the name of the state in `z_state`, page, metrics and log.
     pub fn name(self) -> &'static str {
         match self {
             AxisState::Off => "off",
@@ -58,20 +59,20 @@ impl AxisState {
         }
     }
 
-    /// Every name, for those who count them.
+    /// Every name.
     pub const NAMES: [&'static str; 6] = ["off", "active", "degraded", "holding", "ramping", "zeroed"];
 
-    /// Words of events for the decided states. "At zero" is not among them: it is said of a verified value alone.
+    /// Words of events for the decided states. "At zero" is missing, because it is used only for a verified value.
     const DISPLAYED: [&'static str; 6] =
         ["off", "compensating", "fallback model", "frozen", "returning to zero", "zero requested"];
 
-    /// The word that people see for the state of this name; a name that is none is its own word.
+    /// Returns the displayed word for the state of this name. An unknown name is returned as it is.
     pub fn display_of(name: &str) -> &str {
         let found = AxisState::NAMES.iter().zip(AxisState::DISPLAYED).find(|(known, _)| **known == name);
         found.map_or(name, |(_, word)| word)
     }
 
-    /// Following a model.
+    /// Returns whether the axis follows a model.
     pub fn is_following(self) -> bool {
         matches!(self, AxisState::Active | AxisState::Degraded)
     }

@@ -72,13 +72,13 @@ fn formula(name: &str, text: &str) -> Model {
     Model::new(name.to_owned(), Kind::Formula(Formula { expression }))
 }
 
-/// M1: `Cz = Kz (A − B)`.
+/// Model M1: `Cz = Kz (A − B)`.
 fn difference() -> Model {
     let absolute = Reference::Fixed(of(0.0));
     linear("difference", 0.0, &[term(BED, 2.4, absolute), term(WHEELHEAD, -2.4, absolute)])
 }
 
-/// M2: `Cz = Kz·A + f1(t)`.
+/// Model M2: `Cz = Kz·A + f1(t)`.
 fn bed_only() -> Model {
     formula("bed only", "Kz * (A - (b*t + c))")
 }
@@ -103,7 +103,7 @@ fn axis(models: Vec<Model>) -> AxisSettings {
     }
 }
 
-/// A machine with one axis that is shown values; NaN is a bad reading.
+/// Machine with one axis, whose readings the test sets. NaN is a bad reading.
 struct Rig {
     compensation: Compensation,
     now: Moment,
@@ -125,7 +125,7 @@ impl Rig {
         }
     }
 
-    /// Steps at the present moment; what else the control brings is handed over once.
+    /// Steps now. One-time parts of the control are passed once.
     fn step(&mut self) -> Decision {
         let (now, values) = (self.now, self.values);
         let readings = values.map(|value| match value.is_nan() {
@@ -142,7 +142,7 @@ impl Rig {
         self.step()
     }
 
-    /// Steps whenever the axis is due, for so long; the decisions made.
+    /// Steps whenever the axis is due, for this time. Returns the decisions.
     fn run(&mut self, span: f64) -> Vec<Decision> {
         let end = self.now.after(seconds(span));
         let mut decisions = Vec::new();

@@ -1,15 +1,15 @@
-//! Way back of a register that is no output's any more: what is saved for it, from which values it begins, and how long it takes.
+//! Release of a register that belongs to no output any more: its saved state, accepted values, and duration.
 //!
-//! The gateway moves the register as an ordinary output, by its controller. This module only decides whether a value that was read
-//! may be moved. Another one may be the operator's.
+//! The gateway moves the register like an ordinary output, with its controller. This module only decides whether a
+//! value that was read may be moved. Any other value may be the operator's.
 //!
 //! | stage | accepted value |
 //! |---|---|
 //! | any | the base |
-//! | [`Stage::Asked`] | the value that the person has seen, or up to one step nearer to the base |
-//! | [`Stage::Begun`] | the value verified last, or up to two steps nearer to the base: one verified since, one under way |
+//! | [`Stage::Asked`] | the value that the operator has seen, or up to one step nearer to the base |
+//! | [`Stage::Begun`] | the last verified value, or up to two steps nearer to the base: one verified since, one sent |
 //!
-//! A release ends with its run. The next run names the register again, with the value that was verified last.
+//! A release ends with its run. The next run lists the register again, with the last verified value.
 
 use serde::{Deserialize, Serialize};
 
@@ -27,15 +27,15 @@ pub struct Bounds {
     pub rate_um_per_s: f64,
     /// Update period, s.
     pub every_s: f64,
-    /// Interlock, as the profile has it.
+    /// Interlock of the output in the profile.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub when: Option<String>,
-    /// Why its register cannot be moved by itself.
+    /// Reason why the register cannot be moved by itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub obstacle: Option<Obstacle>,
 }
 
-/// Property of an output that keeps its register from being moved by itself.
+/// Property of an output that prevents its register from being moved by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Obstacle {
@@ -43,14 +43,14 @@ pub enum Obstacle {
     Set,
     /// The value is no offset.
     Writes,
-    /// The value lies in no Modbus register.
+    /// The value is not in a Modbus register.
     Address,
     /// The register cannot be read.
     Unread,
 }
 
 impl Obstacle {
-    /// Cause in words, of a register.
+    /// Returns the cause as text, for a register.
     pub fn cause(self) -> &'static str {
         match self {
             Obstacle::Set => "the control takes it only with the other values of its set",
@@ -62,13 +62,13 @@ impl Obstacle {
 }
 
 impl Bounds {
-    /// Returns whether each bound is a positive number. Others can only come from a document that somebody has changed.
+    /// Returns whether each bound is a positive number. Other values are only possible in a changed document.
     pub fn are_sound(&self) -> bool {
         let all = [self.limit_um, self.step_um, self.rate_um_per_s, self.every_s];
         all.iter().all(|bound| bound.is_finite() && *bound > 0.0)
     }
 
-    /// Seconds that the way from this Cz to the base takes at least.
+    /// Returns the minimum duration of the way from this Cz to the base, s.
     pub fn seconds(&self, from_um: f64) -> f64 {
         let speed = self.rate_um_per_s.min(self.step_um / self.every_s);
         from_um.abs() / speed
@@ -79,32 +79,32 @@ impl Bounds {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Stage {
-    /// A person has asked for it.
+    /// The operator has requested the release.
     Asked,
     /// The register was read and may have been moved.
     Begun,
 }
 
-/// Release of a register that is no output's any more: a person wants it back at its base.
+/// Release of a register that belongs to no output any more: the operator has requested its return to the base.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Release {
-    /// Name that the output had.
+    /// Former name of the output.
     pub output: String,
-    /// Its place.
+    /// Place of the register.
     pub place: OutputPlace,
-    /// Its bounds.
+    /// Bounds of the output.
     pub bounds: Bounds,
-    /// Cz that the person has seen, µm.
+    /// Cz that the operator has seen, µm.
     pub from_um: f64,
-    /// The operator's part of a shared register that the person has seen, in the unit of the register.
+    /// Operator offset of a shared register that the operator has seen, in the unit of the register.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub operator: Option<f64>,
-    /// Cz as last verified, µm.
+    /// Last verified Cz, µm.
     pub held_um: f64,
     /// Progress.
     pub stage: Stage,
-    /// The person, and the way of the request.
+    /// Operator and channel of the request.
     pub by: String,
 }
 
@@ -120,7 +120,7 @@ impl Release {
         Release::is_back(found_um, grain_um) || (found <= farthest + grain_um && found >= nearest - grain_um)
     }
 
-    /// Returns the Cz of ours that is expected in the register, µm.
+    /// Returns the Cz of the gateway that is expected in the register, µm.
     pub fn known_um(&self) -> f64 {
         match self.stage {
             Stage::Asked => self.from_um,
@@ -133,7 +133,7 @@ impl Release {
         found_um.abs() <= grain_um
     }
 
-    /// Former place of the output, for which no axis waits.
+    /// Returns the former place of the output, for which no axis waits.
     pub fn former(&self) -> Former {
         let former = Former::of(self.output.clone(), self.place.clone(), Some(self.held_um));
         Former { bounds: Some(self.bounds.clone()), ..former }

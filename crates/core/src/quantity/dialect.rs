@@ -1,5 +1,5 @@
-//! How programs of others write logs: a spreadsheet set to German has semicolons between columns, commas in numbers and
-//! times by the clock on the wall.
+//! Format of logs from other programs. For example, a spreadsheet set to German has semicolons between columns, commas
+//! in numbers, and local times.
 
 use std::borrow::Cow;
 
@@ -8,38 +8,40 @@ use jiff::tz::{AmbiguousOffset, TimeZone};
 
 use super::{Moment, time};
 
-/// How one file is written.
+/// Format of one file.
 #[derive(Clone, Debug)]
 pub struct Dialect {
     separator: u8,
-    /// Where the clock hung whose times have no offset from UTC; none: such times are refused.
+    /// Time zone of times without an offset from UTC; `None` rejects such times.
     zone: Option<TimeZone>,
-    /// The first number with a decimal point or comma: the others are written alike.
+    /// First number with a decimal point or comma. All others must have the same mark.
     first: Option<(char, String)>,
 }
 
 impl Dialect {
-    /// By the first line: columns are separated by what is there most often, commas, semicolons or tabs.
+    /// Detects the format from the first line. The separator of columns is the most frequent of comma, semicolon and
+    /// tab.
     #[must_use]
     pub fn of(header: &str, zone: Option<TimeZone>) -> Dialect {
-        // Every other part lies between quotes.
+        // Every other part is inside quotes.
         let open = || header.split('"').step_by(2).flat_map(str::bytes);
         let count = |separator: u8| open().filter(|byte| *byte == separator).count();
-        // The last of the greatest: a comma where there is nothing.
+        // `max_by_key` returns the last maximum: a comma if there is no separator.
         let separator = [b'\t', b';', b','].into_iter().max_by_key(|separator| count(*separator));
         Dialect { separator: separator.unwrap_or(b','), zone, first: None }
     }
 
-    /// What stands between two columns.
+    /// Returns the separator of columns.
     #[must_use]
     pub fn separator(&self) -> u8 {
         self.separator
     }
 
-    /// A number with its decimal comma made a point, where commas do not separate columns; any other text as it is.
+    /// Replaces the decimal comma of a number by a point, unless commas separate columns. Other texts are returned as
+    /// they are.
     ///
     /// # Errors
-    /// A sentence where the file has both, so that `1.234` could be two numbers.
+    /// Returns a message if the file contains both marks, so that `1.234` could be two numbers.
     pub fn number<'a>(&mut self, text: &'a str) -> Result<Cow<'a, str>, String> {
         let is_number = |text: &str| text.parse::<f64>().is_ok();
         let (mark, pointed) = match (text.contains(','), text.contains('.')) {
@@ -69,11 +71,11 @@ impl Dialect {
         Ok(pointed)
     }
 
-    /// A time: seconds, RFC 3339, or `2026-01-05 06:00:10` and `05.01.2026 06:00:10` by the clock of the zone. `last`, the row
-    /// before, tells the two hours apart of which an autumn night has one name.
+    /// Parses a time: seconds, RFC 3339, or `2026-01-05 06:00:10` and `05.01.2026 06:00:10` in the time zone. `last` is
+    /// the time of the row before. It distinguishes the two equal hours of a night in autumn.
     ///
     /// # Errors
-    /// A sentence that says how to write it.
+    /// Returns a message that says how to write it.
     pub fn moment(&mut self, text: &str, last: Option<Moment>) -> Result<Moment, String> {
         let text = text.trim();
         if !text.contains(':') {
@@ -87,7 +89,7 @@ impl Dialect {
     }
 }
 
-/// A date and a time without a zone, if it is written as one.
+/// Parses a date and a time without a zone; `None` if the text has another format.
 fn by_the_wall(text: &str) -> Option<Result<DateTime, String>> {
     let (date, time) = text.split_once([' ', 'T'])?;
     let date = date.trim_end_matches(',');
@@ -108,7 +110,7 @@ fn by_the_wall(text: &str) -> Option<Result<DateTime, String>> {
     Some(Ok(date.to_datetime(of_day(time.trim())?)))
 }
 
-/// `6:00`, `06:00:10`, `06:00:10,25`.
+/// Parses a time of day: `6:00`, `06:00:10` or `06:00:10,25`.
 fn of_day(text: &str) -> Option<Time> {
     let (text, fraction) = text.split_once(['.', ',']).unwrap_or((text, ""));
     let mut parts = text.split(':').map(|part| part.parse::<i8>().ok());

@@ -1,47 +1,47 @@
-//! Moments of one clock as another one counts them.
+//! Conversion of times between clocks.
 //!
-//! A gateway counts time from its start, and nothing that it decides looks at the wall's clock, which may be wrong and
-//! be set right at any moment. What is shown, logged or kept bears the wall's time: the counted moment, shifted. All
-//! moments of a file are shifted alike, so that the spans between them are the counted ones.
+//! A gateway counts time from its start. Its decisions do not use the wall clock, which may be wrong and may be set at
+//! any time. Everything that is shown, logged or kept has the wall-clock time: the counted time, shifted. All times of
+//! a file are shifted equally, so that the spans between them are the counted ones.
 
 use std::collections::VecDeque;
 
 use super::Moment;
 
-/// How much later it is by another clock.
+/// Difference of another clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Shift(i64);
 
 impl Shift {
-    /// What brings the one moment to the other.
+    /// Returns the difference between two times.
     pub fn between(from: Moment, to: Moment) -> Shift {
         let nanos = i128::from(to.as_nanos()) - i128::from(from.as_nanos());
         Shift(i64::try_from(nanos).unwrap_or(if nanos < 0 { i64::MIN } else { i64::MAX }))
     }
 
-    /// That many nanoseconds, forward where they are positive.
+    /// Creates a shift of these nanoseconds; positive is forward.
     pub const fn from_nanos(nanos: i64) -> Shift {
         Shift(nanos)
     }
 
-    /// Nanoseconds.
+    /// Returns the nanoseconds.
     pub const fn as_nanos(self) -> i64 {
         self.0
     }
 
-    /// The way back.
+    /// Returns the opposite shift.
     #[must_use]
     pub const fn reversed(self) -> Shift {
         Shift(self.0.saturating_neg())
     }
 }
 
-/// Something with moments in it.
+/// Value that contains times.
 pub trait Shifted: Sized {
-    /// Brings its moments to the other clock.
+    /// Converts its times to the other clock.
     fn shift(&mut self, by: Shift);
 
-    /// The same by the other clock.
+    /// Returns the value by the other clock.
     #[must_use]
     fn shifted(mut self, by: Shift) -> Self {
         self.shift(by);
@@ -49,7 +49,7 @@ pub trait Shifted: Sized {
     }
 }
 
-/// The beginning of time says "never yet", its end "never": both stay. Nothing else becomes one of them.
+/// The earliest time means "not yet", the latest "never": neither is shifted. No other time becomes one of them.
 impl Shifted for Moment {
     fn shift(&mut self, by: Shift) {
         if *self != Moment::default() && *self != Moment::END {
@@ -77,7 +77,7 @@ impl<T: Shifted> Shifted for VecDeque<T> {
     }
 }
 
-/// A structure is shifted where these of its fields are.
+/// Implements [`Shifted`] for a structure by shifting these fields.
 macro_rules! shifted {
     ($name:ty: $($field:ident),+) => {
         impl $crate::quantity::Shifted for $name {

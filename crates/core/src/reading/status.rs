@@ -1,12 +1,12 @@
-//! Status codes of OPC UA by their names.
+//! Status codes of OPC UA, with their names.
 
 use std::fmt;
 
-/// A status code of OPC UA. Its two highest bits say how bad it is.
+/// Status code of OPC UA. Its two highest bits give the severity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Status(pub u32);
 
-/// The codes that a reader or a writer of values and a subscriber meet, as Part 6 of the specification numbers them.
+/// Codes that clients receive when they read, write or subscribe, as numbered in Part 6 of the specification.
 const NAMES: [(u32, &str); 102] = [
     (0x0000, "Good"),
     (0x002f, "GoodOverload"),
@@ -113,37 +113,37 @@ const NAMES: [(u32, &str); 102] = [
 ];
 
 impl Status {
-    /// BadUserAccessDenied.
+    /// Code BadUserAccessDenied.
     pub const ACCESS_DENIED: Status = Status(0x801f_0000);
-    /// BadNodeIdUnknown.
+    /// Code BadNodeIdUnknown.
     pub const NO_SUCH_NODE: Status = Status(0x8034_0000);
-    /// BadNotWritable.
+    /// Code BadNotWritable.
     pub const NOT_WRITABLE: Status = Status(0x803b_0000);
-    /// BadOutOfRange.
+    /// Code BadOutOfRange.
     pub const OUT_OF_RANGE: Status = Status(0x803c_0000);
-    /// BadWriteNotSupported.
+    /// Code BadWriteNotSupported.
     pub const WRITE_NOT_SUPPORTED: Status = Status(0x8073_0000);
-    /// BadTypeMismatch.
+    /// Code BadTypeMismatch.
     pub const TYPE_MISMATCH: Status = Status(0x8074_0000);
 
-    /// The value may be used.
+    /// Returns whether the value may be used.
     pub const fn is_good(self) -> bool {
         self.0 >> 30 == 0
     }
 
-    /// It is this one. The lower half says more of the value, and nothing of what has happened.
+    /// Returns whether both codes are the same. The lower half is ignored, because it only adds details of the value.
     pub const fn is(self, other: Status) -> bool {
         self.0 >> 16 == other.0 >> 16
     }
 
-    /// Its name, where it is one that is met.
+    /// Returns the name of the code; `None` if it is not in the list.
     pub fn name(self) -> Option<&'static str> {
         let found = NAMES.iter().find(|(code, _)| *code == self.0 >> 16);
         found.map(|(_, name)| *name)
     }
 }
 
-/// `BadUserAccessDenied`, `status 80AB0000h`.
+/// Prints `BadUserAccessDenied`, or `status 80AB0000h` for an unknown code.
 impl fmt::Display for Status {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.name() {

@@ -41,7 +41,8 @@ pub(super) fn read(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, 
     let refused = |why: String| BadLog(vec![format!("{}: {why}", file.display())]);
     beyond(|| from_file(file, opened, split, uses)).unwrap_or_else(|_| {
         Err(refused(
-            "it is not a readable Parquet file: its reader failed on it; write it anew, or as CSV".to_owned(),
+            "it is not a readable Parquet file: its reader failed on it; write it again, or as CSV"
+                .to_owned(),
         ))
     })
 }

@@ -1,16 +1,20 @@
-//! A fault spoils one run, not the sensor: what it spoilt is replaced, where the good runs show that it can be.
+//! Repair of faults. A fault affects one run of a sensor. Its rows are replaced if the good runs show that this is
+//! possible.
 //!
-//! - Spikes are bridged by straight lines.
-//! - After a jump that stays, the readings are taken less the step, as its neighbours and the good runs show it.
-//! - Rows in which it was frozen are masked: no model is learnt from them or judged by them. For the lags that still see
-//!   them, the readings are rebuilt from its neighbours; if these cannot, they are missing, and a lag crosses them in a straight
-//!   line. If masks leave less than [`LEFT_OF_RUN`] of a run, the rebuilt readings are learnt from instead.
+//! - Spikes are replaced by straight lines.
+//! - After a permanent jump, the step is subtracted from the readings. Its size follows from the neighbours and the
+//!   good runs.
+//! - Rows of a freeze are masked: they are not used to learn or to judge any model. For the lags after them, the
+//!   readings are rebuilt from the neighbours. If that is not possible, they are missing, and a lag crosses them in a
+//!   straight line. If masks leave less than [`LEFT_OF_RUN`] of a run, the rebuilt readings are used for learning.
 //!
-//! A sensor is left out of every run if it jumps or spikes in most of them, if nobody knows which rows are faulty (constant,
-//! missing), if the replacement of a jump leaves more than [`BELIEVED`] of what the sensor moves, if it was frozen for more
-//! than [`MASKED`] of the time, and if masks would leave less than [`LEAST_OF_RUN`] of a run and nothing can be rebuilt.
+//! A sensor is left out of every run in these cases:
+//! - It jumps or spikes in most runs, or its faulty rows are unknown (constant, missing).
+//! - The repair of a jump leaves more than [`BELIEVED`] of the sensor's movement.
+//! - It was frozen for more than [`MASKED`] of the time.
+//! - Masks would leave less than [`LEAST_OF_RUN`] of a run, and nothing can be rebuilt.
 //!
-//! Replacements are learnt from temperatures alone, never from the error; and where a run is held out, it is no donor.
+//! Replacements are learned only from temperatures, never from the error. A held-out run does not contribute to them.
 
 use std::collections::HashMap;
 
@@ -19,40 +23,41 @@ use super::{Damage, Fault, Finding, Frozen, Repaired, faults};
 use crate::dataset::{Dataset, Run};
 use crate::statistics::count;
 
-/// Of the root mean square that a sensor moves: the most that its replacement may be off by, as hidden hours of good runs
-/// tell.
+/// Largest accepted error of a replacement, as a share of the root mean square that the sensor moves. The error is
+/// measured on hidden hours of good runs.
 const BELIEVED: f64 = 0.8;
-/// A sensor that jumps more often in one run is loose.
+/// Maximum number of jumps in one run. A sensor with more is loose.
 const MOST_JUMPS: usize = 3;
-/// Share of the time of all runs: a sensor that was frozen for longer is left out.
+/// Maximum share of the time of all runs for which a sensor may be frozen. Otherwise it is left out.
 const MASKED: f64 = 0.25;
-/// Share of a run's rows: if masks leave less, rebuilt readings are learnt from, so that the run stays.
+/// Minimum share of a run's rows that masks must leave. Otherwise rebuilt readings are used for learning, so that the
+/// run stays.
 const LEFT_OF_RUN: f64 = 0.25;
-/// The same if nothing can be rebuilt: a run of fewer rows says nothing, so that the sensor is left out.
+/// Minimum share of a run's rows that masks must leave if nothing can be rebuilt. Otherwise the sensor is left out.
 const LEAST_OF_RUN: f64 = 0.05;
 
-/// The logs, and what is replaced in them.
+/// Logs, and the replacements in them.
 #[derive(Clone, Debug)]
 pub(crate) struct Mending<'a> {
     logs: &'a Dataset,
-    /// The sensors that stay in.
+    /// Sensors that are not left out.
     columns: Vec<usize>,
     faults: Vec<Fault>,
 }
 
-/// What became of the faults.
+/// Result of the repair.
 #[derive(Clone, Debug)]
 pub(crate) struct Mended<'a> {
-    /// What must be mended again where a run may not be seen; `None`: nothing was faulty.
+    /// State with which the logs can be repaired again without a held-out run; `None` if there was no fault.
     pub(crate) mending: Option<Mending<'a>>,
     pub(crate) excluded: Vec<Finding>,
     pub(crate) repaired: Vec<Repaired>,
 }
 
-/// What was put in place of a fault's rows, as a sentence; `None`: nothing that may be believed.
+/// Repair of a fault as a message; `None` if no replacement is accepted.
 type Done = Option<String>;
 
-/// Finds the faults of these columns of temperatures, and which of them and of the freezes among them can be mended.
+/// Finds the faults of these temperature columns, and repairs those faults and freezes that can be repaired.
 pub(crate) fn mend<'a>(logs: &'a Dataset, columns: &[usize], frozen: &[Frozen]) -> Mended<'a> {
     let frozen: Vec<Frozen> =
         frozen.iter().copied().filter(|frozen| columns.contains(&frozen.column)).collect();
@@ -65,7 +70,7 @@ pub(crate) fn mend<'a>(logs: &'a Dataset, columns: &[usize], frozen: &[Frozen]) 
     let mut mending = Mending { logs, columns: good, faults };
     let (_, done) = mending.dataset(None);
     let mut tried: Vec<(usize, Done)> = tried.into_iter().zip(done).collect();
-    // The shortest first: each is masked if it leaves enough of its run beside those that are masked already.
+    // Shortest first: each fault is masked if enough of its run is left, together with the earlier masks.
     tried.sort_by_key(|(place, _)| found[*place].rows.len());
     let mut masks: Vec<Vec<bool>> = logs.runs.iter().map(|run| vec![false; run.times.len()]).collect();
     let mut outcomes: HashMap<usize, Done> = HashMap::new();
@@ -107,7 +112,8 @@ pub(crate) fn mend<'a>(logs: &'a Dataset, columns: &[usize], frozen: &[Frozen]) 
     Mended { mending, excluded, repaired }
 }
 
-/// A sensor that jumps or spikes in most runs, is loose, has a fault of which nobody knows the rows, or was frozen too long.
+/// Returns whether a sensor must be left out: it jumps or spikes in most runs, it is loose, its faulty rows are
+/// unknown, or it was frozen for too long.
 fn is_hopeless(logs: &Dataset, found: &[Fault], column: usize) -> bool {
     let own = || found.iter().filter(move |fault| fault.column == column);
     let mut runs: Vec<usize> =
@@ -122,7 +128,8 @@ fn is_hopeless(logs: &Dataset, found: &[Fault], column: usize) -> bool {
         || masked_share(logs, found, column) > MASKED
 }
 
-/// Share of the time of all runs in which a column was frozen. Rows may be denser in one run than in another.
+/// Returns the share of the time of all runs in which a column was frozen. Runs may have different numbers of rows per
+/// minute.
 fn masked_share(logs: &Dataset, found: &[Fault], column: usize) -> f64 {
     let (mut frozen, mut all) = (0.0, 0.0);
     for (number, run) in logs.runs.iter().enumerate() {
@@ -135,8 +142,8 @@ fn masked_share(logs: &Dataset, found: &[Fault], column: usize) -> f64 {
     frozen / f64::max(all, 1.0)
 }
 
-/// How a fault is settled, with what was done or tried. A freeze that cannot be rebuilt is masked all the same. `masks` are the
-/// rows that are masked so far, by run; those of this fault come in if they leave enough of the run.
+/// Returns the final damage of a fault, with its repair. A freeze that cannot be rebuilt is masked. `masks`: rows that
+/// are masked so far, by run. The rows of this fault are added if they leave enough of the run.
 fn settled(fault: &Fault, masks: &mut [Vec<bool>], done: Done) -> (Damage, Done) {
     let (Damage::Frozen, Some(run)) = (fault.damage, fault.run) else { return (fault.damage, done) };
     let mut mask = masks[run].clone();
@@ -159,12 +166,12 @@ fn settled(fault: &Fault, masks: &mut [Vec<bool>], done: Done) -> (Damage, Done)
 }
 
 impl Mending<'_> {
-    /// The logs as they are learnt from.
+    /// Returns the logs that are used for learning.
     pub(crate) fn mended(&self) -> Dataset {
         self.dataset(None).0
     }
 
-    /// Rows of a run that no model is learnt from or judged by: some sensor was frozen in them.
+    /// Returns the rows of a run that are not used for any model, because some sensor was frozen in them.
     pub(crate) fn masked(&self, run: usize) -> Vec<usize> {
         let is_masked = |fault: &&Fault| {
             fault.run == Some(run) && matches!(fault.damage, Damage::Frozen | Damage::Missing)
@@ -172,7 +179,7 @@ impl Mending<'_> {
         self.faults.iter().filter(is_masked).flat_map(|fault| fault.rows.iter().copied()).collect()
     }
 
-    /// The same where this run was never seen; `None`: it was needed for nothing.
+    /// Returns the logs as if this run had not been recorded; `None` if no repair used it.
     pub(crate) fn never_saw(&self, run: usize) -> Option<Dataset> {
         let needs = |fault: &Fault| {
             fault.run != Some(run) && !matches!(fault.damage, Damage::Spikes | Damage::Missing)
@@ -180,11 +187,13 @@ impl Mending<'_> {
         self.faults.iter().any(needs).then(|| self.dataset(Some(run)).0)
     }
 
-    /// The logs with every fault mended as far as it can be, and by fault what was done.
+    /// Returns the logs with all repairs that are possible, and the repair of each fault. `unseen`: run that must not
+    /// contribute.
     fn dataset(&self, unseen: Option<usize>) -> (Dataset, Vec<Done>) {
         let mut dataset = self.logs.clone();
         let mut done: Vec<Done> = vec![None; self.faults.len()];
-        // Spikes first: they need no other sensor. Then steps, so that what was frozen is tied to readings of one level.
+        // Spikes come first, because they need no other sensor. Steps come before freezes, so that a freeze is tied to
+        // readings of one level.
         let mut order: Vec<usize> = (0..self.faults.len()).collect();
         order.sort_by_key(|place| self.faults[*place].damage);
         for place in order {
@@ -197,7 +206,7 @@ impl Mending<'_> {
                 done[place] = Some(replaced.message);
             }
         }
-        // Nobody knows what they were: the rows are missing then.
+        // The values of unrepaired rows are unknown, so they are missing.
         for (fault, done) in self.faults.iter().zip(&done) {
             let is_unknown = done.is_none() && unseen.is_some() && fault.damage != Damage::Spikes;
             if let Some(run) = fault.run
@@ -210,7 +219,7 @@ impl Mending<'_> {
         (dataset, done)
     }
 
-    /// The run's column as it should have been, where that may be believed.
+    /// Returns the repaired column of a run; `None` if no replacement is accepted.
     fn replaced(
         &self,
         dataset: &Dataset,
@@ -229,7 +238,7 @@ impl Mending<'_> {
             Some(*run) != unseen && !is_spoilt
         };
         let donors: Vec<usize> = (0..dataset.runs.len()).filter(is_donor).collect();
-        // One of two good runs may be held out, and the other must do then.
+        // If one of two good runs is held out, the other one must suffice.
         if neighbours.is_empty() || donors.len() + usize::from(unseen.is_some()) < 2 {
             return None;
         }
@@ -238,7 +247,7 @@ impl Mending<'_> {
             Damage::Jump => likeness.without_step(run, &fault.rows)?,
             _ => likeness.rebuilt(run, &fault.rows)?,
         };
-        // Whether it may be believed was asked when all runs were seen.
+        // A replacement was accepted or rejected with all runs. It is not judged again here.
         let is_believed = unseen.is_some() || replaced.error < BELIEVED * likeness.moves();
         is_believed.then_some(replaced)
     }
@@ -262,7 +271,7 @@ mod tests {
     use crate::dataset::{Column, Kind};
     use isotherm_core::quantity::Moment;
 
-    /// A run of 100 minutes in which each of these sensors moves by itself, with so many rows in each minute.
+    /// Run of 100 minutes in which each sensor moves independently. `dense`: rows in each minute.
     fn run(number: u32, sensors: u32, dense: u32) -> Run {
         let minute = |row: u32| f64::from(row) / f64::from(dense);
         let rows = || 0..100 * dense;

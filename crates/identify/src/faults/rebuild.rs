@@ -1,9 +1,9 @@
-//! What a sensor would have read, from its neighbours.
+//! Rebuilds the readings of a sensor from its neighbours.
 //!
-//! Its reading is a sum of theirs, at once and through lags, learnt by ridge regression on the runs in which it was good
-//! (the donors) and on the good rows of its own run. How far such a sum may be believed is measured, not assumed: the same
-//! hours are hidden in each donor in turn and rebuilt from the rest, and what that leaves chooses the lags and the ridge.
-//! The rebuilt stretch is tied to the good readings at both of its ends.
+//! The reading is a sum of the neighbours' readings, with and without lags. The sum is learned by ridge regression on
+//! the donors and on the good rows of its own run. Donors are the runs in which all sensors were good. Its error is
+//! measured: the same hours are hidden in each donor in turn and rebuilt from the rest. The lags and the ridge with the
+//! smallest error are chosen. The rebuilt stretch is tied to the good readings at both ends.
 
 use std::ops::Range;
 
@@ -14,49 +14,50 @@ use crate::gram::Gram;
 use crate::solve::ridge;
 use crate::statistics::{count, median};
 
-/// Neighbours act at once and through these time constants, s.
+/// Time constants of the neighbours' lags, s.
 const LAGS: [f64; 4] = [180.0, 720.0, 3000.0, 12_000.0];
 const RIDGES: [f64; 4] = [1e-2, 1e-3, 1e-4, 1e-5];
-/// The ridge behind a step: its window is short, so that little hangs on it.
+/// Ridge for the correction of a step. It has little effect, because the window is short.
 const STEP_RIDGE: f64 = 1e-3;
-/// An end of a stretch is tied to the mean over this long, s.
+/// Time over which the mean at an end of a stretch is taken, s.
 const TIE: f64 = 300.0;
-/// Means before and after a step are taken over so many minutes.
+/// Minutes over which the means before and after a step are taken.
 const WINDOWS: [usize; 4] = [1, 3, 10, 30];
-/// Good runs are looked at once in this long, s.
+/// Time between rows of the good runs that are used, s.
 const THIN: f64 = 60.0;
-/// Steps that are none are measured every so many minutes of the good runs, so far from their ends.
+/// Minutes between places in the good runs at which a step of zero is measured, and their minimum distance from the
+/// ends.
 const EVERY: usize = 7;
 const FROM_ENDS: usize = 10;
 
-/// One sensor, its neighbours, and the runs in which all of them were good: the donors.
+/// One sensor, its neighbours, and the donors.
 pub(super) struct Likeness<'a> {
     dataset: &'a Dataset,
     column: usize,
     neighbours: Vec<usize>,
-    /// By donor: its rows, and their products.
+    /// Rows of each donor. `grams` are their products.
     tables: Vec<Table>,
     grams: Vec<Gram>,
 }
 
-/// A run's column as it should have been.
+/// Repaired column of a run.
 pub(super) struct Replaced {
-    /// °C, row by row.
+    /// Values, °C, row by row.
     pub(super) values: Vec<f64>,
-    /// What was done, as a sentence.
+    /// Repair, as a message.
     pub(super) message: String,
-    /// What is left where the same is done to good runs: root mean square, °C.
+    /// Error of the same repair on good runs: root mean square, °C.
     pub(super) error: f64,
 }
 
-/// Rows of a run: what the neighbours say, and what the sensor read.
+/// Rows of a run: features of the neighbours, and readings of the sensor.
 struct Table {
     seconds: Vec<f64>,
     features: DMatrix<f64>,
     values: Vec<f64>,
 }
 
-/// The seconds from the first to before the second.
+/// Start and end of a time span, s. The end is excluded.
 type Span = (f64, f64);
 
 impl Likeness<'_> {
@@ -72,7 +73,7 @@ impl Likeness<'_> {
         own
     }
 
-    /// These rows of this run, which follow each other, as the neighbours say.
+    /// Rebuilds these consecutive rows of this run from the neighbours.
     pub(super) fn rebuilt(&self, run: usize, rows: &[usize]) -> Option<Replaced> {
         let own = self.table(run, 0.0);
         let (first, last) = (*rows.first()?, *rows.last()?);
@@ -100,7 +101,7 @@ impl Likeness<'_> {
         Some(Replaced { values, message, error })
     }
 
-    /// The columns and the ridge that leave least where each donor's same hours are hidden; and what they leave.
+    /// Returns the columns and the ridge with the smallest error on the hidden hours of the donors, and that error.
     fn choose(&self, hidden: Span) -> Option<(Vec<usize>, f64, f64)> {
         let plain = self.neighbours.len();
         let widths: [Vec<usize>; 2] = [(0..plain).collect(), (0..plain * (1 + LAGS.len())).collect()];
@@ -122,7 +123,7 @@ impl Likeness<'_> {
                     rows += count(filled.len());
                 }
                 let error = (square / rows).sqrt();
-                // No donor lasts into these hours: 0/0.
+                // No donor lasts into these hours: the error is 0/0.
                 if error.is_finite() && best.as_ref().is_none_or(|(.., least)| error < *least) {
                     best = Some((columns.clone(), penalty, error));
                 }
@@ -131,7 +132,8 @@ impl Likeness<'_> {
         best
     }
 
-    /// The run without the step with which these rows begin: as the estimate says that errs least on the good runs.
+    /// Removes the step at the start of these rows. The step is estimated with the window that has the smallest error
+    /// on the good runs.
     pub(super) fn without_step(&self, run: usize, rows: &[usize]) -> Option<Replaced> {
         let columns: Vec<usize> = (0..self.neighbours.len() * (1 + LAGS.len())).collect();
         let gains = ridge(&Gram::total(&self.grams), &columns, STEP_RIDGE);
@@ -158,13 +160,13 @@ impl Likeness<'_> {
         Some(Replaced { values, message, error })
     }
 
-    /// How far the sensor moves: root mean square about the mean of each good run, °C.
+    /// Returns the movement of the sensor: root mean square about the mean of each good run, °C.
     pub(super) fn moves(&self) -> f64 {
         let all = Gram::total(&self.grams);
         (all.power / all.rows.max(1.0)).sqrt()
     }
 
-    /// The rows of a run, no closer than this, s.
+    /// Returns the rows of a run that are at least `apart` from each other, s.
     fn table(&self, run: usize, apart: f64) -> Table {
         let run = &self.dataset.runs[run];
         let seconds: Vec<f64> = run.seconds().collect();
@@ -193,7 +195,7 @@ impl Likeness<'_> {
 }
 
 impl Table {
-    /// Products about the means of the rows that are not hidden.
+    /// Returns the products about the means of the rows that are not hidden.
     fn gram(&self, hidden: Option<Span>) -> Gram {
         let hidden = hidden.map_or(0..0, |hidden| self.inside(hidden));
         let may = |row: &usize| self.values[*row].is_finite() && !hidden.contains(row);
@@ -215,7 +217,7 @@ impl Table {
         before(from)..before(to)
     }
 
-    /// What the neighbours leave of each reading.
+    /// Returns each reading minus the prediction of the neighbours.
     fn left(&self, columns: &[usize], gains: &DVector<f64>) -> Vec<f64> {
         let mut left = DVector::from_column_slice(&self.values);
         for (column, gain) in columns.iter().zip(gains.iter()) {
@@ -224,7 +226,7 @@ impl Table {
         left.data.into()
     }
 
-    /// The hidden rows as the neighbours say, tied to the readings at both ends.
+    /// Returns the hidden rows as predicted by the neighbours, tied to the readings at both ends.
     fn filled(&self, columns: &[usize], gains: &DVector<f64>, hidden: Span) -> Vec<f64> {
         let rows = self.inside(hidden);
         let left = self.left(columns, gains);
@@ -253,8 +255,8 @@ impl Table {
     }
 }
 
-/// From what is left and what was read: the step at this row, without a window as the readings alone have it, beside the
-/// slope around it.
+/// Returns the step at this row; `None` if it cannot be computed. With a window, the step is the difference of the mean
+/// residuals after and before the row. Without one, it is the change of the reading minus the usual slope around it.
 fn step_at(left: &[f64], values: &[f64], at: usize, window: Option<usize>) -> Option<f64> {
     let mean = |rows: &[f64]| {
         let finite = rows.iter().filter(|value| value.is_finite());
@@ -280,7 +282,7 @@ fn step_at(left: &[f64], values: &[f64], at: usize, window: Option<usize>) -> Op
     }
 }
 
-/// What follows this with a time constant, from its first value on.
+/// Returns the lagged values with this time constant. The lag starts at the first value.
 fn lagged(seconds: &[f64], values: &[f64], constant: f64) -> Vec<f64> {
     let mut follower = values.first().copied().unwrap_or(0.0);
     let mut last = seconds.first().copied().unwrap_or(0.0);

@@ -1,56 +1,58 @@
-//! Stretches of a run in which the readings of a sensor stay at one number, and how each of them ends.
+//! Constant stretches of a sensor's readings in a run, and how each of them ends.
 //!
-//! A sensor at thermal equilibrium stands still, and so does a frozen one. The raw rows tell how each leaves its number:
-//! a temperature by a count or two, a frozen sensor by everything that it missed.
+//! The reading of a sensor at thermal equilibrium is constant, and so is that of a frozen sensor. The end of the
+//! stretch distinguishes them: a temperature leaves its value by one or two counts, a frozen sensor by everything that
+//! it missed.
 
 use crate::dataset::Run;
 use crate::statistics::median;
 
-/// s: a reading that changed more recently does not stand still.
+/// Minimum duration of a constant stretch, s.
 const LEAST: f64 = 180.0;
-/// Two readings follow each other if the time between them is at most so many times the usual one.
+/// Maximum time between two consecutive readings, as a factor of the usual time.
 const FOLLOWS: f64 = 2.0;
-/// s: a row that is a mean may hold readings from before and after a step, so that the next row has a part of the step, too.
+/// Time over which a row may be a mean, s. Such a row may contain readings from before and after a step, so that the
+/// next row has a part of the step, too.
 const MEAN: f64 = 60.0;
 
-/// Readings at one number, three minutes or longer.
+/// Constant readings for at least three minutes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Standstill {
-    /// First row with the number.
+    /// First row with the value.
     pub(crate) first: usize,
-    /// Last row with the number.
+    /// Last row with the value.
     pub(crate) last: usize,
     /// Time of the first row, s since the run's first row.
     pub(crate) from: f64,
     /// Time of the last row, s since the run's first row.
     pub(crate) to: f64,
-    /// How it ends.
+    /// End of the stretch.
     pub(crate) end: End,
 }
 
-/// How a standstill ends.
+/// End of a constant stretch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum End {
-    /// The reading that follows is another number.
+    /// The next reading has another value.
     Step {
-        /// Its row.
+        /// Row of the next reading.
         row: usize,
-        /// How far it is from the number, without a sign.
+        /// Absolute difference to the constant value.
         size: f64,
     },
-    /// Readings are missing after it, so that nobody knows how it ended.
+    /// The next readings are missing, so the end is unknown.
     Gap,
-    /// No reading of the run comes after it.
+    /// The run has no later reading.
     OfRun,
 }
 
-/// The readings of a column.
+/// Readings of a column.
 struct Readings {
-    /// By row: s since the run's first row.
+    /// Time of each row, s since the run's first row.
     seconds: Vec<f64>,
-    /// Rows that have a reading.
+    /// Rows with a reading.
     good: Vec<usize>,
-    /// s: readings that follow each other are no farther apart.
+    /// Maximum time between consecutive readings, s.
     apart: f64,
 }
 
@@ -65,7 +67,7 @@ impl Readings {
     }
 }
 
-/// Every standstill of a column, in the order of time. Missing readings do not end one.
+/// Returns every constant stretch of a column, in order of time. Missing readings do not end a stretch.
 pub(crate) fn standstills(run: &Run, column: usize) -> Vec<Standstill> {
     let Readings { seconds, good, apart } = Readings::of(run, column);
     let values = &run.values[column];
@@ -90,8 +92,8 @@ pub(crate) fn standstills(run: &Run, column: usize) -> Vec<Standstill> {
     found
 }
 
-/// The largest step of a column between two readings that follow each other, away from the ends of standstills: what its
-/// temperature does by itself. 0 if it never steps.
+/// Returns the largest step of a column between two consecutive readings, except near the ends of constant stretches.
+/// It is the largest step of the temperature itself; 0 if there is none.
 pub(crate) fn largest_step(run: &Run, column: usize) -> f64 {
     let Readings { seconds, good, apart } = Readings::of(run, column);
     let values = &run.values[column];
@@ -117,7 +119,7 @@ mod tests {
     use super::*;
     use isotherm_core::quantity::Moment;
 
-    /// A row a minute.
+    /// Run with one row per minute.
     fn run(values: &[f64]) -> Run {
         let minutes = 0..values.len() as u64;
         let times = minutes.map(|minute| Moment::from_nanos(minute * 60_000_000_000)).collect();

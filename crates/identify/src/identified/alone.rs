@@ -1,8 +1,9 @@
-//! One sensor of a `difference` with the time t since machine start stands in where the other is lost, JP H07-61598 B2: Cz = F(T, t).
+//! Fallback of a `difference` after the loss of one sensor: the other sensor with the time t since machine start, JP
+//! H07-61598 B2: Cz = F(T, t).
 //!
 //! `Kz·A + f1(t)` with `f1(t) = −Kz·(b·t + c)`: after two or three hours B rises in nearly a straight line.
-//! `−Kz·B + f2(t)` with `f2(t) = Kz·(K·√t + c)`: A rises with the root of the time. Kz is that of the difference; b, c and
-//! K are least squares on the temperatures themselves, as the patent has them: nothing here is a rise.
+//! `−Kz·B + f2(t)` with `f2(t) = Kz·(K·√t + c)`: A rises with the root of the time. Kz is that of the difference. b, c
+//! and K are fitted by least squares to the temperatures themselves, as in the patent. No rises are used.
 
 use nalgebra::{Matrix2, Vector2};
 use serde::Serialize;
@@ -15,28 +16,28 @@ use crate::region::Region;
 use crate::validate::{HeldOut, Means, RunScore};
 use isotherm_core::quantity::Moment;
 
-/// A formula of one sensor and the time since machine start.
+/// Formula of one sensor and the time since machine start.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Alone {
-    /// As a profile writes it.
+    /// Text of the formula in a profile.
     pub formula: &'static str,
-    /// The sensor's name in it.
+    /// Name of the sensor in the formula.
     pub symbol: &'static str,
-    /// The sensor.
+    /// Signal of the sensor.
     pub signal: String,
-    /// Its constants.
+    /// Constants of the formula, with their names.
     pub constants: [(&'static str, f64); 3],
 }
 
-/// The sensor that is left. With T its temperature, the other one's is taken to be slope·f(t) + c, and
-/// Cz = sign·Kz·(T − other).
+/// Remaining sensor. With its temperature T, the other temperature is taken as slope·f(t) + c, and Cz = sign·Kz·(T −
+/// other).
 struct Side {
     sign: f64,
     formula: &'static str,
     symbol: &'static str,
-    /// The slope's name in the formula.
+    /// Name of the slope in the formula.
     slope: &'static str,
-    /// f(t), t in seconds.
+    /// Function f(t), t in seconds.
     of_time: fn(f64) -> f64,
 }
 
@@ -45,10 +46,10 @@ const FIRST: Side =
 const SECOND: Side =
     Side { sign: -1.0, formula: "Kz * (K*sqrt(t) + c - B)", symbol: "B", slope: "K", of_time: f64::sqrt };
 
-/// The temperature, the time since machine start in seconds and the Cz that would leave no error, row by row.
+/// Temperature, time since machine start in seconds, and Cz that would leave no error, row by row.
 type Rows = Vec<(f64, f64, f64)>;
 
-/// Stand-ins for the loss of either sensor; none where the model is no difference.
+/// Returns the fallbacks for the loss of either sensor; empty if the model is no difference.
 pub(super) fn alone(
     campaign: &Campaign<'_>,
     bank: &Bank,
@@ -59,7 +60,7 @@ pub(super) fn alone(
     [FIRST, SECOND].iter().filter_map(one).collect()
 }
 
-/// Kz, A and B.
+/// Returns Kz, A and B; `None` if the model is no difference.
 fn pair(learned: &Learned) -> Option<(f64, usize, usize)> {
     match learned.sum()? {
         [(first, gain), (second, _)] if gain.abs() > 0.0 => Some((*gain, first.input, second.input)),
@@ -78,7 +79,7 @@ fn fallback(
     let runs: Vec<Rows> = (0..campaign.dataset.runs.len()).map(|run| rows(campaign, run, own)).collect();
     let mut scores = Vec::new();
     for (out, held) in held_out.iter().enumerate() {
-        // The gain of the difference that was found without this run: between the same two, or it says nothing here.
+        // The gain of the difference without this run. It is used only if it is between the same two sensors.
         let (gain, ..) = pair(&held.learned).filter(|(_, first, second)| (*first, *second) == (a, b))?;
         let others = runs.iter().enumerate().filter(|(run, _)| *run != out).map(|(_, rows)| rows);
         let (slope, constant) = side.line(others, gain)?;
@@ -115,7 +116,7 @@ fn rows(campaign: &Campaign<'_>, run: usize, input: usize) -> Rows {
     let row = |((row, now), target): ((usize, &Moment), Target)| {
         campaign.readings(run, row, *now, &mut readings);
         let temperature = readings.get(signal.0)?.usable()?;
-        // What is measured from a later row says nothing of the temperature itself.
+        // A target that is measured from a later row does not depend on the temperature itself.
         let counts = !masked[row] && target.cz.is_finite() && target.since.is_none();
         counts.then(|| (temperature, now.since(start).as_secs_f64(), target.cz))
     };
@@ -123,7 +124,7 @@ fn rows(campaign: &Campaign<'_>, run: usize, input: usize) -> Rows {
 }
 
 impl Side {
-    /// Slope and constant of what the other sensor must have been.
+    /// Returns slope and constant of the other sensor's estimated temperature; `None` if they cannot be computed.
     fn line<'a>(&self, runs: impl Iterator<Item = &'a Rows>, gain: f64) -> Option<(f64, f64)> {
         let (mut square, mut cross) = (Matrix2::zeros(), Vector2::zeros());
         for (temperature, seconds, target) in runs.flatten() {

@@ -1,15 +1,16 @@
-//! Models that leave too many runs, which they never saw, worse than no compensation: refused, or warned of.
+//! Models that are worse than no compensation on too many held-out runs: they are refused, or there is a warning.
 
 use super::{Fallback, Identified};
 use crate::validate::Means;
 
-/// Share of the held-out runs that a model may leave worse than uncompensated.
+/// Largest share of the held-out runs that may be worse than without compensation.
 const MOST_WORSE: f64 = 1.0 / 3.0;
-/// Held-out runs: fewer warn, but refuse nothing.
+/// Minimum number of held-out runs for a refusal. With fewer runs there is only a warning.
 const ENOUGH_RUNS: usize = 6;
 
 impl Identified {
-    /// Why the block should not be written, as a sentence that says what to do. `None` if it may be, or if there is no model.
+    /// Returns why the block should not be written, and what to do. `None` if it may be written, or if there is no
+    /// model.
     pub fn refusal(&self) -> Option<String> {
         let means = self.unprobed();
         let is_refused = self.is_judged() && is_harmful(&means) && !self.learned.inputs().is_empty();
@@ -22,8 +23,8 @@ impl Identified {
         })
     }
 
-    /// This without the models for lost sensors that leave too many runs worse than uncompensated, and a sentence about each
-    /// of them.
+    /// Removes the models for lost sensors that are worse than no compensation on too many runs. Also returns a message
+    /// about each of them.
     #[must_use]
     pub fn without_harmful_fallbacks(mut self) -> (Identified, Vec<String>) {
         if !self.is_judged() {
@@ -39,7 +40,7 @@ impl Identified {
         (self, sentences)
     }
 
-    /// A warning about each model that leaves too many runs worse than uncompensated, if the runs are too few to refuse it.
+    /// Returns a warning about each harmful model, if there are too few runs to refuse it.
     pub(super) fn warnings(&self) -> Vec<String> {
         if self.is_judged() {
             return Vec::new();
@@ -59,12 +60,13 @@ impl Identified {
         harmful.map(warning).collect()
     }
 
-    /// Whether there are enough held-out runs to refuse a model.
+    /// Returns whether there are enough held-out runs to refuse a model.
     fn is_judged(&self) -> bool {
         self.runs.len() >= ENOUGH_RUNS
     }
 
-    /// Figures without a probe, which hides what a harmful model does: an axis that gets the block may have none.
+    /// Returns the means without a probe. A probe would hide the harm of a model, and an axis with the block may have
+    /// none.
     fn unprobed(&self) -> Means {
         Means::unprobed(&self.held_out)
     }
@@ -79,7 +81,7 @@ impl Identified {
     }
 }
 
-/// No held-out run, no harm: the share of none is not a number.
+/// Returns whether a model is harmful. Without held-out runs the share is NaN, and the model is not harmful.
 fn is_harmful(means: &Means) -> bool {
     means.worse_share > MOST_WORSE
 }

@@ -1,4 +1,4 @@
-//! What takes the place of a sensor that is lost: its virtual sensor, or a model that does without it.
+//! Replacement of a lost sensor: its virtual sensor, or a model without it.
 
 use serde::Serialize;
 
@@ -12,30 +12,30 @@ use crate::region::Region;
 use crate::stand_in::StandIn;
 use crate::validate::{HeldOut, Means, leave_one_run_out};
 
-/// The model that stands in where a sensor is lost.
+/// Model that is used if a sensor is lost.
 #[derive(Clone, Debug, Serialize)]
 pub struct Fallback {
-    /// The signal that is not there.
+    /// Signal that is lost.
     pub without: String,
-    /// The method's word.
+    /// Name of the method.
     pub method: &'static str,
-    /// Its terms; empty for a formula.
+    /// Terms of the model; empty for a formula.
     pub terms: Vec<TermFound>,
-    /// Where its inputs were; none where they are too many, or one never moved.
+    /// Range of the inputs. `None` if there are too many inputs, or if one never moved.
     #[serde(rename = "envelope")]
     pub region: Option<Region>,
-    /// The sensor that is left, with the time since machine start.
+    /// Remaining sensor of a model with the time since machine start; `None` for other models.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub alone: Option<Alone>,
-    /// What to expect of it.
+    /// Expected error.
     pub expected: Option<Expected>,
-    /// Held out.
+    /// Means of the held-out results.
     #[serde(flatten)]
     pub means: Means,
 }
 
 impl Fallback {
-    /// The method, or what the sensor that is left goes with.
+    /// Returns a description: the method, or the remaining sensor.
     pub fn kind(&self) -> String {
         match &self.alone {
             Some(alone) => format!("{} alone, with the time since machine start", alone.signal),
@@ -44,7 +44,7 @@ impl Fallback {
     }
 }
 
-/// For the loss of each input of the model, the best first; made of no other inputs than those of `among`.
+/// Returns fallbacks for the loss of each input of the model, best first. They use only inputs of `among`.
 pub(super) fn fallbacks(
     campaign: &Campaign<'_>,
     learner: &dyn Learner,
@@ -54,7 +54,7 @@ pub(super) fn fallbacks(
     held_out: &[HeldOut],
 ) -> Result<Vec<Fallback>, String> {
     let own = Settings { method: settings.method.stand_in(), ..settings.clone() };
-    // Of one run, which judges nothing, no more than a speed is done without: it may not be there at all.
+    // With one run nothing is judged. Then a fallback is made only for a speed, which the machine may not have.
     let is_wanted = |input: &usize| !held_out.is_empty() || campaign.inputs[*input].is_speed();
     let lost: Vec<usize> = inputs.iter().copied().filter(is_wanted).collect();
     let mut found = match own.method {
@@ -68,7 +68,7 @@ pub(super) fn fallbacks(
     Ok(found)
 }
 
-/// A method that cannot do without a sensor has no stand-in for its loss.
+/// Returns a fallback for each lost input. A method that needs every sensor has none.
 fn without_each(
     campaign: &Campaign<'_>,
     learner: &dyn Learner,
@@ -102,8 +102,8 @@ fn without_each(
     fallbacks.collect()
 }
 
-/// Where a sensor is lost, its virtual sensor takes its place if it depends on two others or more and no model without it leaves
-/// less; else that model does.
+/// Chooses between virtual sensor and fallback for each sensor. The virtual sensor is used if it depends on at least
+/// two others and no model without the sensor leaves less error.
 pub(super) fn keep_the_better(stand_ins: &mut [StandIn], fallbacks: &mut Vec<Fallback>) {
     for stand_in in stand_ins {
         let is_for_it = |fallback: &Fallback| fallback.without == stand_in.signal;
@@ -117,7 +117,7 @@ pub(super) fn keep_the_better(stand_ins: &mut [StandIn], fallbacks: &mut Vec<Fal
     }
 }
 
-/// Those of these sensors of which, where one is lost, neither the others nor a model without it make up for it.
+/// Returns the sensors whose loss neither a virtual sensor nor a fallback model compensates.
 pub(super) fn irreplaceable<'a>(
     sensors: impl Iterator<Item = &'a str>,
     stand_ins: &[StandIn],

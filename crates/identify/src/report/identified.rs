@@ -12,20 +12,20 @@ use crate::setup::Ready;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::Profile;
 
-/// What was identified, on which machine, from what.
+/// Content of the report: the model, its machine and its logs.
 #[derive(Clone, Copy, Debug)]
 pub struct Subject<'a> {
     /// The machine.
     pub profile: &'a Profile,
-    /// The runs as they were learnt from.
+    /// Runs from which the model was learned.
     pub ready: &'a Ready<'a>,
     /// The model.
     pub found: &'a Identified,
-    /// When the report is made.
+    /// Time of the report.
     pub made: Moment,
 }
 
-/// One HTML file.
+/// Returns the report as one HTML file.
 pub fn identified(subject: &Subject<'_>) -> String {
     let Subject { profile, ready, found, made } = *subject;
     let dataset = ready.logs;
@@ -79,7 +79,7 @@ pub fn identified(subject: &Subject<'_>) -> String {
     page(&format!("{}: thermal compensation of axis {}", profile.name, found.axis), made, &content)
 }
 
-/// The measured error of each run, in the terms of ISO 230-3.
+/// Displacements of each run in the terms of ISO 230-3, from its measured error.
 fn drift(drifts: &[Drift]) -> Markup {
     let rows =
         drifts.iter().flat_map(|drift| drift.displacements.iter().map(|moved| (drift.name.as_str(), moved)));

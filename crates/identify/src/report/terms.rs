@@ -1,4 +1,4 @@
-//! The model itself: its terms, what stands in for a lost sensor, where it was identified, and what bounds it.
+//! Model in the report: its terms, its stand-ins, its range and its limits.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -16,7 +16,7 @@ use crate::validate::Means;
 use isotherm_core::compensation::settings::{AxisSettings, OnFault};
 use isotherm_profile::counted;
 
-/// Most bars; all terms stand in the table.
+/// Maximum number of bars. The table contains all terms.
 const MOST_BARS: usize = 30;
 
 /// Bars with their standard errors, then the figures.
@@ -53,7 +53,7 @@ pub(super) fn terms(found: &Identified) -> Markup {
             three_digits(term.gain),
             optional(term.se, three_digits),
             term.unit.clone(),
-            // Beyond a thousand it only says that the term cannot be told from the others.
+            // A larger value only shows that the term cannot be distinguished from the others.
             optional(
                 term.inflation,
                 |times| if times > 1000.0 { "> 1000".to_owned() } else { three_digits(times) },
@@ -89,7 +89,7 @@ pub(super) fn terms(found: &Identified) -> Markup {
     }
 }
 
-/// The units of these gains, each once.
+/// Returns the units of these gains, each once.
 fn units<'a>(terms: &[&'a TermFound]) -> Vec<&'a str> {
     let mut units: Vec<&str> = terms.iter().map(|term| term.unit.as_str()).collect();
     units.sort_unstable();
@@ -97,12 +97,12 @@ fn units<'a>(terms: &[&'a TermFound]) -> Vec<&'a str> {
     units
 }
 
-/// The signal, or its square.
+/// Returns the name of the signal, or of its square.
 fn named(term: &TermFound) -> String {
     format!("{}{}", term.signal, if term.squared { "²" } else { "" })
 }
 
-/// What a signal does once all its lags have come to rest: the sum of its gains. A chart for each unit.
+/// Charts of each signal's effect in equilibrium, after all lags: the sum of its gains. One chart for each unit.
 fn at_rest(terms: &[TermFound]) -> Markup {
     let mut sums: Vec<(&TermFound, f64)> = Vec::new();
     for term in terms.iter().filter(|term| !term.slope) {
@@ -144,7 +144,7 @@ fn lag(term: &TermFound) -> String {
     }
 }
 
-/// What is left where a sensor is lost.
+/// Residual errors after the loss of each sensor.
 pub(super) fn stand_ins(found: &Identified) -> Markup {
     let figures = |means: &Means| {
         let [mean, worst, rms] = [means.mean_range_um, means.worst_range_um, means.mean_rmse_um].map(number);
@@ -189,7 +189,7 @@ pub(super) fn stand_ins(found: &Identified) -> Markup {
     }
 }
 
-/// What each sensor more is worth.
+/// Results by the number of sensors.
 pub(super) fn by_sensors(counted: &[Counted]) -> Markup {
     if counted.len() < 3 {
         return html! {};
@@ -217,7 +217,7 @@ pub(super) fn by_sensors(counted: &[Counted]) -> Markup {
     }
 }
 
-/// How far off the model may be expected to be.
+/// Expected error of the model.
 pub(super) fn expected(found: &Identified) -> Markup {
     let Some(expected) = found.expected else { return html! {} };
     let after = |[a, b]: Growth, hours: f64| format!("± {} µm", number((a * hours + b).sqrt()));
@@ -244,7 +244,7 @@ pub(super) fn expected(found: &Identified) -> Markup {
     }
 }
 
-/// The rises between which the model was identified.
+/// Rises on which the model was identified.
 pub(super) fn envelope(region: Option<&Region>) -> Markup {
     let Some(region) = region else {
         return html! {
@@ -264,7 +264,7 @@ pub(super) fn envelope(region: Option<&Region>) -> Markup {
     }
 }
 
-/// What bounds the axis, whatever the model asks for.
+/// Limits of the axis, whichever value the model requests.
 pub(super) fn limits(axis: &AxisSettings) -> Markup {
     let micron = |value: f64| format!("{} µm", chart::tick(value));
     let time = |time: Duration| duration(time.as_secs_f64());

@@ -1,4 +1,4 @@
-//! What is asked, checked against the logs alone.
+//! Check of a choice against the logs, without a profile.
 
 use crate::ambient;
 use crate::campaign::{Campaign, Input, temperatures_of, without};
@@ -12,19 +12,19 @@ use crate::stand_in::freeze::{freezes, untested};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::Unit;
 
-/// Points that can be looked at.
+/// Temperature points that can be analysed.
 #[derive(Clone, Debug)]
 pub struct Pointed<'a> {
-    /// The runs, every column a signal of its own.
+    /// Runs. Every column is a signal.
     pub(crate) campaign: Campaign<'a>,
-    /// What is odd about the points and the logs.
+    /// Remarks about the points and the logs.
     pub notes: Notes,
 }
 
-/// Checks the choice, leaves faulty sensors out, and masks the rows in which one was frozen.
+/// Checks the choice, leaves faulty sensors out, and masks the rows in which a sensor was frozen.
 ///
 /// # Errors
-/// Everything that is wrong, in sentences.
+/// Returns all errors as messages.
 pub fn points<'a>(dataset: &'a Dataset, choice: &Choice) -> Result<Pointed<'a>, BadLog> {
     let mut wrong = Vec::new();
     let error = checks::column_of(dataset, choice.error.as_deref().unwrap_or_default(), &mut wrong);
@@ -72,7 +72,8 @@ pub fn points<'a>(dataset: &'a Dataset, choice: &Choice) -> Result<Pointed<'a>, 
     Ok(Pointed { campaign, notes: Notes { excluded, omissions: Vec::new(), ambient, remarks } })
 }
 
-/// Every freeze of these points, of those that have no other fault; and what was not tested, as a sentence.
+/// Returns every freeze of these points, except of points with another fault. Also returns a remark on what was not
+/// tested.
 fn find_freezes(
     dataset: &Dataset,
     choice: &Choice,

@@ -1,4 +1,4 @@
-//! Which sensors are learnt from: faults are found, and mended, masked or left out, with what each omission costs.
+//! Selection of the sensors for learning. Faults are repaired, masked or left out, with the cost of each omission.
 
 use super::Choice;
 use crate::campaign::{Campaign, Input, temperatures_of, without};
@@ -11,20 +11,20 @@ use crate::resolution;
 use crate::stand_in::freeze::{freezes, untested};
 use isotherm_profile::Profile;
 
-/// A campaign of the sensors that stay in, and what was found about the others.
+/// Campaign with the sensors that are used, and the findings about the others.
 pub(super) struct SoundSensors<'a> {
     pub(super) campaign: Campaign<'a>,
     pub(super) excluded: Vec<Finding>,
     pub(super) omissions: Vec<Omission>,
     pub(super) repaired: Vec<Repaired>,
-    /// What stays in as asked, and what was not tested.
+    /// Remarks on faulty sensors that are kept on request, and on what was not tested.
     pub(super) remarks: Vec<String>,
 }
 
 /// Examines the temperatures among these inputs.
 ///
 /// # Errors
-/// No sensor is left.
+/// Returns a message if no sensor is left.
 pub(super) fn examine<'a>(
     profile: &Profile,
     dataset: &'a Dataset,
@@ -60,7 +60,7 @@ pub(super) fn examine<'a>(
         )]));
     }
     let mut omissions = Vec::new();
-    // The error of an axis that moves says little of a sensor before its place is taken into account.
+    // With a moving axis, the error must first be separated by place before a sensor can be judged by it.
     if choice.position.is_none() {
         let is_masked = |input: &usize| {
             let column = campaign.inputs[*input].column;
@@ -85,8 +85,8 @@ pub(super) fn examine<'a>(
     Ok(SoundSensors { campaign, excluded, omissions, repaired, remarks })
 }
 
-/// Every freeze of these inputs, of which `judged` are the columns that faults are looked for in; and what was not tested,
-/// as a sentence.
+/// Returns every freeze of these inputs, and a remark on what was not tested. `judged`: columns in which other faults
+/// are searched.
 fn find_freezes(
     profile: &Profile,
     dataset: &Dataset,
@@ -106,7 +106,7 @@ fn find_freezes(
     (freezes(&campaign, dataset, &count_of), untested(&campaign))
 }
 
-/// What leaving out each excluded sensor costs, but for those that are known already.
+/// Returns the cost of each excluded sensor, except of those in `known`.
 fn costs(
     campaign: &Campaign<'_>,
     inputs: &[Input],

@@ -1,4 +1,4 @@
-//! Frozen sensors in logs: readings that stood still while the other sensors say that they should have moved.
+//! Frozen sensors in logs: constant readings while the predictions from the other sensors move.
 //!
 //! ```text
 //! D(t) = |x̂(t) − x̂(s)|   °C, s being when the reading last changed; 0 for the 3 minutes after that
@@ -6,20 +6,22 @@
 //!        with the second largest instead, if the largest exceeds three times it
 //! ```
 //!
-//! Each run is judged as if it came after all the others: x̂ and θ are learnt from these alone. A standstill is a freeze if
-//! - it **thaws**, by a step of more than three counts to the reading that follows it, and D exceeded θ before; or
-//! - it lasts to the end of its run, half an hour or longer, and D exceeds θ there.
+//! Each run is judged as if it came after all the others: x̂ and θ are learned from the others only. A constant stretch
+//! is a freeze if
+//! - it **thaws** with a step of more than three counts to the next reading, and D exceeded θ before; or
+//! - it lasts to the end of its run, for at least half an hour, and D exceeds θ at the end.
 //!
-//! A sensor at thermal equilibrium stands still, too, but leaves its number by a count or two. In a log of a row a minute a
-//! quick sensor leaves it by many counts. So the step of a sensor with coarse counts must also be twice as large as any that
-//! it makes by itself. The air of a hall may stand still for hours, and the other sensors predict it badly. So D of a sensor
-//! with coarse counts must, at the end of a run, also exceed the usual error of x̂.
+//! The reading of a sensor in thermal equilibrium is constant, too, but it leaves its value by one or two counts. In a
+//! log with one row per minute, a fast sensor leaves it by many counts. Therefore the step of a sensor with coarse
+//! counts must also be twice as large as its own largest step. The air of a hall may be constant for hours, and the
+//! other sensors predict it badly. Therefore D of such a sensor must, at the end of a run, also exceed the usual error
+//! of x̂.
 //!
-//! The other runs cannot judge what they did not show. So x̂ uses rises that are clipped to theirs, and a sensor that stands
-//! still far beyond its own readings of the other runs is not judged.
+//! The other runs cannot judge conditions that they did not contain. Therefore x̂ uses rises that are clipped to
+//! theirs. A sensor that is constant far beyond its own readings in the other runs is not judged.
 //!
-//! False alarms cost more than frozen sensors: the former test left out eight of twelve sound sensors of two machines, and
-//! the models without them left nearly twice as much.
+//! False alarms cost more than frozen sensors. An earlier test left out eight of twelve sound sensors of two machines.
+//! The models without them left nearly twice as much error.
 
 use rayon::prelude::*;
 
@@ -32,22 +34,23 @@ use crate::folds::folds;
 use crate::resolution::finest_step;
 use crate::statistics::{least_and_most, median, rms};
 
-/// Counts: a temperature does not step by more between two readings.
+/// Maximum step of a temperature between two readings, in counts.
 const COUNTS: f64 = 3.0;
-/// A step of three counts is not more than three counts, whatever its last bit is.
+/// Relative rounding error. A step of three counts is not more than three counts.
 const ROUNDING: f64 = 1e-6;
-/// Fewer runs say too little of each other.
+/// Minimum number of runs for a judgement.
 const FEWEST_RUNS: usize = 3;
-/// s: with only so many runs, shorter standstills are not judged.
+/// Minimum duration of a constant stretch if there are only this many runs, s.
 const LONG: f64 = 3600.0;
-/// s: a sensor that stands still for less at the end of a run spoils little, and may do so at equilibrium.
+/// Minimum duration of a constant stretch at the end of a run, s. A shorter one may be equilibrium, and has little
+/// effect.
 const LONG_AT_THE_END: f64 = 1800.0;
-/// A thaw is so many times larger than any step of a coarse sensor's own.
+/// Factor by which the step of a thaw must exceed the largest own step of a coarse sensor.
 const LARGER: f64 = 2.0;
-/// Share of the span of a sensor's rises: it is not judged where it stands still farther beyond them.
+/// Share of the span of a sensor's rises. A sensor that is constant farther beyond them is not judged.
 const BEYOND: f64 = 0.25;
 
-/// Standstills that were not tested, as a sentence; `None` if all were.
+/// Returns a message on constant stretches that were not tested; `None` if all were.
 pub(crate) fn untested(campaign: &Campaign<'_>) -> Option<String> {
     if campaign.sensors().len() < 2 {
         return None;
@@ -62,9 +65,9 @@ pub(crate) fn untested(campaign: &Campaign<'_>) -> Option<String> {
     }
 }
 
-/// Every freeze of the sensors of a campaign. How a standstill ends is read from `logs`, which are as they were recorded;
-/// what the other sensors say is read from the campaign, in which other faults are mended. `resolution` is the count of a
-/// column of the logs in its unit, 0 if none is known.
+/// Returns every freeze of the sensors of a campaign. The end of a constant stretch is read from `logs`, which are as
+/// recorded. Predictions are made from the campaign, in which other faults are repaired. `resolution` returns the count
+/// of a column of the logs in its unit, or 0 if it is unknown.
 pub(crate) fn freezes(
     campaign: &Campaign<'_>,
     logs: &Dataset,
@@ -80,10 +83,10 @@ pub(crate) fn freezes(
         let column = campaign.inputs[*sensor].column;
         let count = resolution(column);
         let own_steps = campaign.dataset.runs.iter().map(|run| largest_step(run, column));
-        // A sensor whose counts are too fine to show never stands still by itself.
+        // A sensor with very fine counts is never constant without a fault.
         let is_coarse = count > 0.0;
         let own_step = if is_coarse { own_steps.fold(0.0, f64::max) } else { 0.0 };
-        // The `scale` of a signal may be finer than the steps that its module makes.
+        // The `scale` of a signal may be finer than the steps of its module.
         let count = f64::max(count, finest_step(logs, column));
         let thaw = f64::max(COUNTS * count * (1.0 + ROUNDING), LARGER * own_step);
         let is_suspect = |still: &Standstill| {
@@ -110,21 +113,21 @@ pub(crate) fn freezes(
     suspects.par_iter().map(|suspect| judge.frozen(suspect)).collect::<Vec<_>>().concat()
 }
 
-/// Standstills of a sensor in one run that may be freezes.
+/// Constant stretches of a sensor in one run that may be freezes.
 struct Suspect {
-    /// Among the inputs.
+    /// Index of the sensor among the inputs.
     sensor: usize,
     run: usize,
-    /// The sensor may stand still by itself.
+    /// The sensor may be constant without a fault.
     is_coarse: bool,
     stills: Vec<Standstill>,
 }
 
-/// What the other sensors say, and within which rises.
+/// Data for predictions, and the spans of the rises.
 struct Judge<'a> {
     others: &'a Others<'a>,
     logs: &'a Dataset,
-    /// By run, by column of the bank: its least and its largest rise.
+    /// Smallest and largest rise of each column of the bank, by run.
     spans: Vec<Vec<(f64, f64)>>,
 }
 
@@ -139,7 +142,7 @@ impl<'a> Judge<'a> {
         Judge { others, logs, spans }
     }
 
-    /// The freezes among these standstills.
+    /// Returns the freezes among these constant stretches.
     fn frozen(&self, suspect: &Suspect) -> Vec<Frozen> {
         let Suspect { sensor, run, is_coarse, stills } = suspect;
         let (sensor, run) = (*sensor, *run);
@@ -173,8 +176,8 @@ impl<'a> Judge<'a> {
         found.into_iter().map(frozen).collect()
     }
 
-    /// D of a standstill, °C: the largest if it thaws, else that at its end. `None` if no row shows it, or if the sensor
-    /// stands still far beyond its own readings of the runs that are learnt from.
+    /// Returns D of a constant stretch, °C: the largest if it thaws, else that at its end. `None` if no row shows it.
+    /// Also `None` if the sensor is constant far beyond its own readings in the training runs.
     fn missed(
         &self,
         sensor: usize,
@@ -191,7 +194,7 @@ impl<'a> Judge<'a> {
             End::Gap | End::OfRun => None,
         };
         let window = self.others.campaign.resample.as_nanos().max(1);
-        // A window that holds readings from after the step says nothing of the time before.
+        // A window that contains readings from after the step cannot be used.
         let is_before = |row: &usize| {
             let ends = traced.windows[*row].saturating_add(1).saturating_mul(window);
             thaws.is_none_or(|thaws| ends <= thaws)
@@ -213,7 +216,8 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// θ of a sensor and the usual error of x̂, °C, from these runs. The error is the median of their root mean squares.
+    /// Returns θ of a sensor and the usual error of x̂, °C, from these runs. The error is the median of their root mean
+    /// squares.
     fn limits(&self, sensor: usize, runs: &[usize], penalty: f64) -> (f64, f64) {
         let (mut largest, mut errors) = (Vec::new(), Vec::new());
         for held in folds(runs) {
@@ -231,8 +235,8 @@ impl<'a> Judge<'a> {
         (theta(largest), median(errors))
     }
 
-    /// A sensor's rise as the others have it, over every row of a run. Their own rises are clipped to those of the runs that
-    /// are learnt from.
+    /// Returns a sensor's predicted rise in every row of a run. The rises of the other sensors are clipped to those of
+    /// the training runs.
     fn predicted(&self, gains: &Gains, run: usize, training: &[usize]) -> Vec<f64> {
         let rises = &self.others.bank.runs[run].rises;
         let mut sum = vec![0.0; rises.nrows()];
@@ -246,14 +250,14 @@ impl<'a> Judge<'a> {
         sum
     }
 
-    /// Least and largest rise of a column over these runs. Every run begins at a rise of 0.
+    /// Returns the smallest and largest rise of a column over these runs. Every run starts at a rise of 0.
     fn span(&self, column: usize, runs: &[usize]) -> (f64, f64) {
         let spans = runs.iter().map(|run| self.spans[*run][column]);
         spans.fold((0.0, 0.0), |(low, high), (least, most)| (f64::min(low, least), f64::max(high, most)))
     }
 }
 
-/// θ, from the largest D of each run. Of two runs nobody knows which is the odd one.
+/// Returns θ from the largest D of each run. With two runs, the outlier cannot be determined.
 fn theta(mut largest: Vec<f64>) -> f64 {
     largest.sort_by(|one, other| other.total_cmp(one));
     let seen = match largest.as_slice() {

@@ -1,4 +1,4 @@
-//! What it costs where one sensor freezes, and how soon that is noticed: by the rules of the gateway, on rows of a minute.
+//! Cost of a frozen sensor, and the time to its detection, by the rules of the gateway, on rows of one minute.
 
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
@@ -9,16 +9,16 @@ use crate::setup::Ready;
 use crate::statistics::{least_and_most, range};
 use crate::validate::HeldOut;
 
-/// So many rows in a row must say that the sensor should have moved.
+/// Number of rows in a row with a predicted motion that the reading lacks, until a sensor is suspected.
 const MISSED: usize = 3;
-/// So much of its range a predictor or the value of a stand-in may be beyond it.
+/// Tolerated share of its range by which a predictor or the value of a stand-in may be beyond it.
 const EDGE: f64 = 0.01;
-/// The same of the sensor itself, and of what follows a predictor.
+/// Tolerated share of its range for the sensor itself, and for a lagged predictor.
 const FAR: f64 = 0.10;
-/// µm: the largest step of an axis that has none.
+/// Largest step of an axis without one, µm.
 const USUAL_STEP: f64 = 1.0;
 
-/// A sensor that froze in a held-out run.
+/// Sensor that froze in a held-out run.
 #[derive(Clone, Debug, Serialize)]
 pub struct Frozen {
     /// Name of the signal.
@@ -29,11 +29,11 @@ pub struct Frozen {
     pub at: f64,
     /// Time from the freeze to its detection, s; `None` if it was not detected.
     pub noticed_after: Option<f64>,
-    /// How long after that others stood in for it, s; none where they never did.
+    /// Time from the freeze to the use of a stand-in, s; `None` if none was used.
     pub replaced_after: Option<f64>,
-    /// Since then nothing was beyond the range of the other runs.
+    /// After the freeze, nothing was beyond the range of the other runs.
     pub inside: bool,
-    /// The range with it, of that without, both held out.
+    /// Range of the error with the freeze, and without it, µm. Both are held out.
     pub range: (f64, f64),
     /// Range if the freeze had not been detected, µm.
     pub range_unnoticed: f64,
@@ -41,22 +41,22 @@ pub struct Frozen {
     pub false_alarm: bool,
 }
 
-/// One sensor in a run, as the other runs have it.
+/// Sensor in one run, with its predictions from the other runs.
 struct Watched {
     sensor: usize,
     run: usize,
     gains: Gains,
     threshold: f64,
-    /// Its range on the other runs.
+    /// Range of its rise in the other runs.
     span: (f64, f64),
-    /// By row: its rise as the others have it.
+    /// Predicted rise in each row.
     predicted: Vec<f64>,
-    /// By row: one of the others is beyond its range, or what follows it far beyond.
+    /// Whether a predictor is beyond its range in each row, or its lagged rise far beyond.
     outside: Vec<bool>,
 }
 
-/// Each sensor of the model frozen once in each run, at a time by chance; model, predictions, thresholds and ranges are from the
-/// other runs alone.
+/// Freezes each sensor of the model once in each run, at a random time. Model, predictions, thresholds and ranges are
+/// from the other runs only.
 pub fn frozen(ready: &Ready<'_>, held_out: &[HeldOut], seed: u64) -> Vec<Frozen> {
     let campaign = &ready.campaign;
     let others = Others::new(campaign, &campaign.sensors());
@@ -89,14 +89,14 @@ impl Others<'_> {
         }
     }
 
-    /// The smallest and the largest rise of a sensor on these runs; without a bound where there are none.
+    /// Returns the smallest and the largest rise of a sensor in these runs; infinite bounds if there are none.
     fn span(&self, sensor: usize, runs: &[usize]) -> (f64, f64) {
         let rises = runs.iter().flat_map(|run| self.rise(sensor, *run));
         least_and_most(rises).unwrap_or((f64::NEG_INFINITY, f64::INFINITY))
     }
 
-    /// By row of a run: whether one of the sensors that these gains belong to is beyond its range on the training runs, or what
-    /// follows it far beyond.
+    /// Returns for each row of a run whether a predictor with these gains is beyond its range in the training runs, or
+    /// its lagged rise far beyond.
     fn outside(&self, gains: &Gains, training: &[usize], run: usize) -> Vec<bool> {
         let mut outside = vec![false; self.bank.runs[run].seconds.len()];
         for (candidate, _) in gains.iter().filter(|(_, gain)| gain.abs() > 0.0) {
@@ -113,7 +113,7 @@ impl Others<'_> {
         outside
     }
 
-    /// What comes of it where the sensor freezes at this share of the run.
+    /// Returns the result if the sensor freezes at this share of the run.
     fn frozen_once(&self, watched: &Watched, held: &HeldOut, when: f64, step: f64) -> Frozen {
         let Watched { sensor, run, ref predicted, ref outside, .. } = *watched;
         let (seconds, rise) = (&self.bank.runs[run].seconds, self.rise(sensor, run));
@@ -128,7 +128,7 @@ impl Others<'_> {
         let noticed = watched.noticed(seconds, rise[at], at);
         let values = watched.values(rise[at], at);
         let virtually = self.changes(sensor, learned, run, &from(&|row| values[row]));
-        // Once a stand-in has moved the target by a step at most, it stays.
+        // A stand-in is first used when it moves the target by at most one step. Then it stays.
         let may = |row: &usize| !outside[*row] && (virtually[*row] - stuck[*row]).abs() <= step;
         let mut late = noticed.unwrap_or(seconds.len())..seconds.len();
         let replaced = late.find(may).filter(|_| watched.has_others_enough());
@@ -155,7 +155,8 @@ impl Others<'_> {
 }
 
 impl Watched {
-    /// The row in which a sensor that reads the same from `at` on is suspected.
+    /// Returns the row in which the sensor is suspected if its reading is constant from `at` on; `None` if it is never
+    /// suspected.
     fn noticed(&self, seconds: &[f64], reads: f64, at: usize) -> Option<usize> {
         let base = self.base(at)?;
         let apart = |row: usize| match seconds[row] - seconds[at] < super::LATELY {
@@ -165,12 +166,13 @@ impl Watched {
         self.first_missed(&vec![reads; seconds.len()], at, apart)
     }
 
-    /// The row that what others say is compared with: the first one of which they say something.
+    /// Returns the row with which later predictions are compared: the first one with a prediction.
     fn base(&self, at: usize) -> Option<usize> {
         (at..self.outside.len()).find(|row| !self.outside[*row])
     }
 
-    /// By row: what stands in for a sensor that reads the same from `at` on. Beyond a range it is the last value from inside.
+    /// Returns the stand-in in each row if the reading is constant from `at` on. Beyond a range, it is the last value
+    /// from inside.
     fn values(&self, reads: f64, at: usize) -> Vec<f64> {
         let base = self.base(at);
         let mut value = reads;
@@ -184,7 +186,7 @@ impl Watched {
         (0..self.outside.len()).map(row).collect()
     }
 
-    /// The first row from which on the sensor is suspected. `rises`: what it reads; `apart`: D by row.
+    /// Returns the first row in which the sensor is suspected. `rises`: its readings. `apart`: D of a row.
     fn first_missed(&self, rises: &[f64], from: usize, apart: impl Fn(usize) -> f64) -> Option<usize> {
         let mut missed = 0;
         (from..self.outside.len()).find(|row| {
@@ -200,7 +202,7 @@ impl Watched {
     }
 }
 
-/// By which share of its range a rise is beyond it; negative inside.
+/// Returns by which share of its range a rise is beyond it; negative inside.
 fn beyond((least, most): (f64, f64), rise: f64) -> f64 {
     if most > least { (least - rise).max(rise - most) / (most - least) } else { f64::NEG_INFINITY }
 }

@@ -105,7 +105,7 @@ fn solid(reader: &mut Reader, element: Element, at: Location) {
         reader.faults.push(at.fault(format!("element {id} names a node twice")));
     } else if worst_determinant(element.kind, &reader.mesh.corners(&element)) <= 0.0 {
         reader.faults.push(at.fault(format!(
-            "element {id} is numbered inside out or folded: its volume is not positive; mesh it anew"
+            "element {id} is numbered inside out or folded: its volume is not positive; mesh it again"
         )));
     }
     reader.mesh.elements.push(element);

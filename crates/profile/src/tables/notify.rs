@@ -1,4 +1,4 @@
-//! `[[notify]]`: where what happens is posted, as JSON over HTTP.
+//! Table `[[notify]]`: servers to which events are posted, as JSON over HTTP.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -14,23 +14,23 @@ use url::Url;
 
 pub(crate) mod url;
 
-/// So many of them have a queue and a connection each.
+/// Maximum number of servers. Each has a queue and a connection.
 const MOST: usize = 16;
 
-/// An alarm is raised, whatever it is about.
+/// Trigger: any alarm begins.
 pub const ALARM: &str = "alarm";
-/// One that stood has come to its end.
+/// Trigger: any alarm ends.
 pub const ALARM_OVER: &str = "alarm-over";
-/// An axis that followed a model does not any more, and nobody has stopped the gateway.
+/// Trigger: an axis that followed a model does not follow it any more, and the gateway is not being stopped.
 pub const AXIS_OFF: &str = "axis-off";
 
-/// What stands in a register is not what was written, or nobody knows.
+/// Trigger: the register value is not the written one, or is unknown.
 pub const UNVERIFIED: &str = "unverified";
-/// The time of this computer is not what it was taken for.
+/// Trigger: the time of this computer differs from the expected one.
 pub const CLOCK: &str = "clock";
 
-/// What can be posted: the five words above, and every kind of event. What people ask for most comes first, because of a word
-/// that is none a part of the list is shown.
+/// Words for `on`: the five words above, and every kind of event. The most useful ones come first, because the message
+/// on an unknown word shows only the first part of the list.
 #[rustfmt::skip]
 pub const TRIGGERS: [&str; 116] = [
     ALARM, ALARM_OVER, AXIS_OFF, UNVERIFIED, CLOCK, "axis-state", "disarmed", "armed", "arm-refused", "arm-ended",
@@ -49,35 +49,35 @@ pub const TRIGGERS: [&str; 116] = [
     "command-refused", "command-dropped",
 ];
 
-/// Where what happens is posted.
+/// Server to which events are posted.
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Notify")]
 pub(crate) struct RawNotify {
-    /// Where it is posted: "https://alarms.plant.example/isotherm", or http. No user and no password stands in it; `{token}` is
-    /// where the token belongs, if that is not beside the address.
+    /// Address: "https://alarms.plant.example/isotherm", or http. It contains no user and no password. `{token}` marks
+    /// the place of the token, if the token belongs in the address.
     #[schemars(required)]
     url: Option<String>,
-    /// What is posted: kinds of events, "axis-off" (an axis that followed a model does not any more), "unverified" (what stands in a
-    /// register is not what was written, or not known), "clock", "alarm" and "alarm-over".
+    /// Events that are posted: kinds of events, "axis-off" (an axis that followed a model does not follow it any more),
+    /// "unverified" (the register value is not the written one, or is unknown), "clock", "alarm" and "alarm-over".
     #[schemars(required)]
     on: Option<Vec<Trigger>>,
-    /// A file, beside the profile, with the token that is sent along (`Authorization: Bearer …`, or in the place of `{token}`), not
-    /// readable by others. It is read anew for every message.
+    /// File, next to the profile, with the token that is sent (`Authorization: Bearer …`, or in the place of
+    /// `{token}`). It must not be readable by others. It is read again for every message.
     token_file: Option<String>,
-    /// A PEM file, beside the profile, with who signs the server's certificate, or that very certificate. Default: whom this
-    /// computer trusts.
+    /// PEM file, next to the profile, with the certificate of the authority that signed the server's, or the server's
+    /// own. Default: the authorities that this computer trusts.
     ca: Option<String>,
 }
 
-/// Without its address, of which a part may be secret.
+/// Prints no address, because a part of it may be secret.
 impl fmt::Debug for RawNotify {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("RawNotify").field("on", &self.on).finish_non_exhaustive()
     }
 }
 
-/// A word of [`TRIGGERS`]: the walk against the schema has compared it.
+/// Word of [`TRIGGERS`]. It has been checked against the schema.
 #[derive(Debug, Deserialize)]
 #[serde(transparent)]
 struct Trigger(String);
@@ -96,22 +96,22 @@ impl JsonSchema for Trigger {
     }
 }
 
-/// Where what happens is posted.
+/// Server to which events are posted.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Notify {
-    /// Its place in the profile: `notify[0]`.
+    /// Place in the profile: `notify[0]`.
     pub name: String,
-    /// Where it is posted.
+    /// Address of the server.
     pub url: Url,
-    /// What is: words of [`TRIGGERS`].
+    /// Words of [`TRIGGERS`] that are posted.
     pub on: Vec<&'static str>,
-    /// A file with the token that is sent along.
+    /// File with the token; `None` if no token is sent.
     pub token_file: Option<PathBuf>,
-    /// The certificates that are trusted; `None`: those that this computer trusts.
+    /// Trusted certificates; `None` means those that this computer trusts.
     pub ca: Option<PemFile>,
 }
 
-/// All of them.
+/// Resolves all servers. Reports every error.
 pub(super) fn resolve(at: &At<'_>, raw: &[RawNotify]) -> Vec<Notify> {
     if raw.len() > MOST {
         let help = "have one server pass it on to the others";
@@ -162,7 +162,7 @@ fn triggers(at: &At<'_>, written: &[Trigger]) -> Option<Vec<&'static str>> {
     for (place, Trigger(word)) in written.iter().enumerate() {
         let known = TRIGGERS.into_iter().find(|known| known == word)?;
         if on.contains(&known) {
-            at.item(place).warn(format!("`{known}` stands there twice"), "remove one: it is posted once");
+            at.item(place).warn(format!("`{known}` is listed twice"), "remove one: it is posted once");
         } else {
             on.push(known);
         }
@@ -171,7 +171,7 @@ fn triggers(at: &At<'_>, written: &[Trigger]) -> Option<Vec<&'static str>> {
 }
 
 impl Notify {
-    /// Where what is posted.
+    /// Returns the text of `check`: the server and what is posted to it.
     pub(crate) fn preview(&self) -> Section {
         let mut section = Section::default();
         let (to, on) = (self.url.to_string(), self.on.join(", "));

@@ -217,7 +217,7 @@ impl Output {
             None => "    counts are bounded by the register's type alone".to_owned(),
         });
         let share = is_shared.then_some(
-            "what an operator writes there stays; our share is added to it, and a ledger on disk says how much that is",
+            "the operator offset stays; the gateway share is added to it, and a ledger on disk stores its size",
         );
         section.lines("    ", share);
         let verify = verify::preview(self, device);

@@ -68,7 +68,7 @@ fn boot_counter(check: &Check<'_>, place: usize, known: &[Known]) -> Option<(Dev
     let address = counts_there(&at, counts, output.address.node().is_some())?;
     if output.writes.position().is_some() {
         let help = "remove `restart`: nothing has to walk in again there";
-        at.wrong_key("a corrected position is written anew with each position", help);
+        at.wrong_key("a corrected position is written again with each position", help);
         return None;
     }
     let device = check.devices.get(output.device.0)?;

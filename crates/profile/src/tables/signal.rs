@@ -182,7 +182,7 @@ impl Signal {
             line += &format!(", plus {}", encoding.offset);
         }
         let doubts = self.doubts();
-        line += &format!("; not believed {}", doubts.join(", "));
+        line += &format!("; rejected {}", doubts.join(", "));
         line.extend(channel.iter().map(|channel| format!("; {channel}")));
         let mut section = Section::default();
         section.line(line);

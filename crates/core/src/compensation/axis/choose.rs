@@ -1,4 +1,4 @@
-//! Which model an axis follows, and how much of what that asks for.
+//! Selection of the model that an axis follows, and the value that the axis takes from it.
 
 use super::Axis;
 use crate::compensation::model::envelope::agreed;
@@ -9,28 +9,28 @@ use crate::compensation::reference::Machine;
 use crate::compensation::{Snapshot, StoodIn};
 use crate::quantity::Micron;
 
-/// What the first usable model asks for.
+/// Request of the first usable model.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::compensation) struct Chosen {
-    /// Its place in the profile's list.
+    /// Index of the model in the profile's list.
     pub(in crate::compensation) model: usize,
-    /// Cz; where the slope is split off, K0.
+    /// Requested Cz. It is K0 if the slope is split off.
     pub(in crate::compensation) raw: Micron,
-    /// What of it probings have added.
+    /// Part of it that probings have added.
     pub(super) correction: Micron,
-    /// What the slope comes to at the reach.
+    /// Effect of the slope at the reach.
     pub(super) slope: Micron,
-    /// Where the machine is in or outside what the model was identified on.
+    /// Position of the machine inside or outside the range on which the model was identified.
     pub(super) coverage: Option<Coverage>,
-    /// A sensor of it that others stand in for.
+    /// Sensor of the model that has a stand-in.
     pub(super) stood_in: Option<StoodIn>,
 }
 
-/// What a model asks for from its datum on, µm and µm/mm.
+/// Values that a model requests, counted from its datum, µm and µm/mm.
 pub(super) struct Asked {
     pub(super) cz: f64,
     slope: f64,
-    /// What all of it, with its correction, is still to be multiplied with.
+    /// Factor by which the value with its correction is multiplied.
     gain: f64,
     coverage: Option<Coverage>,
 }
@@ -49,7 +49,7 @@ impl Axis {
         model.evaluate(&inputs)
     }
 
-    /// A model, and what it is evaluated from.
+    /// Returns a model and its inputs; `None` if there is no such model.
     pub(super) fn model<'a>(
         &'a self,
         place: usize,
@@ -63,9 +63,10 @@ impl Axis {
         Some((self.settings.models.get(place)?, inputs))
     }
 
-    /// The first model whose signals are all good, with its value, what the preferred one lacks, and the first fallback model that is
-    /// outside its own envelope, which is not used there. One that only waits for a reference or for the machine's start is waited for:
-    /// fallback models stand in for broken sensors.
+    /// Returns the first model whose signals are all good, with its value. Also returns why the preferred model cannot
+    /// be used, and the first fallback model outside its own envelope. Such a fallback model is not used. If a model
+    /// only waits for a reference or for the machine start, no fallback model is used. Fallback models replace a model
+    /// with a failed sensor.
     pub(in crate::compensation) fn choose(
         &self,
         snapshot: &Snapshot<'_>,
@@ -90,15 +91,17 @@ impl Axis {
         (None, lacks, outside)
     }
 
-    /// Returns whether this is a fallback model outside its own envelope. One that was outside is until it is clearly inside.
+    /// Returns whether this is a fallback model outside its own envelope. One that was outside stays so until it is
+    /// clearly inside.
     fn is_fallback_outside(&self, place: usize, evaluated: &Evaluated) -> bool {
         let has_envelope = self.settings.models.get(place).is_some_and(|model| model.envelope.is_some());
         let edge = if self.fallback_outside == Some(place) { CLEARLY_INSIDE } else { 0.0 };
         place > 0 && has_envelope && evaluated.coverage.is_some_and(|coverage| coverage.excess > edge)
     }
 
-    /// What it asks for from its datum on. Where its envelope shrinks it, what is left of the datum and of the correction
-    /// shrinks with it: far outside Cz goes to zero. What its halves agree on is the model's own; a correction was measured.
+    /// Returns what a model requests, counted from its datum. If its envelope shrinks the value, datum and correction
+    /// shrink with it: far outside, Cz goes to zero. If the envelope limits the value to what the halves agree on, this
+    /// applies to the model's own value only. A correction was measured.
     pub(super) fn chosen(&self, model: usize, evaluated: Evaluated, correction: f64) -> Option<Chosen> {
         let asked = self.asked(model, evaluated);
         let reach = self.settings.intercept_slope.map_or(0.0, |line| line.reach.get());
@@ -113,14 +116,16 @@ impl Axis {
         })
     }
 
-    /// What a model asks for from its datum on, as far as its halves agree where they have to.
+    /// Returns what a model requests, counted from its datum. If its envelope says so, it is limited to what the halves
+    /// agree on.
     pub(super) fn asked(&self, model: usize, evaluated: Evaluated) -> Asked {
         Asked::of(evaluated, self.zeroing.of(model))
     }
 }
 
 impl Asked {
-    /// What a model asks for from this datum on, as far as its halves agree where they have to.
+    /// Returns what a model requests, counted from `datum`. If its envelope says so, it is limited to what the halves
+    /// agree on.
     pub(super) fn of(evaluated: Evaluated, datum: Outputs) -> Asked {
         let Evaluated { outputs, mut coverage } = evaluated;
         let cz = outputs.cz.get() - datum.cz.get();
@@ -137,7 +142,7 @@ impl Asked {
         Asked { cz: cz * found.gain, slope: slope * found.gain, gain: 1.0, coverage }
     }
 
-    /// Cz with this correction, and what the slope comes to at the reach, mm; `None` where one is no finite number.
+    /// Returns Cz with this correction, and the effect of the slope at `reach`, mm. `None` if a result is not finite.
     pub(super) fn target(&self, correction: f64, reach: f64) -> Option<(Micron, Micron)> {
         let cz = Micron::new((self.cz + correction) * self.gain)?;
         Some((cz, Micron::new(self.slope * self.gain * reach)?))

@@ -1,4 +1,4 @@
-//! How wrong the model in use is expected to be, by the time since its datum and since the last probing.
+//! Expected error of the model in use, by the time since its datum and since the last probing.
 
 use std::time::Duration;
 
@@ -8,8 +8,8 @@ use crate::compensation::reference::Machine;
 use crate::quantity::{Micron, Moment};
 
 impl Axis {
-    /// One standard deviation of what is left of the error where the model is followed; `None` outside its envelope and where
-    /// others stand in for a sensor, which was not tried, and where the profile does not say.
+    /// Returns the expected residual error: one standard deviation. `None` outside the envelope, while a sensor has a
+    /// stand-in, or if the profile gives no expected error. Stand-ins were not part of the identification.
     pub(super) fn expected(&self, chosen: &Chosen, now: Moment, machine: &Machine) -> Option<Micron> {
         let is_outside = chosen.coverage.is_some_and(|coverage| coverage.extrapolating.is_some());
         let is_tried = !is_outside && chosen.stood_in.is_none();
@@ -20,8 +20,8 @@ impl Axis {
         expected.after(self.since_datum(chosen.model, now, machine), since_touch)
     }
 
-    /// How long ago it was taken what a model is measured from: its references, or the axis's datum. One that is measured
-    /// from numbers counts from the machine's start.
+    /// Returns the time since the datum of a model: its references, or the axis's datum. A model that is measured from
+    /// numbers counts from machine start.
     pub(super) fn since_datum(&self, place: usize, now: Moment, machine: &Machine) -> Duration {
         let rises = self.settings.models.get(place).into_iter().flat_map(Model::rises);
         let ages = rises.filter_map(|input| machine.age(input.reference, input.signal, now));

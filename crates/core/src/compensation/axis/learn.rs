@@ -1,4 +1,4 @@
-//! Probings of an axis: judged, learned from, taken back, and begun anew with a new datum.
+//! Probings of an axis: judging them, learning from them, forgetting them, and starting again with a new datum.
 
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use crate::compensation::{Control, Snapshot};
 use crate::quantity::{Micron, Moment};
 
 impl Axis {
-    /// What probings add to a model's Cz now, µm.
+    /// Returns the correction that probings add to a model's Cz now, µm.
     pub(super) fn correction(&self, place: usize, snapshot: &Snapshot<'_>, machine: &Machine) -> f64 {
         let (Some(settings), Some(learned)) = (&self.settings.probe, self.probe.models.get(place)) else {
             return 0.0;
@@ -20,7 +20,7 @@ impl Axis {
         learned.correction(model.parts(inputs), settings)
     }
 
-    /// What models are measured from is captured anew and complete at this moment.
+    /// Notes that a reference of models is captured again. The capture is complete at `complete` at the earliest.
     pub(super) fn renew(&mut self, reference: Reference, complete: Moment) {
         let by_datum = reference == Reference::Zero && self.settings.datum == Datum::Zero;
         for (model, learned) in self.settings.models.iter().zip(&mut self.probe.models) {
@@ -30,8 +30,8 @@ impl Axis {
         }
     }
 
-    /// When the last of what the models are measured from was captured; while it is being captured, when that began, which is
-    /// `settle` before it is complete. `None` if they are measured from numbers.
+    /// Returns the time at which the last reference or datum of the models was captured. While a capture is running,
+    /// returns its start, which is `settle` before it is complete. `None` if the models are measured from numbers.
     pub(in crate::compensation) fn datum(
         &self,
         now: Moment,
@@ -45,7 +45,7 @@ impl Axis {
         ages.map(|age| now.before(age)).chain(self.zeroing.at()).chain(begun).max()
     }
 
-    /// Takes in what the control brings.
+    /// Applies the control's demands: forgetting, and learning from a measured error.
     pub(super) fn be_taught(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, control: Control) {
         let Some(settings) = self.settings.probe else { return };
         self.begin_anew(snapshot, machine, &settings);
@@ -62,7 +62,7 @@ impl Axis {
         self.probe.note(probed);
     }
 
-    /// Where a datum or the references of a model are complete, its correction begins at nothing.
+    /// Resets the correction of each model whose datum or references are complete now.
     fn begin_anew(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, settings: &ProbeSettings) {
         if self.zeroing.is_open() {
             return;
@@ -77,7 +77,7 @@ impl Axis {
         self.probe.models = models;
     }
 
-    /// What a measured error says of the model in use.
+    /// Judges a measured error with the model in use.
     pub(in crate::compensation) fn judge(
         &self,
         snapshot: &Snapshot<'_>,
@@ -98,7 +98,7 @@ impl Axis {
         Probed { at: snapshot.now, error: measured.error, acting, residual, refused }
     }
 
-    /// The model in use does not believe at once that this would have been the right Cz.
+    /// Returns why the model in use does not accept this Cz at once; `None` if it accepts it.
     fn doubts(
         &self,
         chosen: &Chosen,
@@ -113,8 +113,7 @@ impl Axis {
         learned.judge(missing, model.parts(inputs), &settings, occasion).err().map(Refused::Doubted)
     }
 
-    /// Each model that has a value now and is followed there takes in what this touch shows of the error with it and without
-    /// compensation.
+    /// Compares the error with and without compensation for each model that has a value now and is followed.
     fn compare(
         &mut self,
         probed: &Probed,
@@ -122,7 +121,7 @@ impl Axis {
         machine: &Machine,
         settings: &ProbeSettings,
     ) {
-        // Of a model beyond its error level another alarm stands, and the axis does not follow it.
+        // A model beyond its error level has another alarm, and the axis does not follow it.
         if probed.refused == Some(Refused::Tripped) {
             return;
         }
@@ -133,8 +132,8 @@ impl Axis {
         }
     }
 
-    /// What a probing is for the comparison of a model; `None` while what the model is measured from is being captured, and
-    /// where the axis keeps its value in the place of the model's.
+    /// Returns the errors of a probing for the comparison of a model. `None` while a reference of the model is being
+    /// captured, or if the axis would keep its value.
     fn touch(
         &self,
         place: usize,
@@ -161,7 +160,7 @@ impl Axis {
                 let occasion = self.occasion(place, snapshot.now, machine);
                 learned.judge(missing, model.parts(inputs), &settings, occasion).is_ok()
             }
-            // Nothing is learned there.
+            // Nothing is learned at this point.
             None => true,
         };
         let credit = if is_plausible && is_believed { Credit::Accepted } else { Credit::Doubted };
@@ -169,7 +168,8 @@ impl Axis {
         Some((Touch { at: snapshot.now, without: without.get(), with: with.get() }, credit))
     }
 
-    /// Teaches each model that has a value now and may be followed, if it is not wrong beyond belief.
+    /// Teaches each model that has a value now and may be followed. A model whose residual is beyond `max_error` does
+    /// not learn.
     fn learn(
         &mut self,
         probed: &Probed,
@@ -191,7 +191,8 @@ impl Axis {
         self.probe.models = models;
     }
 
-    /// What a model without its correction lacks of this Cz, µm; `None` where it has no value that is followed.
+    /// Returns the difference of this Cz to the model without its correction, µm. `None` if the model has no value that
+    /// is followed.
     fn missing(&self, place: usize, cz: Micron, snapshot: &Snapshot<'_>, machine: &Machine) -> Option<f64> {
         let evaluated = self.evaluate(place, snapshot, machine).ok()?;
         (!is_left(evaluated.coverage)).then(|| cz.get() - self.asked(place, evaluated).cz)
@@ -202,7 +203,8 @@ impl Axis {
     }
 }
 
-/// Outside the region that the model was identified on, and not followed there: what its halves agree on is followed.
+/// Returns whether the inputs are outside the envelope and the model is not followed fully there. A value on which the
+/// halves agree is followed.
 fn is_left(coverage: Option<Coverage>) -> bool {
     let found = coverage.and_then(|coverage| coverage.extrapolating);
     let found = found.filter(|found| found.outside != Outside::Agree);

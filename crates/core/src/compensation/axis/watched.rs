@@ -1,4 +1,4 @@
-//! What of an axis's models is stood in for, and what cannot be used at all.
+//! Stand-ins of an axis's models, and sensors that cannot be used.
 
 use super::Axis;
 use super::choose::Asked;
@@ -10,14 +10,14 @@ use crate::compensation::{Snapshot, reference::Machine};
 use crate::quantity::Moment;
 use crate::reading::SignalId;
 
-/// The watch over one model, where it has stand-ins.
+/// Watch of one model. A model without stand-ins has none.
 #[derive(Clone, Debug)]
 pub(in crate::compensation) struct Watched {
-    /// The signals that the model reads.
+    /// Signals that the model reads.
     reads: Vec<SignalId>,
     pub(in crate::compensation) watch: Option<Watch>,
-    /// What is used instead of readings: what its own watch does not believe, and what another one of the axis knows to be lost.
-    /// It never grows beyond the sensors of all of them.
+    /// Substitutes for readings: those of the model's own watch, and sensors that another watch of the axis knows to be
+    /// lost. There are never more than sensors of all watches.
     instead: Vec<Instead>,
 }
 
@@ -33,7 +33,7 @@ impl Watched {
         models.iter().map(one).collect()
     }
 
-    /// The readings as the model sees them.
+    /// Returns the readings as the model uses them.
     pub(super) fn seen<'a>(&'a self, snapshot: &Snapshot<'a>) -> Snapshot<'a> {
         let is_followed = snapshot.is_followed && self.instead.is_empty();
         Snapshot { instead: &self.instead, is_followed, ..*snapshot }
@@ -41,7 +41,7 @@ impl Watched {
 }
 
 impl Axis {
-    /// Looks at the readings, before anything goes on to them.
+    /// Checks the readings before lags and references use them.
     pub(in crate::compensation) fn look(&mut self, snapshot: &Snapshot<'_>, machine: &Machine) {
         let every = self.settings.every;
         for (settings, model, watch) in self.watches_mut() {
@@ -50,7 +50,8 @@ impl Axis {
         self.present();
     }
 
-    /// The lags go on to this snapshot, those of an axis that is not due or not armed too: its structure does not wait.
+    /// Updates the lags with this snapshot, even if the axis is not due or not armed: the temperature of its structure
+    /// changes anyway.
     pub(in crate::compensation) fn follow(&mut self, snapshot: &Snapshot<'_>, machine: &Machine) {
         let line = self.settings.intercept_slope;
         let reach = line.map_or(0.0, |line| line.reach.get());
@@ -58,7 +59,7 @@ impl Axis {
         let models = self.settings.models.iter().enumerate();
         for (((place, model), lags), watched) in models.zip(&mut self.lags).zip(&mut self.watched) {
             let seen = Snapshot { instead: &watched.instead, ..*snapshot };
-            // By `for_each`, which takes the parts of a chain one after the other: this is most of what a step does.
+            // `for_each` handles the parts of a chain one after the other. This loop takes most of the time of a step.
             let mut all = lags.iter_mut();
             model.rises().for_each(|input| {
                 all.next().into_iter().for_each(|lag| lag.follow(input, &seen, machine));
@@ -79,8 +80,8 @@ impl Axis {
         self.present();
     }
 
-    /// Every model sees what its own watch says, and uses nothing that another watch of the axis knows to be lost. Of one that is frozen
-    /// each watch decides for its own model.
+    /// Collects the substitutes of each model: those of its own watch, and no value for sensors that another watch of
+    /// the axis knows to be lost. Each watch decides about a frozen sensor for its own model only.
     fn present(&mut self) {
         for place in 0..self.watched.len() {
             let mut instead = std::mem::take(&mut self.watched[place].instead);
@@ -103,20 +104,20 @@ impl Axis {
             .filter_map(|(model, watched)| Some((model.stand_ins.as_ref()?, model, watched.watch.as_mut()?)))
     }
 
-    /// Each watch, with what it goes by.
+    /// Returns each watch with its settings.
     fn watches(&self) -> impl Iterator<Item = (&StandIns, &Watch)> {
         let models = self.settings.models.iter().zip(&self.watched);
         models.filter_map(|(model, watched)| model.stand_ins.as_ref().zip(watched.watch.as_ref()))
     }
 
-    /// A sensor that a model reads, that one of the axis's watches does not believe, and that nothing stands in for there.
+    /// Returns a sensor that a model reads, that a watch of the axis rejects, and that has no stand-in for this model.
     pub(super) fn unknown_in(&self, place: usize) -> Option<&Instead> {
         let watched = self.watched.get(place)?;
         let mut unknown = watched.instead.iter().filter(|instead| !instead.is_stood_in());
         unknown.find(|instead| watched.reads.contains(&instead.signal))
     }
 
-    /// A signal that a model reads and that others stand in for.
+    /// Returns a sensor that a model reads and that has a stand-in.
     pub(super) fn stood_in(&self, place: usize) -> Option<StoodIn> {
         let reads = &self.watched.get(place)?.reads;
         let mut found = self.distrusted_in(place).filter(|found| reads.contains(&found.signal));
@@ -125,15 +126,15 @@ impl Axis {
         })
     }
 
-    /// What the watch over a model does not believe.
+    /// Returns the sensors that the watch of a model rejects.
     fn distrusted_in(&self, place: usize) -> impl Iterator<Item = Distrusted> {
         let watch = self.watched.get(place).and_then(|watched| watched.watch.as_ref());
         let settings = self.settings.models.get(place).and_then(|model| model.stand_ins.as_ref());
         settings.zip(watch).into_iter().flat_map(|(settings, watch)| watch.distrusted(settings))
     }
 
-    /// The sensors that the axis does not believe, each once: as the model in use has it, else as the first that watches it.
-    /// What the model in use does not take from others is taken from nobody.
+    /// Returns the rejected sensors of the axis, each once. The model in use comes first, then the other models in
+    /// order. If the model in use has no stand-in for a sensor, none is reported.
     pub(in crate::compensation) fn distrusted(&self) -> impl Iterator<Item = Distrusted> {
         let used = self.decision.model;
         let places =
@@ -151,12 +152,12 @@ impl Axis {
         })
     }
 
-    /// Whether one of its watches does not believe this signal.
+    /// Returns whether a watch of the axis replaces the reading of this signal.
     pub(in crate::compensation) fn distrusts(&self, signal: SignalId) -> bool {
         self.watches().any(|(_, watch)| watch.instead().iter().any(|instead| instead.signal == signal))
     }
 
-    /// Those whose readings a model's value for this signal comes from; none where it is its own reading.
+    /// Returns the predictors of a model's value for this signal; `None` if the value is its own reading.
     pub(in crate::compensation) fn predictors(
         &self,
         place: usize,
@@ -168,7 +169,7 @@ impl Axis {
         Some(self.settings.models.get(place)?.stand_ins.as_ref()?.predictors(signal))
     }
 
-    /// The machine was started: what was watched begins anew.
+    /// Resets lags and watches after a machine start.
     pub(super) fn watch_anew(&mut self, now: Moment) {
         for (model, lags) in self.settings.models.iter().zip(&mut self.lags) {
             model.rises().zip(lags).for_each(|(input, lag)| lag.started(input));
@@ -179,7 +180,7 @@ impl Axis {
         self.present();
     }
 
-    /// A person has looked: whatever reads something is believed.
+    /// Accepts every sensor that has a reading, because the operator has checked them.
     pub(in crate::compensation) fn trust(&mut self, machine: &Machine, now: Moment) {
         for (settings, model, watch) in self.watches_mut() {
             watch.trust((model, settings), machine, now);
@@ -187,7 +188,7 @@ impl Axis {
         self.present();
     }
 
-    /// Of each sensor that was believed again since this was asked: what it began from.
+    /// Passes on, and clears, the beginnings of the sensors that were accepted again since the last call.
     pub(in crate::compensation) fn take_beginnings(&mut self, mut take: impl FnMut(SignalId, Beginning)) {
         for (settings, _, watch) in self.watches_mut() {
             watch.take_beginnings(settings, &mut take);

@@ -1,13 +1,16 @@
 //! The region of inputs that a model was identified on, and what an axis does outside it.
 //!
-//! Inside is where every input is between its smallest and its largest value, and the Mahalanobis distance
-//! `d = √((x − m)ᵀ·S⁻¹·(x − m))` of all of them together is at most the reach r. How far outside is one number:
-//! the excess `e = max(d/r − 1, largest (distance beyond min or max) / (max − min))`; inside it is negative, and says how
-//! far the nearest edge is. Outside begins at the edge, and ends where e is below [`CLEARLY_INSIDE`]: an input that
-//! trembles at the edge is outside once.
+//! Inputs are inside if two conditions are true. Every input is between its smallest and its largest value. The
+//! Mahalanobis distance `d = √((x − m)ᵀ·S⁻¹·(x − m))` of all of them is at most the reach r.
 //!
-//! A model that is the mean of two says by how much they differ; d, measured from the datum like its Cz x, counts the
-//! more the farther outside: `Cz = x·x²/(x² + (a·d)²)` with `a = clamp((e − 0.10)/0.25, 0, 1)`.
+//! The excess is the distance from the region as one number:
+//! `e = max(d/r − 1, largest (distance beyond min or max) / (max − min))`. Inside, it is negative, and gives the
+//! distance to the nearest edge. Extrapolation begins at the edge, and ends when e is below [`CLEARLY_INSIDE`]. An
+//! input that fluctuates at the edge therefore causes one report.
+//!
+//! A model that is the mean of two halves also gives their difference d. Like its Cz x, it is counted from the datum.
+//! The farther outside, the more it reduces the value: `Cz = x·x²/(x² + (a·d)²)` with
+//! `a = clamp((e − 0.10)/0.25, 0, 1)`.
 
 use serde::{Deserialize, Serialize};
 
@@ -15,119 +18,119 @@ use super::{Input, Inputs, Lag, Unusable};
 use crate::quantity::Micron;
 use crate::reading::SignalId;
 
-/// Most inputs of an envelope: a step keeps its numbers in a place of fixed size.
+/// Maximum number of inputs of an envelope. A step keeps its numbers in an array of fixed size.
 pub const MOST: usize = 64;
 
-/// The excess below which the inputs are clearly inside: each by a twentieth of its range, and the distance by as much
+/// Excess below which the inputs are clearly inside: each by a twentieth of its range, and the distance by a twentieth
 /// of its reach.
 pub const CLEARLY_INSIDE: f64 = -0.05;
 
-/// The excess at which a difference of the halves begins to count, and that on which it comes to count whole.
+/// Excess at which a difference of the halves begins to count, and the width on which its weight grows to 1.
 const BEGINS: f64 = 0.10;
 const WIDTH: f64 = 0.25;
 
-/// What an axis does while its inputs lie outside.
+/// Action of an axis while its inputs are outside.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Outside {
-    /// Follows the model all the same, and says so.
+    /// Follows the model, and reports that it is outside.
     Warn,
     /// Keeps its last value until the inputs are inside again.
     Hold,
-    /// Follows `g·Cz` with `g = 1 / (1 + e²)`: 1 at the edge, without a kink there, a half where the excess is 1.
+    /// Follows `g·Cz` with `g = 1 / (1 + e²)`. The gain g is 1 at the edge, without a kink, and 1/2 if the excess is 1.
     Shrink,
     /// Follows the model as far as its two halves agree.
     Agree,
 }
 
-/// One input as it was when the model was identified.
+/// Range and mean of one input when the model was identified.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Identified {
-    /// The signal, less its reference.
+    /// Signal with its reference.
     pub input: Input,
-    /// Its mean, in the signal's unit.
+    /// Mean, in the signal's unit.
     pub mean: f64,
-    /// Smallest and largest.
+    /// Smallest and largest value.
     pub range: (f64, f64),
 }
 
 impl Identified {
-    /// How far this rise is beyond the smallest or the largest value, as a share of their distance; negative inside.
+    /// Returns how far this rise is beyond the range, as a share of its width; negative inside.
     fn beyond(&self, rise: f64) -> f64 {
         let (min, max) = self.range;
         (min - rise).max(rise - max) / (max - min)
     }
 }
 
-/// A region.
+/// Region of inputs on which a model was identified.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Envelope {
     inputs: Vec<Identified>,
-    /// The lower triangle of the covariance's Cholesky factor, row by row.
+    /// Lower triangle of the covariance's Cholesky factor, row by row.
     factor: Vec<f64>,
     reach: f64,
     outside: Outside,
-    /// By term of the model: what the gains of its two halves differ by, µm per unit; of a model without halves none.
+    /// Difference of the gains of the two halves, by term of the model, µm per unit. Empty without halves.
     apart: Vec<f64>,
 }
 
-/// Why there is no such region. Inputs are counted from 0.
+/// Reason why a region is invalid. Inputs are counted from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BadEnvelope {
     /// No inputs, or more than [`MOST`].
     Count,
-    /// The covariance is not one row and one column per input.
+    /// The covariance does not have one row and one column for each input.
     Size,
-    /// This input's numbers are not `min ≤ mean ≤ max` with `min < max`, all finite.
+    /// The numbers of this input are not `min ≤ mean ≤ max` with `min < max`, all finite.
     Range(usize),
-    /// The covariance of these two is not that of the two in the other order.
+    /// The covariance of these two inputs differs from that in the other order.
     NotSymmetric(usize, usize),
-    /// The covariance is not positive definite: this input does not vary, or is made of those before it.
+    /// The covariance is not positive definite: this input does not vary, or is a combination of those before it.
     NotPositiveDefinite(usize),
     /// The reach is not above zero.
     Reach,
 }
 
-/// Where the inputs lie outside, and what follows from it.
+/// Position of the inputs outside the region, and its effect.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Extrapolation {
-    /// Mahalanobis distance and reach; `None` where only a guideway ends.
+    /// Mahalanobis distance and reach; `None` beyond the end of a guideway.
     pub distance: Option<(f64, f64)>,
-    /// The input that is farthest beyond its smallest or largest value; `None` where it is the combination that is new.
+    /// Input that is farthest beyond its range; `None` if only the combination of the inputs is new.
     pub farthest: Option<Beyond>,
-    /// What the axis does.
+    /// Action of the axis.
     pub outside: Outside,
-    /// What the model's Cz is multiplied with: 1 but for [`Outside::Shrink`] and [`Outside::Agree`].
+    /// Factor of the model's Cz. It differs from 1 only for [`Outside::Shrink`] and [`Outside::Agree`].
     pub gain: f64,
-    /// What the two halves of the model differ by, where it has them.
+    /// Difference of the two halves of the model; `None` unless [`Outside::Agree`] uses it.
     #[serde(default)]
     pub apart: Option<Micron>,
 }
 
-/// Where the inputs lie.
+/// Position of the inputs relative to the region.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coverage {
-    /// How far outside; negative: how far inside.
+    /// Excess: positive outside, negative inside.
     pub excess: f64,
-    /// What that means; `None` inside.
+    /// Details outside the region; `None` inside.
     pub extrapolating: Option<Extrapolation>,
 }
 
-/// An input beyond its range.
+/// Input beyond its range.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Beyond {
-    /// Which.
+    /// Signal of the input.
     pub signal: SignalId,
-    /// By how much, in its unit: above the largest value, or negative: below the smallest.
+    /// Distance in the signal's unit: positive above the largest value, negative below the smallest.
     pub by: f64,
 }
 
 impl Envelope {
-    /// A region of these inputs with their covariance. Without a reach it is the distance within which 99 % of a
+    /// Creates a region of these inputs with their covariance. The default reach is the distance within which 99 % of a
     /// normal distribution lie (chi-squared, by Wilson and Hilferty 1931).
     ///
     /// # Errors
-    /// What is wrong, and with which input.
+    /// Returns the first invalid number, with its input.
     pub fn new(
         inputs: Vec<Identified>,
         covariance: &[Vec<f64>],
@@ -154,36 +157,36 @@ impl Envelope {
         Ok(Envelope { factor: cholesky(covariance)?, inputs, reach, outside, apart: Vec::new() })
     }
 
-    /// The same, of a model that is the mean of two: by term, what their gains differ by.
+    /// Adds the difference of the gains of two halves, by term. The model is the mean of these halves.
     #[must_use]
     pub fn of_halves(self, apart: Vec<f64>) -> Envelope {
         Envelope { apart, ..self }
     }
 
-    /// By term of the model; empty where it has no halves.
+    /// Returns the difference of the gains of the halves, by term of the model; empty without halves.
     pub fn apart(&self) -> &[f64] {
         &self.apart
     }
 
-    /// The region's inputs.
+    /// Returns the inputs of the region.
     pub fn inputs(&self) -> &[Identified] {
         &self.inputs
     }
 
-    /// The largest distance that is inside.
+    /// Returns the largest distance that is inside.
     pub fn reach(&self) -> f64 {
         self.reach
     }
 
-    /// What the axis does outside.
+    /// Returns the action of the axis outside.
     pub fn outside(&self) -> Outside {
         self.outside
     }
 
-    /// Where the machine is now.
+    /// Returns the position of the machine now.
     ///
     /// # Errors
-    /// A signal that cannot be used, a reference that has not been captured.
+    /// Returns a signal that cannot be used, or a reference that has not been captured.
     pub fn coverage(&self, inputs: &Inputs<'_>) -> Result<Coverage, Unusable> {
         let mut rises = [0.0; MOST];
         for (rise, identified) in rises.iter_mut().zip(&self.inputs) {
@@ -192,8 +195,8 @@ impl Envelope {
         Ok(self.judge(&rises))
     }
 
-    /// How far the worst input of this signal is beyond its smallest or largest value, as a share of their distance; negative
-    /// inside. `None` where the envelope does not know the signal, or it has no rise.
+    /// Returns by which share of its range the worst input of this signal is beyond it; negative inside. `None` if the
+    /// envelope does not contain the signal, or if it has no rise.
     pub(in crate::compensation) fn beyond_range(&self, signal: SignalId, inputs: &Inputs<'_>) -> Option<f64> {
         let known = self.inputs.iter().filter(|known| known.input.signal == signal);
         let shares =
@@ -201,8 +204,8 @@ impl Envelope {
         shares.reduce(f64::max)
     }
 
-    /// The same of this rise of an input, at once or behind a lag: what follows values of a range stays in it. `None` where the envelope
-    /// does not know the signal with this reference.
+    /// Returns by which share of its range this rise of an input is beyond it. It may be a lagged rise, because a lag
+    /// stays in the range of its input. `None` if the envelope does not contain the signal with this reference.
     pub(in crate::compensation) fn rise_beyond_range(&self, input: &Input, rise: f64) -> Option<f64> {
         let is_same = |known: &&Identified| {
             known.input.signal == input.signal
@@ -235,7 +238,8 @@ impl Envelope {
         Coverage { excess, extrapolating: (excess > 0.0).then_some(found) }
     }
 
-    /// Mahalanobis: `|L⁻¹·(x − m)|`, by forward substitution. What is too large for a number is the largest there is.
+    /// Returns the Mahalanobis distance `|L⁻¹·(x − m)|`, by forward substitution. An infinite result becomes the
+    /// largest number.
     fn distance(&self, rises: &[f64; MOST]) -> f64 {
         let mut solved = [0.0; MOST];
         let mut squared = 0.0;
@@ -252,7 +256,8 @@ impl Envelope {
     }
 }
 
-/// How much of a Cz of x is used so far outside, where the halves of its model are so far apart: all of it where both are zero.
+/// Returns the share of a Cz of `x` that is used at this excess, if the halves of the model differ by `apart`. The
+/// share is 1 if both are zero.
 pub(in crate::compensation) fn agreed(excess: f64, x: f64, apart: f64) -> f64 {
     let counts = ((excess - BEGINS) / WIDTH).clamp(0.0, 1.0) * apart;
     let share = 1.0 / (1.0 + (counts / x).powi(2));
@@ -267,7 +272,7 @@ fn usual_reach(inputs: usize) -> f64 {
     (count * (1.0 - ninth + NORMAL_99 * ninth.sqrt()).powi(3)).sqrt()
 }
 
-/// The lower triangle L with `L·Lᵀ = S`, row by row.
+/// Returns the lower triangle L with `L·Lᵀ = S`, row by row.
 fn cholesky(covariance: &[Vec<f64>]) -> Result<Vec<f64>, BadEnvelope> {
     let mut lower: Vec<Vec<f64>> = Vec::new();
     for (i, row) in covariance.iter().enumerate() {
@@ -281,7 +286,7 @@ fn cholesky(covariance: &[Vec<f64>]) -> Result<Vec<f64>, BadEnvelope> {
             made.push((entry - dot) / lower[j][j]);
         }
         let left = row[i] - made.iter().map(|entry| entry * entry).sum::<f64>();
-        // Less than that of the variance is rounding.
+        // A smaller remainder of the variance is rounding.
         if !(left > 1e-10 * row[i] && left.is_normal()) {
             return Err(BadEnvelope::NotPositiveDefinite(i));
         }

@@ -1,19 +1,19 @@
-//! How wrong a model is expected to be: what it left on runs that it had not seen, by the time that had passed.
+//! Expected error of a model: its residual error on runs that were not used for identification, by the elapsed time.
 
 use std::time::Duration;
 
 use crate::quantity::Micron;
 
-/// What a model is expected to leave of the error, one standard deviation.
+/// Expected residual error of a model, one standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expected {
-    /// From its datum on.
+    /// Growth from the datum on.
     pub since_datum: Growth,
-    /// From the last probing on that it learned from, where probings were tried.
+    /// Growth from the last accepted probing on; `None` if the identification tried no probings.
     pub since_touch: Option<Growth>,
 }
 
-/// A variance that grows evenly: `σ² = per_hour · h + at_once`, µm².
+/// Variance that grows linearly: `σ² = per_hour · h + at_once`, µm².
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Growth {
     per_hour: f64,
@@ -21,7 +21,7 @@ pub struct Growth {
 }
 
 impl Expected {
-    /// After so long; after a probing the smaller of the two.
+    /// Returns σ after these times. After a probing, the smaller of both values is used. `None` if it is not finite.
     pub fn after(&self, since_datum: Duration, since_touch: Option<Duration>) -> Option<Micron> {
         let from_datum = self.since_datum.after(since_datum);
         let from_touch = self.since_touch.zip(since_touch).map(|(growth, span)| growth.after(span));
@@ -30,23 +30,23 @@ impl Expected {
 }
 
 impl Growth {
-    /// Of µm²/h and µm²; `None` where one is negative or no finite number.
+    /// Creates a growth from µm²/h and µm²; `None` if a number is negative or not finite.
     pub fn new(per_hour: f64, at_once: f64) -> Option<Growth> {
         let is_variance = |number: f64| number.is_finite() && number >= 0.0;
         (is_variance(per_hour) && is_variance(at_once)).then_some(Growth { per_hour, at_once })
     }
 
-    /// µm²/h.
+    /// Returns the increase in each hour, µm²/h.
     pub fn per_hour(&self) -> f64 {
         self.per_hour
     }
 
-    /// µm².
+    /// Returns the variance at the start, µm².
     pub fn at_once(&self) -> f64 {
         self.at_once
     }
 
-    /// σ, µm; infinite beyond the largest number.
+    /// Returns σ, µm. The result may be infinite.
     fn after(&self, span: Duration) -> f64 {
         (self.per_hour * span.as_secs_f64() / 3600.0 + self.at_once).sqrt()
     }
@@ -70,7 +70,7 @@ mod tests {
             (4 * HOUR, None, 4.7_f64.sqrt()),
             (4 * HOUR, Some(Duration::ZERO), 0.2_f64.sqrt()),
             (4 * HOUR, Some(HOUR / 2), 0.6_f64.sqrt()),
-            // Hardly older, and measured in a moment that was no better.
+            // The datum is hardly older than the probing, and the probing is not better.
             (Duration::ZERO, Some(4 * HOUR), 1.1_f64.sqrt()),
         ] {
             let found = expected.after(datum, touch).unwrap().get();

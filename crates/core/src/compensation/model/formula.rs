@@ -1,8 +1,8 @@
-//! Expressions a person writes: `Kz * (A - (b*t + c))` for a model, `cnc_on == 1` for a condition.
+//! Expressions of a profile: `Kz * (A - (b*t + c))` for a model, `cnc_on == 1` for a condition.
 //!
-//! Parsed once into a list of operations on a small stack; evaluating allocates nothing. Operators, weakest
-//! first: `or`, `and`, `not`, `== != < <= > >=`, `+ -`, `* /`, unary `-`, `^`. Functions: `abs exp ln sqrt min max`.
-//! M2 of JP H07-61598 B2 is the reference case.
+//! An expression is parsed once into a list of operations on a small stack. Evaluation allocates no memory. Operators,
+//! weakest first: `or`, `and`, `not`, `== != < <= > >=`, `+ -`, `* /`, unary `-`, `^`. Functions:
+//! `abs exp ln sqrt min max`. M2 of JP H07-61598 B2 is the reference case.
 
 use super::{Evaluate, Inputs, Outputs, Unusable};
 use crate::reading::SignalId;
@@ -13,24 +13,24 @@ mod tests;
 
 pub use parser::ExpressionError;
 
-/// Deepest nesting an expression may have: the size of the evaluation stack.
+/// Maximum nesting of an expression, and size of the evaluation stack.
 const DEPTH: usize = 32;
 
-/// A parsed expression over signals and the time since machine start.
+/// Parsed expression over signals and the time since machine start.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Expression {
     text: String,
     operations: Vec<Operation>,
 }
 
-/// What a name in an expression stands for.
+/// Meaning of a name in an expression.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Symbol {
     /// The value of a signal.
     Signal(SignalId),
     /// A number.
     Constant(f64),
-    /// The time since machine start in seconds.
+    /// Time since machine start in seconds.
     Time,
 }
 
@@ -71,10 +71,10 @@ enum Binary {
 }
 
 impl Expression {
-    /// Reads an expression; `resolve` says what a name stands for.
+    /// Parses an expression. `resolve` returns the meaning of a name.
     ///
     /// # Errors
-    /// Where reading stopped and why, in words.
+    /// Returns the place of the error, and a message.
     pub fn parse(
         text: &str,
         resolve: &dyn Fn(&str) -> Option<Symbol>,
@@ -82,16 +82,16 @@ impl Expression {
         parser::parse(text, resolve).map(|operations| Expression { text: text.to_owned(), operations })
     }
 
-    /// As the profile wrote it.
+    /// Returns the text of the profile.
     pub fn text(&self) -> &str {
         &self.text
     }
 
-    /// Its value, with `value` giving each signal and `time` the time since machine start in seconds. NaN where any part of it
-    /// is not a number.
+    /// Evaluates the expression. `value` returns each signal, and `time` is the time since machine start in seconds.
+    /// The result is NaN if any part of it is NaN.
     ///
     /// # Errors
-    /// The first signal without a value, or a machine that has not been seen running.
+    /// Returns the first signal without a value, or that the machine has not been seen running.
     pub fn evaluate(
         &self,
         value: &dyn Fn(SignalId) -> Option<f64>,
@@ -115,7 +115,7 @@ impl Expression {
                     stack[top - 1] = operator.apply(stack[top - 1], stack[top]);
                 }
             }
-            // `max(0/0, 3)` and `0/0 > 1` would hide it.
+            // Operations as `max(0/0, 3)` and `0/0 > 1` would hide a NaN.
             if stack[top - 1].is_nan() {
                 return Ok(f64::NAN);
             }
@@ -123,7 +123,7 @@ impl Expression {
         Ok(stack[0])
     }
 
-    /// The signals it names, each once.
+    /// Returns the signals of the expression, each once.
     pub fn signals(&self) -> Vec<SignalId> {
         let mut signals = Vec::new();
         for operation in &self.operations {
@@ -137,12 +137,12 @@ impl Expression {
     }
 }
 
-/// Truth is 1, falsehood 0.
+/// Returns 1 for true, 0 for false.
 fn truth(yes: bool) -> f64 {
     f64::from(u8::from(yes))
 }
 
-/// Anything but zero is true.
+/// Returns whether a value is true: any value but zero.
 #[allow(clippy::float_cmp, reason = "truth is exact: a status register is 1 or it is not")]
 fn is_true(value: f64) -> bool {
     value != 0.0
@@ -184,10 +184,10 @@ impl Binary {
     }
 }
 
-/// A model written as an expression.
+/// Model that is an expression.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Formula {
-    /// Its value is Cz in µm.
+    /// Expression of Cz in µm.
     pub expression: Expression,
 }
 
@@ -202,19 +202,19 @@ impl Evaluate for Formula {
     }
 }
 
-/// A yes or no over signals: interlocks and fault bits.
+/// Condition over signals, for interlocks and fault bits.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Condition {
-    /// As the profile wrote it.
+    /// Text of the profile.
     pub text: String,
     expression: Expression,
 }
 
 impl Condition {
-    /// Reads a condition over signals.
+    /// Parses a condition over signals.
     ///
     /// # Errors
-    /// Where reading stopped and why, in words.
+    /// Returns the place of the error, and a message.
     pub fn parse(
         text: &str,
         resolve: &dyn Fn(&str) -> Option<SignalId>,
@@ -223,13 +223,13 @@ impl Condition {
         Ok(Condition { text: text.to_owned(), expression })
     }
 
-    /// Whether it holds; `None` where a signal it names has no value, or it is not a number.
+    /// Returns whether the condition is true; `None` if one of its signals has no value, or if the result is NaN.
     pub fn holds(&self, value: &dyn Fn(SignalId) -> Option<f64>) -> Option<bool> {
         let value = self.expression.evaluate(value, None).ok()?;
         (!value.is_nan()).then(|| is_true(value))
     }
 
-    /// The signals it names.
+    /// Returns the signals of the condition, each once.
     pub fn signals(&self) -> Vec<SignalId> {
         self.expression.signals()
     }

@@ -1,4 +1,4 @@
-//! One input of a model or an envelope: a signal, what its rise is measured from, and how late it acts.
+//! Input of a model or an envelope: a signal, the reference of its rise, and its lag.
 
 use std::time::Duration;
 
@@ -9,27 +9,27 @@ use crate::compensation::reference::{Captured, Machine, Reference};
 use crate::quantity::{Celsius, MicronPerMillimetreCelsius, Moment};
 use crate::reading::SignalId;
 
-/// A signal less its reference, at once or behind a lag.
+/// Signal minus its reference, with or without a lag.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Input {
-    /// A temperature; of a matrix, a network or an envelope also a position or a speed.
+    /// Signal: a temperature. For a matrix, a network or an envelope it may also be a position or a speed.
     pub signal: SignalId,
-    /// What the rise is measured from; the number 0 leaves the value itself.
+    /// Reference of the rise. With the number 0, the rise is the value itself.
     pub reference: Reference,
-    /// Time constant C of the first-order lag, above zero; `None`: the rise acts at once. An envelope's inputs have none.
+    /// Time constant C of the first-order lag, above zero. `None` if the rise acts at once, as always in an envelope.
     pub lag: Option<TimeConstant>,
-    /// The square of the value counts, less the square of the reference; what lags is that.
+    /// The input is the square of the value minus the square of the reference. The lag applies to the squares.
     pub squared: bool,
 }
 
-/// What of a model may lag, in the order of its lags.
+/// Inputs of a model that may lag, in the order of its lags.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Rises<'a> {
-    /// Terms of a sum.
+    /// Terms of the sum.
     pub terms: &'a [Term],
-    /// Those of the slope.
+    /// Terms of the slope.
     pub slope: &'a [Term<MicronPerMillimetreCelsius>],
-    /// Inputs that are no terms.
+    /// Inputs that are not terms.
     pub inputs: &'a [Input],
 }
 
@@ -41,20 +41,21 @@ impl<'a> Rises<'a> {
 }
 
 impl Input {
-    /// The value itself, less its reference.
+    /// Creates an input of the value itself minus its reference.
     pub fn of(signal: SignalId, reference: Reference, lag: Option<Duration>) -> Input {
         Input { signal, reference, lag: lag.map(TimeConstant::of), squared: false }
     }
 
-    /// The time constant of its lag, where it has one.
+    /// Returns the time constant of its lag; `None` without a lag.
     pub fn time_constant(&self) -> Option<Duration> {
         self.lag.map(TimeConstant::span)
     }
 
-    /// The value that counts, and what is subtracted from it.
+    /// Returns the value, and the reference that is subtracted from it.
     ///
     /// # Errors
-    /// The signal cannot be used, its reference has not been captured, or its square is no finite number.
+    /// Returns that the signal cannot be used, that its reference has not been captured, or that its square is not
+    /// finite.
     #[allow(
         clippy::inline_always,
         reason = "called for each lag of each step, and dear to hand over in memory"
@@ -75,18 +76,18 @@ impl Input {
         if self.squared { squared(value, reference) } else { Ok((value, reference)) }
     }
 
-    /// The same of what others say.
+    /// Returns the value and reference from a substitute; `None` if the substitute has no value.
     fn level_of(&self, instead: &Instead, machine: &Machine) -> Option<(f64, Captured)> {
         let Says::Others { value, rise } = instead.says else { return None };
         let captured = machine.captured(self.reference, self.signal);
         match self.reference {
-            // A rise that others predict needs no captured beginning; the square of a value does.
+            // A predicted rise needs no captured reference. The square of a value does.
             Reference::Start => {
                 let unread = Captured { value: Celsius::ZERO, at: Moment::default() };
                 let start = if self.squared { captured? } else { captured.unwrap_or(unread) };
                 Some((start.value.get() + rise, start))
             }
-            // A zero that was taken since then is not known.
+            // A zero that was captured since then is unknown.
             Reference::Zero => {
                 let is_known =
                     |zero: &Captured| zero.at <= instead.since && !machine.is_zeroed_anew(self.signal);
@@ -96,7 +97,7 @@ impl Input {
         }
     }
 
-    /// Why there is no reference: it waits, for the machine or for its sensor.
+    /// Returns why there is no reference: it waits for the machine, or for its sensor.
     fn misses(&self, machine: &Machine) -> Unusable {
         if machine.is_withheld(self.reference, self.signal) {
             return Unusable::Unproven(self.signal);
@@ -104,10 +105,11 @@ impl Input {
         Unusable::Reference(self.signal)
     }
 
-    /// The rise now; behind its lag, where it has one.
+    /// Returns the rise now, lagged if the input has a lag.
     ///
     /// # Errors
-    /// The signal cannot be used, its reference has not been captured, or the rise is no finite number.
+    /// Returns that the signal cannot be used, that its reference has not been captured, or that the rise is not
+    /// finite.
     #[inline]
     pub fn rise(&self, inputs: &Inputs<'_>, lag: &Lag) -> Result<Celsius, Unusable> {
         lag.risen(&inputs.snapshot).map_or_else(|| self.rise_anew(inputs, lag), Ok)

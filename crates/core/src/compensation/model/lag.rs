@@ -1,22 +1,23 @@
-//! A structure follows its temperature late: `E = K·L·ΔT·(1 − e^(−t/C))`, Janeczko 1989.
+//! Lag of a structure behind its temperature: `E = K·L·ΔT·(1 − e^(−t/C))`, Janeczko 1989.
 //!
-//! `1 − e^(−t/C)` is the step response of a first-order lag. For a temperature u that moves in a straight line between
-//! two readings (first-order hold) the lagged temperature y has the exact solution, with `a = e^(−dt/C)`,
+//! `1 − e^(−t/C)` is the step response of a first-order lag. The temperature u is taken as a straight line between two
+//! readings (first-order hold). Then the lagged temperature y has the exact solution, with `a = e^(−dt/C)`,
 //!
 //! ```text
 //! y1 = a·y0 + (1 − a)·u0 + (1 − (1 − a)·C/dt)·(u1 − u0)
 //! ```
 //!
-//! for any dt: ten milliseconds, or the hour in which the gateway was off or the sensor was bad.
+//! This holds for any dt: ten milliseconds, or an hour without the gateway or without a good reading.
 //!
-//! # What the rise is measured from
-//! The temperature y itself is kept, not its rise, so that a reference may move without disturbing what is under way.
-//! - A term that begins is at rest on its reference: the article's t = 0.
+//! # Reference of the rise
+//! The temperature y itself is kept, not its rise. Therefore a reference may change without an effect on the lag.
+//! - A term starts at its reference with a rise of zero: the article's t = 0.
 //! - A fixed reference is subtracted.
-//! - A machine start begins the term anew: y is the temperature at the start. Where that was not read, and becomes known
-//!   later, y moves with it: the rise goes on.
-//! - A zero lets y go on and measures from the y of that moment: the rise is zero there, and what the structure still
-//!   has to make up comes afterwards. Measured from the sensor's own temperature, the rise would jump by that rest.
+//! - A machine start resets the term: y is the temperature at the start. If that temperature becomes known later, y
+//!   moves with it, and the rise continues.
+//! - A zero does not change y, and the rise is measured from the y of that time. The rise is zero then, and the rest of
+//!   the structure's response follows. If it were measured from the sensor's own temperature, the rise would jump by
+//!   that rest.
 
 use std::time::Duration;
 
@@ -27,7 +28,7 @@ use crate::compensation::Snapshot;
 use crate::compensation::reference::{Captured, Machine, Reference};
 use crate::quantity::{Celsius, Moment, shifted};
 
-/// The time constant C of a lag, above zero.
+/// Time constant C of a lag, above zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimeConstant {
     span: Duration,
@@ -35,17 +36,18 @@ pub struct TimeConstant {
 }
 
 impl TimeConstant {
-    /// Of this span.
+    /// Creates a time constant.
     pub fn of(span: Duration) -> TimeConstant {
         TimeConstant { span, per_nanosecond: 1e-9 / span.as_secs_f64() }
     }
 
-    /// How long it is.
+    /// Returns its duration.
     pub fn span(self) -> Duration {
         self.span
     }
 
-    /// How much of it so many nanoseconds are. By way of a signed number, for which processors have an instruction.
+    /// Returns this time as a share of the time constant. The conversion uses a signed number, for which processors
+    /// have an instruction.
     #[inline]
     #[allow(clippy::cast_precision_loss, reason = "a share of a time constant needs no more")]
     fn share(self, nanoseconds: u64) -> f64 {
@@ -53,37 +55,37 @@ impl TimeConstant {
     }
 }
 
-/// What follows readings that are all less than this is a finite number.
+/// Bound of readings for which the lagged temperature is surely finite.
 const LARGE: f64 = 1e300;
 
-/// The lag of one term. Only its temperatures are kept.
+/// Lag of one term. Only its temperatures are kept over a restart.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(from = "Option<Lagged>", into = "Option<Lagged>")]
 pub struct Lag {
-    /// Nothing before its first reading.
+    /// Temperatures; `None` before the first reading.
     lagged: Option<Lagged>,
-    /// It has gone on to a reading of its own sensor at the snapshot that came last.
+    /// The lag has been updated with a reading of its own sensor at the last snapshot.
     is_abreast: bool,
-    /// How often references had been captured then: what it is measured from was looked up.
+    /// Number of captures of references at that time. While it is the same, the reference need not be looked up.
     captures: u32,
 }
 
-/// A temperature and the one that follows it.
+/// Temperature, and the lagged temperature.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Lagged {
-    /// When both held.
+    /// Time of both.
     at: Moment,
-    /// The reading.
+    /// Last reading.
     input: f64,
-    /// What follows it.
+    /// Lagged temperature y.
     follower: f64,
-    /// What the rise of the follower is measured from.
+    /// Temperature from which the rise of y is measured.
     from: f64,
-    /// When the reference behind it was captured.
+    /// Time at which that reference was captured.
     captured: Moment,
 }
 
-/// The lag as it was kept.
+/// Restores the lag from its kept state.
 impl From<Option<Lagged>> for Lag {
     fn from(lagged: Option<Lagged>) -> Lag {
         Lag { lagged, ..Lag::NONE }
@@ -97,16 +99,16 @@ impl From<Lag> for Option<Lagged> {
 }
 
 impl Lag {
-    /// Of what has none.
+    /// Lag of an input without a lag.
     pub(super) const NONE: Lag = Lag { lagged: None, is_abreast: false, captures: 0 };
 
-    /// What is worth keeping.
+    /// Returns the state to keep over a restart.
     pub fn kept(&self) -> Option<Lagged> {
         self.lagged
     }
 
-    /// The machine was started. One that is measured from that, and whose start nobody could read, begins anew; every other
-    /// one does where its start is captured.
+    /// Handles a machine start. A lag that is measured from machine start is reset if that start was not captured.
+    /// Every other lag is reset when its start is captured.
     pub(in crate::compensation) fn started(&mut self, input: &Input) {
         let is_captured = self.lagged.is_some_and(|lagged| lagged.captured != Moment::default());
         if input.reference == Reference::Start && !is_captured {
@@ -114,7 +116,8 @@ impl Lag {
         }
     }
 
-    /// Goes on to this snapshot. A reading that cannot be used is waited for: the gap is a straight line to the next.
+    /// Updates the lag with this snapshot. A reading that cannot be used is skipped. The gap is taken as a straight
+    /// line to the next one.
     #[allow(clippy::inline_always, reason = "called for each lag of each step: most of what that does")]
     #[inline(always)]
     pub fn follow(&mut self, input: &Input, snapshot: &Snapshot<'_>, machine: &Machine) {
@@ -129,7 +132,7 @@ impl Lag {
         }
     }
 
-    /// What it is measured from is what it was at the last snapshot, and its own sensor is believed as it was then.
+    /// Returns whether reference and sensor are the same as at the last snapshot.
     #[inline]
     fn is_measured_as_before(&self, input: &Input, snapshot: &Snapshot<'_>, machine: &Machine) -> bool {
         self.is_abreast
@@ -154,19 +157,19 @@ impl Lag {
         lagged.measure_from(input.reference, reference);
         self.is_abreast = snapshot.instead.is_empty() && value.abs() < LARGE;
         self.captures = machine.captures();
-        // A reading of 1e308 may be believed by a profile without ranges; it must not stay for ever.
+        // A profile without ranges may accept a reading of 1e308. Its effect must not stay for ever.
         if !lagged.follower.is_finite() {
             *self = Lag::NONE;
         }
     }
 
-    /// The lagged rise at this snapshot; `None` where it is no number.
+    /// Returns the lagged rise at this snapshot; `None` if it is not finite.
     pub(super) fn rise(mut self, input: &Input, inputs: &Inputs<'_>) -> Option<Celsius> {
         self.follow(input, &inputs.snapshot, inputs.machine);
         self.lagged.as_ref().and_then(Lagged::rise)
     }
 
-    /// The same where it has gone on to this snapshot already, as in every step.
+    /// Returns the lagged rise if the lag has already been updated with this snapshot, as in every step.
     #[inline]
     pub(super) fn risen(&self, snapshot: &Snapshot<'_>) -> Option<Celsius> {
         self.lagged.as_ref().filter(|_| self.is_abreast && snapshot.is_followed)?.rise()
@@ -182,7 +185,7 @@ impl Lagged {
         [self.input, self.follower, self.from].iter().all(|value| value.is_finite())
     }
 
-    /// The same where this much more time has passed since both held.
+    /// Returns the state as if both temperatures were older by `span`.
     pub(in crate::compensation) fn away(self, span: Duration) -> Lagged {
         Lagged { at: self.at.before(span), ..self }
     }
@@ -197,7 +200,7 @@ impl Lagged {
         Celsius::new(self.follower - self.from)
     }
 
-    /// The exact solution. Where no time has passed, or it ran back, the follower stays where it is.
+    /// Applies the exact solution. If no time has passed, or if time went back, y does not change.
     #[inline]
     fn advance(&mut self, input: f64, now: Moment, constant: TimeConstant) {
         let share = constant.share(now.as_nanos().saturating_sub(self.at.as_nanos()));
@@ -210,7 +213,8 @@ impl Lagged {
         self.input = input;
     }
 
-    /// What was not read at the machine's start is known now, or known better: the rise that is under way stays what it is.
+    /// Takes over a machine-start reference that became known, or better known, later. The present rise does not
+    /// change.
     fn begin_from(&mut self, kind: Reference, reference: Captured) {
         let is_belated = self.captured == Moment::default() || self.captured == reference.at;
         let by = reference.value.get() - self.from;
@@ -234,28 +238,28 @@ impl Lagged {
     }
 }
 
-/// Below this share of a time constant a polynomial is as exact as a double can be, and several times as fast.
+/// Share of a time constant below which a polynomial is as exact as a double can be. It is several times as fast.
 const SHORT: f64 = 1.0 / 32.0;
 
-/// How far a follower goes in a share x of its time constant towards an input that was `behind` it and has `moved` in a
+/// Returns the change of y in a share x of its time constant. The input was `behind` ahead of y, and has `moved` in a
 /// straight line: `(1 − e^−x)·behind + (1 − (1 − e^−x)/x)·moved`.
 #[inline(never)]
 fn long(share: f64, behind: f64, moved: f64) -> f64 {
-    // 1 − e^−x, without the digits that this loses for a small x.
+    // Computes 1 − e^−x without the loss of digits for a small x.
     let gone = -(-share).exp_m1();
     gone * behind + (1.0 - gone / share) * moved
 }
 
-/// The same below [`SHORT`], where both factors are made of one: with `p = (x − 1 + e^−x)/x²` they are `x·(1 − x·p)` and
-/// `x·p`. So few operations wait for each other.
+/// Returns the change of y below [`SHORT`]. Both factors come from one: with `p = (x − 1 + e^−x)/x²` they are
+/// `x·(1 − x·p)` and `x·p`. Therefore few operations wait for each other.
 #[inline]
 fn short(share: f64, behind: f64, moved: f64) -> f64 {
     let straight = share * behind;
     straight + share * (bend(share) * (moved - straight))
 }
 
-/// `(x − 1 + e^−x)/x²` = 1/2! − x/3! + x²/4! − …, by the polynomial that meets it at the six Chebyshev nodes of 0 to [`SHORT`]:
-/// nowhere further from it than 2e-17 of it.
+/// Returns `(x − 1 + e^−x)/x²` = 1/2! − x/3! + x²/4! − …, by a polynomial. It is exact at the six Chebyshev nodes of 0
+/// to [`SHORT`]. Its relative error is at most 2e-17.
 #[inline]
 fn bend(x: f64) -> f64 {
     let x2 = x * x;
@@ -269,7 +273,7 @@ fn bend(x: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Both by their own series, to the last digit.
+    /// Returns both factors by their series, to the last digit.
     fn exact(share: f64) -> (f64, f64) {
         let (mut term, mut gone) = (share, share);
         let (mut part, mut along) = (share / 2.0, share / 2.0);

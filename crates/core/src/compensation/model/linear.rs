@@ -1,8 +1,8 @@
 //! `Cz = offset + Σ gain · (T − T_ref) + slope · (P − P0)`: M1 and M3 of JP H07-61598 B2, the lagged expansions of
 //! Janeczko 1989, and every regression on temperature rises.
 //!
-//! The slope is a second sum, in µm/mm, that grows with the distance from a reference position: Li, Yang, Zhang, Zhang
-//! 1998, `Δz(z1) = Δz(z0) + k·(z1 − z0)`; in a SINUMERIK `ΔK = K0(T) + tanβ(T)·(P − P0)`.
+//! The slope is a second sum, in µm/mm, times the distance from a reference position. Sources: Li, Yang, Zhang, Zhang
+//! 1998, `Δz(z1) = Δz(z0) + k·(z1 − z0)`; SINUMERIK `ΔK = K0(T) + tanβ(T)·(P − P0)`.
 
 use std::ops::Mul;
 
@@ -10,37 +10,37 @@ use super::{Evaluate, Input, Inputs, Lag, Outputs, Rises, Term, Unusable};
 use crate::quantity::{Celsius, Micron, MicronPerMillimetreCelsius, Millimetre};
 use crate::reading::SignalId;
 
-/// A constant plus a sum of terms.
+/// Constant plus a sum of terms.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Linear {
-    /// Cz where every rise is zero.
+    /// Cz if every rise is zero.
     pub offset: Micron,
-    /// Added up.
+    /// Terms of the sum.
     pub terms: Vec<Term>,
-    /// What grows with the position.
+    /// Part that grows with the position; `None` without one.
     pub slope: Option<Slope>,
 }
 
-/// A sum of terms, µm/mm, times the distance from a reference position.
+/// Sum of terms, µm/mm, times the distance from a reference position.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Slope {
-    /// Where the axis is, mm.
+    /// Signal of the axis position, mm.
     pub position: SignalId,
-    /// P0: where the slope adds nothing.
+    /// Position P0 at which the slope adds nothing.
     pub reference: Millimetre,
-    /// The ends of the axis's travel, where they are known.
+    /// Ends of the axis's travel; `None` if unknown.
     pub travel: Option<(Millimetre, Millimetre)>,
-    /// Added up.
+    /// Terms of the sum.
     pub terms: Vec<Term<MicronPerMillimetreCelsius>>,
 }
 
 impl Linear {
-    /// The inputs of its terms, those of the slope last: one [`Lag`] belongs to each.
+    /// Returns the inputs of the terms, those of the slope last. Each has one [`Lag`].
     pub fn rises(&self) -> impl Iterator<Item = &Input> {
         self.lagging().into_iter()
     }
 
-    /// The gains of its terms in µm/°C, those of the slope last, in µm/mm/°C.
+    /// Returns the gains of the terms in µm/°C, then those of the slope in µm/mm/°C.
     pub fn gains(&self) -> impl Iterator<Item = f64> {
         let slope = self.slope.iter().flat_map(|slope| &slope.terms);
         self.terms.iter().map(|term| term.gain.get()).chain(slope.map(|term| term.gain.get()))

@@ -1,9 +1,9 @@
-//! `δ = P·ΔT`: the displacement of a guideway from one temperature per block of the structure, taken where the axis
-//! is. M11, after JP 6507619 B2 (JTEKT).
+//! `δ = P·ΔT`: the displacement of a guideway from one temperature for each block of the structure, at the position of
+//! the axis. M11, after JP 6507619 B2 (JTEKT).
 //!
-//! P comes from a finite-element model of the structure; what is kept here of it is the one component that acts on
-//! the axis, as gains of Cz. Between two points of the guideway Cz is interpolated linearly; beyond its ends it stays
-//! what it is at the end, and [`Evaluate::coverage`] says so.
+//! P comes from a finite-element model of the structure. The matrix here contains only the component that acts on the
+//! axis, as gains of Cz. Between two points of the guideway, Cz is interpolated linearly. Beyond its ends, Cz keeps the
+//! value of the end, and [`Evaluate::coverage`] reports that.
 
 use super::{
     Beyond, Coverage, Evaluate, Extrapolation, Input, Inputs, Lag, Outputs, Outside, Rises, Unusable,
@@ -23,13 +23,12 @@ pub struct Matrix {
 }
 
 impl Matrix {
-    /// From the signals of the blocks, the signal of the axis's position in mm, the points of the guideway
-    /// (ascending), and the gains of Cz: for each point one per block, point after point. `source` is the
-    /// file's name, for people.
+    /// Creates a matrix. `inputs`: signals of the blocks. `position`: signal of the axis position in mm. `guide`:
+    /// points of the guideway, ascending. `gains`: gains of Cz, one for each block, point after point. `source`: name
+    /// of the file, for display.
     ///
     /// # Errors
-    /// A sentence: no points, points that do not ascend, not as many gains as points times blocks, a number that is
-    /// none.
+    /// Returns a message: no points, points that do not ascend, or a number of gains other than points times blocks.
     pub fn new(
         source: impl Into<String>,
         inputs: Vec<Input>,
@@ -58,27 +57,27 @@ impl Matrix {
         Ok(Matrix { source: source.into(), inputs, position, guide, gains })
     }
 
-    /// The file's name.
+    /// Returns the name of the file.
     pub fn source(&self) -> &str {
         &self.source
     }
 
-    /// One per block.
+    /// Returns the input of each block.
     pub fn blocks(&self) -> &[Input] {
         &self.inputs
     }
 
-    /// Where the axis is.
+    /// Returns the signal of the axis position.
     pub fn position(&self) -> SignalId {
         self.position
     }
 
-    /// First and last point of the guideway.
+    /// Returns the first and last point of the guideway.
     pub fn ends(&self) -> (Millimetre, Millimetre) {
         (self.guide.first().copied().unwrap_or_default(), self.guide.last().copied().unwrap_or_default())
     }
 
-    /// The gain of each block at a position.
+    /// Returns the gain of each block at a position.
     pub fn gains_at(&self, position: Millimetre) -> impl Iterator<Item = MicronPerCelsius> + '_ {
         let after = self.guide.partition_point(|point| *point <= position);
         let (low, high) = (after.saturating_sub(1), after.min(self.guide.len() - 1));
@@ -114,7 +113,7 @@ impl Evaluate for Matrix {
         Rises { inputs: &self.inputs, ..Rises::default() }
     }
 
-    /// Where the axis is on the guideway, or beyond an end of it; `None` where its position is not known.
+    /// Returns the position of the axis on the guideway, or beyond an end of it; `None` if its position is unknown.
     fn coverage(&self, snapshot: &Snapshot<'_>) -> Option<Coverage> {
         let position = snapshot.value(self.position)?;
         let (first, last) = (self.ends().0.get(), self.ends().1.get());
@@ -126,7 +125,7 @@ impl Evaluate for Matrix {
             gain: 1.0,
             apart: None,
         };
-        // A guideway of a single point has no length to take a share of: it counts as 1 mm.
+        // A guideway with a single point has no length. Its length is taken as 1 mm.
         let length = if last > first { last - first } else { 1.0 };
         let excess = ((first - position).max(position - last) / length).min(f64::MAX);
         Some(Coverage { excess, extrapolating: (by.abs() > 0.0).then_some(found) })

@@ -1,8 +1,8 @@
-//! Networks: back-propagation and radial-basis ones of the project's own format, and any that an ONNX file describes.
-//! M10, after Ren et al., Chen and Wang, and the notes on radial-basis and Bayesian networks.
+//! Networks: back-propagation and radial-basis networks of the project's own format, and networks in ONNX files. M10,
+//! after Ren et al., Chen and Wang, and the notes on radial-basis and Bayesian networks.
 //!
-//! Inputs are temperatures, positions, speeds, each less its reference, in the signal's unit; the result is Cz in µm.
-//! Scaling is the network's own: part of the weights, or of the ONNX graph.
+//! Inputs are temperatures, positions and speeds, each minus its reference, in the signal's unit. The result is Cz in
+//! µm. Scaling belongs to the network: it is part of the weights, or of the ONNX graph.
 
 use super::{Evaluate, Input, Inputs, Lag, Outputs, Rises, Unusable};
 use crate::reading::SignalId;
@@ -19,10 +19,11 @@ pub use onnx::Onnx;
 pub use radial::{Node, Radial};
 pub use scaling::Scaling;
 
-/// Most inputs of a network, and most neurons of a layer: a step keeps its numbers in a place of fixed size.
+/// Maximum number of inputs of a network, and of neurons of a layer. A step keeps its numbers in an array of fixed
+/// size.
 pub const WIDEST: usize = 256;
 
-/// A network with the signals it reads.
+/// Network with its input signals.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Network {
     source: String,
@@ -30,7 +31,7 @@ pub struct Network {
     inputs: Vec<Input>,
 }
 
-/// What computes.
+/// Kind of a network.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Net {
     /// Layers of neurons, as back-propagation trains them. A step allocates nothing.
@@ -43,7 +44,7 @@ pub enum Net {
 }
 
 impl Net {
-    /// How many inputs it takes.
+    /// Returns the number of inputs.
     pub fn takes(&self) -> usize {
         match self {
             Net::Layers(layers) => layers.takes(),
@@ -53,7 +54,7 @@ impl Net {
         }
     }
 
-    /// What it is, for people.
+    /// Returns a description for display.
     pub fn what(&self) -> String {
         match self {
             Net::Layers(layers) => format!("back-propagation network {}", layers.shape()),
@@ -63,7 +64,7 @@ impl Net {
         }
     }
 
-    /// The output, µm. NaN where it has none.
+    /// Returns the output, µm; NaN if there is none.
     pub fn output(&self, inputs: &[f64]) -> f64 {
         match self {
             Net::Layers(layers) => layers.output(inputs),
@@ -75,10 +76,10 @@ impl Net {
 }
 
 impl Network {
-    /// A network that reads these signals in this order. `source` is the file's name, for people.
+    /// Creates a network with these inputs, in this order. `source` is the name of the file, for display.
     ///
     /// # Errors
-    /// A sentence: the network takes another number of inputs.
+    /// Returns a message if the network takes another number of inputs.
     pub fn new(source: impl Into<String>, net: Net, inputs: Vec<Input>) -> Result<Network, String> {
         if net.takes() != inputs.len() || inputs.len() > WIDEST {
             return Err(format!("it takes {} inputs, the model names {}", net.takes(), inputs.len()));
@@ -86,17 +87,17 @@ impl Network {
         Ok(Network { source: source.into(), net, inputs })
     }
 
-    /// The file's name.
+    /// Returns the name of the file.
     pub fn source(&self) -> &str {
         &self.source
     }
 
-    /// What computes.
+    /// Returns the network without its inputs.
     pub fn net(&self) -> &Net {
         &self.net
     }
 
-    /// What it reads, in its order.
+    /// Returns the inputs, in order.
     pub fn reads(&self) -> &[Input] {
         &self.inputs
     }

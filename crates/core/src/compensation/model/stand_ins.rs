@@ -1,59 +1,59 @@
-//! What the other sensors say of a sensor: a virtual sensor for each, as it was identified beside a model.
+//! Predictions of a sensor from other sensors: a virtual sensor for each sensor, identified together with a model.
 //!
-//! The rise of a sensor since the machine's start is a sum over lagged rises of others. Where it moves by more than the
-//! sensor's threshold while the sensor reads the same, the sensor is frozen; what it should read is then the prediction.
+//! The rise of a sensor since machine start is a sum over lagged rises of others. If it moves by more than the sensor's
+//! threshold while the reading is constant, the sensor is suspected. Its stand-in is then the prediction.
 
 use super::{Input, Reference};
 use crate::reading::SignalId;
 
-/// A prediction is used for a reading only if it depends on so many others: the fault of a single one would pass into it whole.
+/// Minimum number of predictors of a stand-in. With a single one, its fault would pass fully into the stand-in.
 const FEWEST: usize = 2;
 
-/// The virtual sensors of a model.
+/// Virtual sensors of a model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StandIns {
     sensors: Vec<VirtualSensor>,
-    /// What they are predicted from: each input once.
+    /// Inputs of all predictions, each once.
     bank: Vec<Predictor>,
-    /// Of the file they stand in: what was kept with another one is not theirs.
+    /// Fingerprint of the stand-ins file. State that was kept with another file is not used.
     fingerprint: u64,
 }
 
-/// A sensor as a file describes it.
+/// Virtual sensor as a file describes it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Described {
-    /// Which.
+    /// Signal of the sensor.
     pub signal: SignalId,
-    /// θ, °C: a prediction that moved by more, while the reading stood, says that the sensor is frozen.
+    /// Threshold θ, °C. A prediction that moved by more while the reading was constant shows that the sensor is frozen.
     pub threshold: f64,
-    /// The prediction is good enough to be used for the reading. One that depends on a single other sensor never is.
+    /// The prediction is good enough to be used as a stand-in. A prediction from a single other sensor never is.
     pub stands_in: bool,
-    /// By signal and time constant of the lag: °C per °C.
+    /// Gain of each input, °C per °C.
     pub terms: Vec<(Input, f64)>,
 }
 
-/// A sensor that others predict.
+/// Sensor that is predicted from others.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::compensation) struct VirtualSensor {
     pub(in crate::compensation) signal: SignalId,
     pub(in crate::compensation) threshold: f64,
     pub(in crate::compensation) stands_in: bool,
-    /// How many others it is predicted from.
+    /// Number of predictors.
     pub(in crate::compensation) others: usize,
-    /// Places in the bank, with their gains.
+    /// Indices in the bank, with their gains.
     pub(in crate::compensation) terms: Vec<(usize, f64)>,
 }
 
-/// An input of the bank.
+/// Input of the bank.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::compensation) struct Predictor {
     pub(in crate::compensation) input: Input,
-    /// The virtual sensor of the same signal.
+    /// Index of the virtual sensor of the same signal; `None` if there is none.
     pub(in crate::compensation) sensor: Option<usize>,
 }
 
 impl StandIns {
-    /// Of these sensors. A term without a gain is none.
+    /// Creates the virtual sensors. Terms without a gain are dropped.
     pub fn new(described: Vec<Described>, fingerprint: u64) -> StandIns {
         let place = |signal: SignalId| described.iter().position(|sensor| sensor.signal == signal);
         let mut bank: Vec<Predictor> = Vec::new();
@@ -78,17 +78,17 @@ impl StandIns {
         StandIns { sensors, bank, fingerprint }
     }
 
-    /// Of what file they are.
+    /// Returns the fingerprint of the file.
     pub fn fingerprint(&self) -> u64 {
         self.fingerprint
     }
 
-    /// The sensors that are watched, with whether another value can be used for each, in the file's order.
+    /// Returns the watched sensors in the file's order. The boolean tells whether a stand-in can be used.
     pub fn watched(&self) -> impl Iterator<Item = (SignalId, bool)> + '_ {
         self.sensors.iter().map(|sensor| (sensor.signal, sensor.stands_in))
     }
 
-    /// What a sensor is predicted from; a signal that counts with several lags is named as often.
+    /// Returns the predictors of a sensor. A signal with several lags occurs several times.
     pub fn predictors(&self, signal: SignalId) -> impl Iterator<Item = SignalId> {
         let sensor = self.sensors.iter().filter(move |sensor| sensor.signal == signal);
         sensor.flat_map(|sensor| &sensor.terms).map(|(place, _)| self.bank[*place].input.signal)
@@ -104,7 +104,7 @@ impl StandIns {
 }
 
 impl Described {
-    /// A term of a prediction: a rise since the machine's start, at once or lagged.
+    /// Creates a term of a prediction: a rise since machine start, with or without a lag.
     pub fn term(signal: SignalId, lag: Option<std::time::Duration>, gain: f64) -> (Input, f64) {
         (Input::of(signal, Reference::Start, lag), gain)
     }

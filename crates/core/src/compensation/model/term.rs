@@ -5,17 +5,17 @@ use std::ops::Mul;
 use super::{Input, Inputs, Lag, Unusable};
 use crate::quantity::{Celsius, MicronPerCelsius};
 
-/// One gain times one rise.
+/// Gain times rise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Term<Gain = MicronPerCelsius> {
-    /// The temperature.
+    /// Input of the term.
     pub input: Input,
-    /// What a rise of one unit, or of its square, adds to the sum.
+    /// Contribution of a rise of one unit, or of its square, to the sum.
     pub gain: Gain,
 }
 
 impl<Gain: Mul<Celsius, Output = f64> + Copy> Term<Gain> {
-    /// What it adds to the sum now.
+    /// Returns the contribution to the sum now.
     #[inline]
     pub(super) fn part(&self, lag: &Lag, inputs: &Inputs<'_>) -> Result<f64, Unusable> {
         Ok(self.gain * self.input.rise(inputs, lag)?)

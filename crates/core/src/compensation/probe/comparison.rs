@@ -1,20 +1,22 @@
-//! Whether the axis is worse with a model than without compensation. Pure, and no allocation after its beginning.
+//! Comparison of a model with no compensation. Pure, without allocation after its creation.
 //!
-//! Each touch gives two errors: e₀ without compensation, which is the measured error less the Cz that acted, and e₁ = e₀ + Cz of
-//! the model. e₁ does not depend on what acted, so a model is compared also while the axis does not follow it. The last eight
-//! touches since the datum count, none of them older than a week:
+//! Each touch gives two errors: e₀ without compensation, and e₁ with the model. e₀ is the measured error minus the Cz
+//! that acted, and e₁ = e₀ + Cz of the model. e₁ does not depend on the Cz that acted. Therefore a model is compared
+//! also while the axis does not follow it. The last eight touches since the datum count, none of them older than a
+//! week:
 //!
 //! | the model was | and is now | if |
 //! |---|---|---|
-//! | not worse | worse | Σe₁² > 1.1·Σe₀² and Σe₁² − Σe₀² > 8·4σ², and the touches without the one that says so most show it too: by 10 % and by 4σ² each |
+//! | not worse | worse | Σe₁² > 1.1·Σe₀² and Σe₁² − Σe₀² > 8·4σ²; and without the touch of the largest difference, by 10 % and by 4σ² for each touch |
 //! | worse | not worse | there are two touches or more, and Σe₁² < Σe₀² |
 //!
 //! # Rules
-//! - No single touch decides: of one that stands alone in saying so, the next ones show whether it was a chip.
-//! - A touch that the probe does not accept waits for the next one. Both count if the next one is accepted and lies within
-//!   4·√2·σ of it, or is not accepted either and has the same sign. Else the waiting one is discarded.
+//! - A single touch never decides. If only one touch differs, the next ones show whether it was a chip.
+//! - A touch that the probe does not accept waits for the next one. Both count if the next one is accepted and lies
+//!   within 4·√2·σ of it. Both also count if the next one is not accepted either and has the same sign. Otherwise the
+//!   waiting touch is discarded.
 //! - With a new datum the touches are discarded. The verdict stays until new touches show another one.
-//! - When what was learned is taken back, the verdict is taken back too.
+//! - When the learned correction is discarded, the verdict is discarded too.
 
 use std::time::Duration;
 
@@ -22,23 +24,23 @@ use serde::{Deserialize, Serialize};
 
 use crate::quantity::{Micron, Moment, shifted};
 
-/// Touches that count.
+/// Number of touches that count.
 const WINDOW: usize = 8;
-/// The same as a factor.
+/// Number of touches of a full window, as a factor.
 const FULL: f64 = 8.0;
-/// Older touches do not count.
+/// Maximum age of a touch that counts.
 const OLDEST: Duration = Duration::from_hours(7 * 24);
-/// By this factor Σe₁² must exceed Σe₀².
+/// Factor by which Σe₁² must exceed Σe₀².
 const CLEARLY: f64 = 1.1;
-/// By so many σ² for each touch of a full window Σe₁² must exceed Σe₀².
+/// Number of σ² for each touch of a full window by which Σe₁² must exceed Σe₀².
 const FOR_EACH: f64 = 4.0;
-/// Two touches agree if they differ by no more than so many standard deviations of their difference.
+/// Number of standard deviations of their difference within which two touches agree.
 const AGREES: f64 = 4.0;
 
-/// A model that is worse than no compensation, in the figures of the touches that count.
+/// Comparison of a model that is worse than no compensation, from the touches that count.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Worse {
-    /// How many they are; none directly after a new datum.
+    /// Number of touches that count; zero directly after a new datum.
     pub touches: usize,
     /// Root mean square of the error without compensation.
     pub without: Micron,
@@ -49,7 +51,7 @@ pub struct Worse {
 /// Errors of one touch.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(in crate::compensation) struct Touch {
-    /// When it was taken in.
+    /// Time at which the axis received the touch.
     pub(in crate::compensation) at: Moment,
     /// e₀, µm.
     pub(in crate::compensation) without: f64,
@@ -57,32 +59,32 @@ pub(in crate::compensation) struct Touch {
     pub(in crate::compensation) with: f64,
 }
 
-/// Whether the probe accepts a touch.
+/// Acceptance of a touch by the probe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::compensation) enum Credit {
     /// The model learns from it.
     Accepted,
-    /// It is implausible, or waits for another one that agrees.
+    /// The touch is implausible, or waits for another one that agrees.
     Doubted,
 }
 
-/// What the touches say of a model.
+/// Result of the comparison of a model.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Verdict {
-    /// Nothing shows that it is worse than no compensation.
+    /// No touches show that the model is worse than no compensation.
     #[default]
     NotWorse,
-    /// It was found worse, and not better since.
+    /// The model was found worse, and not better since.
     Worse,
 }
 
 /// Errors of one model at the last touches, and the verdict.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(in crate::compensation) struct Comparison {
-    /// Those that count, oldest first.
+    /// Touches that count, oldest first.
     touches: Vec<Touch>,
-    /// One that is not accepted waits for the next one.
+    /// Touch that is not accepted and waits for the next one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     waiting: Option<Touch>,
     verdict: Verdict,
@@ -99,36 +101,36 @@ struct Sums {
 }
 
 impl Comparison {
-    /// A comparison with room for all touches that count.
+    /// Creates a comparison with room for all touches that count.
     pub(super) fn new() -> Comparison {
         Comparison { touches: Vec::with_capacity(WINDOW), ..Comparison::default() }
     }
 
-    /// Nothing is known: it need not be kept.
+    /// Returns whether nothing is known. An empty comparison is not kept.
     pub(super) fn is_empty(&self) -> bool {
         self.touches.is_empty() && self.waiting.is_none() && self.verdict == Verdict::NotWorse
     }
 
-    /// Takes up what was kept.
+    /// Restores what was kept.
     pub(super) fn recall(&mut self, kept: &Comparison) {
         self.touches.clear();
         self.touches.extend(kept.touches.iter().skip(kept.touches.len().saturating_sub(WINDOW)));
         (self.waiting, self.verdict) = (kept.waiting, kept.verdict);
     }
 
-    /// A new datum: touches of before it say nothing of what is measured from it.
+    /// Discards the touches, because they were measured with an older datum.
     pub(super) fn begin(&mut self) {
         self.touches.clear();
         self.waiting = None;
     }
 
-    /// What was learned is taken back.
+    /// Discards touches and verdict.
     pub(super) fn clear(&mut self) {
         self.begin();
         self.verdict = Verdict::NotWorse;
     }
 
-    /// The figures of a model that is worse; `None` of one that is not.
+    /// Returns the figures of a model that is worse; `None` if it is not worse.
     pub(super) fn worse(&self) -> Option<Worse> {
         if self.verdict == Verdict::NotWorse {
             return None;
@@ -138,7 +140,7 @@ impl Comparison {
         Some(Worse { touches: self.touches.len(), without: rms(sums.without), with: rms(sums.with) })
     }
 
-    /// Takes in a touch. `scatter`: σ, its standard deviation, µm. Errors whose squares are no finite numbers are discarded.
+    /// Adds a touch. `scatter`: standard deviation σ of a touch, µm. Errors whose squares are not finite are discarded.
     pub(super) fn take(&mut self, touch: Touch, credit: Credit, scatter: f64) {
         if ![touch.without, touch.with].iter().all(|error| (error * error).is_finite()) {
             return;
@@ -196,19 +198,19 @@ impl Sums {
         self.with - self.without
     }
 
-    /// Σe₁² exceeds Σe₀² by 10 % and by more than this.
+    /// Returns whether Σe₁² exceeds Σe₀² by 10 % and by more than `by`.
     fn exceed(&self, by: f64) -> bool {
         self.with > CLEARLY * self.without && self.difference() > by
     }
 }
 
-/// Returns whether a touch shows that the one which waits was no chip.
+/// Returns whether a touch shows that the waiting touch was no chip.
 fn confirms(touch: &Touch, credit: Credit, waiting: &Touch, scatter: f64) -> bool {
     let agrees = (touch.with - waiting.with).abs() <= AGREES * std::f64::consts::SQRT_2 * scatter;
     agrees || (credit == Credit::Doubted && touch.with * waiting.with > 0.0)
 }
 
-/// How many they are, as a number.
+/// Returns the number of touches as a float.
 #[allow(clippy::cast_precision_loss, reason = "at most eight")]
 fn number(touches: &[Touch]) -> f64 {
     touches.len() as f64

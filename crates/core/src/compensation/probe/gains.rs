@@ -1,34 +1,34 @@
 //! The gains of a linear model, by recursive least squares with forgetting.
 //!
-//! What is looked for is the share θ by which each gain is wrong: with φ what the term contributes to the model's Cz
-//! now, the correction should be `Σ θ·φ + b`. The offset b is estimated along with the gains, so that an error that does
-//! not move with the temperatures is not blamed on them; the axis's own offset is filtered from what is left.
+//! The estimate is the relative error θ of each gain. φ is the part of a term in the model's Cz now. The correction
+//! should be `Σ θ·φ + b`. The offset b is estimated together with the gains, so that an error that does not move with
+//! the temperatures does not change them. The axis's own offset is filtered from the rest.
 //!
 //! ```text
 //! K = Pφ / (λσ² + φᵀPφ)     θ += K·(wanted − θᵀφ)     P = (P − K·φᵀP) / λ
 //! ```
 //!
-//! # What keeps it safe
+//! # Safety
 //! - θ stays inside ±limit, b inside the probe's limit.
-//! - Forgetting lets P grow where nothing is learned for long. It never grows beyond where it began: a row and its
+//! - Forgetting lets P grow if nothing is learned for a long time. P never grows beyond its start value. A row and its
 //!   column are shrunk together, which keeps P symmetric and positive.
-//! - Where a number is not finite or a variance not positive, P begins anew.
+//! - If a number is not finite or a variance is not positive, P is reset.
 
 use serde::{Deserialize, Serialize};
 
-/// The scatter of a probing, µm: a touch probe's repeatability and what the surface adds.
+/// Standard deviation of a probing, µm: the repeatability of a touch probe, and the effect of the surface.
 const SCATTER: f64 = 1.0;
 
-/// What is known of the gains, and how well.
+/// Estimate of the gains, with its covariance.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Gains {
-    /// θ, and b as the last.
+    /// θ of each gain, then b.
     estimate: Vec<f64>,
     /// P, row by row.
     covariance: Vec<f64>,
-    /// How far each estimate may go: believed to be two standard deviations at first.
+    /// Largest absolute value of each estimate. At the start it is taken as two standard deviations.
     bounds: Vec<f64>,
-    /// Room for φ and Pφ: learning asks for none.
+    /// Buffers for φ and Pφ, so that learning allocates no memory.
     #[serde(skip)]
     regressors: Vec<f64>,
     #[serde(skip)]
@@ -36,7 +36,7 @@ pub(super) struct Gains {
 }
 
 impl Gains {
-    /// For so many gains, each inside ±`limit`, and an offset inside ±`offset_limit` µm.
+    /// Creates an estimate for `terms` gains, each inside ±`limit`, and an offset inside ±`offset_limit` µm.
     pub(super) fn new(terms: usize, limit: f64, offset_limit: f64) -> Gains {
         let bounds: Vec<f64> = (0..terms).map(|_| limit).chain([offset_limit]).collect();
         let mut gains = Gains { estimate: vec![0.0; terms + 1], bounds, ..Gains::default() };
@@ -52,7 +52,8 @@ impl Gains {
         self.product.resize(size, 0.0);
     }
 
-    /// The same as it was kept, inside the bounds of `fresh`; `fresh` itself where it is not of this shape.
+    /// Returns the kept estimate, inside the bounds of `fresh`. Returns `fresh` itself if the shape differs or a number
+    /// is not finite.
     pub(super) fn recalled(self, fresh: Gains) -> Gains {
         let size = fresh.bounds.len();
         let finite = self.estimate.iter().chain(&self.covariance).all(|number| number.is_finite());
@@ -71,12 +72,12 @@ impl Gains {
         gains
     }
 
-    /// θ.
+    /// Returns θ.
     pub(super) fn factors(&self) -> &[f64] {
         self.estimate.split_last().map_or(&[], |(_, factors)| factors)
     }
 
-    /// Σ θ·φ, µm.
+    /// Returns Σ θ·φ, µm.
     pub(super) fn change(&self, parts: impl Iterator<Item = f64>) -> f64 {
         self.factors().iter().zip(parts).map(|(factor, part)| factor * part).sum()
     }
@@ -134,7 +135,7 @@ impl Gains {
         }
     }
 
-    /// The offset is this from here on, and not well known.
+    /// Sets the offset. Its variance is reset.
     pub(super) fn begin_at(&mut self, offset: f64) {
         let size = self.bounds.len();
         let last = size - 1;
@@ -152,7 +153,7 @@ impl Gains {
     }
 }
 
-/// What is not known yet lies within ±`bound`: two standard deviations.
+/// Returns the variance of an unknown value within ±`bound`, taken as two standard deviations.
 fn variance_within(bound: f64) -> f64 {
     (0.5 * bound).powi(2)
 }

@@ -1,4 +1,4 @@
-//! What one model has learned: an offset, how certain it is, and where the profile allows it the gains of its terms.
+//! Learned correction of one model: an offset, its certainty, and the gains of its terms if the profile allows it.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,22 +9,22 @@ use crate::compensation::model::{Model, Reference};
 use crate::compensation::settings::ProbeSettings;
 use crate::quantity::{Micron, Moment, shifted};
 
-/// What probings have taught one model.
+/// Learned correction of one model.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(in crate::compensation) struct Learned {
     /// Name of the model.
     model: String,
-    /// Offset and gains that the profile gives the model.
+    /// Offset and gains of the model in the profile.
     corrects: Vec<f64>,
-    /// µm, inside ±limit.
+    /// Learned offset, µm, inside ±limit.
     pub(super) offset: f64,
     #[serde(default = "Certainty::uncounted")]
     pub(super) certainty: Certainty,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) gains: Option<Gains>,
-    /// What the model is measured from is being captured anew, and that is complete here at the earliest.
+    /// Earliest time at which a running capture of the model's reference is complete; `None` if none is running.
     pub(super) renews: Option<Moment>,
-    /// Whether the axis is worse with the model than without compensation.
+    /// Comparison of the model with no compensation.
     #[serde(default, skip_serializing_if = "Comparison::is_empty")]
     pub(super) comparison: Comparison,
 }
@@ -41,7 +41,7 @@ impl Learned {
         Learned { model, corrects, gains, comparison, ..Learned::default() }
     }
 
-    /// Takes up what was kept of this model with these gains, inside the bounds that hold now.
+    /// Restores what was kept of this model with these gains, within the present bounds.
     pub(super) fn recall(&mut self, kept: &[Learned], settings: &ProbeSettings) {
         let is_same = |kept: &&Learned| kept.model == self.model && kept.corrects == self.corrects;
         let Some(kept) = kept.iter().find(is_same) else { return };
@@ -55,7 +55,8 @@ impl Learned {
         }
     }
 
-    /// What it adds to the model's Cz, µm, inside ±limit. `parts`: what each gain contributes to the model's Cz now.
+    /// Returns the correction of the model's Cz, µm, inside ±limit. `parts`: contribution of each gain to the model's
+    /// Cz now.
     pub(in crate::compensation) fn correction(
         &self,
         parts: impl Iterator<Item = f64>,
@@ -63,14 +64,14 @@ impl Learned {
     ) -> f64 {
         let limit = settings.limit.get();
         let total = self.offset + self.gains.as_ref().map_or(0.0, |gains| gains.change(parts));
-        // Only parts that are no numbers themselves, of which the model makes none either, come to NaN.
+        // The sum is only NaN if a part is NaN. Then the model has no value either.
         if total.is_nan() { 0.0 } else { total.clamp(-limit, limit) }
     }
 
-    /// Whether it believes that its correction should have been `wanted` µm.
+    /// Checks whether a correction of `wanted` µm is accepted.
     ///
     /// # Errors
-    /// How far off it would be believed at once.
+    /// Returns the largest deviation that would be accepted at once.
     pub(in crate::compensation) fn judge(
         &self,
         wanted: f64,
@@ -103,12 +104,13 @@ impl Learned {
         self.offset = if offset.is_nan() { self.offset } else { offset };
     }
 
-    /// When it last learned; `None` also where its limit keeps it from what it should have learned.
+    /// Returns the time of the last accepted probing. `None` if there is none, or if the limit keeps the offset from
+    /// its learned value.
     pub(in crate::compensation) fn touched(&self, settings: &ProbeSettings) -> Option<Moment> {
         self.certainty.touched().filter(|_| self.offset.abs() < settings.limit.get())
     }
 
-    /// What the model is measured from is captured anew, if this is what it is measured from.
+    /// Notes that a reference of the model is captured again.
     pub(in crate::compensation) fn renew(&mut self, complete: Moment) {
         self.renews = Some(complete);
     }
@@ -117,12 +119,12 @@ impl Learned {
         self.renews.is_some_and(|complete| now >= complete)
     }
 
-    /// When a capture that is under way is complete at the earliest.
+    /// Returns the earliest time at which a running capture is complete; `None` if none is running.
     pub(in crate::compensation) fn renewal(&self) -> Option<Moment> {
         self.renews
     }
 
-    /// The correction begins at nothing here; the gains go on from this point.
+    /// Sets the correction to zero at this point. The gains are kept.
     pub(in crate::compensation) fn begin_here(
         &mut self,
         parts: impl Iterator<Item = f64>,
@@ -138,7 +140,7 @@ impl Learned {
         }
     }
 
-    /// Takes in the errors of a touch without compensation and with the model.
+    /// Adds the errors of a touch without compensation and with the model.
     pub(in crate::compensation) fn compare(
         &mut self,
         touch: Touch,
@@ -148,7 +150,7 @@ impl Learned {
         self.comparison.take(touch, credit, settings.scatter());
     }
 
-    /// The figures of a model that is worse than no compensation; `None` of one that is not.
+    /// Returns the comparison of a model that is worse than no compensation; `None` if it is not worse.
     pub(in crate::compensation) fn worse(&self) -> Option<Worse> {
         self.comparison.worse()
     }
@@ -167,7 +169,7 @@ impl Learned {
 }
 
 impl Model {
-    /// Some rise of it is measured from this captured reference.
+    /// Returns whether a rise of the model is measured from this captured reference.
     pub(in crate::compensation) fn is_measured_from(&self, reference: Reference) -> bool {
         self.references().any(|known| known == reference)
     }

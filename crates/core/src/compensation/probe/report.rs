@@ -1,16 +1,16 @@
-//! Reports of measured errors from elsewhere, and how one that arrives twice is recognised.
+//! Reports of measured errors from other programs, and how a repeated report is recognised.
 //!
-//! A broker delivers a message at least once, and a sender repeats what was not answered. Two reports that agree are taken
-//! for two measurements, so that each measurement may count once only:
+//! A broker delivers a message at least once, and a sender repeats a message without an answer. Two reports that agree
+//! count as two measurements. Therefore each measurement may count only once:
 //!
-//! | the report has | it is the same measurement as one that was taken if |
+//! | the report has | it repeats a report that was taken if |
 //! |---|---|
 //! | `id` | the id is the same |
 //! | `time` | time and error are the same |
-//! | neither | the broker says that it delivers it again, or the same error arrived less than 10 s ago |
+//! | neither | the broker marks it as delivered again, or the same error arrived less than 10 s ago |
 //!
-//! A measurement from before the axis's datum says nothing about what is measured from that datum. It is rejected, as is one
-//! from the future.
+//! A measurement from before the axis's datum is rejected, because Cz is counted from that datum. A measurement from
+//! the future is rejected, too.
 
 use std::fmt;
 use std::time::Duration;
@@ -19,54 +19,54 @@ use serde::{Deserialize, Serialize};
 
 use crate::quantity::{Moment, Shift, Shifted, shifted, time};
 
-/// Reports that are remembered for each axis: two and a half days of one an hour.
+/// Number of reports that are remembered for each axis: two and a half days with one in each hour.
 const KEPT: usize = 64;
 /// An equal error that arrives within this time is the same measurement, if neither report says which one it is.
 const REPEATED_WITHIN: Duration = Duration::from_secs(10);
-/// The clock of a sender may be this much ahead.
+/// Accepted lead of a sender's clock.
 const AHEAD: Duration = Duration::from_secs(10);
-/// Errors that differ by less, µm, are equal: one of them has passed through a number of 32 bits.
+/// Difference below which errors are equal, µm. One of them may have passed through a number of 32 bits.
 const EQUAL_WITHIN: f64 = 1e-4;
-/// The longest `id`.
+/// Maximum length of an `id`.
 const LONGEST_ID: usize = 64;
 
 /// Measured error of an axis as a sender reports it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MeasuredReport {
-    /// Actual minus commanded, µm, while the compensation acts.
+    /// Actual minus commanded position, µm, while the compensation acts.
     pub error_um: f64,
-    /// Time of the measurement by the wall clock.
+    /// Time of the measurement by the wall clock; `None` if the report has none.
     pub time: Option<Moment>,
-    /// Name that the sender has given to this measurement.
+    /// Name that the sender has given to this measurement; `None` if the report has none.
     pub id: Option<String>,
-    /// The broker says that it has delivered this message before.
+    /// The broker has delivered this message before.
     pub redelivered: bool,
 }
 
 impl MeasuredReport {
-    /// Report with the `time` and the `id` of the measurement, as text.
+    /// Creates a report with the `time` and the `id` of the measurement as text.
     ///
     /// # Errors
-    /// A sentence that says how to write what is wrong. It quotes nothing of what was sent.
+    /// Returns a message that says how to write the wrong text. It contains nothing of the report.
     pub fn new(error_um: f64, time: Option<&str>, id: Option<&str>) -> Result<MeasuredReport, String> {
         let time = time.map(MeasuredReport::time).transpose()?;
         let id = id.map(MeasuredReport::id).transpose()?;
         Ok(MeasuredReport { error_um, time, id, redelivered: false })
     }
 
-    /// Reads a `time`.
+    /// Parses a `time`.
     ///
     /// # Errors
-    /// A sentence that says how to write one.
+    /// Returns a message that says how to write it.
     pub fn time(text: &str) -> Result<Moment, String> {
         let hint = "write `time` as 2026-01-31T12:00:00Z, with Z or the offset from UTC at its end";
         time::parse(text).map_err(|_| hint.to_owned())
     }
 
-    /// Reads an `id`.
+    /// Parses an `id`.
     ///
     /// # Errors
-    /// A sentence that says how to write one.
+    /// Returns a message that says how to write it.
     pub fn id(text: &str) -> Result<String, String> {
         let is_fit =
             (1..=LONGEST_ID).contains(&text.len()) && text.bytes().all(|byte| byte.is_ascii_graphic());
@@ -75,7 +75,7 @@ impl MeasuredReport {
         if is_fit { Ok(text.to_owned()) } else { Err(hint()) }
     }
 
-    /// The sender says which measurement it is.
+    /// Returns whether the report has a `time` or an `id`.
     pub fn is_identified(&self) -> bool {
         self.time.is_some() || self.id.is_some()
     }
@@ -96,14 +96,14 @@ impl fmt::Display for MeasuredReport {
     }
 }
 
-/// Reason for which a report is rejected before its error is looked at. Moments are by the wall clock.
+/// Reason why a report is rejected before its error is judged. All times are by the wall clock.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Rejected {
     /// A report with this `id` was taken.
     SameId(String),
     /// A report with this `time` and the same error was taken.
     SameTime(Moment),
-    /// The broker delivers it again, and it has neither `time` nor `id`.
+    /// The broker has delivered the report again, and it has neither `time` nor `id`.
     Redelivered,
     /// An equal error arrived this long ago, and the report has neither `time` nor `id`.
     SameError(Duration),
@@ -111,16 +111,16 @@ pub enum Rejected {
     Forgotten(Moment),
     /// The report was measured before the datum of the axis.
     BeforeDatum {
-        /// Its `time`.
+        /// `time` of the report.
         time: Moment,
-        /// When the datum was taken.
+        /// Time at which the datum was taken.
         datum: Moment,
     },
-    /// Its `time` has not come yet.
+    /// The `time` of the report is in the future.
     Ahead {
-        /// Its `time`.
+        /// `time` of the report.
         time: Moment,
-        /// The time of day.
+        /// Present time.
         now: Moment,
     },
 }
@@ -165,10 +165,10 @@ impl fmt::Display for Rejected {
 /// Report that was taken.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct TakenReport {
-    /// When it arrived last, by counted time.
+    /// Counted time of its last arrival.
     at: Moment,
     error_um: f64,
-    /// Time of the sender. No correction of this computer's clock moves it.
+    /// Time of the sender. A correction of this computer's clock does not change it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     time: Option<Moment>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -177,7 +177,7 @@ pub(super) struct TakenReport {
 
 shifted!(TakenReport: at);
 
-/// The last reports that were taken, by their last arrival, oldest first.
+/// Reports that were taken last, by their last arrival, oldest first.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(in crate::compensation) struct TakenReports(Vec<TakenReport>);
 
@@ -188,7 +188,7 @@ impl Shifted for TakenReports {
 }
 
 impl TakenReports {
-    /// The newest of them, as many as are remembered.
+    /// Keeps only the newest reports, as many as are remembered.
     pub(super) fn newest(mut self) -> TakenReports {
         let forgotten = self.0.len().saturating_sub(KEPT);
         self.0.drain(..forgotten);
@@ -199,11 +199,11 @@ impl TakenReports {
         self.0.is_empty()
     }
 
-    /// Whether a report that arrives `now` is a new measurement since the `datum`. `shift` brings counted time to the wall
-    /// clock. A report that arrives again is remembered from now on again, so that no number of repetitions counts.
+    /// Checks whether a report that arrives at `now` is a new measurement since the `datum`. `shift` converts counted
+    /// time to wall-clock time. A repeated report is remembered from `now` on, so that no number of repetitions counts.
     ///
     /// # Errors
-    /// Why it is rejected.
+    /// Returns why the report is rejected.
     pub(in crate::compensation) fn check(
         &mut self,
         report: &MeasuredReport,
@@ -234,7 +234,7 @@ impl TakenReports {
         if let Some(datum) = datum.filter(|datum| time < *datum) {
             return Err(Rejected::BeforeDatum { time, datum });
         }
-        // What was forgotten had arrived before the oldest that is left.
+        // Every forgotten report arrived before the oldest one that is left.
         let oldest = self.0.first().filter(|_| self.0.len() >= KEPT);
         match oldest.filter(|oldest| time <= oldest.at.shifted(shift).after(AHEAD)) {
             Some(_) => Err(Rejected::Forgotten(time)),
@@ -253,7 +253,7 @@ impl TakenReports {
 }
 
 impl TakenReport {
-    /// Whether a report that arrives `now` is of the same measurement.
+    /// Returns whether a report that arrives at `now` is of the same measurement.
     fn is_same(&self, report: &MeasuredReport, now: Moment) -> bool {
         let is_equal = (self.error_um - report.error_um).abs() < EQUAL_WITHIN;
         let has_same_id = report.id.is_some() && self.id == report.id;

@@ -14,7 +14,7 @@ fn at(seconds: u64) -> Moment {
     Moment::from_nanos(0).after(Duration::from_secs(seconds))
 }
 
-/// A machine that is shown one row of values after the other; NaN is a bad reading.
+/// Machine whose readings the test sets, row by row. NaN is a bad reading.
 struct Shown {
     settings: MachineSettings,
     machine: Machine,
@@ -214,7 +214,7 @@ fn a_forgotten_signal_is_captured_again_and_the_others_keep_what_they_have() {
     let mut shown = Shown::new(MachineSettings { on: None, zero: None, signals: 3, ..settings(0) });
     shown.look(0, [20.0, 30.0, 40.0]);
     shown.look(10, [21.0, 31.0, 41.0]);
-    // As after a restart: nothing of what saves looking at captures is on disk.
+    // As after a restart: facts that are derived from the captures are not stored.
     shown.machine = serde_json::from_str(&serde_json::to_string(&shown.machine).unwrap()).unwrap();
     assert!(shown.machine.forget(BED), "it was captured");
     assert!(!shown.machine.forget(BED), "nothing is left to forget");

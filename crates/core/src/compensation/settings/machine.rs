@@ -1,18 +1,18 @@
-//! Settings of the machine, whatever its axes and their models are.
+//! Settings of the machine, independent of its axes and their models.
 
 use std::time::Duration;
 
 use crate::reading::SignalId;
 
-/// What concerns every axis of the machine: the time since machine start and captured references.
+/// Settings of the machine: running time and captured references.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MachineSettings {
-    /// The signal whose rising edge starts the machine's time; without one, the first good reading does.
+    /// Signal whose rising edge is the machine start. Without it, the first good reading is the machine start.
     pub on: Option<SignalId>,
-    /// The signal whose rising edge captures the references given as "zero".
+    /// Signal whose rising edge captures the "zero" references.
     pub zero: Option<SignalId>,
-    /// A captured reference is the mean over this long; zero takes the first good reading.
+    /// Time over which a captured reference is the mean; zero takes the first good reading.
     pub settle: Duration,
-    /// How many signals the machine has: the length of every snapshot.
+    /// Number of signals of the machine, and so the length of every snapshot.
     pub signals: usize,
 }

@@ -1,4 +1,4 @@
-//! What predictions rest on: by input of the bank, its lag and the mean of its rise in the minute.
+//! Inputs of the predictions: the lag of each input of the bank, and the mean of its rise in the minute.
 
 use std::time::Duration;
 
@@ -10,37 +10,38 @@ use crate::compensation::model::{Envelope, Inputs, Lag};
 use crate::compensation::reference::{Machine, Reference};
 use crate::quantity::{Moment, shifted};
 
-/// After so many of its time constants a lag has forgotten, but for less than a hundredth, that it began at rest on a machine
-/// that was warm.
+/// Time constants after which the start value of a lag counts for less than a hundredth. A lag that began on a warm
+/// machine is then settled.
 const FORGOTTEN: u32 = 5;
-/// So much of its range a predictor may be beyond it: less is the count of a sensor and the rounding of a file.
+/// Tolerated share of its range by which a predictor may be beyond it. The count of a sensor and the rounding of a file
+/// are less.
 pub(super) const EDGE: f64 = 0.01;
-/// So much of its range a sensor may be beyond it that is predicted, and what follows a predictor: a slow lag comes back long after its
-/// sensor. The same of a predictor whose prediction is only what later ones are compared with.
+/// Tolerated share of its range for a predicted sensor, and for the rise of a lagged predictor. A slow lag returns long
+/// after its sensor. It is also tolerated for a predictor whose prediction is only the base of later comparisons.
 pub(super) const FAR: f64 = 0.10;
 
-/// An input of the bank.
+/// State of one input of the bank.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Gathered {
     #[serde(rename = "lagged")]
     pub(super) lag: Lag,
-    /// Before this its lag says too little, because it began on a machine that was running.
+    /// Time at which the lag is settled. Before it the lag is not used, because it began on a running machine.
     #[serde(default)]
     pub(super) ready: Moment,
-    /// Of what its sensor read in this minute.
+    /// Mean of the sensor's own rise in this minute.
     #[serde(default)]
     pub(super) own: Mean,
-    /// Of what others said that it would have read.
+    /// Mean of the rise of the sensor's stand-in in this minute.
     #[serde(default)]
     pub(super) lent: Mean,
-    /// It is beyond the range on which the model was identified.
+    /// The input is beyond the range on which the model was identified.
     #[serde(default)]
     pub(super) beyond: bool,
 }
 
 shifted!(Gathered: lag, ready);
 
-/// A mean that is still growing.
+/// Mean of the values so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Mean {
     sum: f64,
@@ -48,12 +49,12 @@ pub(super) struct Mean {
 }
 
 impl Mean {
-    /// `None` where nothing was counted.
+    /// Returns the mean; `None` if it has no values.
     fn get(self) -> Option<f64> {
         (self.count > 0).then(|| self.sum / f64::from(self.count))
     }
 
-    /// Readings of 1e308 may be believed by a profile without ranges; a sum that is no number is not taken in.
+    /// Adds a value. A profile without ranges may accept readings of 1e308; a sum that is not finite is discarded.
     fn take(&mut self, value: f64) {
         let sum = self.sum + value;
         if sum.is_finite() {
@@ -63,7 +64,7 @@ impl Mean {
 }
 
 impl Gathered {
-    /// Takes in the readings as the model sees them; one that nobody knows is waited for.
+    /// Updates lag and means with the readings as the model uses them. An unknown reading changes nothing.
     pub(super) fn follow(&mut self, predictor: &Predictor, seen: &Snapshot<'_>, machine: &Machine) {
         let input = &predictor.input;
         let was_there = self.lag.kept().is_some();
@@ -81,8 +82,8 @@ impl Gathered {
         (if is_own { &mut self.own } else { &mut self.lent }).take(rise.get());
     }
 
-    /// Looks whether it is beyond the range that the model's envelope has for it, or what follows it far beyond. That ends when it is
-    /// inside.
+    /// Checks whether the input is beyond the range in the model's envelope, or its rise in this minute far beyond.
+    /// That state ends when both are inside.
     pub(super) fn look_at_range(&mut self, predictor: &Predictor, envelope: &Envelope, inputs: &Inputs<'_>) {
         let (now, late) = self.beyond_range(predictor, envelope, inputs);
         let edge = if self.beyond { 0.0 } else { EDGE };
@@ -90,13 +91,13 @@ impl Gathered {
         self.beyond = is_beyond || late.is_some_and(|late| late > FAR);
     }
 
-    /// Returns whether neither it nor what follows it is far beyond that range.
+    /// Returns whether neither the input nor its rise in this minute is far beyond the range.
     pub(super) fn is_near(&self, predictor: &Predictor, envelope: &Envelope, inputs: &Inputs<'_>) -> bool {
         let (now, late) = self.beyond_range(predictor, envelope, inputs);
         now.into_iter().chain(late).all(|share| share <= FAR)
     }
 
-    /// By which share of that range it is beyond it now, and what follows it in this minute. `None` where that is not known.
+    /// Returns by which share of its range the input is beyond it now, and its rise in this minute. `None` if unknown.
     fn beyond_range(
         &self,
         predictor: &Predictor,
@@ -108,7 +109,8 @@ impl Gathered {
         (envelope.beyond_range(predictor.input.signal, inputs), late)
     }
 
-    /// Its rise in this minute, and whether it is only what others said of it. `frozen`: what it read itself says nothing.
+    /// Returns the rise in this minute, and whether it comes from a stand-in; `None` if there is none. `frozen`: the
+    /// sensor's own readings are not used.
     pub(super) fn rise(&self, frozen: bool, now: Moment) -> Option<(f64, bool)> {
         let own = self.own.get().filter(|_| !frozen).map(|rise| (rise, false));
         own.or_else(|| Some((self.lent.get()?, true))).filter(|_| now >= self.ready)

@@ -1,4 +1,4 @@
-//! What is known of one sensor that is watched.
+//! State of one watched sensor.
 
 use std::time::Duration;
 
@@ -6,124 +6,126 @@ use serde::{Deserialize, Serialize};
 
 use crate::quantity::{Moment, Shift, Shifted, shifted};
 
-/// A reading that changed less long ago is not frozen; a sensor that was lost for less was not.
+/// Minimum time without a change before a reading is suspected, and minimum duration of a loss that must be checked.
 const SHORT: Duration = Duration::from_secs(3 * 60);
-/// A sensor is suspected when so many minutes in a row say that it should have moved: others may be ahead of it for one or two.
+/// Number of minutes in a row, with a predicted motion that the reading lacks, until a sensor is suspected. Other
+/// sensors may be one or two minutes ahead.
 const MISSED: u8 = 3;
-/// How long a sensor has to agree before it is believed again, and how long one that is back waits for others who could say so.
+/// Time for which a sensor must agree with its prediction before it is accepted again. A sensor that is back without a
+/// prediction waits equally long.
 const AGREES_FOR: Duration = Duration::from_secs(3600);
-/// How long the last prediction stands in for a frozen sensor while its predictors are missing.
+/// Time for which the last prediction is used for a frozen sensor while a predictor is missing.
 const BRIDGED: Duration = Duration::from_secs(10 * 60);
 
-/// One sensor.
+/// State of one sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Sensor {
     standing: ArmState,
-    /// The last good reading, and when it was there.
+    /// Last good reading. `read` is its time.
     reading: Option<f64>,
     read: Moment,
-    /// When it last changed.
+    /// Time at which the reading last changed.
     changed: Moment,
-    /// y: what the value is counted from; `None` where nobody knows.
+    /// y: reading from which the value is counted; `None` if it is unknown.
     from: Option<f64>,
-    /// x̂ there.
+    /// x̂ at that reading.
     base: Option<f64>,
-    /// Both are of a reading that is to be proven, because the machine had started without one.
+    /// `from` and `base` belong to an unproven reading, because the machine started without a reading.
     #[serde(default)]
     tentative: bool,
-    /// x̂ of the last minute; `None` where nobody could say.
+    /// x̂ of the last minute; `None` if there was no prediction.
     predicted: Option<Predicted>,
-    /// What the last minute said is not used because something was beyond its range.
+    /// The last prediction is not used because a sensor was beyond its range.
     #[serde(default)]
     outside: bool,
-    /// The last x̂ that could stand in.
+    /// Last x̂ that could be used as a stand-in.
     #[serde(default)]
     last: Option<Said>,
-    /// It has moved since it was frozen, or is back since it was lost.
+    /// The reading has changed since the sensor froze, or is back after a loss.
     moved: bool,
-    /// Since when it agrees with the prediction again.
+    /// Time since which the reading agrees with the prediction again.
     agrees: Option<Moment>,
-    /// How many minutes in a row have said that it should have moved.
+    /// Number of minutes in a row with a predicted motion that the reading lacks.
     #[serde(default)]
     missed: u8,
-    /// Others could say for minutes what it would read while it was lost.
+    /// A prediction was present for minutes while the sensor was lost.
     #[serde(default)]
     was_predicted: bool,
-    /// Since when it is back, and nobody can say whether it is right.
+    /// Time since which the sensor is back without a prediction to check it.
     #[serde(default)]
     unproven: Option<Moment>,
-    /// Its reading is counted anew, and its shadows do not know yet.
+    /// The reading is counted from a new start, which the shadows have not taken over yet.
     #[serde(default)]
     pub(super) renewed: bool,
 }
 
-/// What others say of a sensor.
+/// Prediction of a sensor from its predictors.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Predicted {
-    /// Its rise since the machine's start.
+    /// Predicted rise since machine start.
     pub(super) rise: f64,
-    /// Some of them are stood in for themselves: good enough to find a frozen sensor, and for nothing else.
+    /// At least one predictor has a stand-in itself. Such a prediction is only used to find a frozen sensor.
     pub(super) lent: bool,
-    /// All of them read something now, and are believed.
+    /// All predictors have an accepted reading now.
     pub(super) present: bool,
-    /// What would be used for the reading is inside the range of the sensor.
+    /// The value that would replace the reading is inside the range of the sensor.
     #[serde(default = "yes")]
     pub(super) inside: bool,
 }
 
-/// What was kept without saying so was inside.
+/// Default of `inside` for a kept state without it.
 fn yes() -> bool {
     true
 }
 
-/// What the minute that is over says of a sensor.
+/// Prediction of the minute that has ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Prediction {
-    /// Others say this.
+    /// All predictors had a value.
     Known(Predicted),
-    /// One of them is missing.
+    /// At least one predictor had no value.
     Missing,
-    /// One of them is beyond the range on which the model was identified, or the sensor far beyond. Their prediction, if nothing is far
-    /// beyond.
+    /// A predictor is beyond the range on which the model was identified, or the sensor is far beyond it. Contains the
+    /// predicted rise if nothing is far beyond.
     Outside(Option<f64>),
 }
 
-/// A prediction that could stand in, and when it was made.
+/// Prediction that could be used as a stand-in, and its time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Said {
     rise: f64,
     at: Moment,
 }
 
-/// How a sensor stands.
+/// State of a sensor in the stuck test.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum ArmState {
-    /// It is believed.
+    /// The reading is accepted.
     #[default]
     Live,
-    /// It has read the same since then, and should not have. Its reading is used all the same.
+    /// The reading has been constant since this time, and should have changed. It is still used.
     Suspected(Moment),
-    /// The same, and others stand in for it.
+    /// The reading has been constant since this time, and a stand-in replaces it.
     Frozen(Moment),
-    /// It had no good reading after this.
+    /// The sensor has had no good reading since this time.
     Lost(Moment),
 }
 
-/// What a minute has shown of a sensor.
+/// Result of a minute for a sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Verdict {
-    /// Nothing new.
+    /// The state has not changed.
     AsBefore,
-    /// It is believed again.
+    /// The sensor is accepted again.
     Believed(Option<Beginning>),
 }
 
-/// What a sensor would have read when the machine started, which nobody could read then.
+/// Estimated reading of a sensor at machine start, when it could not be read.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::compensation) struct Beginning {
     pub(in crate::compensation) value: f64,
-    /// What was captured since then is not to be believed.
+    /// References that were captured since this time are invalid.
     pub(in crate::compensation) distrusted_since: Moment,
 }
 
@@ -143,7 +145,8 @@ impl Sensor {
         self.standing == ArmState::Live
     }
 
-    /// Since when it is not believed, and whether it is frozen; else it was lost.
+    /// Returns since when the sensor is rejected, and whether it is suspected or frozen (`true`) or lost (`false`).
+    /// `None` if it is accepted.
     pub(super) fn distrusted(&self) -> Option<(Moment, bool)> {
         match self.standing {
             ArmState::Live => None,
@@ -152,63 +155,64 @@ impl Sensor {
         }
     }
 
-    /// It has read the same for too long, and its reading is used all the same.
+    /// Returns whether the reading has been constant for too long and is still used.
     pub(super) fn is_suspected(&self) -> bool {
         matches!(self.standing, ArmState::Suspected(_))
     }
 
-    /// It has read the same for too long, and others stand in for it.
+    /// Returns whether the reading has been constant for too long and a stand-in replaces it.
     pub(super) fn is_frozen(&self) -> bool {
         matches!(self.standing, ArmState::Frozen(_))
     }
 
-    /// It has read the same for too long: its reading says nothing of the other sensors.
+    /// Returns whether the reading has been constant for too long. Such a reading predicts no other sensor.
     pub(super) fn is_doubted(&self) -> bool {
         self.is_suspected() || self.is_frozen()
     }
 
-    /// Others stand in for it from now on.
+    /// Replaces a suspected sensor by its stand-in from now on.
     pub(super) fn substitute(&mut self) {
         if let ArmState::Suspected(since) = self.standing {
             self.standing = ArmState::Frozen(since);
         }
     }
 
-    /// Nobody stands in for it any more: its reading is used.
+    /// Uses the reading of a frozen sensor again, because it has no stand-in any more.
     pub(super) fn suspect(&mut self) {
         if let ArmState::Frozen(since) = self.standing {
             (self.standing, self.moved, self.agrees) = (ArmState::Suspected(since), false, None);
         }
     }
 
-    /// What the last minute said of it is not used because something was beyond its range.
+    /// Returns whether the last prediction is not used because a sensor was beyond its range.
     pub(super) fn is_outside(&self) -> bool {
         self.outside
     }
 
-    /// It reads something at this moment, which it was shown already.
+    /// Returns whether the sensor has a good reading at this moment. The reading must have been passed to `look`
+    /// before.
     pub(super) fn reads(&self, now: Moment) -> bool {
         self.reading.is_some() && self.read == now
     }
 
-    /// When it last changed.
+    /// Returns the time at which the reading last changed.
     pub(super) fn changed(&self) -> Moment {
         self.changed
     }
 
-    /// Its rise, where others say it who are good themselves. For a frozen one the last they said serves while something is beyond its
-    /// range, and for some minutes while one of them is missing.
+    /// Returns the rise of the stand-in; `None` if there is no stand-in. For a frozen sensor, the last prediction is
+    /// used while a sensor is beyond its range. It is also used for some minutes while a predictor is missing.
     pub(super) fn stand_in(&self, now: Moment) -> Option<f64> {
         let serves = |last: &Said| self.is_frozen() && (self.outside || now.since(last.at) < BRIDGED);
         self.said().or_else(|| Some(self.last.filter(serves)?.rise))
     }
 
-    /// The same of the last minute.
+    /// Returns the rise that the last minute predicts, if it may be used as a stand-in.
     pub(super) fn said(&self) -> Option<f64> {
         self.predicted.and_then(Predicted::fit)
     }
 
-    /// What it would read where others predict this rise, as far as what it begins from is certain.
+    /// Returns the value of the sensor for this predicted rise; `None` if its start is unknown or unproven.
     pub(super) fn value(&self, rise: f64) -> Option<f64> {
         self.expected(rise).filter(|_| !self.tentative)
     }
@@ -217,17 +221,18 @@ impl Sensor {
         self.from.zip(self.base).map(|(from, base)| from + rise - base)
     }
 
-    /// What a shadow follows: the prediction since the reading last changed; `None` where there is none.
+    /// Returns the value that a shadow follows: the prediction since the last change of the reading. `None` if there is
+    /// none.
     pub(super) fn shadowed(&self) -> Option<f64> {
         self.value(self.predicted?.rise)
     }
 
-    /// Nobody looked for a while: what was predicted before says nothing of now.
+    /// Discards the prediction after a pause of the checks.
     pub(super) fn pause(&mut self) {
         (self.predicted, self.agrees) = (None, None);
     }
 
-    /// The gateway was away for a while: not even the last prediction serves.
+    /// Discards all predictions after a time without the gateway.
     pub(super) fn away(&mut self) {
         self.pause();
         self.last = None;
@@ -237,7 +242,7 @@ impl Sensor {
         let Some(value) = reading else {
             if self.is_live() || self.is_suspected() {
                 let since = if self.reading.is_some() { self.read } else { now };
-                // What others say of a suspected one is counted from the reading that was used.
+                // The prediction for a suspected sensor is counted from the reading in use.
                 let known = self.base.filter(|_| self.is_live());
                 let base = self.predicted.map(|predicted| predicted.rise).or(known);
                 (self.standing, self.from) = (ArmState::Lost(since), self.reading);
@@ -254,7 +259,7 @@ impl Sensor {
         match self.standing {
             ArmState::Live | ArmState::Suspected(_) if has_changed => self.begin(value, now),
             ArmState::Live | ArmState::Suspected(_) => {}
-            // It was the line that was lost, or all that could have said what it reads with it.
+            // The line was lost, or there was no prediction meanwhile.
             ArmState::Lost(since) if now.since(since) < SHORT || !self.was_predicted => {
                 self.begin(value, now);
             }
@@ -266,7 +271,7 @@ impl Sensor {
         }
     }
 
-    /// It is believed, and its reading is counted from here.
+    /// Accepts the sensor, and counts its reading from here.
     fn begin(&mut self, value: f64, now: Moment) {
         *self = Sensor {
             reading: Some(value),
@@ -279,7 +284,7 @@ impl Sensor {
         };
     }
 
-    /// Takes in what was predicted of the minute that is over.
+    /// Takes the prediction of the last minute, and returns whether the sensor is accepted again.
     pub(super) fn judge(
         &mut self,
         prediction: Prediction,
@@ -328,7 +333,7 @@ impl Sensor {
         let apart = reading.zip(self.expected(rise)).map(|(reading, value)| (reading - value).abs());
         if !(self.moved && apart.is_some_and(|apart| apart <= threshold)) {
             self.agrees = None;
-            // Where it begins is not known: its way is compared from here.
+            // The beginning is unknown: the motion is compared from here on.
             if let Some(reading) = reading.filter(|_| self.tentative) {
                 (self.from, self.base) = (Some(reading), Some(rise));
             }
@@ -340,7 +345,7 @@ impl Sensor {
         Verdict::AsBefore
     }
 
-    /// Nobody can say what it reads: one that was lost is believed if it has been back for long.
+    /// Judges a sensor without a prediction. A lost sensor is accepted after it has been back for an hour.
     fn judge_unpredicted(&mut self, reading: Option<f64>, now: Moment) -> Verdict {
         let back = reading.filter(|_| self.is_lost() && self.moved);
         let Some(reading) = back else {
@@ -353,13 +358,15 @@ impl Sensor {
         Verdict::Believed(self.believe(reading, now))
     }
 
-    /// A person has looked: what it reads is believed; `None` where nothing is new.
+    /// Accepts the sensor because the operator has checked it. `None` if it was accepted already, or has no reading
+    /// now.
     pub(super) fn trust(&mut self, now: Moment) -> Option<Verdict> {
         let reading = self.reading.filter(|_| !self.is_live() && self.reads(now))?;
         Some(Verdict::Believed(self.believe(reading, now)))
     }
 
-    /// Believes it again; what it began from, as the others have it, unless it has read the same ever since.
+    /// Accepts the sensor again. Returns its predicted beginning; `None` if its reading has been constant or is not
+    /// predicted.
     fn believe(&mut self, reading: f64, now: Moment) -> Option<Beginning> {
         let (since, _) = self.distrusted()?;
         let rise = self.said().filter(|_| self.moved);
@@ -367,7 +374,7 @@ impl Sensor {
         Some(Beginning { value: reading - rise?, distrusted_since: since })
     }
 
-    /// The machine was started: rises are counted from nothing. Where a sensor that is not believed begins, nobody knows.
+    /// Counts rises from zero after a machine start. The beginning of a rejected sensor is unknown.
     pub(super) fn started(&mut self, now: Moment) {
         let is_believed = match self.standing {
             ArmState::Live | ArmState::Suspected(_) => true,
@@ -387,7 +394,7 @@ impl Sensor {
 }
 
 impl Predicted {
-    /// The rise, if it is good enough to be used for the reading.
+    /// Returns the rise if it may replace the reading; else `None`.
     fn fit(self) -> Option<f64> {
         (!self.lent && self.inside).then_some(self.rise)
     }

@@ -8,7 +8,7 @@ fn rises() -> Rig {
     rig
 }
 
-/// Each decision beside an output that is behind at this Cz.
+/// Decisions with an output that is behind at this Cz.
 fn waits(rig: &mut Rig, at: f64, count: usize) -> Vec<f64> {
     let one = |rig: &mut Rig| {
         rig.control.behind = Some(um(at));
@@ -27,7 +27,7 @@ fn while_an_output_waits_cz_stays_within_one_step_of_it() {
     assert_eq!((decision.cz, decision.target), (um(3.0), um(30.0)), "it resumes from that value");
 }
 
-/// The request turns round: the first decision after that is on the way back.
+/// The request changes its direction. The first decision after that moves back.
 #[test]
 fn a_request_that_turns_round_is_followed_from_the_output_that_waits() {
     let mut rig = rises();
@@ -38,7 +38,7 @@ fn a_request_that_turns_round_is_followed_from_the_output_that_waits() {
     assert_eq!(cz, [1.0, 0.0, 0.0]);
 }
 
-/// An axis that holds keeps its value, whatever waits; its target is that value.
+/// An axis in hold keeps its value, whichever output waits. Its target is that value.
 #[test]
 fn an_axis_that_holds_keeps_its_value_beside_an_output_that_waits() {
     let mut rig = rises();

@@ -1,5 +1,5 @@
-//! A reading that others stand in for is used for nothing: no lag, no reference, no lesson, no other sensor's prediction. One that is
-//! only suspected is used for everything but the last.
+//! A reading that has a stand-in is not used for lags, references, learning or predictions. A suspected reading is used
+//! for everything except predictions.
 
 use super::stand_ins::{COLUMN, THRESHOLD, Twins, in_large_steps, rises, settings, stand_ins};
 use super::*;
@@ -7,10 +7,10 @@ use crate::compensation::model::envelope::Identified;
 use crate::compensation::model::stand_ins::Described;
 use crate::compensation::model::{Envelope, Outside, StandIns};
 
-/// A switch that says whether the machine is on.
+/// Signal of a switch that tells whether the machine is on.
 const SWITCH: SignalId = SignalId(3);
 
-/// Twins of this axis whose machines have a switch.
+/// Two equal axes whose machines have a switch.
 fn twins(axis: AxisSettings) -> Twins {
     let machine = MachineSettings { signals: 4, on: Some(SWITCH), ..MachineSettings::default() };
     let mut twins = Twins::new(0.05);
@@ -29,7 +29,7 @@ fn signals(twins: &Twins) -> Vec<(SignalId, bool, bool)> {
     all.map(|found| (found.signal, found.frozen, found.others.is_some())).collect()
 }
 
-/// With the bed frozen, and found.
+/// Two axes after the bed of one froze and was found frozen.
 fn frozen_bed() -> Twins {
     let mut twins = Twins::new(0.05);
     twins.run(60.0);
@@ -158,7 +158,7 @@ fn what_was_predicted_before_a_stop_is_not_used_after_it() {
     }
     assert_eq!(twins.run(0.1).1.model, Some(1), "nobody looked for five minutes");
     let (_, decision) = twins.run(3.0);
-    assert_eq!(decision.stood_in.map(|found| found.signal), Some(BED), "and it is not believed for that");
+    assert_eq!(decision.stood_in.map(|found| found.signal), Some(BED), "and it is rejected for that");
 }
 
 #[test]
@@ -296,7 +296,7 @@ fn no_sensor_is_suspected_while_another_is_beyond_its_range_and_a_frozen_one_kee
         let mut outside = twins(bed, wheelhead);
         assert_eq!((outside.run(300.0).1.state, signals(&outside)), (AxisState::Active, vec![]));
     }
-    // A predictor leaves its range, and what would be used for the bed its own.
+    // A predictor leaves its range, and the stand-in of the bed leaves its own.
     for (bed, wheelhead) in [(90.0, 4.0), (4.0, 90.0)] {
         let mut frozen = twins(bed, wheelhead);
         assert!(frozen.run(15.0).1.stood_in.is_some(), "3.75 °C");
@@ -344,7 +344,7 @@ fn a_fallback_model_is_not_used_outside_its_own_envelope_and_is_when_it_is_clear
         let decision = rig.show(f64::NAN, wheelhead).after(10.0);
         assert_eq!((decision.model, decision.lacks), (model, Some(Unusable::Signal(BED))), "{wheelhead}");
     }
-    // The preferred model is followed as its own envelope says.
+    // The preferred model is followed as its own envelope defines.
     assert_eq!(rig.show(27.5, 30.0).after(10.0).model, Some(0));
 }
 

@@ -1,4 +1,4 @@
-//! How wrong the model in use is expected to be.
+//! Expected error of the model in use.
 
 use super::super::model::{Envelope, Expected, Growth, Input, Outside};
 use super::probes::{probe, probed_axis, zeroing_machine};
@@ -12,7 +12,7 @@ fn growth(per_hour: f64, at_once: f64) -> Growth {
     Growth::new(per_hour, at_once).unwrap()
 }
 
-/// σ² = h since the datum, h/4 since a probing.
+/// Variance σ²: h since the datum, h/4 since a probing.
 fn expecting(model: Model) -> Model {
     let expected = Expected { since_datum: growth(1.0, 0.0), since_touch: Some(growth(0.25, 0.0)) };
     Model { expected: Some(expected), ..model }
@@ -30,7 +30,7 @@ fn expects(decision: Decision, hours: f64) {
 
 #[test]
 fn hours_count_from_what_the_model_is_measured_from() {
-    // The machine starts at 0 h, its references are complete 30 s later; it is zeroed at 2 h, complete 30 s later.
+    // The machine starts at 0 h, and its references are complete 30 s later. It is zeroed at 2 h, complete 30 s later.
     let after_start = 3.0 - 30.0 / HOUR;
     let after_zero = 1.0 - 30.0 / HOUR;
     for (what, axis, hours) in [
@@ -63,7 +63,7 @@ fn a_probing_that_was_learned_from_makes_it_smaller_also_after_a_restart() {
     rig.after(30.0);
     let raw = rig.after(4.0 * HOUR - 1.0).raw.unwrap().get();
     expects(rig.probe(30.0, raw), 4.0);
-    assert!(rig.refused().is_some(), "it is not believed");
+    assert!(rig.refused().is_some(), "it is rejected");
     expects(rig.probe(2.0, raw), 0.0);
     expects(rig.after(2.0 * HOUR), 0.5);
     rig.restart(settings.clone());
@@ -71,7 +71,7 @@ fn a_probing_that_was_learned_from_makes_it_smaller_also_after_a_restart() {
     let mut running = Compensation::new(zeroing_machine(), vec![settings], rig.compensation.running());
     std::mem::swap(&mut running, &mut rig.compensation);
     expects(*rig.compensation.decision(0).unwrap(), 1.0);
-    // What was learned is gone, and with it what it was worth.
+    // The learned correction is discarded, and so is its certainty.
     rig.control.forget = true;
     expects(rig.after(HOUR), 9.0 + 1.0 / HOUR);
     rig.probe(2.0, raw);

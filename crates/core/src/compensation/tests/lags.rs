@@ -23,7 +23,7 @@ fn settled(share: f64) -> f64 {
     1.0 - (-share).exp()
 }
 
-/// Steps by these spans, again and again, to the moments wanted; the temperature is a function of time.
+/// Steps with these spans, repeatedly, to the requested times. The temperature is a function of time.
 fn follow(rig: &mut Rig, spans: &[f64], bed: impl Fn(f64) -> f64, wanted: &[f64]) -> Vec<f64> {
     let (mut time, mut spans, mut found) = (0.0, spans.iter().cycle(), Vec::new());
     rig.show(bed(0.0), 0.0).step();
@@ -31,7 +31,7 @@ fn follow(rig: &mut Rig, spans: &[f64], bed: impl Fn(f64) -> f64, wanted: &[f64]
         while time < *end {
             let span: f64 = spans.next().unwrap().min(end - time);
             time += span;
-            // Every look is an update: what is tried here is the lag, not the axis's period.
+            // Every step updates the axis: the test is of the lag, not of the axis's period.
             rig.compensation.axes[0].due = None;
             rig.show(bed(time), 0.0).after(span);
         }
@@ -66,7 +66,7 @@ fn m4_the_ramp_whatever_the_interval() {
     }
 }
 
-/// The same in the kinds that files describe: one input, one gain.
+/// Models of the kinds that files describe: one input, one gain.
 fn lagging_files(reference: Reference) -> [Model; 2] {
     let input = Input::of(BED, reference, Some(seconds(CONSTANT)));
     let layer = Layer { weights: vec![vec![GAIN]], bias: vec![0.0], activation: Activation::Linear };
@@ -195,7 +195,7 @@ fn a_machine_start_begins_the_term_anew() {
 fn a_zero_lets_the_structure_make_up_its_rest() {
     let mut rig = Rig::new(lagged_axis(Reference::Zero));
     rig.show(20.0, 0.0).step();
-    // A step: both temperatures at the same moment.
+    // A step: both temperatures at the same time.
     rig.compensation.axes[0].due = None;
     rig.show(25.0, 0.0).step();
     let before = raw(rig.after(1800.0));

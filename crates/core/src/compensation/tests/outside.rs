@@ -1,4 +1,4 @@
-//! Outside the envelope of its model an axis says so, and acts as the profile says.
+//! An axis outside the envelope of its model reports that, and acts as the profile defines.
 
 use crate::quantity::of;
 use proptest::prelude::*;
@@ -7,10 +7,10 @@ use super::*;
 use crate::compensation::model::envelope::{Identified, agreed};
 use crate::compensation::model::{Envelope, Input, Outside};
 
-/// What the gains of the two halves differ by, µm/°C.
+/// Difference of the gains of the two halves, µm/°C.
 const APART: f64 = 1.0;
 
-/// `Cz = 2·(bed − 20)`, identified on 18 to 28 °C.
+/// Model `Cz = 2·(bed − 20)`, identified on 18 to 28 °C.
 fn model(outside: Outside) -> Model {
     let mut model = linear("rise", 0.0, &[term(BED, 2.0, Reference::Fixed(of(20.0)))]);
     let input = Input::of(BED, Reference::Fixed(of(0.0)), None);
@@ -137,7 +137,7 @@ fn agree_takes_what_the_halves_agree_on_the_more_the_farther() {
     for (bed, share) in [
         (28.0, 1.0),
         (28.9, 1.0),
-        // e = 0.225: half of the difference counts, (0.5·10.25)² beside 20.5².
+        // At e = 0.225, half of the difference counts: (0.5·10.25)² compared with 20.5².
         (30.25, 1.0 / (1.0 + 0.25 * 0.25)),
         (31.5, 1.0 / (1.0 + 0.5 * 0.5)),
         (60.0, 1.0 / (1.0 + 0.5 * 0.5)),

@@ -29,7 +29,7 @@ pub(super) fn zeroing_machine() -> MachineSettings {
 }
 
 impl Rig {
-    /// A probing now, while this Cz acts.
+    /// Probes now, while this Cz acts.
     pub(super) fn probe(&mut self, error: f64, acting: f64) -> Decision {
         self.control.measured = Some(Measured { error: um(error), acting: Some(um(acting)) });
         self.after(1.0)
@@ -77,7 +77,7 @@ fn an_error_that_does_not_move_is_gone_after_a_few_probings() {
     let mut rig = Rig::new(probed_axis(probe()));
     let mut cz = rig.run(300.0).last().unwrap().cz.get();
     for _ in 0..12 {
-        // The model is wrong by 7 µm: the machine would want 8.4 + 7.
+        // The error of the model is 7 µm: the machine would require 8.4 + 7.
         rig.probe(cz - 15.4, cz);
         cz = rig.run(600.0).last().unwrap().cz.get();
     }
@@ -87,7 +87,7 @@ fn an_error_that_does_not_move_is_gone_after_a_few_probings() {
 
 #[test]
 fn what_is_still_under_way_is_not_the_models_fault() {
-    // The model is right: at 8.4 nothing remains. At the Cz that acts, the rest of the way does.
+    // The model is right: at 8.4 no error remains. At the Cz that acts, the rest of the way remains.
     for (what, permit, acting) in [
         ("a ramp after arming", Permit::Armed, 2.0),
         ("off, with the last value in the register", Permit::Off, -7.5),
@@ -107,7 +107,7 @@ fn what_is_still_under_way_is_not_the_models_fault() {
 #[test]
 fn a_model_beyond_the_limit_is_not_wound_up() {
     let mut rig = Rig::new(probed_axis(probe()));
-    // 2.4 · 20 = 48, and 40 is the limit: 8 remain, which the model knows.
+    // The model requests 2.4 · 20 = 48, and the limit is 40. The remaining 8 are known to the model.
     rig.show(44.0, 24.0).run(600.0);
     for _ in 0..5 {
         near(correction(rig.probe(-8.0, 40.0)), 0.0);
@@ -182,7 +182,7 @@ fn each_model_learns_its_own_correction_from_one_probing() {
     rig.show(27.5, 24.0);
     near(correction(rig.probe(4.0, 8.4)), -2.0);
     let after = fallback(&mut rig);
-    // Half of the way from 9.84, what it asked for, to 4.4, what would have been right.
+    // Half of the way from 9.84, which was requested, to 4.4, which would have been right.
     assert!((after - before - 0.5 * (4.4 - before)).abs() < 0.01, "{before} {after}");
 }
 

@@ -19,7 +19,7 @@ fn any_permit() -> impl Strategy<Value = Permit> {
     ]
 }
 
-/// Nanoseconds to go on: normal, none at all, back, far ahead.
+/// Nanoseconds of a step: normal, none, backwards, far ahead.
 fn any_jump() -> impl Strategy<Value = i64> {
     prop_oneof![
         6 => 0..30_000_000_000i64,
@@ -194,8 +194,8 @@ proptest! {
     }
 }
 
-/// How far time goes on, what the bed reads, whether the machine runs, its button is pressed, and its start becomes known
-/// afterwards.
+/// Span of a step, reading of the bed, whether the machine runs, whether its button is pressed, and whether its start
+/// becomes known afterwards.
 fn any_moment() -> impl Strategy<Value = (i64, f64, (bool, bool, bool))> {
     let rarely = || prop::bool::weighted(0.1);
     (any_jump(), any_value(), (prop::bool::weighted(0.8), rarely(), rarely()))

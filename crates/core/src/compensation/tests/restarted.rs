@@ -7,8 +7,8 @@ fn lagging() -> AxisSettings {
     axis(vec![linear("lag", 0.0, &[lagged(BED, 3.0, Reference::Start, Some(seconds(LAG)))])])
 }
 
-/// What a run asks for that goes on after another one of ten minutes: nothing was measured for `off`, the bed is at 30 °C,
-/// and the computer's clock was set by so much for the first and for the second run.
+/// Request of a run that continues after another one of ten minutes. There is no measurement for `off`, and the bed is
+/// at 30 °C. The clock of the computer was set by these spans for the first and for the second run.
 fn after(settings: &AxisSettings, (before, since): (i64, i64), off: f64) -> (f64, Option<Duration>) {
     const SECOND: i64 = 1_000_000_000;
     let mut rig = Rig::new(settings.clone());
@@ -19,7 +19,7 @@ fn after(settings: &AxisSettings, (before, since): (i64, i64), off: f64) -> (f64
     let kept = rig.compensation.remembered().counted_until(rig.now).shifted(first);
     let kept: Remembered = serde_json::from_str(&serde_json::to_string(&kept).unwrap()).unwrap();
     let stopped = rig.now.shifted(first);
-    // The second run counts from elsewhere.
+    // The second run counts time from another start.
     let now = Moment::from_nanos(0).after(seconds(3e9));
     let by_the_clock = rig.now.after(seconds(off)).shifted(second);
     let going_on = kept.going_on(stopped, now, Stop::between(stopped, by_the_clock));
@@ -45,7 +45,7 @@ fn the_clocks_of_two_runs_may_say_what_they_like_as_long_as_they_say_the_same() 
 fn a_stop_that_the_clock_cannot_have_measured_is_taken_for_a_long_one() {
     let settings = lagging();
     let (whole, _) = after(&settings, (0, 0), 86_400.0 * 30.0);
-    // All but a share of the rise, as after a month on a straight line.
+    // All of the rise except a share, as after a month on a straight line.
     assert!((whole - 30.0).abs() < 0.1, "{whole}");
     for set in [-1000, -86_400, -1_700_000_000, 86_400 * 31, 86_400 * 3650] {
         assert_eq!(after(&settings, (0, set), 900.0).0.to_bits(), whole.to_bits(), "{set}");

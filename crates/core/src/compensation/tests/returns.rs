@@ -1,9 +1,9 @@
-//! The settings of a sensor were changed: an axis that keeps its value goes back to what it held before.
+//! The settings of a sensor were changed: an axis that keeps its value returns to its earlier value.
 
 use super::*;
 use crate::compensation::ReturnTo;
 
-/// A machine whose axis held this Cz before the settings of its sensor were changed, and has moved since.
+/// Machine whose axis had this Cz before the settings of its sensor were changed, and has moved since.
 fn changed_at(cz: f64, on_fault: OnFault) -> (Rig, Micron) {
     let mut settings = axis(vec![linear("rise", 0.0, &[term(BED, 1.0, Reference::Fixed(of(20.0)))])]);
     settings.on_fault = on_fault;

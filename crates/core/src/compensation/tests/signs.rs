@@ -23,13 +23,13 @@ fn a_sign_check_takes_cz_there_and_back_within_step_and_rate_as_fast_as_it_may()
     assert!((from - 3.6).abs() < 0.11, "{from}");
     rig.control.sign = Some(um(from + 5.0));
     let begun = rig.now;
-    // The first step comes with the period of the axis, the others with the pace that step and rate allow: 2 s.
+    // The first step comes with the period of the axis. The others come with the pace that step and rate allow: 2 s.
     let there = steps(&mut rig, from + 5.0, 7);
     assert!(there.windows(2).all(|pair| pair[1] - pair[0] <= 1.0 + 1e-9), "{there:?}");
     assert!((there[6] - from - 5.0).abs() < 0.11, "{there:?}");
     assert!(rig.now.since(begun) <= seconds(30.0), "{:?}", rig.now.since(begun));
     assert_eq!(rig.compensation.decision(0).unwrap().state, AxisState::Active);
-    // What the model asks for is shown meanwhile, and followed again.
+    // The request of the model is shown meanwhile, and followed again afterwards.
     assert!((rig.compensation.decision(0).unwrap().raw.unwrap().get() - 3.6).abs() < 1e-9);
     let back = rig.run(100.0);
     assert!((back.last().unwrap().cz.get() - 3.6).abs() < 0.11);

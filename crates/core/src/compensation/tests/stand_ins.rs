@@ -1,4 +1,4 @@
-//! Frozen and lost sensors: found, replaced by what the others say, and believed again.
+//! Frozen and lost sensors: found, replaced by stand-ins, and accepted again.
 
 use proptest::prelude::*;
 
@@ -9,10 +9,10 @@ use crate::compensation::model::{Envelope, Outside, StandIns};
 use crate::quantity::of;
 
 pub(super) const COLUMN: SignalId = SignalId(2);
-/// °C.
+/// Threshold θ, °C.
 pub(super) const THRESHOLD: f64 = 0.3;
 
-/// Each is the mean of the others; the column is the bed alone, which is too few to stand in.
+/// Each sensor is the mean of the others. The column depends on the bed alone, which is too few for a stand-in.
 pub(super) fn stand_ins(file: u64) -> StandIns {
     let sensor = |signal, terms| Described { signal, threshold: THRESHOLD, stands_in: true, terms };
     let bed = vec![Described::term(WHEELHEAD, None, 0.5), Described::term(COLUMN, None, 0.5)];
@@ -35,18 +35,18 @@ pub(super) fn settings(file: u64) -> AxisSettings {
     in_large_steps(vec![watched, linear("wheelhead", 0.0, &[term(WHEELHEAD, 1.0, Reference::Start)])])
 }
 
-/// An axis whose step is large enough for what a substitution moves.
+/// Axis whose step is large enough for the change by a substitution.
 pub(super) fn in_large_steps(models: Vec<Model>) -> AxisSettings {
     let axis = axis(models);
     AxisSettings { guard: GuardSettings { step: um(5.0), ..axis.guard }, ..axis }
 }
 
-/// The same machine twice: one whose sensors fail, and one whose do not.
+/// Two equal machines: one with failing sensors, and one without.
 pub(super) struct Twins {
     pub(super) failing: Rig,
     pub(super) whole: Rig,
     pub(super) minutes: f64,
-    /// °C a minute.
+    /// Rate of the sensors, °C per minute.
     pub(super) slope: f64,
     pub(super) frozen: [Option<f64>; 3],
     pub(super) lost: [bool; 3],
@@ -66,7 +66,7 @@ impl Twins {
         self.frozen[signal.0] = Some(self.true_value(signal.0));
     }
 
-    /// A person disarms the failing one, and arms it again.
+    /// The operator disarms the failing axis and arms it again.
     pub(super) fn look(&mut self) {
         self.failing.control.trust = true;
         self.failing.permit(Permit::Off);
@@ -74,7 +74,8 @@ impl Twins {
         self.failing.permit(Permit::Armed);
     }
 
-    /// Both a while later, every ten seconds: how far they were apart at most, and how the failing one stood at the end.
+    /// Steps both for a while, every ten seconds. Returns their largest difference, and the last state of the failing
+    /// one.
     pub(super) fn run(&mut self, minutes: f64) -> (f64, Decision) {
         let (mut apart, end) = (0.0_f64, self.minutes + minutes);
         loop {
@@ -116,7 +117,7 @@ fn a_sensor_that_freezes_while_the_machine_warms_is_found_and_replaced() {
     assert!(at.since(found.since) <= seconds(10.0), "since it last changed: {found:?}");
     let (apart, decision) = twins.run(600.0);
     assert_eq!(decision.state, AxisState::Degraded);
-    // A minute's mean is half a minute old, and one more until the next.
+    // The mean of a minute is half a minute old, and one more until the next.
     assert!(apart < 0.05 * 2.0 * 5.0, "{apart}");
 }
 
@@ -186,11 +187,11 @@ fn a_stand_in_is_never_an_input_of_another() {
     twins.run(60.0);
     twins.lost[0] = true;
     twins.run(10.0);
-    // Both depend on each other: neither the model nor its fallback is left.
+    // Both depend on each other: neither the model nor its fallback can be used.
     twins.lost[1] = true;
     let (_, decision) = twins.run(10.0);
     assert_eq!((decision.model, decision.lacks), (None, Some(Unusable::Signal(BED))));
-    // With the bed back, and a person who has looked at it, the wheelhead has its stand-in.
+    // When the bed is back and the operator has checked it, the wheelhead has its stand-in.
     twins.lost[0] = false;
     twins.look();
     let (apart, decision) = twins.run(5.0);
@@ -245,7 +246,7 @@ fn a_substitution_that_moves_the_target_by_more_than_a_step_is_not_made() {
         twins.run(60.0);
         twins.freeze(BED);
         let before = twins.run(5.0).1.raw.unwrap();
-        // 0.3 °C of the bed are 0.6 µm at once, and some of it behind a lag.
+        // 0.3 °C of the bed are 0.6 µm at once, and some of it through a lag.
         let mut last = before;
         for _ in 0..180 {
             let raw = twins.run(1.0 / 6.0).1.raw.unwrap();
@@ -264,7 +265,7 @@ fn a_substitution_that_moves_the_target_by_more_than_a_step_is_not_made() {
 
 #[test]
 fn what_the_envelope_fades_counts_in_what_a_substitution_moves() {
-    // The bed and the wheelhead rise together: a frozen one of them is a combination that the model has never seen.
+    // The bed and the wheelhead rise together. If one of them is frozen, their combination is new to the model.
     let covariance = [vec![1.0, 0.999], vec![0.999, 1.0]];
     for (outside, is_made) in [(Outside::Warn, true), (Outside::Shrink, false)] {
         let known = |signal| Identified {

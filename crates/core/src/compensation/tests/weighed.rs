@@ -1,4 +1,4 @@
-//! Probings that are weighed against how certain the correction is.
+//! Probings that are weighed by the certainty of the correction.
 
 use super::super::probe::Refused;
 use super::super::settings::{Filter, ProbeSettings};
@@ -12,7 +12,7 @@ fn weighed() -> ProbeSettings {
     ProbeSettings { filter: Filter::Weighed { repeat: 0.5, walk: 4.0 }, ..probe() }
 }
 
-/// Measured from the bed's temperature at the last zero.
+/// Axis that is measured from the bed's temperature at the last zero.
 fn rise() -> AxisSettings {
     AxisSettings {
         models: vec![linear("rise", 0.0, &[term(BED, 2.4, Reference::Zero)])],
@@ -20,7 +20,7 @@ fn rise() -> AxisSettings {
     }
 }
 
-/// With its datum taken now, at 27.5 °C.
+/// Axis whose datum is taken now, at 27.5 °C.
 fn zeroed() -> Rig {
     let mut rig = Rig::new(rise());
     rig.now = Moment::from_nanos(1_700_000_000_000_000_000);
@@ -28,13 +28,13 @@ fn zeroed() -> Rig {
     rig
 }
 
-/// A probing after so many seconds, of a model that is wrong by this.
+/// Probes after these seconds, with this error of the model.
 fn touch(rig: &mut Rig, after: f64, residual: f64) -> f64 {
     let raw = rig.after(after - 1.0).raw.unwrap().get();
     correction(rig.probe(-residual, raw))
 }
 
-/// What was learned, and how certain it is.
+/// Learned correction, and its certainty.
 fn kept(rig: &Rig) -> serde_json::Value {
     serde_json::to_value(rig.compensation.remembered()).unwrap()["axes"][0]["probe"]["models"][0].clone()
 }
@@ -73,7 +73,7 @@ fn at_the_datum_nothing_is_learned_and_hours_later_nearly_all() {
 
 #[test]
 fn a_probing_that_disagrees_waits_for_one_that_agrees() {
-    // After an hour 4·√4.25 = 8.2 µm are believed; 4·√2·0.5 = 2.8 µm apart two agree.
+    // After an hour, 4·√4.25 = 8.2 µm are accepted. Two probings agree within 4·√2·0.5 = 2.8 µm.
     for (second, learned) in
         [(9.5, Some(9.5)), (11.7, Some(10.0)), (6.3, Some(6.3)), (12.0, None), (-9.0, None), (0.5, Some(0.5))]
     {
@@ -86,7 +86,7 @@ fn a_probing_that_disagrees_waits_for_one_that_agrees() {
             None => {
                 near(found, 0.0);
                 assert!(matches!(rig.refused(), Some(Refused::Doubted(_))), "{second}");
-                // The newer one is what the next has to agree with.
+                // The next one must agree with the newer one.
                 assert!(
                     (touch(&mut rig, 60.0, second) - second).abs() < 0.1 * second.abs() + 2.0,
                     "{second}"
@@ -106,7 +106,7 @@ fn it_is_the_residuals_that_agree_wherever_cz_and_the_temperatures_went() {
     rig.show(30.0, 24.0).after(60.0);
     let raw = rig.after(1.0).raw.unwrap().get();
     near(raw, 6.0);
-    // 3 µm of the way are still to go.
+    // 3 µm of the way remain.
     assert!(correction(rig.probe(-9.0 - 3.0, raw - 3.0)) > 8.5);
 }
 
@@ -170,7 +170,7 @@ fn the_datum_of_the_axis_counts_and_a_machine_that_is_measured_from_numbers_coun
 
 #[test]
 fn a_pause_makes_a_correction_less_certain_also_where_the_clock_cannot_say_how_long_it_was() {
-    // 60 s, an hour of pause, 60 s; or the longest that is believed.
+    // 60 s, a pause of one hour, 60 s; or the longest pause that is accepted.
     for (stop, hours) in [
         (Stop { by_the_clock: Some(seconds(HOUR)) }, 1.0 + 120.0 / HOUR),
         (Stop { by_the_clock: None }, 720.0 + 120.0 / HOUR),
@@ -184,7 +184,7 @@ fn a_pause_makes_a_correction_less_certain_also_where_the_clock_cannot_say_how_l
                 0.0
             };
             rig.after(60.0);
-            // The second run counts from elsewhere.
+            // The second run counts time from another start.
             let now = Moment::from_nanos(1_000_000_000_000_000_000);
             let kept = serde_json::to_string(&rig.compensation.remembered()).unwrap();
             let kept: Remembered = serde_json::from_str(&kept).unwrap();
@@ -242,7 +242,8 @@ fn a_state_is_shifted_with_all_its_moments() {
 
 #[test]
 fn each_model_doubts_for_itself() {
-    // One is measured from numbers since the start, 4·√(4·3 + ¼) = 14 µm; the other one from the zero an hour ago.
+    // One is measured from numbers since the start: 4·√(4·3 + ¼) = 14 µm. The other is measured from the zero an hour
+    // ago.
     let young = linear("young", 0.0, &[term(BED, 2.4, Reference::Zero)]);
     let old = linear("old", 0.0, &[term(WHEELHEAD, 2.4, Reference::Fixed(of(24.0)))]);
     let mut rig = Rig::new(AxisSettings { models: vec![young, old], ..probed_axis(weighed()) });

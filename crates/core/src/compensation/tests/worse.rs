@@ -1,11 +1,11 @@
-//! A model that is worse than no compensation: found by touches, reported, and where the profile says so not followed.
+//! A model that is worse than no compensation: found by touches, reported, and not followed if the profile says so.
 
 use super::super::probe::{Refused, Worse};
 use super::super::settings::{Filter, OnWorse, ProbeSettings};
 use super::probes::{correction, learning, near, probe, probed_axis, zeroing_machine};
 use super::*;
 
-/// An axis whose model asks for 8.4 µm, with a rate that is half of a step for each update.
+/// Axis whose model requests 8.4 µm. Its rate is half of a step for each update.
 fn wrong(worse: OnWorse, on_fault: OnFault) -> AxisSettings {
     let axis = probed_axis(ProbeSettings { worse, ..probe() });
     let guard = GuardSettings { rate: of(0.05), ..axis.guard };
@@ -13,7 +13,7 @@ fn wrong(worse: OnWorse, on_fault: OnFault) -> AxisSettings {
 }
 
 impl Rig {
-    /// A touch of a machine that has this error without compensation.
+    /// Touches a machine that has this error without compensation.
     fn touched(&mut self, without: f64) -> Decision {
         let acting = self.compensation.decision(0).unwrap().cz.get();
         self.probe(without + acting, acting)
@@ -53,7 +53,7 @@ fn with_ramp_cz_goes_to_zero_at_the_rate_and_returns_when_the_model_is_better() 
             last = decision.cz;
         }
         assert_eq!((rig.after(10.0).state, last), (AxisState::Zeroed, Micron::ZERO), "{on_fault:?}");
-        // The machine has become what the model says.
+        // The machine now behaves as the model says.
         let raw = rig.after(10.0).raw.unwrap().get();
         let needed = (1..=8).find(|_| rig.touched(-raw).worse.is_none());
         assert!(needed.is_some_and(|needed| needed >= 2), "{on_fault:?}: {needed:?}");
@@ -88,7 +88,7 @@ fn a_model_is_compared_whatever_the_axis_does() {
 #[test]
 fn a_model_that_is_wrong_beyond_belief_is_found_worse_by_the_second_touch() {
     let mut rig = Rig::new(wrong(OnWorse::Warn, OnFault::Hold));
-    // It asks for 48 µm, of which 40 may act; 25 are plausible.
+    // The model requests 48 µm, of which 40 may act; 25 are plausible.
     rig.show(44.0, 24.0).run(900.0);
     rig.touched(0.0);
     assert_eq!((rig.refused(), rig.worse()), (Some(Refused::Implausible), None));

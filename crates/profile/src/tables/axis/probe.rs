@@ -1,4 +1,4 @@
-//! `probe` of an axis: what a measured error may change, and where it is read.
+//! Table `probe` of an axis: learning from measured errors, and their source.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -15,34 +15,35 @@ use isotherm_core::reading::SignalId;
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Probe")]
 pub(super) struct RawProbe {
-    /// The signal with the measured error, in um or mm: actual minus commanded, while the compensation acts. Without it
-    /// errors come by command only.
+    /// Signal with the measured error, in um or mm: actual minus commanded position while the compensation acts.
+    /// Without it, errors come by command only.
     signal: Option<String>,
-    /// The signal that says when a new error has been measured: a flag or a counter; each change to another value than 0
-    /// counts. Default: each change of the error itself.
+    /// Signal that reports a new measured error: a flag or a counter. Each change to a value other than 0 counts.
+    /// Default: each change of the error itself.
     trigger: Option<String>,
     /// Largest correction of a model's Cz, µm; at most the axis's `limit`.
     #[schemars(required)]
     limit: Option<f64>,
-    /// The standard deviation of a probing, µm: how far two in a row differ. Default 0.5.
+    /// Standard deviation of a probing, µm: how much two in a row differ. Default 0.5.
     repeat: Option<f64>,
-    /// How much less certain a model's correction is after an hour, as a variance, µm²/h; `identify` finds it. Default 4.
+    /// Increase of the variance of a model's correction in each hour, µm²/h; `identify` determines it. Default 4.
     q: Option<f64>,
-    /// In place of `repeat` and `q`: the same share of each measured residual goes into the correction, above 0 and up to 1.
+    /// Replaces `repeat` and `q`: constant share of each measured residual that is added to the correction, above 0 and
+    /// up to 1.
     filter: Option<f64>,
-    /// A probing after which the model would be wrong by more than this is not believed, µm.
+    /// Largest plausible error of the model, µm. A probing that shows a larger one is rejected.
     #[schemars(required)]
     max_error: Option<f64>,
-    /// A residual beyond this is reported, µm: the model ages. At most `max_error`.
+    /// Residual beyond which an aged model is reported, µm. At most `max_error`.
     warn: Option<f64>,
-    /// The gains of linear models learn as well, by recursive least squares.
+    /// Learn the gains of linear models as well, by recursive least squares.
     gains: Option<RawGains>,
-    /// While the last touches leave more with the model than without compensation: warn: an alarm (default); ramp: an alarm, and Cz
-    /// goes to zero at `rate` until they show that the model is better.
+    /// Reaction while the last touches leave more error with the model than without compensation. warn: an alarm
+    /// (default). ramp: an alarm, and Cz goes to zero at `rate` until they show that the model is better.
     worse: Option<WorseWord>,
 }
 
-/// What happens while a model is worse than no compensation.
+/// Reaction while a model is worse than no compensation.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 enum WorseWord {
@@ -50,12 +51,12 @@ enum WorseWord {
     Ramp,
 }
 
-/// How gains learn.
+/// Settings for learning gains.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "ProbeGains")]
 struct RawGains {
-    /// What a probing is worth at the next one, above 0 and up to 1; 1 forgets nothing.
+    /// Weight of earlier probings at the next one, above 0 and up to 1; 1 forgets nothing.
     #[schemars(required)]
     forgetting: Option<f64>,
     /// Largest change of a gain as a share of it, above 0 and below 1.
@@ -63,19 +64,19 @@ struct RawGains {
     limit: Option<f64>,
 }
 
-/// Where a probing cycle leaves its result.
+/// Source of a probing cycle's result.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProbeInput {
-    /// The measured error.
+    /// Signal with the measured error.
     pub signal: SignalId,
-    /// Tells when there is a new one; without it each change of the error does.
+    /// Signal that reports a new error. `None` if each change of the error is a new one.
     pub trigger: Option<SignalId>,
-    /// One unit of the signal in µm of Cz: half of it where the axis acts on a diameter.
+    /// Factor from the signal to µm of Cz. It contains one half if the axis acts on a diameter.
     pub micron: f64,
 }
 
 impl RawProbe {
-    /// The bounds of a probe and where it is read, if it is.
+    /// Returns the settings of the probe, and its source if it is a signal. Reports every error.
     pub(super) fn resolve(&self, at: &At<'_>, axis: &RawAxis) -> Option<(ProbeSettings, Option<ProbeInput>)> {
         let limit = at.key("limit").positive(self.limit);
         let most = axis.limit.filter(|most| *most > 0.0);
@@ -109,7 +110,7 @@ impl RawProbe {
         Some((settings, input?))
     }
 
-    /// How much of a residual one probing takes.
+    /// Returns how much of a residual one probing adds to the correction.
     fn filter(&self, at: &At<'_>) -> Option<Filter> {
         let own = [("repeat", self.repeat), ("q", self.q)];
         if let Some(filter) = self.filter {
@@ -129,7 +130,7 @@ impl RawProbe {
         })
     }
 
-    /// Where the error is read, `Some(None)` where it comes by command.
+    /// Returns the source of the error; `Some(None)` if errors come by command.
     fn input(&self, at: &At<'_>, diameter: bool) -> Option<Option<ProbeInput>> {
         let signal = at.key("signal").signal(self.signal.as_ref());
         let trigger = at.key("trigger").signal(self.trigger.as_ref());
@@ -178,7 +179,7 @@ impl RawGains {
     }
 }
 
-/// Where measured errors come from, their sign, and their bounds.
+/// Returns the text of `check`: source, sign and bounds of measured errors.
 pub(super) fn preview(profile: &Profile, axis: &Axis, settings: &ProbeSettings) -> String {
     let name = |id| &profile.signal(id).name;
     let from = match &axis.probe_input {
@@ -217,7 +218,7 @@ pub(super) fn preview(profile: &Profile, axis: &Axis, settings: &ProbeSettings) 
     text
 }
 
-/// A number above 0 and up to 1.
+/// Returns a number above 0 and up to 1; reports any other number.
 fn share(at: &At<'_>, number: Option<f64>) -> Option<f64> {
     let number = number?;
     if number > 0.0 && number <= 1.0 {

@@ -57,7 +57,7 @@ pub(super) fn of_a_frame(raw: &RawOutput, at: &At<'_>, data_type: DataType, owne
             return None;
         }
         None if raw.is_written_as_cz() => {
-            let message = "`read_back` is missing: an offset that nobody has read back is not believed";
+            let message = "`read_back` is missing: an offset must be read back before it is verified";
             let help = "write read_back = \"6004:00\", the CANopen object that reads what was written; without one only a display of a corrected position is written";
             place.missing(message, help);
             return None;

@@ -1,13 +1,13 @@
-//! Precedence climbing over a flat list of tokens; gives operations in the order a stack machine wants them.
+//! Precedence climbing over a flat list of tokens. Gives operations in the order of a stack machine.
 
 use super::{Binary, DEPTH, Operation, Symbol, Unary};
 
-/// Why an expression cannot be read.
+/// Reason why an expression cannot be parsed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ExpressionError {
     /// Byte position in the text.
     pub at: usize,
-    /// A sentence for people.
+    /// Message for display.
     pub message: String,
 }
 
@@ -77,7 +77,7 @@ fn tokens(text: &str) -> Result<Vec<(usize, Token<'_>)>, ExpressionError> {
     Ok(tokens)
 }
 
-/// Digits, a point, and an exponent with its own sign.
+/// Parses digits, a point, and an exponent with its own sign.
 fn number_length(text: &str) -> usize {
     let bytes = text.as_bytes();
     let mut length = 0;
@@ -92,7 +92,7 @@ fn number_length(text: &str) -> usize {
     length
 }
 
-/// How high the stack gets.
+/// Returns the maximum height of the stack.
 fn deepest(operations: &[Operation]) -> usize {
     let mut height = 0usize;
     let mut most = 0usize;
@@ -127,7 +127,7 @@ impl<'a> Parser<'a> {
         if self.take(sign) { Ok(()) } else { Err(self.error(&format!("`{sign}` was expected here"))) }
     }
 
-    /// Operators that bind at least as tightly as `weakest`; all associate to the left.
+    /// Parses operators that bind at least as tightly as `weakest`. All associate to the left.
     fn binary(&mut self, weakest: u8) -> Result<(), ExpressionError> {
         self.unary()?;
         while let Some((operator, strength)) = self.peek().and_then(binary_operator) {
@@ -141,13 +141,13 @@ impl<'a> Parser<'a> {
         Ok(())
     }
 
-    /// Every way of nesting comes through here, so here its depth is counted.
+    /// Every kind of nesting passes here, so its depth is counted here.
     fn unary(&mut self) -> Result<(), ExpressionError> {
         self.nesting += 1;
         if self.nesting > 4 * DEPTH {
             return Err(self.error("nested too deeply"));
         }
-        // `not a == b` denies the comparison; `-a * b` negates only a.
+        // `not a == b` negates the comparison; `-a * b` negates only a.
         let (operator, weakest) = match self.peek() {
             Some(Token::Sign("-")) => (Some(Unary::Negate), FACTOR + 1),
             Some(Token::Sign("!") | Token::Name("not")) => (Some(Unary::Not), COMPARISON),
@@ -164,7 +164,7 @@ impl<'a> Parser<'a> {
         Ok(())
     }
 
-    /// `a ^ b`, associating to the right, binding tighter than a minus before it.
+    /// Parses `a ^ b`, which associates to the right and binds tighter than a minus before it.
     fn power(&mut self) -> Result<(), ExpressionError> {
         self.atom()?;
         if self.take("^") {

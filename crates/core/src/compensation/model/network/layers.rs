@@ -1,8 +1,8 @@
-//! A network of layers: `y = f(W·x + b)`, layer after layer.
+//! Network of layers: `y = f(W·x + b)`, layer after layer.
 
 use super::{Scaling, WIDEST};
 
-/// Layers with the scaling before and after them.
+/// Layers, with the scaling of inputs and output.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layers {
     scaling: Scaling,
@@ -13,20 +13,20 @@ pub struct Layers {
 /// One layer of neurons.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layer {
-    /// One row per neuron, one column per neuron of the layer before.
+    /// Weights: one row for each neuron, one column for each neuron of the layer before.
     pub weights: Vec<Vec<f64>>,
-    /// One per neuron.
+    /// Bias of each neuron.
     pub bias: Vec<f64>,
-    /// What each neuron does with its sum.
+    /// Function of each neuron.
     pub activation: Activation,
 }
 
-/// What a neuron does with its sum.
+/// Function that a neuron applies to its sum.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Activation {
     /// Hyperbolic tangent.
     Tanh,
-    /// The sum where it is above zero, else zero.
+    /// The sum if it is above zero, else zero.
     Relu,
     /// The sum itself.
     Linear,
@@ -36,7 +36,7 @@ impl Activation {
     fn of(self, sum: f64) -> f64 {
         match self {
             Activation::Tanh => sum.tanh(),
-            // Not `max`, which would turn NaN into zero.
+            // `max` would turn NaN into zero.
             Activation::Relu if sum < 0.0 => 0.0,
             Activation::Relu | Activation::Linear => sum,
         }
@@ -44,10 +44,12 @@ impl Activation {
 }
 
 impl Layers {
-    /// From the scaling of the inputs, the layers, and the output's mean and scale, µm: Cz = mean + scale · y.
+    /// Creates a network. `scaling`: scaling of the inputs. `output`: mean and scale of the output, µm: Cz = mean +
+    /// scale · y.
     ///
     /// # Errors
-    /// A sentence: layers that do not fit each other, a last layer of more than one neuron, a number that is none.
+    /// Returns a message: layers that do not fit each other, a last layer with more than one neuron, or a number that
+    /// is not finite.
     pub fn new(scaling: Scaling, layers: Vec<Layer>, output: (f64, f64)) -> Result<Layers, String> {
         let mut width = scaling.count();
         for (place, layer) in layers.iter().enumerate() {
@@ -85,7 +87,7 @@ impl Layers {
         self.scaling.count()
     }
 
-    /// `30-16-1`.
+    /// Returns the number of neurons of each layer: `30-16-1`.
     pub(super) fn shape(&self) -> String {
         let widths = self.layers.iter().map(|layer| format!("-{}", layer.bias.len()));
         format!("{}{}", self.takes(), widths.collect::<String>())

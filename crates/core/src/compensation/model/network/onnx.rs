@@ -1,7 +1,8 @@
-//! A network out of an ONNX file, run by rten: one tensor in, of one row with one number per input; one number out.
+//! Network in an ONNX file, run by rten. Its input is one tensor: one row with one number for each input. Its output is
+//! one number.
 //!
-//! The graph computes in single precision, whatever the file says; one thread, so that the same inputs give the same
-//! bits. The runtime allocates inside a step: a handful of small tensors.
+//! The graph computes in single precision, whatever the file says. It uses one thread, so that the same inputs give the
+//! same bits. The runtime allocates a few small tensors inside a step.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
@@ -16,7 +17,7 @@ use crate::border::beyond;
 mod frame;
 mod trial;
 
-/// A graph that has been tried once.
+/// Graph that has been run once as a trial.
 #[derive(Clone)]
 pub struct Onnx {
     graph: Arc<Graph>,
@@ -40,12 +41,12 @@ impl Graph {
 }
 
 impl Onnx {
-    /// From the bytes of an ONNX file, tried with every input at zero. `inputs` is how many the model names: it
-    /// settles a dimension that the file leaves open.
+    /// Loads an ONNX file, and runs it with every input at zero. `inputs` is the number of inputs of the model. It sets
+    /// a dimension that the file leaves open.
     ///
     /// # Errors
-    /// A sentence: the bytes are no ONNX file, an operator is not one of those that networks of neurons are made of,
-    /// the graph does not take one row of numbers or does not give one number.
+    /// Returns a message: the bytes are no ONNX file, an operator is not supported, or the graph does not take one row
+    /// of numbers or does not give one number.
     pub fn new(bytes: Vec<u8>, inputs: usize) -> Result<Onnx, String> {
         if !frame::is_whole(&bytes) {
             return Err("it is no ONNX file, or not the whole of one".to_owned());
@@ -54,7 +55,7 @@ impl Onnx {
         let mut hasher = DefaultHasher::new();
         bytes.hash(&mut hasher);
         let mut options = ModelOptions::with_ops(operators());
-        // Its fused operators panic where shapes do not fit, and save nothing in networks of this size.
+        // The fused operators of the runtime panic if shapes do not fit. They save nothing in networks of this size.
         options.enable_optimization(false);
         let model = caught(|| options.load(bytes.clone()))?
             .map_err(|why| format!("it cannot be read as an ONNX network: {why}"))?;
@@ -74,7 +75,7 @@ impl Onnx {
         let graph = Arc::new(Graph { model, input, output, pool });
         let onnx = Onnx { graph, takes, shape: [1, takes], flat, fingerprint: hasher.finish() };
         trial::run(&bytes, &onnx.graph, onnx.row(&[0.0; WIDEST][..takes]), &onnx.graph.options())?;
-        // What the file says of its output need not be so: it is tried.
+        // The output may differ from what the file says, so the graph is run.
         let values = onnx.run(&[0.0; WIDEST][..takes])?;
         match values.len() {
             1 => Ok(onnx),
@@ -113,12 +114,12 @@ impl Onnx {
     }
 }
 
-/// A file may be wrong in a way that the runtime did not think of: that is the file's fault, not the machine's.
+/// Catches a panic of the runtime. A file may be invalid in a way that the runtime does not check.
 fn caught<T>(run: impl FnOnce() -> T) -> Result<T, String> {
     beyond(run).map_err(|_| "the ONNX runtime failed on it".to_owned())
 }
 
-/// How many numbers the input takes, and whether without a dimension for the row.
+/// Returns the number of inputs, and whether the tensor has no dimension for the row.
 fn row(shape: Option<Vec<Dimension>>, inputs: usize, name: &str) -> Result<(usize, bool), String> {
     let size = |dimension: &Dimension| match dimension {
         Dimension::Fixed(size) => *size,
@@ -142,7 +143,8 @@ fn named(dimension: &Dimension) -> String {
     }
 }
 
-/// What networks of neurons, and radial basis functions, are exported as. Any more would only make the program larger.
+/// Operators with which networks of neurons and radial basis functions are exported. More would only make the program
+/// larger.
 fn operators() -> OpRegistry {
     OpRegistry::with_ops(&[
         &op_types::Abs,
@@ -178,7 +180,7 @@ fn operators() -> OpRegistry {
     ])
 }
 
-/// Two are the same where their files are.
+/// Two networks are equal if their files and numbers of inputs are equal.
 impl PartialEq for Onnx {
     fn eq(&self, other: &Onnx) -> bool {
         (self.fingerprint, self.takes) == (other.fingerprint, other.takes)

@@ -2,7 +2,7 @@
 
 use super::Scaling;
 
-/// Nodes with the scaling before and after them.
+/// Nodes, with the scaling of inputs and output.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Radial {
     scaling: Scaling,
@@ -11,22 +11,24 @@ pub struct Radial {
     output: (f64, f64),
 }
 
-/// One radial basis function.
+/// Radial basis function.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Node {
-    /// Where it is largest: one number per input, scaled.
+    /// Centre of the function: one scaled number for each input.
     pub centre: Vec<f64>,
-    /// The distance at which it has fallen to 0.61, scaled.
+    /// Scaled distance at which the function has fallen to 0.61.
     pub width: f64,
-    /// What it adds at its centre.
+    /// Value at its centre.
     pub weight: f64,
 }
 
 impl Radial {
-    /// From the scaling of the inputs, the nodes, the bias, and the output's mean and scale, µm: Cz = mean + scale · y.
+    /// Creates a network. `scaling`: scaling of the inputs. `output`: mean and scale of the output, µm: Cz = mean +
+    /// scale · y.
     ///
     /// # Errors
-    /// A sentence: no nodes, a centre of another dimension, a width that is not above zero, a number that is none.
+    /// Returns a message: no nodes, a centre of another dimension, a width that is not above zero, or a number that is
+    /// not finite.
     pub fn new(scaling: Scaling, nodes: Vec<Node>, bias: f64, output: (f64, f64)) -> Result<Radial, String> {
         if nodes.is_empty() {
             return Err("it has no nodes".to_owned());

@@ -1,16 +1,17 @@
-//! From a signal's unit to what a network was trained on: `(x − mean) / scale`.
+//! Scaling from a signal's unit to the unit of a network: `(x − mean) / scale`.
 
-/// One mean and one scale per input.
+/// Mean and scale of each input.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scaling {
     pairs: Vec<(f64, f64)>,
 }
 
 impl Scaling {
-    /// From the means and the scales, in the order of the inputs.
+    /// Creates a scaling from means and scales, in the order of the inputs.
     ///
     /// # Errors
-    /// A sentence: not as many of one as of the other, none at all, a scale of zero, a number that is none.
+    /// Returns a message: different numbers of both, no inputs or too many, a scale of zero, or a number that is not
+    /// finite.
     pub fn new(mean: &[f64], scale: &[f64]) -> Result<Scaling, String> {
         if mean.len() != scale.len() || mean.is_empty() || mean.len() > super::WIDEST {
             return Err(format!(
@@ -28,12 +29,12 @@ impl Scaling {
         }
     }
 
-    /// How many inputs.
+    /// Returns the number of inputs.
     pub fn count(&self) -> usize {
         self.pairs.len()
     }
 
-    /// The scaled inputs, in their order.
+    /// Returns the scaled inputs, in order.
     pub fn scaled<'a>(&'a self, inputs: &'a [f64]) -> impl Iterator<Item = f64> + 'a {
         inputs.iter().zip(&self.pairs).map(|(input, (mean, scale))| (input - mean) / scale)
     }

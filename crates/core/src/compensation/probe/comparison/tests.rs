@@ -5,12 +5,12 @@ use super::*;
 const SCATTER: f64 = 0.5;
 const HOUR: Duration = Duration::from_hours(1);
 
-/// After so many hours.
+/// Returns the time after this number of hours.
 fn touch(hours: u32, (without, with): (f64, f64)) -> Touch {
     Touch { at: Moment::from_nanos(1).after(HOUR * hours), without, with }
 }
 
-/// Whether the model is worse after each of these touches, one an hour, all accepted.
+/// Returns whether the model is worse after each of these touches. They are one hour apart and all accepted.
 fn verdicts(errors: &[(f64, f64)]) -> Vec<bool> {
     let mut comparison = Comparison::new();
     let one = |(hours, errors): (u32, &(f64, f64))| {
@@ -20,7 +20,7 @@ fn verdicts(errors: &[(f64, f64)]) -> Vec<bool> {
     (0..).zip(errors).map(one).collect()
 }
 
-/// When it is found worse, counted from one.
+/// Returns the number of the touch at which the model is found worse, counted from one.
 fn found(errors: &[(f64, f64)]) -> Option<usize> {
     verdicts(errors).iter().position(|worse| *worse).map(|place| place + 1)
 }
@@ -49,7 +49,7 @@ fn it_is_better_again_below_one_and_not_by_one_touch() {
     let bad = vec![(0.0, 3.0); 2];
     assert_eq!(verdicts(&[&bad[..], &[(3.0, 0.0)], &[(3.0, 0.0)]].concat()), [false, true, true, true]);
     assert_eq!(verdicts(&[&bad[..], &[(3.0, 0.0)], &[(3.1, 0.0)]].concat()), [false, true, true, false]);
-    // Eight better ones leave none of those that showed it.
+    // After eight better touches, none of those that showed it counts.
     assert_eq!(verdicts(&[bad, vec![(3.0, 2.9); 8]].concat()).iter().filter(|worse| !**worse).count(), 2);
     let mut comparison = Comparison::new();
     (0..2).for_each(|hour| comparison.take(touch(hour, (0.0, 3.0)), Credit::Accepted, SCATTER));
@@ -117,7 +117,7 @@ fn what_is_taken_back_and_what_was_kept() {
     assert!(comparison.is_empty() && comparison.worse().is_none());
 }
 
-/// What may happen to a comparison.
+/// Event of a comparison.
 #[derive(Clone, Copy, Debug)]
 enum Act {
     Touch(f64, f64, Credit),
@@ -125,7 +125,7 @@ enum Act {
     Forget,
 }
 
-/// Every order of so many of these acts, each with the properties that hold after each act.
+/// Checks every order of this number of events, and the properties that must be true after each event.
 fn search(comparison: &Comparison, acts: &[Act], depth: u32, reached: &mut [u64; 2]) {
     for act in acts {
         let mut next = comparison.clone();

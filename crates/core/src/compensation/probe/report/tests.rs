@@ -2,14 +2,14 @@ use proptest::prelude::*;
 
 use super::*;
 
-/// The wall clock is this far ahead of counted time, ms.
+/// Lead of the wall clock over counted time, ms.
 const SHIFT: u64 = 7_200_000;
 
 fn shift() -> Shift {
     Shift::between(at(0), at(SHIFT))
 }
 
-/// Counted time, ms after a beginning.
+/// Counted time, ms after a start.
 fn at(ms: u64) -> Moment {
     Moment::from_nanos((1_000_000_000 + ms) * 1_000_000)
 }
@@ -59,7 +59,7 @@ fn each_measurement_is_taken_once() {
     let same_time = |ms| Err(Rejected::SameTime(wall(ms)));
     let same_error = |ms| Err(Rejected::SameError(Duration::from_millis(ms)));
     let new = Ok(());
-    // What was taken 5 s ago, what arrives, and what becomes of it.
+    // Report taken 5 s ago, arriving report, and result.
     let table = [
         (named(3.0, "a"), named(3.0, "a"), same_id("a")),
         (named(3.0, "a"), again(named(3.0, "a")), same_id("a")),
@@ -159,7 +159,7 @@ fn every_reason_says_what_to_do() {
     }
 }
 
-/// A measurement of a day, when it is first sent, and after which pauses it arrives again.
+/// Measurement of a day: the time of its first sending, and the pauses before it arrives again.
 #[derive(Clone, Debug)]
 struct Sent {
     report: MeasuredReport,
@@ -167,7 +167,7 @@ struct Sent {
     pauses: Vec<u64>,
 }
 
-/// Measurements with a name or a time of their own, whose errors are often equal.
+/// Measurements with an id or a time. Their errors are often equal.
 fn sent(count: usize) -> impl Strategy<Value = Vec<Sent>> {
     let one = (0..3_i32, 0..3_u8, prop::collection::vec(1_000..7_200_000_u64, 0..4));
     prop::collection::vec(one, 1..count).prop_map(|all| {

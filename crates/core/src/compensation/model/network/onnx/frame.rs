@@ -1,9 +1,9 @@
-//! Whether an ONNX file is all there and its parts fit into each other.
+//! Check whether an ONNX file is complete and its parts fit into each other.
 //!
-//! The runtime takes what a file cut short still says for the whole of it, and sets memory aside for as many bytes as
-//! a damaged length claims. So each length is looked at first.
+//! The runtime accepts a truncated file as complete. It also allocates as many bytes as a damaged length claims.
+//! Therefore each length is checked first.
 
-/// The messages of an ONNX file that have parts, after `onnx.proto`. [`Message::Flat`] has none that are messages.
+/// Messages of an ONNX file that have parts, after `onnx.proto`. [`Message::Flat`] has no parts that are messages.
 #[derive(Clone, Copy)]
 enum Message {
     Model,
@@ -20,7 +20,7 @@ enum Message {
 }
 
 impl Message {
-    /// What a field holds; `None` where it is text or numbers.
+    /// Returns the kind of message in a field; `None` if the field is text or numbers.
     fn part(self, field: u64) -> Option<Message> {
         Some(match (self, field) {
             (Message::Model, 7) | (Message::Attribute, 6 | 11) => Message::Graph,
@@ -38,10 +38,11 @@ impl Message {
     }
 }
 
-/// Graphs lie in graphs only where there are branches and loops, which no network here has.
+/// Maximum nesting. Graphs contain graphs only for branches and loops, which no network here has.
 const DEEPEST: u32 = 16;
 
-/// Whether the fields of each message fill it to its last byte, and there are a graph and the operators' version.
+/// Returns whether the fields of each message fill it to its last byte, and both a graph and the version of the
+/// operators exist.
 pub(super) fn is_whole(bytes: &[u8]) -> bool {
     let mut needed = vec![7, 8];
     fills(bytes, Message::Model, DEEPEST, &mut |field| needed.retain(|needed| *needed != field))
@@ -59,10 +60,10 @@ fn fills(bytes: &[u8], message: Message, depth: u32, seen: &mut dyn FnMut(u64)) 
     })
 }
 
-/// The fields of a message, each with its number; `None` and no more where they are damaged.
+/// Fields of a message with their numbers. A damaged field yields `None`, and ends the iteration.
 pub(super) struct Fields<'a>(pub(super) &'a [u8]);
 
-/// What a field holds.
+/// Content of a field.
 #[derive(Clone, Copy)]
 pub(super) enum Field<'a> {
     Number(u64),
@@ -94,13 +95,13 @@ impl<'a> Iterator for Fields<'a> {
     }
 }
 
-/// What a length announces, and what follows it.
+/// Returns the content that a length announces, and the bytes after it; `None` if the bytes are too few.
 fn inside(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let (length, rest) = varint(bytes)?;
     rest.split_at_checked(usize::try_from(length).ok()?)
 }
 
-/// A number of seven bits a byte, the last without the highest bit; and what follows it.
+/// Returns a number of seven bits in each byte, the last one without the highest bit, and the bytes after it.
 pub(super) fn varint(bytes: &[u8]) -> Option<(u64, &[u8])> {
     let end = bytes.iter().take(10).position(|byte| byte & 0x80 == 0)?;
     let number = bytes[..=end].iter().rev().fold(0, |number, byte| number << 7 | u64::from(byte & 0x7f));

@@ -1,8 +1,8 @@
-//! A graph is tried node by node before it runs, for a small file may ask for any memory and any time: a number is added to
-//! itself in a row and a column of ten thousand, a tensor is put beside itself forty times.
+//! Trial of a graph, node by node, before it runs. A small file may require any amount of memory and time. For example,
+//! a row and a column of ten thousand numbers are added, or a tensor is concatenated with itself forty times.
 //!
-//! Before each node runs, what it will compute follows from the shapes of what it takes, which have been computed by then.
-//! As long as no shape depends on the numbers of the input, every later run has the same shapes.
+//! Before each node runs, the size of its result follows from the shapes of its inputs, which have been computed by
+//! then. Later runs have the same shapes if no shape depends on the numbers of the input.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 
@@ -12,31 +12,32 @@ use rten_tensor::prelude::*;
 use super::frame::{Field, Fields, varint};
 use super::{Graph, caught};
 
-/// A network takes each of its weights once, and a weight has a byte at least: so many numbers of a byte of the file …
+/// Computed numbers in one run that are allowed for each byte of the file. A network uses each weight once, and a
+/// weight has at least one byte.
 const PER_BYTE: u64 = 2;
-/// … and so many beside them are computed, in one run.
+/// Computed numbers in one run that are allowed in addition.
 const BESIDE: u64 = 1_000_000;
 
-/// What the file says of one operator.
+/// One operator in the file.
 #[derive(Default)]
 struct Node<'a> {
     operator: &'a str,
     inputs: Vec<&'a str>,
     output: &'a str,
-    /// Of a Gemm: its first, and its second factor are transposed.
+    /// For a Gemm: whether its first and its second factor are transposed.
     transposed: [bool; 2],
 }
 
-/// A tensor that was computed, and whether the numbers of the input are in it.
+/// Computed tensor, and whether it depends on the numbers of the input.
 struct Computed {
     value: Value,
     varies: bool,
 }
 
-/// Refuses tensors that say they have more numbers than the file has bytes.
+/// Rejects tensors that claim more numbers than the file has bytes.
 ///
 /// # Errors
-/// A sentence that names the tensor.
+/// Returns a message that names the tensor.
 pub(super) fn check_tensors(bytes: &[u8]) -> Result<(), String> {
     let attributes =
         operators(bytes).flat_map(|node| parts(node, 5)).flat_map(|attribute| parts(attribute, 5));
@@ -53,10 +54,10 @@ pub(super) fn check_tensors(bytes: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
-/// Runs every node once, with the input at zero.
+/// Runs every node once, with every input at zero.
 ///
 /// # Errors
-/// A sentence: a node asks for more than such a file may, or cannot be computed.
+/// Returns a message if a node requires more than such a file may, or cannot be computed.
 pub(super) fn run(bytes: &[u8], graph: &Graph, input: Value, options: &RunOptions) -> Result<(), String> {
     let Graph { model, .. } = graph;
     let may = (bytes.len() as u64).saturating_mul(PER_BYTE).saturating_add(BESIDE);
@@ -78,7 +79,7 @@ pub(super) fn run(bytes: &[u8], graph: &Graph, input: Value, options: &RunOption
         }
         let shape = |name: &&str| match computed.get(*name) {
             Some(known) => Some(known.value.shape().to_vec()),
-            // The runtime knows of every tensor from the beginning, also of what a later node gives.
+            // The runtime knows every tensor from the beginning, also the results of later nodes.
             None if fixed.contains(name) => sizes_of(model.node_info(id(name)?)?.shape()?),
             None => None,
         };
@@ -107,10 +108,10 @@ pub(super) fn run(bytes: &[u8], graph: &Graph, input: Value, options: &RunOption
     Ok(())
 }
 
-/// Operators that are told a shape, or a part of one, by what they take beside the first.
+/// Operators whose shape depends on an input other than the first.
 const SHAPED: [&str; 4] = ["Reshape", "Squeeze", "Unsqueeze", "ReduceSum"];
 
-/// How many numbers a node computes at most, and multiplies for them.
+/// Returns the maximum number of values that a node computes, or multiplies for its result.
 fn asks(node: &Node<'_>, shapes: &[Vec<usize>]) -> u64 {
     let product = |shape: &[usize]| shape.iter().fold(1, |all: u64, size| all.saturating_mul(*size as u64));
     match (node.operator, shapes) {
@@ -125,8 +126,8 @@ fn asks(node: &Node<'_>, shapes: &[Vec<usize>]) -> u64 {
     }
 }
 
-/// How many matrices there are, as a shape, and their rows and columns. A vector is a row, or, where `vector` says so, a
-/// column.
+/// Returns the number of matrices as a shape, and their rows and columns. A vector is a row or a column, as `vector`
+/// says.
 fn matrix(shape: &[usize], transposed: bool, vector: [usize; 2]) -> (&[usize], usize, usize) {
     let (rows, columns) = match shape {
         [] => (1, 1),
@@ -138,7 +139,7 @@ fn matrix(shape: &[usize], transposed: bool, vector: [usize; 2]) -> (&[usize], u
     (&shape[..shape.len().saturating_sub(2)], rows, columns)
 }
 
-/// The shape of what is computed of these element by element.
+/// Returns the shape of the result of an element-wise operation.
 fn broadcast<'s>(shapes: impl Iterator<Item = &'s [usize]>) -> Vec<usize> {
     shapes.fold(Vec::new(), |mut all, shape| {
         let missing = shape.len().saturating_sub(all.len());
@@ -166,14 +167,14 @@ fn operators(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
     graph(bytes).flat_map(|graph| parts(graph, 1))
 }
 
-/// The names of what stands in the file itself.
+/// Returns the names of the tensors in the file itself.
 fn given(bytes: &[u8]) -> impl Iterator<Item = &str> {
     let tensors = graph(bytes).flat_map(|graph| parts(graph, 5)).filter_map(|tensor| parts(tensor, 8).last());
     let constants = operators(bytes).filter(|message| node(message).operator == "Constant");
     tensors.map(text).chain(constants.map(|message| node(message).output))
 }
 
-/// The fields of this number that hold bytes.
+/// Returns the fields of this number that contain bytes.
 fn parts(message: &[u8], wanted: u64) -> impl Iterator<Item = &[u8]> {
     Fields(message).flatten().filter_map(move |(field, value)| match value {
         Field::Bytes(inner) if field == wanted => Some(inner),
@@ -202,7 +203,7 @@ fn node(message: &[u8]) -> Node<'_> {
     }
 }
 
-/// The sizes of a tensor's dimensions, one by one or packed.
+/// Returns the sizes of a tensor's dimensions, which are stored one by one or packed.
 fn sizes(tensor: &[u8]) -> Vec<u64> {
     let mut sizes = Vec::new();
     for (_, value) in Fields(tensor).flatten().filter(|(field, _)| *field == 1) {

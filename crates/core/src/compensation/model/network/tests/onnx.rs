@@ -71,7 +71,7 @@ fn what_is_no_network_of_one_number_is_refused() {
     }
 }
 
-/// Each of these is some kilobytes, and none may take the memory, or the time, that it asks for.
+/// Checks that a file of some kilobytes never gets the large memory or time that it requires.
 #[test]
 fn a_small_file_that_asks_for_much_is_refused_before_it_gets_it() {
     use encode::{model, node, tensor};
