@@ -265,7 +265,7 @@ impl AxisStatus {
     /// Returns whether the axis is to compensate. One without a model is not, nor one that a person keeps off or that takes a register
     /// back.
     pub fn is_wanted(&self) -> bool {
-        self.has_model && !self.left_off && !self.release
+        self.has_model && !self.arming.left_off && !self.arming.release
     }
 
     /// The words for it that people see.
@@ -357,12 +357,9 @@ pub struct AxisStatus {
     pub error_um: Option<f64>,
     /// A model asked for more than that since the axis was armed.
     pub tripped: bool,
-    /// It may write.
-    pub armed: bool,
-    /// It is off because people want it so: one has switched it off, or is to arm it first.
-    pub left_off: bool,
-    /// The axis compensates nothing: it takes a register that is no output's any more back to its base. No log has its columns.
-    pub release: bool,
+    /// Whether it may write, and whether it is off on purpose: `armed`, `left_off`, `release`.
+    #[serde(flatten)]
+    pub arming: ArmingStatus,
     /// Its sign is being checked with a dial gauge.
     pub sign: Option<SignStatus>,
     /// When its sign was checked last, RFC 3339, and which way the gauge moved.
@@ -378,6 +375,18 @@ pub struct AxisStatus {
     pub excess: Option<f64>,
     /// A sensor of the model in use that others stand in for.
     pub stood_in: Option<StoodInStatus>,
+}
+
+/// Arming of one axis. Its fields are fields of the axis in JSON.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct ArmingStatus {
+    /// Whether the axis may write.
+    pub armed: bool,
+    /// Whether the axis is off on purpose: an operator has switched it off, or has to arm it first.
+    pub left_off: bool,
+    /// Whether the axis compensates nothing, but returns a register that belongs to no output any more to its base. No
+    /// log has its columns.
+    pub release: bool,
 }
 
 /// What is true of an axis of a virtual machine.

@@ -18,7 +18,7 @@ const BRIDGED: Duration = Duration::from_secs(10 * 60);
 /// One sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Sensor {
-    standing: ArmState,
+    standing: SensorState,
     /// The last good reading, and when it was there.
     reading: Option<f64>,
     read: Moment,
@@ -39,22 +39,29 @@ pub(super) struct Sensor {
     /// The last x̂ that could stand in.
     #[serde(default)]
     last: Option<Said>,
-    /// It has moved since it was frozen, or is back since it was lost.
-    moved: bool,
-    /// Since when it agrees with the prediction again.
-    agrees: Option<Moment>,
+    #[serde(flatten)]
+    recovery: Recovery,
     /// How many minutes in a row have said that it should have moved.
     #[serde(default)]
     missed: u8,
-    /// Others could say for minutes what it would read while it was lost.
-    #[serde(default)]
-    was_predicted: bool,
-    /// Since when it is back, and nobody can say whether it is right.
-    #[serde(default)]
-    unproven: Option<Moment>,
     /// Its reading is counted anew, and its shadows do not know yet.
     #[serde(default)]
     pub(super) renewed: bool,
+}
+
+/// Recovery of a sensor that was frozen or lost. Its keys are those of the sensor in the serialised form.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Recovery {
+    /// Whether the reading has moved since the sensor was frozen, or is back since the sensor was lost.
+    moved: bool,
+    /// Time since when the reading agrees with the prediction again.
+    agrees: Option<Moment>,
+    /// Whether others predicted the reading for minutes while the sensor was lost.
+    #[serde(default)]
+    was_predicted: bool,
+    /// Time since when the reading is back and no other sensor can confirm it.
+    #[serde(default)]
+    unproven: Option<Moment>,
 }
 
 /// What others say of a sensor.
@@ -95,10 +102,10 @@ struct Said {
     at: Moment,
 }
 
-/// How a sensor stands.
+/// State of a sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-enum ArmState {
+enum SensorState {
     /// It is believed.
     #[default]
     Live,
@@ -128,11 +135,12 @@ pub(in crate::compensation) struct Beginning {
 }
 
 shifted!(Said: at);
-shifted!(Sensor: standing, read, changed, last, agrees, unproven);
+shifted!(Recovery: agrees, unproven);
+shifted!(Sensor: standing, read, changed, last, recovery);
 
-impl Shifted for ArmState {
+impl Shifted for SensorState {
     fn shift(&mut self, by: Shift) {
-        if let ArmState::Suspected(since) | ArmState::Frozen(since) | ArmState::Lost(since) = self {
+        if let SensorState::Suspected(since) | SensorState::Frozen(since) | SensorState::Lost(since) = self {
             since.shift(by);
         }
     }
@@ -140,26 +148,26 @@ impl Shifted for ArmState {
 
 impl Sensor {
     pub(super) fn is_live(&self) -> bool {
-        self.standing == ArmState::Live
+        self.standing == SensorState::Live
     }
 
     /// Since when it is not believed, and whether it is frozen; else it was lost.
     pub(super) fn distrusted(&self) -> Option<(Moment, bool)> {
         match self.standing {
-            ArmState::Live => None,
-            ArmState::Suspected(since) | ArmState::Frozen(since) => Some((since, true)),
-            ArmState::Lost(since) => Some((since, false)),
+            SensorState::Live => None,
+            SensorState::Suspected(since) | SensorState::Frozen(since) => Some((since, true)),
+            SensorState::Lost(since) => Some((since, false)),
         }
     }
 
     /// It has read the same for too long, and its reading is used all the same.
     pub(super) fn is_suspected(&self) -> bool {
-        matches!(self.standing, ArmState::Suspected(_))
+        matches!(self.standing, SensorState::Suspected(_))
     }
 
     /// It has read the same for too long, and others stand in for it.
     pub(super) fn is_frozen(&self) -> bool {
-        matches!(self.standing, ArmState::Frozen(_))
+        matches!(self.standing, SensorState::Frozen(_))
     }
 
     /// It has read the same for too long: its reading says nothing of the other sensors.
@@ -169,15 +177,16 @@ impl Sensor {
 
     /// Others stand in for it from now on.
     pub(super) fn substitute(&mut self) {
-        if let ArmState::Suspected(since) = self.standing {
-            self.standing = ArmState::Frozen(since);
+        if let SensorState::Suspected(since) = self.standing {
+            self.standing = SensorState::Frozen(since);
         }
     }
 
     /// Nobody stands in for it any more: its reading is used.
     pub(super) fn suspect(&mut self) {
-        if let ArmState::Frozen(since) = self.standing {
-            (self.standing, self.moved, self.agrees) = (ArmState::Suspected(since), false, None);
+        if let SensorState::Frozen(since) = self.standing {
+            (self.standing, self.recovery.moved, self.recovery.agrees) =
+                (SensorState::Suspected(since), false, None);
         }
     }
 
@@ -224,7 +233,7 @@ impl Sensor {
 
     /// Nobody looked for a while: what was predicted before says nothing of now.
     pub(super) fn pause(&mut self) {
-        (self.predicted, self.agrees) = (None, None);
+        (self.predicted, self.recovery.agrees) = (None, None);
     }
 
     /// The gateway was away for a while: not even the last prediction serves.
@@ -240,28 +249,29 @@ impl Sensor {
                 // What others say of a suspected one is counted from the reading that was used.
                 let known = self.base.filter(|_| self.is_live());
                 let base = self.predicted.map(|predicted| predicted.rise).or(known);
-                (self.standing, self.from) = (ArmState::Lost(since), self.reading);
-                (self.base, self.was_predicted) = (base.filter(|_| self.reading.is_some()), false);
+                (self.standing, self.from) = (SensorState::Lost(since), self.reading);
+                (self.base, self.recovery.was_predicted) = (base.filter(|_| self.reading.is_some()), false);
             }
             if self.is_lost() && self.tentative {
                 (self.from, self.base, self.tentative) = (None, None, false);
             }
-            (self.moved, self.agrees, self.unproven) = (self.moved && !self.is_lost(), None, None);
+            (self.recovery.moved, self.recovery.agrees, self.recovery.unproven) =
+                (self.recovery.moved && !self.is_lost(), None, None);
             return;
         };
         let has_changed = self.reading.is_none_or(|last| last.to_bits() != value.to_bits());
         (self.reading, self.read) = (Some(value), now);
         match self.standing {
-            ArmState::Live | ArmState::Suspected(_) if has_changed => self.begin(value, now),
-            ArmState::Live | ArmState::Suspected(_) => {}
+            SensorState::Live | SensorState::Suspected(_) if has_changed => self.begin(value, now),
+            SensorState::Live | SensorState::Suspected(_) => {}
             // It was the line that was lost, or all that could have said what it reads with it.
-            ArmState::Lost(since) if now.since(since) < SHORT || !self.was_predicted => {
+            SensorState::Lost(since) if now.since(since) < SHORT || !self.recovery.was_predicted => {
                 self.begin(value, now);
             }
-            ArmState::Lost(_) => self.moved = true,
-            ArmState::Frozen(_) => self.moved |= has_changed,
+            SensorState::Lost(_) => self.recovery.moved = true,
+            SensorState::Frozen(_) => self.recovery.moved |= has_changed,
         }
-        if self.moved && !self.is_live() && self.from.is_none() {
+        if self.recovery.moved && !self.is_live() && self.from.is_none() {
             (self.from, self.base, self.tentative) = (Some(value), None, true);
         }
     }
@@ -293,7 +303,7 @@ impl Sensor {
             Prediction::Outside(_) => true,
         };
         let Prediction::Known(predicted @ Predicted { rise, lent, present, .. }) = prediction else {
-            (self.predicted, self.agrees, self.missed) = (None, None, 0);
+            (self.predicted, self.recovery.agrees, self.missed) = (None, None, 0);
             if let Prediction::Outside(Some(rise)) = prediction
                 && self.is_live()
             {
@@ -303,7 +313,7 @@ impl Sensor {
         };
         self.predicted = Some(predicted);
         self.last = predicted.fit().map(|rise| Said { rise, at: now }).or(self.last);
-        self.unproven = None;
+        self.recovery.unproven = None;
         if self.is_suspected() {
             return Verdict::AsBefore;
         }
@@ -314,25 +324,26 @@ impl Sensor {
             if self.missed < MISSED {
                 return Verdict::AsBefore;
             }
-            (self.standing, self.moved, self.agrees) = (ArmState::Suspected(self.changed), false, None);
+            (self.standing, self.recovery.moved, self.recovery.agrees) =
+                (SensorState::Suspected(self.changed), false, None);
             return Verdict::AsBefore;
         }
         if lent {
-            self.agrees = None;
+            self.recovery.agrees = None;
             return Verdict::AsBefore;
         }
-        if let ArmState::Lost(since) = self.standing {
-            self.was_predicted |= present && now.since(since) >= SHORT;
+        if let SensorState::Lost(since) = self.standing {
+            self.recovery.was_predicted |= present && now.since(since) >= SHORT;
         }
         self.base.get_or_insert(rise);
         let apart = reading.zip(self.expected(rise)).map(|(reading, value)| (reading - value).abs());
-        if !(self.moved && apart.is_some_and(|apart| apart <= threshold)) {
-            self.agrees = None;
+        if !(self.recovery.moved && apart.is_some_and(|apart| apart <= threshold)) {
+            self.recovery.agrees = None;
             // Where it begins is not known: its way is compared from here.
             if let Some(reading) = reading.filter(|_| self.tentative) {
                 (self.from, self.base) = (Some(reading), Some(rise));
             }
-        } else if now.since(*self.agrees.get_or_insert(now)) >= AGREES_FOR
+        } else if now.since(*self.recovery.agrees.get_or_insert(now)) >= AGREES_FOR
             && let Some(reading) = reading
         {
             return Verdict::Believed(self.believe(reading, now));
@@ -342,12 +353,12 @@ impl Sensor {
 
     /// Nobody can say what it reads: one that was lost is believed if it has been back for long.
     fn judge_unpredicted(&mut self, reading: Option<f64>, now: Moment) -> Verdict {
-        let back = reading.filter(|_| self.is_lost() && self.moved);
+        let back = reading.filter(|_| self.is_lost() && self.recovery.moved);
         let Some(reading) = back else {
-            self.unproven = None;
+            self.recovery.unproven = None;
             return Verdict::AsBefore;
         };
-        if now.since(*self.unproven.get_or_insert(now)) < AGREES_FOR {
+        if now.since(*self.recovery.unproven.get_or_insert(now)) < AGREES_FOR {
             return Verdict::AsBefore;
         }
         Verdict::Believed(self.believe(reading, now))
@@ -362,7 +373,7 @@ impl Sensor {
     /// Believes it again; what it began from, as the others have it, unless it has read the same ever since.
     fn believe(&mut self, reading: f64, now: Moment) -> Option<Beginning> {
         let (since, _) = self.distrusted()?;
-        let rise = self.said().filter(|_| self.moved);
+        let rise = self.said().filter(|_| self.recovery.moved);
         self.begin(reading, now);
         Some(Beginning { value: reading - rise?, distrusted_since: since })
     }
@@ -370,19 +381,19 @@ impl Sensor {
     /// The machine was started: rises are counted from nothing. Where a sensor that is not believed begins, nobody knows.
     pub(super) fn started(&mut self, now: Moment) {
         let is_believed = match self.standing {
-            ArmState::Live | ArmState::Suspected(_) => true,
-            ArmState::Frozen(_) => self.moved,
-            ArmState::Lost(_) => self.reads(now),
+            SensorState::Live | SensorState::Suspected(_) => true,
+            SensorState::Frozen(_) => self.recovery.moved,
+            SensorState::Lost(_) => self.reads(now),
         };
         (self.predicted, self.last) = (None, None);
         match self.reading.filter(|_| is_believed) {
             Some(reading) => self.begin(reading, now),
-            None => (self.from, self.base, self.tentative, self.agrees) = (None, None, false, None),
+            None => (self.from, self.base, self.tentative, self.recovery.agrees) = (None, None, false, None),
         }
     }
 
     pub(super) fn is_lost(&self) -> bool {
-        matches!(self.standing, ArmState::Lost(_))
+        matches!(self.standing, SensorState::Lost(_))
     }
 }
 
@@ -390,5 +401,27 @@ impl Predicted {
     /// The rise, if it is good enough to be used for the reading.
     fn fit(self) -> Option<f64> {
         (!self.lent && self.inside).then_some(self.rise)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sensor_has_the_keys_of_earlier_state_files() {
+        let mut kept = serde_json::to_value(Sensor::default()).unwrap();
+        let mut keys: Vec<&str> = kept.as_object().unwrap().keys().map(String::as_str).collect();
+        keys.sort_unstable();
+        let keys = keys.join(" ");
+        assert_eq!(
+            keys,
+            "agrees base changed from last missed moved outside predicted read reading renewed standing tentative \
+             unproven was_predicted"
+        );
+        for later in ["tentative", "outside", "last", "missed", "was_predicted", "unproven", "renewed"] {
+            kept.as_object_mut().unwrap().remove(later);
+        }
+        assert_eq!(serde_json::from_value::<Sensor>(kept).unwrap(), Sensor::default());
     }
 }
