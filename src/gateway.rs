@@ -63,7 +63,7 @@ mod release;
 mod releasing;
 mod reported;
 mod restart;
-mod service_manager;
+mod run_phase;
 mod shared;
 mod sign;
 mod signing;
@@ -72,9 +72,10 @@ mod status;
 mod storage;
 mod store;
 mod successor;
+mod systemd;
 pub mod templates;
 mod units;
-mod watch;
+mod watchdog;
 mod why;
 mod wire_log;
 
@@ -87,7 +88,7 @@ use panel::Panel;
 use poll::LineTask;
 use shared::{LineWork, Shared};
 use storage::Storage;
-use watch::Watch;
+use watchdog::Watchdog;
 
 pub use disk::{Disk, Files, make_directory};
 pub use handover::{
@@ -266,7 +267,7 @@ impl Gateway {
             }
             for (axis, why) in core.places.barred(&core.given.profile) {
                 // An axis that was off before keeps its reason, also for the next program.
-                if is_in_question || !core.arming[axis.0].latched {
+                if is_in_question || !core.arming[axis.0].is_latched() {
                     core.disarm(axis, why);
                 }
             }
@@ -408,7 +409,7 @@ impl Gateway {
             OnStop::FaultAction => "stopping: the fault actions run",
             OnStop::Hold => "stopping: the registers keep what they hold",
         };
-        service_manager::stopping(does, within);
+        systemd::stopping(does, within);
         match how {
             OnStop::FaultAction => self.wait_until((within, ENDED_EVERY), ending::at_rest).await,
             OnStop::Hold => {
@@ -422,7 +423,7 @@ impl Gateway {
     async fn settle(&self) {
         let within = ending::begin_stop(&self.shared, OnStop::Hold);
         self.shared.report(&Event::Stopping { holds: true, within });
-        service_manager::reloading("another program takes over; the registers keep what they hold");
+        systemd::reloading("another program takes over; the registers keep what they hold");
         self.settled(within).await;
     }
 
@@ -499,9 +500,9 @@ impl Gateway {
         Some((Box::new(task), listener.map(Box::new)))
     }
 
-    fn watch(&self, stop: &Arc<Notify>) -> Watch {
+    fn watch(&self, stop: &Arc<Notify>) -> Watchdog {
         let (stop, give_up) = (stop.clone(), self.options.give_up.clone());
-        Watch::start(self.shared.clone(), self.options.watch, move || stop.notify_one(), move || give_up())
+        Watchdog::start(self.shared.clone(), self.options.watch, move || stop.notify_one(), move || give_up())
     }
 
     /// Restarts the task of a line after a panic, so that it runs the fault actions.
@@ -580,7 +581,7 @@ impl Gateway {
             }
             if now.since(told) >= TOLD_EVERY {
                 told = now;
-                service_manager::takes(deadline.since(now));
+                systemd::takes(deadline.since(now));
             }
             sleeper.sleep(every).await;
         }

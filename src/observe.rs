@@ -3,10 +3,10 @@
 pub mod asker;
 pub mod events;
 pub mod http;
-mod metrics;
 #[cfg(feature = "mqtt")]
 pub mod mqtt;
 pub mod notify;
 mod page;
 mod past;
+mod prometheus;
 pub mod status;

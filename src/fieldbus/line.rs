@@ -23,7 +23,7 @@
 //!
 //! A device that failed gets no request during a pause that doubles with each failure. The line serves its other
 //! devices meanwhile. A dead unit therefore costs them at most one timeout per pause. A line that cannot be connected
-//! backs off in the same way.
+//! backs off in the same way. `line/retry.rs` decides which requests are repeated.
 
 use std::pin::pin;
 use std::sync::Arc;
@@ -50,6 +50,7 @@ mod continuity;
 mod control;
 mod late;
 mod others;
+mod retry;
 mod units;
 mod witness;
 
@@ -78,21 +79,28 @@ pub struct DeviceLine {
     pipeline: Pipeline,
     /// Duration of the last exchange.
     took: Duration,
-    spoke: bool,
     misses: u32,
     /// Whether the gateway closed the connection after an answer.
     is_put_down: bool,
     tap: Tap,
-    /// Time at which the connection was opened.
-    connected_at: Moment,
-    /// Whether a request on this connection has ended.
-    has_answered: bool,
+    history: ConnectionHistory,
     /// Connections in a row that the other end closed soon.
     short_lives: u32,
     /// Back-off in favour of another client of the device.
     yielding: Backoff,
     evidence: Evidence,
     others: Others,
+}
+
+/// Requests on the present connection so far.
+#[derive(Clone, Copy, Debug, Default)]
+struct ConnectionHistory {
+    /// Time at which the connection was opened.
+    opened_at: Moment,
+    /// Whether the next request must keep the pause of its unit, because another one was sent before.
+    needs_pause: bool,
+    /// Whether a request has ended.
+    has_answered: bool,
 }
 
 /// Answer that was checked against its request.
@@ -138,12 +146,10 @@ impl DeviceLine {
                 bus.pipeline > 1 && devices.iter().all(|(_, device)| device.quirks.bear_two()),
             ),
             took: Duration::ZERO,
-            spoke: false,
             misses: 0,
             is_put_down: false,
             tap: Tap::default(),
-            connected_at: Moment::default(),
-            has_answered: false,
+            history: ConnectionHistory::default(),
             short_lives: 0,
             yielding: Backoff::new(FIRST_PAUSE, seed(&bus.name)),
             evidence: Evidence::default(),
@@ -215,15 +221,6 @@ impl DeviceLine {
     /// Returns whether this device backs off after a failure.
     pub fn is_resting(&self, device: DeviceId, now: Moment) -> bool {
         self.units.get(device).is_some_and(|unit| !unit.breaker.allows(now))
-    }
-
-    /// Returns the earliest time to repeat a request that this device did not answer. Returns `None` on a line with
-    /// transaction numbers. On an RTU line, one lost answer does not yet show a fault of the device.
-    pub fn again_at(&self, device: DeviceId) -> Option<Moment> {
-        let unit = self.units.get(device).filter(|_| self.is_nameless)?;
-        let owed = self.units.owed.get(unit.number).and_then(|owed| owed.again_at(self.spans()));
-        let rests = unit.breaker.not_before().max(self.redial.not_before());
-        Some(owed.max(rests).unwrap_or_default().max(self.looked()))
     }
 
     /// Returns the end of the expected exchange if a request is sent now. Reads that are due by then may be sent
@@ -409,8 +406,6 @@ impl DeviceLine {
             if !std::mem::take(&mut was_connected) || !matches!(answer, Err(Fault::BROKEN | Fault::CLOSED)) {
                 break self.settle(place, request, answer, now);
             }
-            // Some gateways close an idle connection, which must not cost a reading. A write that may have been sent is
-            // not repeated, and neither is one that depends on a value read on the lost connection.
             let has_ids = self.wire.as_mut().is_some_and(|wire| wire.wire().has_transaction_id());
             self.wire = None;
             // It is unknown whether a write that was sent was executed. This is more important than the back-off of the
@@ -419,9 +414,8 @@ impl DeviceLine {
             if has_ids && self.is_contested(now) {
                 break if may_be_done { answer } else { Err(Fault::Link(LinkFault::Contested)) };
             }
-            let is_free = !matches!(leave, Leave::Here(_));
             let may_be_asked = may_be_unverified || !self.is_unverified(place);
-            if may_be_asked && (request.is_read() && has_ids || answer == Err(Fault::CLOSED) && is_free) {
+            if may_be_asked && DeviceLine::is_repeated(request, leave, &answer, has_ids) {
                 continue;
             }
             let _ = self.connect(now).await;
@@ -462,8 +456,8 @@ impl DeviceLine {
         self.is_nameless = !has_ids;
         let is_behind_gateway = self.units.at(place).is_behind_gateway;
         let has_left = self.departure.asked().is_some();
-        let is_first = has_left && !self.has_answered;
-        self.has_answered |= has_left;
+        let is_first = has_left && !self.history.has_answered;
+        self.history.has_answered |= has_left;
         let answer = match answer {
             Err(Fault::BROKEN) if is_first && has_ids => Err(self.dial.turned_away()),
             answer => answer,
@@ -515,12 +509,12 @@ impl DeviceLine {
         self.hear_out(place, request).await?;
         let unit = self.units.at(place);
         let pause = unit.quirks.pause_between_requests;
-        if self.spoke && !pause.is_zero() {
+        if self.history.needs_pause && !pause.is_zero() {
             self.departure.away_for(pause);
             tokio::time::sleep(pause).await;
             self.departure.look();
         }
-        self.spoke = true;
+        self.history.needs_pause = true;
         Ok(Answer::Done)
     }
 }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use isotherm_core::compensation::{Permit, ReturnTo};
 use isotherm_core::display::Intent;
 use isotherm_core::explained::Explained;
+use isotherm_core::output::Who;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{Arm, Output, Profile, Share, Writes};
 
@@ -28,17 +29,26 @@ pub(super) struct ArmRequest {
     pub(super) from: Option<Micron>,
 }
 
-#[derive(Clone, Debug, Default)]
-pub(super) struct Arming {
-    pub(super) armed: bool,
+/// Arming state of an axis.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum ArmingState {
+    /// The axis is off, and is armed as the profile says.
+    #[default]
+    Off,
     /// The axis was switched off, for example by an operator or after an external write. It stays off until an operator
     /// arms it.
-    pub(super) latched: bool,
+    Latched,
+    /// The axis is armed, by the request of an operator or by the profile.
+    Armed(Who),
+    /// The axis is armed, and the model requested more than the error level. The axis is switched off when the fault
+    /// action has ended.
+    Tripped(Who),
+}
+
+#[derive(Clone, Debug, Default)]
+pub(super) struct Arming {
+    pub(super) state: ArmingState,
     pub(super) why: Explained,
-    /// The request of an operator armed the axis.
-    pub(super) by_person: bool,
-    /// The model requested more than the error level. The axis is switched off when the fault action has ended.
-    pub(super) tripped: bool,
     /// Request to arm that waits for a condition.
     pub(super) asked: Option<ArmRequest>,
     /// Sign check of the axis with a dial gauge.
@@ -65,11 +75,50 @@ pub(super) enum Attempt {
 }
 
 impl Arming {
+    /// Returns who armed the axis. `None` if it is off.
+    pub(super) fn armed_by(&self) -> Option<Who> {
+        match self.state {
+            ArmingState::Armed(by) | ArmingState::Tripped(by) => Some(by),
+            ArmingState::Off | ArmingState::Latched => None,
+        }
+    }
+
+    /// Returns whether the axis is armed.
+    pub(super) fn is_armed(&self) -> bool {
+        self.armed_by().is_some()
+    }
+
+    /// Returns whether the axis stays off until an operator arms it.
+    pub(super) fn is_latched(&self) -> bool {
+        self.state == ArmingState::Latched
+    }
+
+    /// Returns whether the axis is armed and its model requested more than the error level.
+    pub(super) fn is_tripped(&self) -> bool {
+        matches!(self.state, ArmingState::Tripped(_))
+    }
+
+    /// Records whether the model of an armed axis requested more than the error level.
+    pub(super) fn set_tripped(&mut self, is_tripped: bool) {
+        if let Some(by) = self.armed_by() {
+            self.state = if is_tripped { ArmingState::Tripped(by) } else { ArmingState::Armed(by) };
+        }
+    }
+
+    /// Ends the request to arm. If `arms_itself` is false, an axis that is off waits for another request.
+    pub(super) fn end_request(&mut self, arms_itself: bool, why: Explained) {
+        self.asked = None;
+        if !self.is_armed() {
+            self.state = if arms_itself { ArmingState::Off } else { ArmingState::Latched };
+        }
+        self.why = why;
+    }
+
     /// Returns whether the axis must be armed as soon as possible. An axis without a model is never armed.
     pub(super) fn is_wanted(&self, profile: &Profile, axis: usize) -> bool {
         match profile.arm {
             _ if !profile.axes[axis].has_model() => false,
-            Arm::Auto => !self.latched || self.asked.is_some(),
+            Arm::Auto => !self.is_latched() || self.asked.is_some(),
             Arm::Manual => self.asked.is_some(),
         }
     }
@@ -77,13 +126,14 @@ impl Arming {
     /// Returns whether the axis is off on purpose: an operator switched it off, or `arm = "manual"` and no operator has
     /// armed it.
     pub(super) fn is_left_off(&self, profile: &Profile) -> bool {
-        let is_wished = if self.latched { self.why.cause == BY_A_PERSON } else { profile.arm == Arm::Manual };
-        !self.armed && self.asked.is_none() && is_wished
+        let is_wished =
+            if self.is_latched() { self.why.cause == BY_A_PERSON } else { profile.arm == Arm::Manual };
+        !self.is_armed() && self.asked.is_none() && is_wished
     }
 
     /// Returns whether the axis is off and will be armed as soon as possible.
     pub(super) fn is_waiting(&self, profile: &Profile, axis: usize) -> bool {
-        !self.armed && self.is_wanted(profile, axis)
+        !self.is_armed() && self.is_wanted(profile, axis)
     }
 
     /// Intended operation of the axis, for its display.
@@ -104,7 +154,7 @@ impl Arming {
         ready: bool,
         beyond_error: Option<Micron>,
     ) -> Attempt {
-        if self.armed || !self.is_wanted(profile, axis) || !ready {
+        if self.is_armed() || !self.is_wanted(profile, axis) || !ready {
             return Attempt::NotYet;
         }
         if let Some(wanted) = beyond_error {
@@ -183,7 +233,7 @@ impl Arming {
         stopping: bool,
         dry_run: bool,
     ) -> Permit {
-        if !self.armed {
+        if !self.is_armed() {
             return Permit::Off;
         }
         if stopping {

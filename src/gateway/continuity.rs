@@ -97,7 +97,7 @@ impl Devices {
         compensation: &Compensation,
         arming: &Noted<Arming>,
     ) {
-        let follows = |axis: usize| arming[axis].armed && arming[axis].sign.is_none();
+        let follows = |axis: usize| arming[axis].is_armed() && arming[axis].sign.is_none();
         let holds = |axis: &usize| {
             let Arming { take_over, take_over_slope, .. } = arming[*axis];
             let decision = compensation.decision(*axis).filter(|_| follows(*axis))?;
@@ -145,7 +145,7 @@ impl Devices {
     pub(super) fn settings_changed(&self, device: DeviceId, arming: &mut Noted<Arming>) {
         for (axis, held) in &self.held[device.0] {
             // If another device was changed before, the value held since then is wrong as well.
-            if arming[*axis].armed && arming[*axis].return_to.is_none() {
+            if arming[*axis].is_armed() && arming[*axis].return_to.is_none() {
                 arming[*axis].return_to = Some(*held);
             }
         }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::arming::{Arming, Attempt};
+use super::arming::{Arming, ArmingState, Attempt};
 use super::board::{Board, Change};
 use super::contact::Contact;
 use super::continuity::Devices;
@@ -16,6 +16,7 @@ use super::probing::{Probing, acting, why_refused};
 use super::release::Releases;
 use super::reported::Reported;
 use super::restart::Restarts;
+use super::run_phase::RunPhase;
 use super::storage::Storage;
 use super::units::part;
 use super::why::{BEYOND_ERROR, Reasons, WHEN_FOUND};
@@ -28,7 +29,7 @@ use isotherm_core::compensation::{
 };
 use isotherm_core::continuity::{Continuity, sentence};
 use isotherm_core::explained::Explained;
-use isotherm_core::output::farthest_behind;
+use isotherm_core::output::{Who, farthest_behind};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::duration_text;
 use isotherm_profile::{Arm, AxisId, OnStop, Output, OutputId, Profile, Writes};
@@ -54,10 +55,7 @@ pub(super) struct Core {
     /// For each axis: latest moment at which a change that it decided may be sent.
     pub(super) not_after: Vec<Moment>,
     pub(super) pauses: Pauses,
-    /// Action of the requested stop.
-    pub(super) stop: Option<OnStop>,
-    /// The lines end now: no strobe may stay up.
-    pub(super) leaving: bool,
+    pub(super) phase: RunPhase,
     /// An axis has been armed since the start.
     pub(super) was_armed: bool,
     /// For each axis: it was driven before the start, and has not been armed since.
@@ -102,8 +100,7 @@ impl Core {
             restarts: Restarts::new(profile),
             not_after: vec![Moment::default(); profile.axes.len()],
             pauses: Pauses::default(),
-            stop: None,
-            leaving: false,
+            phase: RunPhase::default(),
             was_armed: false,
             was_driven: vec![false; profile.axes.len()],
             has_read: false,
@@ -124,7 +121,7 @@ impl Core {
         let given = &self.given.clone();
         let Given { profile, dependents, .. } = given;
         // During a stop that keeps the registers, earlier decisions are executed and nothing is decided.
-        if self.stop == Some(OnStop::Hold) {
+        if self.phase.stop() == Some(OnStop::Hold) {
             return false;
         }
         // If time has gone back, every axis is due.
@@ -218,7 +215,7 @@ impl Core {
         let Core { places, arming, outputs, given, .. } = self;
         let is_driven = |id: OutputId| {
             let arming = &arming[given.profile.output(id).axis.0];
-            arming.armed || arming.sign.is_some() || outputs[id.0].writes > 0
+            arming.is_armed() || arming.sign.is_some() || outputs[id.0].writes > 0
         };
         !given.dry_run && places.drive(&given.profile, is_driven)
     }
@@ -240,7 +237,7 @@ impl Core {
 
     /// Returns whether the gateway is stopping and its axes run their fault actions.
     pub(super) fn runs_fault_actions(&self) -> bool {
-        self.stop == Some(OnStop::FaultAction)
+        self.phase.stop() == Some(OnStop::FaultAction)
     }
 
     /// Updates the control of each axis whose outputs, arming or probing may have changed. Returns whether such an axis
@@ -271,12 +268,12 @@ impl Core {
 
     pub(super) fn arm_where_possible(&mut self, now: Moment) {
         let profile = &*self.given.profile.clone();
-        if self.stop.is_some() {
+        if self.phase.is_stopping() {
             return;
         }
         self.end_requests(now);
         for axis in 0..self.arming.len() {
-            if self.arming[axis].armed {
+            if self.arming[axis].is_armed() {
                 continue;
             }
             let snapshot = Snapshot::new(now, self.board.seen());
@@ -304,8 +301,7 @@ impl Core {
                     };
                     let trust = self.arming[axis].trust;
                     self.arming[axis] = Arming {
-                        armed: true,
-                        by_person,
+                        state: ArmingState::Armed(if by_person { Who::Person } else { Who::Policy }),
                         take_over: Some(from),
                         take_over_slope,
                         trust,
@@ -372,11 +368,8 @@ impl Core {
 
     /// Clears a request. The axis is then armed without another request only if the profile says so.
     fn end_request(&mut self, axis: usize, why: Explained) {
-        let arms_itself = self.given.profile.arm == Arm::Auto && !self.arming[axis].latched;
-        let arming = &mut self.arming[axis];
-        arming.asked = None;
-        arming.latched = !arming.armed && !arms_itself;
-        arming.why = why;
+        let arms_itself = self.given.profile.arm == Arm::Auto && !self.arming[axis].is_latched();
+        self.arming[axis].end_request(arms_itself, why);
     }
 
     /// Reports the condition for which a request to arm waits, if it has changed and the last report is old enough.
@@ -447,8 +440,8 @@ impl Core {
     /// Switches an axis off until an operator arms it again.
     pub(super) fn disarm(&mut self, axis: AxisId, why: impl Into<Explained>) {
         let (why, trust) = (why.into(), self.arming[axis.0].trust);
-        let latched = Arming { latched: true, why: why.clone(), trust, ..Arming::default() };
-        if std::mem::replace(&mut self.arming[axis.0], latched).armed {
+        let latched = Arming { state: ArmingState::Latched, why: why.clone(), trust, ..Arming::default() };
+        if std::mem::replace(&mut self.arming[axis.0], latched).is_armed() {
             let axis = self.given.profile.axis(axis).settings.name.clone();
             self.events.push(Event::Disarmed { axis, why });
         }
@@ -459,7 +452,7 @@ impl Core {
         let profile = &self.given.profile;
         let Output { axis: AxisId(axis), writes, .. } = *profile.output(id);
         let first = self.outputs.ids(axis).iter().find(|id| profile.output(**id).writes == writes);
-        if !self.arming[axis].armed || first != Some(&id) {
+        if !self.arming[axis].is_armed() || first != Some(&id) {
             return false;
         }
         if let Err(why) = self.releases.admit(id, cz, self.outputs[id.0].shares) {
@@ -534,15 +527,16 @@ impl Core {
                 AxisState::Holding(_) => axis.settings.on_fault == OnFault::Hold,
                 _ => false,
             };
-            let is_tripped = self.arming[place].armed && decision.tripped;
-            if self.arming[place].tripped != is_tripped {
-                self.arming[place].tripped = is_tripped;
+            let is_tripped = self.arming[place].is_armed() && decision.tripped;
+            if self.arming[place].is_tripped() != is_tripped {
+                self.arming[place].set_tripped(is_tripped);
             }
-            if is_tripped && ended && self.stop.is_none() && self.has_arrived(place) {
+            if is_tripped && ended && !self.phase.is_stopping() && self.has_arrived(place) {
                 let asked = self.arming[place].asked.clone();
                 self.disarm(AxisId(place), Explained::new(BEYOND_ERROR, WHEN_FOUND));
                 let trust = self.arming[place].trust;
-                self.arming[place] = Arming { latched: true, asked, trust, ..Arming::default() };
+                self.arming[place] =
+                    Arming { state: ArmingState::Latched, asked, trust, ..Arming::default() };
             }
         }
     }
@@ -576,7 +570,7 @@ impl Core {
             let settings = &profile.axes[axis].settings;
             let why = || self.why(axis, now);
             let distrusted = self.compensation.distrusted(axis);
-            reported.report(profile, settings, decision, (why, self.stop.is_some()), &mut events);
+            reported.report(profile, settings, decision, (why, self.phase.is_stopping()), &mut events);
             reported.report_distrusted(profile, settings, decision, distrusted, &mut events);
         }
         (self.events, self.reported) = (events, reported);

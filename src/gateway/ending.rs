@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use super::core::Core;
 use super::output::Standing;
+use super::run_phase::RunPhase;
 use super::shared::Shared;
 use super::units::Units;
 use isotherm_core::compensation::AxisState;
@@ -15,7 +16,7 @@ use isotherm_profile::{OnStop, Share, stop};
 /// take.
 pub(super) fn begin_stop(shared: &Shared, how: OnStop) -> Duration {
     let mut core = shared.core();
-    core.stop = Some(how);
+    core.phase = RunPhase::Stopping(how);
     core.arming.note_all();
     core.next_due = core.compensation.next_due().filter(|_| how == OnStop::FaultAction);
     if how == OnStop::Hold {
@@ -68,7 +69,7 @@ pub(super) fn leave(shared: &Shared) -> bool {
         .states()
         .iter()
         .any(|output| output.handshake.strobe_up || (drops_enabled && output.handshake.says_enabled));
-    core.leaving = true;
+    core.phase.leave();
     drop(core);
     if any {
         shared.wake();

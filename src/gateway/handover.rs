@@ -37,13 +37,13 @@ impl Handover {
         let axes = core.given.profile.axes.iter().zip(core.arming.as_slice());
         for (place, (axis, arming)) in axes.enumerate() {
             let name = axis.settings.name.clone();
-            if arming.armed && !arming.tripped {
+            if arming.is_armed() && !arming.is_tripped() {
                 let of_position = core.outputs.of_axis(place);
                 let stands = of_position.filter(|(output, _)| output.writes.position().is_some());
                 let stands = stands.filter_map(|(_, state)| state.cz).next();
                 let decided = core.compensation.decision(place).map(|decision| decision.cz);
                 handover.armed.insert(name, stands.or(decided).unwrap_or_default());
-            } else if arming.tripped || arming.latched && !core.places.is_why(&name, &arming.why) {
+            } else if arming.is_tripped() || arming.is_latched() && !core.places.is_why(&name, &arming.why) {
                 // An axis that is off because of a former register is left out: the next start checks that register
                 // again.
                 handover.off.insert(name, arming.why.cause.clone());

@@ -514,7 +514,7 @@ fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Dif
     }
     for output in shared.profile.outputs.iter().filter(|output| output.device == id) {
         // An axis that is off keeps waiting to be armed.
-        if core.arming[output.axis.0].armed {
+        if core.arming[output.axis.0].is_armed() {
             core.disarm(output.axis, why.clone());
         }
     }

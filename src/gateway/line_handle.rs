@@ -132,7 +132,8 @@ impl LineHandle {
     /// work. While the registers keep their values for another program, no axis has to be stepped.
     fn head_lives(&self, now: Moment) -> bool {
         let (every, core) = (self.dependents.shortest_period, self.core());
-        core.stop == Some(OnStop::Hold) || every.is_none_or(|every| now.since(core.stepped_at) <= every * 2)
+        core.phase.stop() == Some(OnStop::Hold)
+            || every.is_none_or(|every| now.since(core.stepped_at) <= every * 2)
     }
 }
 

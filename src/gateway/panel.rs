@@ -203,7 +203,7 @@ impl CommandHandle {
         self.carry_out((command.name().to_owned(), names), asker, Answer::text, |core| {
             let chosen = chosen?;
             match command {
-                Command::Arm if core.stop.is_some() => Err("the gateway is stopping".into()),
+                Command::Arm if core.phase.is_stopping() => Err("the gateway is stopping".into()),
                 Command::Arm => self.arm(core, axis, asker),
                 Command::Disarm => {
                     for axis in &chosen {
@@ -269,7 +269,7 @@ impl CommandHandle {
         let does = |axis: &usize| {
             let arming = &core.arming[*axis];
             match command {
-                Command::Disarm => arming.armed || arming.is_waiting(&self.0.profile, *axis),
+                Command::Disarm => arming.is_armed() || arming.is_waiting(&self.0.profile, *axis),
                 Command::Cancel => arming.asked.is_some() || arming.sign.is_some(),
                 _ => false,
             }
@@ -328,7 +328,7 @@ impl CommandHandle {
             let until = now.after(self.0.profile.arm_timeout);
             let asked = ArmRequest { by: asker.clone(), until, reported: (String::new(), now), from: None };
             let arming = &mut core.arming[*axis];
-            arming.asked = (!arming.armed || arming.tripped).then_some(asked);
+            arming.asked = (!arming.is_armed() || arming.is_tripped()).then_some(asked);
             arming.refusal = None;
         }
         core.board.look(now);
@@ -370,7 +370,7 @@ impl CommandHandle {
         for axis in chosen {
             let name = &profile.axes[axis].settings.name;
             let arming = &core.arming[axis];
-            if arming.armed && arming.asked.is_none() {
+            if arming.is_armed() && arming.asked.is_none() {
                 armed.push(name.as_str());
             } else if arming.refusal.is_some()
                 || !(arming.asked.is_some() || arming.is_waiting(profile, axis))
@@ -506,7 +506,7 @@ impl CommandHandle {
                     "{axis}: what probings have taught is taken back; Cz goes there step by step"
                 ));
             };
-            if core.stop.is_some() {
+            if core.phase.is_stopping() {
                 return Err("the gateway is stopping".into());
             }
             let of_radius = if settings.diameter { 0.5 } else { 1.0 };

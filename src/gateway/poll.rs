@@ -64,12 +64,7 @@ pub(super) struct LineTask {
     /// Values that are read here are used on another line: a position that is corrected there, or a result of probing.
     feeds_others: bool,
     step_due: Option<Moment>,
-    /// A device was read, or another task had news, since the last step of the axes.
-    has_news: bool,
-    /// A value was read that is used on another line.
-    wakes_others: bool,
-    /// The checks of devices may be due.
-    inspects: bool,
+    pending: Pending,
     work: LineWork,
     /// Counts of the news and of the pauses that were processed.
     news: u64,
@@ -77,6 +72,17 @@ pub(super) struct LineTask {
     /// Number of urgent reads since the last other read or output.
     pressed: u32,
     overruns: Overruns,
+}
+
+/// Work that earlier turns left for the next ones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Pending {
+    /// A device was read, or another task had news, since the last step of the axes.
+    has_news: bool,
+    /// A value was read that is used on another line.
+    wakes_others: bool,
+    /// The checks of devices may be due.
+    inspects: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -141,9 +147,7 @@ impl LineTask {
             steps_axes,
             feeds_others,
             step_due: Some(start),
-            has_news: true,
-            wakes_others: false,
-            inspects: true,
+            pending: Pending { has_news: true, wakes_others: false, inspects: true },
             work: LineWork::All,
             news: 0,
             pauses: shared.pauses(),
@@ -179,7 +183,7 @@ impl LineTask {
             }
             let turn = self.next(now);
             // A step wakes the other lines itself, after the decision: their outputs then follow it at once.
-            if turn != Turn::Step && std::mem::take(&mut self.wakes_others) {
+            if turn != Turn::Step && std::mem::take(&mut self.pending.wakes_others) {
                 self.shared.wake_others(self.bus);
             }
             match turn {
@@ -189,7 +193,7 @@ impl LineTask {
                     let began = self.sleeper.sleep_from(now, due).await;
                     self.line.departure.look_at(began);
                     self.account(began.since(due));
-                    self.inspects = true;
+                    self.pending.inspects = true;
                     self.shared.turned(self.bus);
                     now = began;
                     continue;
@@ -200,7 +204,7 @@ impl LineTask {
                     }
                 }
                 Turn::Inspect => {
-                    self.inspects = false;
+                    self.pending.inspects = false;
                     self.inspector.inspect(&mut self.line, &self.shared, self.can.as_deref()).await;
                     let now = self.line.looked();
                     self.polls.iter_mut().for_each(|poll| poll.make_up(&self.shared, now));
@@ -238,7 +242,7 @@ impl LineTask {
         // Wakeups are cleared before the news is read: a later event wakes the task again.
         self.sleeper.forget_wakeups();
         self.news = self.shared.news(self.bus);
-        (self.has_news, self.inspects) = (true, true);
+        (self.pending.has_news, self.pending.inspects) = (true, true);
         for revived in self.can.iter().flat_map(|can| can.revived()) {
             self.line.revive(revived);
         }
@@ -257,14 +261,14 @@ impl LineTask {
 
     /// Steps the axes that are due, and makes the outputs due: each of them may have something to do.
     fn step(&mut self, now: Moment) {
-        self.has_news = false;
+        self.pending.has_news = false;
         // Signals in CAN frames are in no device's reads.
         self.shared.look_for_restarts(now);
         self.shared.hear_probings(now);
         if self.steps_axes {
             self.step_due = self.shared.advance(now);
         }
-        if std::mem::take(&mut self.wakes_others) {
+        if std::mem::take(&mut self.pending.wakes_others) {
             self.shared.wake_others(self.bus);
         }
         self.wake_outputs(now);
@@ -289,7 +293,7 @@ impl LineTask {
         // This must not wait for a step: a line that is always busy may never complete the reads that are due.
         self.shared.look_for_restarts(now);
         self.shared.hear_probings(now);
-        (self.has_news, self.inspects, self.wakes_others) = (true, true, self.feeds_others);
+        self.pending = Pending { has_news: true, wakes_others: self.feeds_others, inspects: true };
         if poll.reads_position {
             let corrections = self.jobs.iter_mut().filter(|job| job.corrects == Some(poll.device));
             corrections.for_each(|job| job.due = job.due.min(now));
@@ -312,7 +316,7 @@ impl LineTask {
         {
             return Turn::Output(place);
         }
-        if self.inspects && !self.inspector.is_empty() {
+        if self.pending.inspects && !self.inspector.is_empty() {
             return Turn::Inspect;
         }
         let output = jobs().min();
@@ -353,7 +357,7 @@ impl LineTask {
         let is_late =
             |due: &Moment| now.since(*due) >= SLOW && self.polls.iter().all(|poll| poll.has_been_read);
         is_due.is_some_and(|due| !is_outstanding(due) || is_late(&due))
-            || (self.has_news && !is_outstanding(now))
+            || (self.pending.has_news && !is_outstanding(now))
     }
 
     /// Read that is urgent: of a position that is corrected, or of readings that have reached half of their `max_age`.

@@ -90,7 +90,7 @@ pub(super) fn acting(axis: usize, outputs: &Outputs, arming: &Arming) -> Option<
     let Some((output, state)) = written else { return Some(Micron::ZERO) };
     match state.standing {
         // If no position is written, the value that the readout shows is not known.
-        _ if !output.writes.is_scheduled() && !arming.armed => None,
+        _ if !output.writes.is_scheduled() && !arming.is_armed() => None,
         Standing::Verified | Standing::Interlocked | Standing::Foreign => state.cz,
         Standing::Unknown | Standing::Unverified => None,
     }

@@ -10,7 +10,7 @@
 
 use std::sync::Arc;
 
-use super::arming::{ArmRequest, Arming};
+use super::arming::{ArmRequest, Arming, ArmingState};
 use super::core::Core;
 use super::output::Standing;
 use super::places::register_left;
@@ -39,7 +39,7 @@ pub(super) fn begin(core: &mut Core, now: Moment) {
         let by = Asker::new(Way::Restart, format!("released {}", release.by));
         let asked =
             ArmRequest { by: Arc::new(by), until: Moment::END, reported: (String::new(), now), from: None };
-        core.arming[axis.0] = Arming { latched: true, asked: Some(asked), ..Arming::default() };
+        core.arming[axis.0] = Arming { state: ArmingState::Latched, asked: Some(asked), ..Arming::default() };
         core.storage.remember_soon();
     }
 }
@@ -52,8 +52,8 @@ pub(super) fn follow(core: &mut Core) {
     for mut one in core.releases.returning.clone() {
         let (arming, state) = (&core.arming[one.axis.0], core.outputs[one.output.0]);
         let verified = state.cz.filter(|_| state.standing == Standing::Verified);
-        if !arming.armed {
-            let is_over = arming.asked.is_none() && core.stop.is_none();
+        if !arming.is_armed() {
+            let is_over = arming.asked.is_none() && !core.phase.is_stopping();
             if is_over {
                 given_up(core, &one, state.cz);
             }
@@ -77,7 +77,7 @@ pub(super) fn follow(core: &mut Core) {
             core.compensation.decision(one.axis.0).is_some_and(|decision| decision.cz == Micron::ZERO);
         // A write that may still arrive would move the register again.
         let is_settled = state.waits_until.is_none();
-        if is_decided && is_settled && core.stop.is_none() && Release::is_back(cz.get(), one.grain_um) {
+        if is_decided && is_settled && !core.phase.is_stopping() && Release::is_back(cz.get(), one.grain_um) {
             ended(core, &one);
         }
     }
@@ -115,7 +115,7 @@ fn ended(core: &mut Core, one: &Returning) {
     let is_moved = places.outputs.contains_key(output);
     places.former.extend(former.filter(|_| is_moved));
     core.arming[one.axis.0] =
-        Arming { latched: true, why: Explained::new(OVER.0, OVER.1), ..Arming::default() };
+        Arming { state: ArmingState::Latched, why: Explained::new(OVER.0, OVER.1), ..Arming::default() };
     core.events.push(Event::RegisterReleased { output: output.clone(), register: place.to_string() });
 }
 
@@ -171,7 +171,7 @@ pub(super) fn ask(core: &mut Core, (output, seen): (&str, &[f64]), by: String) -
     if core.given.dry_run {
         return Err("nothing is written in a dry run".into());
     }
-    if core.stop.is_some() {
+    if core.phase.is_stopping() {
         return Err("the gateway is stopping".into());
     }
     if core.storage.keeps_nothing() {

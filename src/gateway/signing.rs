@@ -28,7 +28,7 @@ pub(super) fn begin(
     if !profile.axes[axis].has_model() {
         return Err(why::unmodelled(&profile, axis).within(|cause| format!("axis {name}: {cause}")));
     }
-    if dry_run || core.stop.is_some() {
+    if dry_run || core.phase.is_stopping() {
         let why = if dry_run { "nothing is written in a dry run" } else { "the gateway is stopping" };
         return Err(why.into());
     }
@@ -38,7 +38,7 @@ pub(super) fn begin(
     if core.arming[axis].sign.is_some() {
         return Err(format!("the sign of axis {name} is being checked already").into());
     }
-    let decision = core.compensation.decision(axis).filter(|_| core.arming[axis].armed);
+    let decision = core.compensation.decision(axis).filter(|_| core.arming[axis].is_armed());
     let Some(decision) = decision else {
         return Err(Explained::new(
             format!("axis {name} is off"),

@@ -21,8 +21,8 @@ use super::stand_in;
 use super::why::Reasons;
 use crate::clock::{Synchronised, zone};
 use crate::observe::status::{
-    AxisStatus, BusStatus, DeviceStatus, GainStatus, LeftStatus, OutputStatus, ProbeStatus, ProbedStatus,
-    SharesStatus, SignalStatus, Status, WaitingStatus,
+    ArmingStatus, AxisStatus, BusStatus, DeviceStatus, GainStatus, LeftStatus, OutputStatus, ProbeStatus,
+    ProbedStatus, SharesStatus, SignalStatus, Status, WaitingStatus,
 };
 use isotherm_core::compensation::{Decision, Probe, Stages};
 use isotherm_core::display::Intent;
@@ -60,7 +60,7 @@ impl Picture {
         let mut picture = Picture {
             now,
             machine_on: core.compensation.machine().on_time(now),
-            stopping: core.stop.is_some(),
+            stopping: core.phase.is_stopping(),
             runs_fault_actions: core.runs_fault_actions(),
             decisions: core.compensation.decisions().copied().collect(),
             arming: core.arming.as_slice().to_vec(),
@@ -208,12 +208,14 @@ fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
         warned: picture.is_warned[place],
         error_um: axis.settings.levels.error.map(Micron::get),
         tripped: decision.tripped,
-        armed: picture.arming[place].armed,
-        left_off: match is_release(axis) {
-            true => !picture.arming[place].armed,
-            false => axis.has_model() && picture.arming[place].is_left_off(&shared.profile),
+        arming: ArmingStatus {
+            armed: picture.arming[place].is_armed(),
+            left_off: match is_release(axis) {
+                true => !picture.arming[place].is_armed(),
+                false => axis.has_model() && picture.arming[place].is_left_off(&shared.profile),
+            },
+            release: is_release(axis),
         },
-        release: is_release(axis),
         sign: picture.arming[place]
             .sign
             .as_ref()
@@ -346,7 +348,7 @@ fn outputs(shared: &Shared, picture: &Picture) -> Vec<OutputStatus> {
             device: shared.profile.device(output.device).name.clone(),
             register: output.address.to_string(),
             writes: output.writes.name(),
-            state: if picture.arming[output.axis.0].armed { state.standing.name() } else { "off" },
+            state: if picture.arming[output.axis.0].is_armed() { state.standing.name() } else { "off" },
             handshake: state
                 .handshake
                 .message(output.set.and_then(|id| shared.profile.set(id).handshake.as_ref())),

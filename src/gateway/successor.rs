@@ -274,7 +274,7 @@ impl Successor {
         let commands = CommandHandle(self.shared.clone());
         let answer =
             commands.carry_out(("restart".to_owned(), Vec::new()), asker, String::as_str, |core| {
-                if core.stop.is_some() {
+                if core.phase.is_stopping() {
                     return Err("the gateway is stopping".into());
                 }
                 let moved = core.arming.as_slice().iter().position(|arming| arming.sign.is_some());

@@ -63,7 +63,7 @@ impl Reasons<'_> {
         if let Some(refusal) = arming.refusal.as_ref().filter(|_| arming.is_waiting(profile, axis)) {
             return refusal.clone();
         }
-        if arming.latched && arming.asked.is_none() {
+        if arming.is_latched() && arming.asked.is_none() {
             let known = Some(arming.why.clone()).filter(|why| !why.cause.is_empty());
             return known.unwrap_or_else(|| "switched off".into()).or_hint("arm it again");
         }

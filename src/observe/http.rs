@@ -54,7 +54,7 @@ use self::tokens::Role;
 use super::asker::{Asker, Attendance};
 use super::page::{May, Words};
 use super::status::{Answer, Command, Source, Status};
-use super::{metrics, page};
+use super::{page, prometheus};
 use isotherm_profile::one_line;
 
 /// Time for open requests to end when the gateway stops.
@@ -272,7 +272,7 @@ fn answered(room: &Room, said: Result<Answer, String>) -> Response {
 }
 
 async fn scrape(State(room): State<Room>) -> Response {
-    let text = metrics::exposition(&room.source.status(), &room.access.refused.read());
+    let text = prometheus::exposition(&room.source.status(), &room.access.refused.read());
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
 }
 

@@ -268,7 +268,7 @@ impl AxisStatus {
     /// Returns whether the axis should compensate. An axis without a model should not. The same applies to an axis that
     /// the operator keeps off, or that releases a register.
     pub fn is_wanted(&self) -> bool {
-        self.has_model && !self.left_off && !self.release
+        self.has_model && !self.arming.left_off && !self.arming.release
     }
 
     /// Returns the displayed words for the state.
@@ -361,13 +361,9 @@ pub struct AxisStatus {
     pub error_um: Option<f64>,
     /// A model has requested more than the error level since the axis was armed.
     pub tripped: bool,
-    /// The axis may write.
-    pub armed: bool,
-    /// The axis is off because the operator has switched it off, or must arm it first.
-    pub left_off: bool,
-    /// The axis compensates nothing: it returns a register that belongs to no output any more to its base. No log has
-    /// its columns.
-    pub release: bool,
+    /// Arming: `armed`, `left_off`, `release`.
+    #[serde(flatten)]
+    pub arming: ArmingStatus,
     /// Running check of the sign with a dial gauge; `None` without one.
     pub sign: Option<SignStatus>,
     /// Time of the last check of the sign, RFC 3339, and direction in which the gauge moved.
@@ -383,6 +379,18 @@ pub struct AxisStatus {
     pub excess: Option<f64>,
     /// Sensor of the model in use that has a stand-in; `None` if there is none.
     pub stood_in: Option<StoodInStatus>,
+}
+
+/// Arming of one axis. Its fields are fields of the axis in JSON.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct ArmingStatus {
+    /// The axis may write.
+    pub armed: bool,
+    /// The axis is off because the operator has switched it off, or must arm it first.
+    pub left_off: bool,
+    /// The axis compensates nothing: it returns a register that belongs to no output any more to its base. No log has
+    /// its columns.
+    pub release: bool,
 }
 
 /// True error of an axis of a virtual machine.

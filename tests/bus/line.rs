@@ -187,7 +187,9 @@ fn beyond_the_error_level_the_axis_goes_to_zero_and_stays_off_until_it_is_armed(
         let set_bed = |tenths: u16| seen.lock().unwrap().words[0] = tenths;
         wait_until(source, "it follows", |status| status.axes[0].state == "active");
         set_bed(1000);
-        wait_until(source, "it is off", |status| !status.axes[0].armed && status.axes[0].state == "off");
+        wait_until(source, "it is off", |status| {
+            !status.axes[0].arming.armed && status.axes[0].state == "off"
+        });
         assert_eq!(seen.lock().unwrap().words[10..12], [0, 0]);
         let reported = source.status().event_counts;
         assert_eq!(

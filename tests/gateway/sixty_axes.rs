@@ -240,7 +240,7 @@ fn watch(source: &dyn Source, is_done: &dyn Fn() -> bool) -> Seen {
     while !(is_armed && is_done()) {
         std::thread::sleep(Duration::from_millis(100));
         let status = source.status();
-        if !is_armed && status.axes.iter().all(|axis| axis.armed) {
+        if !is_armed && status.axes.iter().all(|axis| axis.arming.armed) {
             (is_armed, seen.armed_after) = (true, begun.elapsed());
         }
         assert!(begun.elapsed() < PATIENCE, "{:?}", events(&status));

@@ -40,7 +40,7 @@ impl People {
         if let Some(why) = is_not_reported(world, &status, now) {
             world.machine.laws.broken.get_or_insert(why);
         }
-        if status.axes.iter().all(|axis| axis.armed) {
+        if status.axes.iter().all(|axis| axis.arming.armed) {
             return;
         }
         // The operator writes nothing while a request is delayed, because the page may not show the latest value.
@@ -138,7 +138,7 @@ fn is_not_reported(world: &World, status: &Status, now: Duration) -> Option<Stri
 }
 
 fn armed(status: &Status, axis: &str) -> bool {
-    status.axes.iter().any(|known| known.name == axis && known.armed)
+    status.axes.iter().any(|known| known.name == axis && known.arming.armed)
 }
 
 fn reported(status: &Status) -> String {

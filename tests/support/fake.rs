@@ -17,8 +17,8 @@ use isotherm::observe::events::file::Found;
 use isotherm::observe::events::{Entry, Event, Level};
 use isotherm::observe::http::{Admission, TokenFile, serve};
 use isotherm::observe::status::{
-    Answer, AxisStatus, BusStatus, Command, DeviceStatus, GainStatus, OutputStatus, ProbeStatus,
-    ProbedStatus, SignalStatus, Source, Status, Wish,
+    Answer, ArmingStatus, AxisStatus, BusStatus, Command, DeviceStatus, GainStatus, OutputStatus,
+    ProbeStatus, ProbedStatus, SignalStatus, Source, Status, Wish,
 };
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::display::Display;
@@ -202,9 +202,7 @@ pub(crate) fn status() -> Status {
             warned: true,
             error_um: None,
             tripped: false,
-            armed: true,
-            release: false,
-            left_off: false,
+            arming: ArmingStatus { armed: true, left_off: false, release: false },
             probe: Some(probe()),
             extrapolating: None,
             stood_in: None,

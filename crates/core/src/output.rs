@@ -124,7 +124,7 @@ pub use set::{
     SetValue, SetWords, StrobeResult, WriteResult,
 };
 pub use set_controller::SetController;
-pub use settings::{AppliedSettings, Rules, Settings, Verify};
+pub use settings::{AppliedSettings, Rule, Rules, Settings, Verify};
 pub use slots::Slots;
 pub use standing::{ArmState, Seen, Shown};
 pub use state::State;

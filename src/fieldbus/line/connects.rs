@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::DeviceLine;
+use super::{ConnectionHistory, DeviceLine};
 use crate::fieldbus::error::{Fault, LinkFault};
 use crate::fieldbus::owed::Owed;
 use isotherm_core::continuity::Break;
@@ -38,7 +38,7 @@ impl DeviceLine {
 
     /// Records that the other end closed the connection. Returns whether this happens too often to reconnect at once.
     pub(super) fn is_contested(&mut self, now: Moment) -> bool {
-        if now.since(self.connected_at) >= SHORT_LIFE {
+        if now.since(self.history.opened_at) >= SHORT_LIFE {
             self.short_lives = 0;
             self.yielding.succeed();
             return false;
@@ -70,9 +70,9 @@ impl DeviceLine {
                     self.departure.look();
                 }
                 self.wire = Some(wire);
-                self.spoke = self.is_put_down;
+                self.history =
+                    ConnectionHistory { opened_at: now, needs_pause: self.is_put_down, has_answered: false };
                 self.is_put_down = false;
-                (self.connected_at, self.has_answered) = (now, false);
                 self.redial.succeed();
                 self.evidence.connected();
                 if !self.dial.resumes() {

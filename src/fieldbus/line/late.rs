@@ -24,7 +24,8 @@ impl DeviceLine {
         let owed = self.units.owed.of(number);
         loop {
             // On a new connection, unsolicited input has not had time to arrive yet. A gateway sends no such input.
-            let least = if self.has_answered || is_behind_gateway { Duration::ZERO } else { self.timeout };
+            let least =
+                if self.history.has_answered || is_behind_gateway { Duration::ZERO } else { self.timeout };
             let anything = owed.left_of_anything(spans).map(|left| left.max(least));
             let left = anything.unwrap_or_else(|| owed.left(request, spans));
             if anything.is_none() && left.is_zero() {

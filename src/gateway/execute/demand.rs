@@ -60,10 +60,10 @@ impl OutputDemand {
             cz: decision.map_or(Micron::ZERO, |decision| part(decision, output.writes)),
             target: decision.map_or(Micron::ZERO, |decision| target(decision, output.writes)),
             decided: decision.map_or(Moment::default(), |decision| decision.at),
-            armed: arming.armed.then_some(if arming.by_person { Who::Person } else { Who::Policy }),
+            armed: arming.armed_by(),
             decision: match decision.map(|decision| decision.state) {
                 None | Some(AxisState::Off) => Decision::Off,
-                Some(_) if !arming.armed => Decision::Off,
+                Some(_) if !arming.is_armed() => Decision::Off,
                 Some(_) if is_outdated => Decision::Outdated,
                 // A constant is written whatever the axis does.
                 Some(_) if output.writes == Writes::Reference => Decision::Current(Mode::Finish),

@@ -248,7 +248,7 @@ impl Register {
         let mut core = shared.core();
         let Some(cz) = report::show((self, controller), demand, &mut core.outputs[self.id.0]) else { return };
         report::note_place((self, controller), output, &mut core);
-        if core.outputs[self.id.0].standing == Standing::Verified && core.arming[output.axis.0].armed {
+        if core.outputs[self.id.0].standing == Standing::Verified && core.arming[output.axis.0].is_armed() {
             let failures = std::mem::take(&mut core.outputs[self.id.0].failures);
             // Both calls are necessary: each ends an alarm.
             if self.failures.end() | self.failures_applied.end() {

@@ -169,7 +169,7 @@ pub(super) fn note_place((register, controller): (&Register, &Controller), outpu
     core.events.push(event);
     let place = output.axis.0;
     let axis = &core.given.profile.axes[place].settings.name;
-    let is_why = core.arming[place].latched && core.places.is_why(axis, &core.arming[place].why);
+    let is_why = core.arming[place].is_latched() && core.places.is_why(axis, &core.arming[place].why);
     if is_why {
         core.arming[place].why = why;
     }

@@ -113,7 +113,7 @@ impl Set {
         let core = shared.core();
         let demands: Vec<OutputDemand> =
             self.registers.iter().map(|one| OutputDemand::of(shared, &core, one.id, now)).collect();
-        let (control, is_leaving) = (self.control(shared, &core), core.leaving);
+        let (control, is_leaving) = (self.control(shared, &core), core.phase.is_leaving());
         drop(core);
         let members = self.registers.iter().zip(&demands).map(|(register, demand)| MemberDemand {
             demand: register.demand(shared, demand),
@@ -126,9 +126,9 @@ impl Set {
     fn control(&self, shared: &LineHandle, core: &Core) -> u16 {
         let axes = self.registers.iter().map(|register| shared.profile.output(register.id).axis.0);
         let axes = axes.map(|axis| {
-            (core.arming[axis].armed, core.compensation.decision(axis).map(|decision| decision.state))
+            (core.arming[axis].is_armed(), core.compensation.decision(axis).map(|decision| decision.state))
         });
-        control_word(axes, core.leaving && core.runs_fault_actions())
+        control_word(axes, core.phase.is_leaving() && core.runs_fault_actions())
     }
 
     /// Gives the controller the result of an exchange.

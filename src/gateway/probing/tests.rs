@@ -1,8 +1,10 @@
 use std::time::Duration;
 
 use super::*;
+use crate::gateway::arming::ArmingState;
 use crate::gateway::log::sample;
 use crate::gateway::output::OutputState;
+use isotherm_core::output::Who;
 use isotherm_core::reading::{Reason, SignalId};
 use isotherm_profile::Output;
 
@@ -143,7 +145,7 @@ fn only_a_value_that_is_certain_is_held_against_an_error() {
     profile.outputs = vec![output(isotherm_profile::Writes::Corrected { position: RESULT })];
     let state = OutputState { standing: Standing::Verified, cz: Micron::new(7.0), ..OutputState::default() };
     assert_eq!(acting(0, &all(&profile, state), &off), None, "nobody corrects the position");
-    let armed = Arming { armed: true, ..Arming::default() };
+    let armed = Arming { state: ArmingState::Armed(Who::Person), ..Arming::default() };
     assert_eq!(acting(0, &all(&profile, state), &armed), Micron::new(7.0));
 }
 

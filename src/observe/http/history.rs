@@ -198,7 +198,7 @@ fn columns(status: &Status, named: Option<&str>) -> Result<Vec<Column>, String> 
         columns.map(|what| Column { name: format!("{}_{what}", axis.name), unit: "um" }).collect()
     };
     let mut known: Vec<Column> =
-        status.axes.iter().filter(|axis| !axis.release).flat_map(of_axis).chain(signals).collect();
+        status.axes.iter().filter(|axis| !axis.arming.release).flat_map(of_axis).chain(signals).collect();
     let Some(named) = named else {
         known.truncate(MOST_COLUMNS);
         return Ok(known);

@@ -79,7 +79,7 @@ impl List {
         of.text("state", axis.state);
         of.text("why", &axis.why.to_string());
         of.text("model", axis.model.as_deref().unwrap_or_default());
-        of.flag("armed", axis.armed);
+        of.flag("armed", axis.arming.armed);
         of.flag("warned", axis.warned);
         of.flag("tripped", axis.tripped);
         of.flag("extrapolating", axis.extrapolating.is_some());

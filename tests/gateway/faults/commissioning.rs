@@ -110,7 +110,7 @@ fn a_module_in_the_wrong_format_is_not_armed_and_what_to_do_is_reported_once() {
     }
     assert_eq!(trace.qualities("bed", 10, 110), ["not-as-expected"], "its values are rejected");
     let last = &trace.samples.last().unwrap().status;
-    assert_eq!((last.devices[0].state, last.axes[0].armed), ("not-as-expected", false));
+    assert_eq!((last.devices[0].state, last.axes[0].arming.armed), ("not-as-expected", false));
     assert!(last.devices[0].fault.contains("reads 0 instead of 1"), "{}", last.devices[0].fault);
     assert!(last.axes[0].why.cause.contains("reads 0 instead of 1"), "{}", last.axes[0].why);
 }

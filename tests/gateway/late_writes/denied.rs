@@ -47,7 +47,7 @@ fn what_somebody_else_wrote_and_where_stands_in_the_reason_of_the_axis() {
     beside(&text, move |source| {
         wait_until(source, "it arrives", |_| seen.lock().unwrap().offset() == 50);
         seen.lock().unwrap().edits(123);
-        wait_until(source, "it is off", |status| !status.axes[0].armed);
+        wait_until(source, "it is off", |status| !status.axes[0].arming.armed);
         wait_until(source, "why", |status| {
             let why = &status.axes[0].why.cause;
             why.contains("17.3 µm") && why.contains("cnc_z") && why.contains("holding:10")

@@ -6,6 +6,15 @@ use isotherm_core::quantity::Counts;
 
 use super::world::{Broken, NOW, World, holds};
 
+/// Changes of the register since its last read.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub(crate) struct SinceRead {
+    /// Whether the register has changed, but not by the gateway.
+    pub(crate) is_moved: bool,
+    /// Whether a late write has arrived.
+    pub(crate) has_arrived: bool,
+}
+
 /// Name of an event, for messages.
 pub(crate) type Name = &'static str;
 
@@ -69,7 +78,7 @@ fn writes(world: &World, settings: &Settings, go: &mut Go<'_>) {
         Ok(value) => value.unwrap_or_default(),
         Err(why) => return go("write", &mut |_| Err(why.clone())),
     };
-    let excuse = (world.is_moved, world.is_moved);
+    let excuse = (world.since_read.is_moved, world.since_read.is_moved);
     go("write done", &mut |next| {
         next.deliver(settings, value, excuse)?;
         next.give(settings, Fact::Done { left: NOW })
@@ -121,7 +130,7 @@ fn writes(world: &World, settings: &Settings, go: &mut Go<'_>) {
     // If the output cannot be read, only its answers are known.
     if left.ignored > 0 && settings.verify == Verify::Reading {
         go("write acknowledged and ignored", &mut |next| {
-            (next.left.ignored, next.has_arrived) = (left.ignored - 1, true);
+            (next.left.ignored, next.since_read.has_arrived) = (left.ignored - 1, true);
             next.give(settings, Fact::Done { left: NOW })
         });
     }
@@ -205,7 +214,7 @@ fn anywhere(world: &World, settings: &Settings, go: &mut Go<'_>) {
         go("a held write arrives", &mut |next| {
             next.held[place] = None;
             next.held.sort_by_key(|held| held.map(|held| (held.value, held.age)));
-            next.has_arrived = true;
+            next.since_read.has_arrived = true;
             next.deliver(settings, held.value, (held.is_excused, held.may_jump))
         });
     }
@@ -262,7 +271,7 @@ fn anywhere(world: &World, settings: &Settings, go: &mut Go<'_>) {
 fn may_edit(world: &World) -> bool {
     let is_writing = matches!(world.action(), Action::Write { .. });
     let is_held = world.held.iter().flatten().next().is_some();
-    !(is_writing || is_held || world.has_arrived || world.is_restarted)
+    !(is_writing || is_held || world.since_read.has_arrived || world.is_restarted)
 }
 
 /// Returns whether a value of the gateway may still appear, or is promised, or was the value before such a one.

@@ -4,7 +4,7 @@
 use std::collections::HashSet;
 use std::hash::{BuildHasher, BuildHasherDefault, DefaultHasher};
 
-use isotherm_core::output::{Action, Mode, OutputHealth, Rules, Settings, farthest_behind};
+use isotherm_core::output::{Action, Mode, OutputHealth, Rule, Rules, Settings, farthest_behind};
 use isotherm_core::quantity::Counts;
 
 use super::budget::Budget;
@@ -46,7 +46,7 @@ impl Pair {
             let held = gateway.held(settings) - settings.bias;
             (is_verified && held != guard).then_some(held)
         });
-        match farthest_behind(guard, verified).filter(|_| settings.rules.no_windup) {
+        match farthest_behind(guard, verified).filter(|_| settings.rules.has(Rule::NoWindup)) {
             Some(behind) => decided.clamp(behind - settings.step, behind + settings.step),
             None => decided,
         }
@@ -130,7 +130,7 @@ fn searched_two_outputs_of_one_axis_never_move_away_from_the_target() {
 
 #[test]
 fn searched_without_the_eleventh_rule_one_of_two_outputs_moves_away_from_the_target() {
-    let rules = Rules { no_windup: false, ..Rules::default() };
+    let rules = Rules::without(Rule::NoWindup);
     let (states, broken) = search(&Settings { rules, ..both() }, FAULTS, 400_000);
     println!("two outputs without R11: {states} states, {broken:?}");
     assert!(broken.is_some(), "the search finds nothing in {states} states");

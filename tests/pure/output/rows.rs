@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use isotherm_core::output::{
-    Account, Action, ArmState, Doubt, Event, Fact, Kept, Rules, Settings, Verify, Who,
+    Account, Action, ArmState, Doubt, Event, Fact, Kept, Rule, Rules, Settings, Verify, Who,
 };
 use isotherm_core::quantity::Counts;
 
@@ -468,8 +468,7 @@ fn where_the_target_is_a_zero_that_is_avoided_the_register_goes_one_count_beyond
 /// count per second, they met at 15, fourteen counts in the wrong direction.
 #[test]
 fn a_register_that_waited_goes_to_the_new_target_at_once() {
-    let highest = |no_windup| {
-        let rules = Rules { no_windup, ..Rules::default() };
+    let highest = |rules| {
         let mut rig = Rig::new(
             Settings { rules, ..settings(false, 40, 4) },
             Kept { in_order: true, ..Kept::default() },
@@ -486,5 +485,5 @@ fn a_register_that_waited_goes_to_the_new_target_at_once() {
         assert_eq!(rig.register, -36);
         highest
     };
-    assert_eq!((highest(true), highest(false)), (1, 15));
+    assert_eq!((highest(Rules::default()), highest(Rules::without(Rule::NoWindup))), (1, 15));
 }

@@ -3,7 +3,7 @@
 use isotherm_core::quantity::Counts;
 use std::time::Duration;
 
-use isotherm_core::output::{AppliedSettings, Rules, Settings, Verify};
+use isotherm_core::output::{AppliedSettings, Rule, Rules, Settings, Verify};
 
 use super::budget::Budget;
 use super::search::{Searched, search, walk};
@@ -142,7 +142,7 @@ const LINK: Budget = Budget { holds: 2, losses: 1, targets: 2, edits: 1, pauses:
 
 #[test]
 fn without_the_first_rule_a_late_write_makes_it_jump() {
-    let rules = Rules { near_what_may_arrive: false, ..Rules::default() };
+    let rules = Rules::without(Rule::NearCopies);
     breaks("whole without R1", &settings(false, 3, 3), LINK, rules);
     breaks("shared without R1", &settings(true, 3, 3), LINK, rules);
     let echo = Settings { verify: Verify::Echo, ..settings(false, 3, 3) };
@@ -151,24 +151,24 @@ fn without_the_first_rule_a_late_write_makes_it_jump() {
 
 #[test]
 fn without_the_second_rule_others_are_blamed_for_our_own_writes() {
-    let rules = Rules { knows_its_own: false, ..Rules::default() };
+    let rules = Rules::without(Rule::OwnWrites);
     breaks("whole without R2", &settings(false, 3, 3), LINK, rules);
     breaks("shared without R2", &settings(true, 3, 3), LINK, rules);
 }
 
 #[test]
 fn without_the_third_rule_a_change_is_sent_on_old_readings() {
-    let rules = Rules { last_moment: false, ..Rules::default() };
+    let rules = Rules::without(Rule::LastMoment);
     breaks("whole without R3", &settings(false, 3, 3), LINK, rules);
     breaks("shared without R3", &settings(true, 3, 3), LINK, rules);
 }
 
 #[test]
 fn without_the_sixth_rule_the_limit_and_the_operators_part_are_lost() {
-    let rules = Rules { limit: false, ..Rules::default() };
+    let rules = Rules::without(Rule::Limit);
     breaks("whole without the limit", &settings(false, 3, 3), LINK, rules);
     breaks("shared without the limit", &settings(true, 3, 3), LINK, rules);
-    let rules = Rules { doubt: false, ..Rules::default() };
+    let rules = Rules::without(Rule::Doubt);
     breaks("shared without doubt", &settings(true, 3, 3), LINK, rules);
 }
 
@@ -188,7 +188,7 @@ fn a_register_behind_its_guard_never_moves_away_from_the_target() {
 
 #[test]
 fn without_the_eleventh_rule_a_guard_that_went_on_moves_the_register_away_from_the_target() {
-    let rules = Rules { no_windup: false, ..Rules::default() };
+    let rules = Rules::without(Rule::NoWindup);
     let one = Budget { holds: 1, ..GUARDED };
     breaks("whole without R11", &settings(false, 2, 2), one, rules);
     breaks("shared without R11", &settings(true, 3, 2), one, rules);

@@ -54,6 +54,13 @@ enum Request {
     Strobe(bool),
 }
 
+/// Levels of the handshake.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+struct Wires {
+    strobe: bool,
+    acknowledge: bool,
+}
+
 /// Result of a check: the violated property.
 pub(crate) type Broken = Result<(), String>;
 
@@ -64,8 +71,7 @@ pub(crate) struct SetWorld {
     armed: [bool; 2],
     disk: [Option<Kept>; 2],
     registers: Content,
-    strobe: bool,
-    acknowledge: bool,
+    wires: Wires,
     /// Last number that the control took.
     number: u16,
     program: Program,
@@ -111,8 +117,7 @@ impl SetWorld {
             armed: [false; 2],
             disk: [Some(kept); 2],
             registers: Content { values: [bias; 2], own },
-            strobe: false,
-            acknowledge: false,
+            wires: Wires::default(),
             number: 6,
             program,
             taking: settings.taking,
@@ -207,7 +212,7 @@ impl SetWorld {
                         });
                     }
                 }
-                if left.wires > 0 && self.action == SetAction::Acknowledge && self.acknowledge {
+                if left.wires > 0 && self.action == SetAction::Acknowledge && self.wires.acknowledge {
                     go("the wire of the acknowledge is broken", &mut |next| {
                         next.left.wires -= 1;
                         // Lets the timeout pass.
@@ -240,7 +245,7 @@ impl SetWorld {
                     values: [Counts::ZERO; 2],
                     own: OwnWords { number: Some(0), ..OwnWords::default() },
                 };
-                (next.strobe, next.acknowledge, next.number) = (false, false, 0);
+                (next.wires, next.number) = (Wires::default(), 0);
                 (next.taken, next.is_excused, next.are_excused) = ([Counts::ZERO; 2], true, true);
                 next.pairs.push([Counts::ZERO; 2]);
                 Ok(())
@@ -286,7 +291,7 @@ impl SetWorld {
             SetAction::Write { .. } | SetAction::WriteOwn(_) => {
                 SetInput::Sent { result: WriteResult::Done, left: NOW }
             }
-            SetAction::Acknowledge => SetInput::Acknowledge(Some(self.acknowledge)),
+            SetAction::Acknowledge => SetInput::Acknowledge(Some(self.wires.acknowledge)),
             SetAction::Raise | SetAction::Drop => SetInput::Strobe(StrobeResult::Done),
             SetAction::Nothing { .. } => return Ok(()),
         };
@@ -335,20 +340,20 @@ impl SetWorld {
                 }
             }
             Request::Strobe(is_up) => {
-                let has_risen = is_up && !self.strobe;
-                self.strobe = is_up;
+                let has_risen = is_up && !self.wires.strobe;
+                self.wires.strobe = is_up;
                 if has_risen {
                     let number = self.registers.own.number;
                     if self.is_next(number) {
                         self.takes()?;
-                        self.acknowledge = true;
+                        self.wires.acknowledge = true;
                     } else if self.program == Program::Another {
                         // The control acknowledges a set that it has taken already.
-                        self.acknowledge = true;
+                        self.wires.acknowledge = true;
                     }
                 }
                 if !is_up {
-                    self.acknowledge = false;
+                    self.wires.acknowledge = false;
                 }
             }
         }
@@ -514,7 +519,7 @@ impl SetWorld {
                 }
                 world.done(settings)?;
             }
-            if world.taken != [world.wanted, -world.wanted] || world.strobe {
+            if world.taken != [world.wanted, -world.wanted] || world.wires.strobe {
                 rested = second + 1;
             }
             world.second(settings, true)?;

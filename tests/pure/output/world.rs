@@ -4,11 +4,12 @@ use std::time::Duration;
 
 use isotherm_core::output::{
     Account, Action, ArmState, Condition, Controller, Demand, Demanded, Event, Fact, Input, Kept, Mode,
-    OutputHealth, Promise, Settings, Slots, State, Trouble, Verify, Who,
+    OutputHealth, Promise, Rule, Settings, Slots, State, Trouble, Verify, Who,
 };
 use isotherm_core::quantity::{Counts, Moment};
 
 use super::budget::Budget;
+use super::moves::SinceRead;
 
 /// Present time, which is constant. Passing time moves everything else into the past.
 pub(crate) const NOW: Moment = Moment::from_nanos(1_000_000_000_000);
@@ -54,10 +55,7 @@ pub(crate) struct World {
     pub(crate) guard: Option<Counts>,
     /// Seconds for which the latest decision may still be carried out. `None` without a decision.
     pub(crate) order: Option<u64>,
-    /// Whether the register has changed since its last read, but not by the gateway.
-    pub(crate) is_moved: bool,
-    /// Whether a late write has arrived since the last read.
-    pub(crate) has_arrived: bool,
+    pub(crate) since_read: SinceRead,
     /// Whether the CNC has restarted, and that is not on disk yet.
     pub(crate) is_restarted: bool,
     /// Whether another client has ever changed the register.
@@ -88,8 +86,7 @@ impl World {
             applied: (settings.bias, 0),
             guard: left.has_guard.then_some(Counts::ZERO),
             order: None,
-            is_moved: false,
-            has_arrived: false,
+            since_read: SinceRead::default(),
             is_restarted: false,
             is_touched: false,
             left,
@@ -238,7 +235,8 @@ impl World {
     /// Checks that no new value is sent before the control applies the register value.
     fn is_applied(&self, settings: &Settings, value: Counts) -> Broken {
         let Some(seen) = self.shown(settings).and_then(|shown| shown.verified) else { return Ok(()) };
-        if settings.applied.is_none() || self.applied.0 == seen.value || self.is_moved || self.has_arrived {
+        let is_changed = self.since_read != SinceRead::default();
+        if settings.applied.is_none() || self.applied.0 == seen.value || is_changed {
             return Ok(());
         }
         Err(format!(
@@ -273,7 +271,7 @@ impl World {
         let change = self.wanted.clamp(-settings.limit, settings.limit) - guard;
         let decided = guard + change.clamp(-settings.step, settings.step);
         let near = |stands: Counts| decided.clamp(stands - settings.step, stands + settings.step);
-        let decided = stands.filter(|_| settings.rules.no_windup).map_or(decided, near);
+        let decided = stands.filter(|_| settings.rules.has(Rule::NoWindup)).map_or(decided, near);
         self.guard = Some(decided);
         decided
     }
@@ -355,7 +353,8 @@ impl World {
 
     pub(crate) fn put_on_hold(&mut self, value: Counts) -> bool {
         let Some(slot) = self.held.iter_mut().find(|held| held.is_none()) else { return false };
-        *slot = Some(Held { value, age: 0, is_excused: self.is_moved, may_jump: self.is_moved });
+        let is_moved = self.since_read.is_moved;
+        *slot = Some(Held { value, age: 0, is_excused: is_moved, may_jump: is_moved });
         self.held.sort_by_key(|held| held.map(|held| (held.value, held.age)));
         true
     }
@@ -373,7 +372,7 @@ impl World {
 
     /// Records a change of the register that is not by the gateway.
     pub(crate) fn is_moved_by_others(&mut self) {
-        (self.is_moved, self.is_touched) = (true, true);
+        (self.since_read.is_moved, self.is_touched) = (true, true);
         let held = self.held.iter_mut().flatten();
         held.for_each(|held| (held.is_excused, held.may_jump) = (true, true));
     }
@@ -432,7 +431,7 @@ impl World {
             }
             Action::Write { .. } => {
                 let value = self.write(settings)?.unwrap_or_default();
-                self.deliver(settings, value, (self.is_moved, self.is_moved))?;
+                self.deliver(settings, value, (self.since_read.is_moved, self.since_read.is_moved))?;
                 self.give(settings, Fact::Done { left: NOW })?;
             }
             Action::Nothing { .. } => return self.persons_turn(settings, false),
@@ -441,7 +440,7 @@ impl World {
     }
 
     pub(crate) fn answer_read(&mut self, settings: &Settings) -> Broken {
-        (self.is_moved, self.has_arrived, self.lost) = (false, false, None);
+        (self.since_read, self.lost) = (SinceRead::default(), None);
         self.give(settings, Fact::Read { found: self.register, asked: NOW })?;
         self.notices_restart(settings);
         Ok(())
@@ -525,7 +524,7 @@ impl World {
         };
         let centre = shown.account.map_or(settings.bias, |account| account.base);
         let held = (seen.value - centre).clamp(-settings.limit, settings.limit);
-        if (guard - held).abs() <= settings.step + settings.step || !settings.rules.no_windup {
+        if (guard - held).abs() <= settings.step + settings.step || !settings.rules.has(Rule::NoWindup) {
             return Ok(());
         }
         Err(format!("the axis decides from {guard}, and the register holds {held}"))

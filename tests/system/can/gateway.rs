@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use isotherm::observe::status::{Source, Status};
 
-use crate::can::node::{Node, State};
+use crate::can::node::{Node, Power, State};
 use crate::can::rig::{Interface, beside, count, events, load, reported, shell, signal, wait_until};
 
 pub(crate) const PROFILE: &str = r#"
@@ -202,13 +202,13 @@ fn a_node_that_is_reset_is_set_up_and_started_again_within_a_heartbeat_and_the_a
 fn a_silent_node_is_reported_once_its_readings_are_bad_and_it_returns_by_itself() {
     Cell::new("silent", module()).run(|cell, source| {
         wait_until(source, "the axis follows", is_active);
-        cell.module.state().is_mute = true;
+        cell.module.state().power = Power::Off;
         let status = wait_until(source, "it is missed", |status| count(status, "device-lost") == 1);
         reported(&status, "device module");
         wait_until(source, "its reading is bad", |status| signal(status, "bed").value.is_none());
         wait_until(source, "the axis does without", |status| status.axes[0].state == "degraded");
         std::thread::sleep(Duration::from_secs(1));
-        cell.module.state().is_mute = false;
+        cell.module.state().power = Power::On;
         wait_until(source, "it follows again", is_active);
         let status = wait_until(source, "it is reported", |status| count(status, "device-back") == 1);
         assert_eq!(count(&status, "device-lost"), 1, "{:#?}", events(&status));
@@ -217,18 +217,18 @@ fn a_silent_node_is_reported_once_its_readings_are_bad_and_it_returns_by_itself(
 
 #[test]
 fn a_node_that_never_was_there_is_missed_like_one_that_is_there_no_more() {
-    let absent = State { is_mute: true, ..module() };
+    let absent = State { power: Power::Off, ..module() };
     Cell::new("never", absent).run(|cell, source| {
         let status = wait_until(source, "it is missed", |status| count(status, "device-lost") == 1);
         let state = status.devices.iter().find(|device| device.name == "module").unwrap().state;
         assert_eq!(state, "lost");
-        assert!(!status.axes[0].armed, "what has not been verified is not armed with");
+        assert!(!status.axes[0].arming.armed, "what has not been verified is not armed with");
         // A sensor without a heartbeat counts as lost when its values are too old.
-        cell.sender.state().is_mute = true;
+        cell.sender.state().power = Power::Off;
         let status = wait_until(source, "both are missed", |status| count(status, "device-lost") == 2);
         reported(&status, "device sender");
-        cell.sender.state().is_mute = false;
-        cell.module.state().is_mute = false;
+        cell.sender.state().power = Power::On;
+        cell.module.state().power = Power::On;
         wait_until(source, "both are back", is_active);
     });
 }

@@ -34,12 +34,21 @@ pub(crate) struct State {
     pub(crate) refuses: Option<((u16, u8), u32)>,
     /// Time from its start to its first process data.
     pub(crate) first_after: Duration,
-    /// Whether it neither sends nor receives.
-    pub(crate) is_mute: bool,
+    pub(crate) power: Power,
     /// Log, in order: `start`, `1800:05=6400`.
     pub(crate) log: Vec<String>,
     pub(crate) wants_boot: bool,
-    pub(crate) is_over: bool,
+}
+
+/// Power of a node.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Power {
+    #[default]
+    On,
+    /// The node neither sends nor receives.
+    Off,
+    /// The thread of the node ends.
+    Removed,
 }
 
 /// Period of the process data.
@@ -78,7 +87,7 @@ impl Node {
 
 impl Drop for Node {
     fn drop(&mut self) {
-        self.state().is_over = true;
+        self.state().power = Power::Removed;
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
@@ -110,11 +119,10 @@ fn live(socket: &CanSocket, state: &Mutex<State>) {
         let due = state.lock().unwrap().next(beat_at, send_at).map_or(IDLE, |due| due.since(clock.now()));
         let heard = socket.read_frame_timeout(due.clamp(Duration::from_millis(1), IDLE));
         let mut state = state.lock().unwrap();
-        if state.is_over {
-            return;
-        }
-        if state.is_mute {
-            continue;
+        match state.power {
+            Power::On => {}
+            Power::Off => continue,
+            Power::Removed => return,
         }
         let now = clock.now();
         // Errors are ignored, because the interface may be down.

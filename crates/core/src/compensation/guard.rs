@@ -11,6 +11,8 @@ use serde::{Deserialize, Serialize};
 use super::settings::GuardSettings;
 use crate::quantity::Micron;
 
+mod deadband;
+
 /// Guard stages that changed the value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Stages(u8);
@@ -120,7 +122,7 @@ impl Guard {
         stages.add_if(inside != target, Stages::LIMIT);
 
         let change = inside - self.place;
-        let idle = pace == Pace::Follow && change != Micron::ZERO && change.abs() < settings.deadband;
+        let idle = pace == Pace::Follow && deadband::suppresses(change, settings.deadband);
         stages.add_if(idle, Stages::DEADBAND);
         if !idle {
             let (allowed, stage) = allowance(dt, pace, settings);

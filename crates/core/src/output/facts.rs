@@ -4,8 +4,8 @@ use super::copies::{Look, Sent};
 use super::event::{Doubt, Event};
 use super::judge::{self, Meaning};
 use super::kept::Account;
-use super::settings::{Settings, Verify};
-use super::standing::{ArmState, Doing, Order, Seen, Untaken};
+use super::settings::{Rule, Settings, Verify};
+use super::standing::{ArmState, Doing, Order, RequiredRead, Seen, Untaken};
 use super::state::{RETRY, State};
 use super::turns::Turns;
 use super::{Fact, Who};
@@ -13,7 +13,7 @@ use crate::quantity::{Counts, Moment};
 
 /// Processes a fact. If a read showed nothing new, returns the time of its request.
 pub(super) fn take(state: &mut State, settings: &Settings, fact: Fact, now: Moment) -> Option<Moment> {
-    state.is_unsaved |= state.copies.expire(now);
+    state.disk.is_unsaved |= state.copies.expire(now);
     match fact {
         Fact::Look | Fact::GoesAlong => {}
         Fact::WentAlong { value, left, is_done } => {
@@ -25,7 +25,11 @@ pub(super) fn take(state: &mut State, settings: &Settings, fact: Fact, now: Mome
         }
         Fact::Decided { offset, target, not_after } => {
             let within = |offset: Counts| {
-                if settings.rules.limit { offset.clamp(-settings.limit, settings.limit) } else { offset }
+                if settings.rules.has(Rule::Limit) {
+                    offset.clamp(-settings.limit, settings.limit)
+                } else {
+                    offset
+                }
             };
             state.order = Some(Order { offset: within(offset), target: target.map(within), not_after });
         }
@@ -51,11 +55,11 @@ pub(super) fn take(state: &mut State, settings: &Settings, fact: Fact, now: Mome
             }
         }
         Fact::Kept if ends(state, Doing::Keeping) => {
-            state.has_begun_on_disk = true;
+            state.disk.has_begun = true;
             state.reports.disk_keeps();
         }
         Fact::NotKept if ends(state, Doing::Keeping) => {
-            state.is_unsaved = true;
+            state.disk.is_unsaved = true;
             state.keeps_from = now.after(RETRY);
             state.drop_order(settings);
             state.reports.report_disk();
@@ -68,10 +72,15 @@ pub(super) fn take(state: &mut State, settings: &Settings, fact: Fact, now: Mome
         }
         Fact::Released => {
             let was_interlocked = std::mem::take(&mut state.is_interlocked);
-            state.must_read |= was_interlocked && settings.verify == Verify::Reading;
+            if was_interlocked && settings.verify == Verify::Reading {
+                state.required_read.request();
+            }
         }
         Fact::Paused => {
-            state.must_read = settings.verify == Verify::Reading;
+            match settings.verify {
+                Verify::Reading => state.required_read.request(),
+                Verify::Echo => state.required_read = RequiredRead::None,
+            }
             state.drop_order(settings);
         }
         Fact::Armed { by } => arm(state, settings, by),
@@ -88,7 +97,7 @@ pub(super) fn take(state: &mut State, settings: &Settings, fact: Fact, now: Mome
 fn read(state: &mut State, settings: &Settings, found: Counts, asked: Moment, now: Moment) -> Option<Moment> {
     let meaning = judge::meaning(state, settings, found, asked);
     if state.answered.is_some() {
-        state.was_unsteady = matches!(meaning, Meaning::Moved { .. });
+        state.evidence.was_unsteady = matches!(meaning, Meaning::Moved { .. });
     }
     let is_believed = state.account.is_none_or(|account| account.doubt.is_none());
     if is_believed {
@@ -102,13 +111,13 @@ fn read(state: &mut State, settings: &Settings, found: Counts, asked: Moment, no
         pairs_from: state.pairs_from,
         bias: settings.bias,
     };
-    state.is_unsaved |= state.copies.look(look);
+    state.disk.is_unsaved |= state.copies.look(look);
     if state.settles_at.is_some_and(|settles| asked > settles) {
         state.settles_at = None;
     }
     state.verified = Some(Seen { value: found, asked });
     (state.answered, state.unanswered_change) = (None, None);
-    (state.must_read, state.is_rebooted) = (false, false);
+    state.required_read = RequiredRead::None;
     confirm(state, settings, found);
     (meaning == Meaning::Same).then_some(asked)
 }
@@ -130,7 +139,7 @@ fn follow(
             share_is(state, found);
             if is_written && settings.is_shared {
                 state.turns.ours();
-                if settings.rules.doubt && state.turns.are_two_gateways() {
+                if settings.rules.has(Rule::Doubt) && state.turns.are_two_gateways() {
                     doubt(state, Doubt::SecondGateway, found);
                 }
             }
@@ -172,7 +181,7 @@ fn follow(
         }
         Meaning::Foreign => bar_foreign(state, expected.unwrap_or(found), found),
         Meaning::Moved { by } => {
-            state.was_like_our_own = state.unanswered_change == Some(by);
+            state.evidence.was_like_our_own = state.unanswered_change == Some(by);
             if state.answered.is_some() {
                 state.turns.ours();
             }
@@ -204,7 +213,7 @@ fn share_is(state: &mut State, sum: Counts) {
 }
 
 fn account_is(state: &mut State, account: Account) {
-    state.is_unsaved |= state.account != Some(account);
+    state.disk.is_unsaved |= state.account != Some(account);
     state.account = Some(account);
 }
 
@@ -242,7 +251,7 @@ fn arm(state: &mut State, settings: &Settings, by: Who) {
         (_, Who::Policy) => {}
         (_, Who::Person) => {
             state.copies.pin();
-            state.must_read = true;
+            state.required_read.request();
             let shown = state.verified.map(|verified| ArmState::Confirming(verified.value));
             state.standing = shown.unwrap_or(state.standing);
         }
@@ -270,13 +279,13 @@ fn confirm(state: &mut State, settings: &Settings, found: Counts) {
 fn restarted(state: &mut State, settings: &Settings, now: Moment) {
     state.drop_order(settings);
     if settings.verify == Verify::Reading {
-        (state.is_rebooted, state.must_read) = (true, true);
+        state.required_read = RequiredRead::PendingAfterRestart;
     } else {
         // A restarted control that cannot be read is assumed to hold the bias.
         let stood = state.verified.map_or(settings.bias, |verified| verified.value);
         state.reports.report(Event::CncRestarted { stood });
         state.verified = Some(Seen { value: settings.bias, asked: now });
-        state.is_unsaved = true;
+        state.disk.is_unsaved = true;
     }
 }
 
@@ -294,7 +303,9 @@ fn written(state: &mut State, settings: &Settings, answered: Option<Moment>, lef
     let sent = Sent { value, at: left, left, answered, other_seen, is_pinned: false };
     // A write is begun only if there is capacity for it.
     let _ = state.copies.add(sent);
-    state.must_read |= settings.verify == Verify::Reading && (answered.is_none() || read.is_some());
+    if settings.verify == Verify::Reading && (answered.is_none() || read.is_some()) {
+        state.required_read.request();
+    }
     if answered.is_some() {
         state.answered = Some(value);
     } else {
@@ -311,7 +322,7 @@ fn written(state: &mut State, settings: &Settings, answered: Option<Moment>, lef
 fn acknowledged(state: &mut State, settings: &Settings, value: Counts, begun: Moment, left: Moment) {
     state.copies.end_late(begun, settings.late, settings.remembered);
     state.verified = Some(Seen { value, asked: left });
-    (state.is_unsaved, state.untaken) = (true, None);
+    (state.disk.is_unsaved, state.untaken) = (true, None);
     state.reports.report_acknowledged();
 }
 
@@ -319,7 +330,7 @@ fn acknowledged(state: &mut State, settings: &Settings, value: Counts, begun: Mo
 fn not_written(state: &mut State, settings: &Settings, now: Moment) -> Option<Counts> {
     let Doing::Writing { value, .. } = state.doing else { return None };
     state.doing = Doing::Nothing;
-    state.is_unsaved |= settings.promises();
+    state.disk.is_unsaved |= settings.promises();
     state.writes_from = now.after(RETRY);
     state.drop_order(settings);
     Some(value)
@@ -335,7 +346,7 @@ fn switch_off(state: &mut State, to: ArmState) {
     state.is_waiting = false;
     state.promised_until = None;
     if state.promised.take().is_some() {
-        state.is_unsaved = true;
+        state.disk.is_unsaved = true;
     }
 }
 

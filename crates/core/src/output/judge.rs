@@ -1,7 +1,7 @@
 //! Meaning of a read of the register. Nothing here changes the state.
 
 use super::event::Doubt;
-use super::settings::Settings;
+use super::settings::{Rule, Settings};
 use super::state::State;
 use crate::quantity::{Counts, Moment};
 
@@ -49,19 +49,21 @@ fn whole(state: &State, settings: &Settings, found: Counts) -> Meaning {
     let is_inside = found.abs_diff(settings.bias) <= settings.limit.unsigned_abs();
     match ours(state, settings, found) {
         Some(ours) => ours,
-        None if settings.rules.knows_its_own
+        None if settings.rules.has(Rule::OwnWrites)
             && let Some(sent) = state.copies.lately_of(found) =>
         {
             Meaning::Ours { sent: sent.at, is_late: true }
         }
-        None if settings.is_zero(found) || (state.is_rebooted && is_inside) => Meaning::Restarted,
+        None if settings.is_zero(found) || (state.required_read.is_after_restart() && is_inside) => {
+            Meaning::Restarted
+        }
         None if state.settles_at.is_some() && is_inside => Meaning::FromBefore,
         None => Meaning::Foreign,
     }
 }
 
 fn shared(state: &State, settings: &Settings, expected: Counts, found: Counts, asked: Moment) -> Meaning {
-    let doubts = settings.rules.doubt;
+    let doubts = settings.rules.has(Rule::Doubt);
     let ours = ours(state, settings, found);
     let is_lately = state.copies.lately_of(found).is_some();
     if settings.is_zero(found) {
@@ -75,8 +77,8 @@ fn shared(state: &State, settings: &Settings, expected: Counts, found: Counts, a
     match ours {
         Some(_) if doubts && is_no_share(state, settings, found) => Meaning::Doubtful(Doubt::YoursOrOurs),
         Some(ours) => ours,
-        None if is_lately && settings.rules.knows_its_own => Meaning::Doubtful(Doubt::YoursOrOurs),
-        None if doubts && state.is_rebooted && state.has_anything_of_ours() => {
+        None if is_lately && settings.rules.has(Rule::OwnWrites) => Meaning::Doubtful(Doubt::YoursOrOurs),
+        None if doubts && state.required_read.is_after_restart() && state.has_anything_of_ours() => {
             Meaning::Doubtful(Doubt::Rebooted)
         }
         None if doubts && hides_a_step(state, settings, expected, asked) => {
@@ -85,7 +87,7 @@ fn shared(state: &State, settings: &Settings, expected: Counts, found: Counts, a
         None if doubts && state.is_like_our_own_again(found - expected) => {
             Meaning::Doubtful(Doubt::LikeOurOwn)
         }
-        None if doubts && state.answered.is_some() && state.was_unsteady => {
+        None if doubts && state.answered.is_some() && state.evidence.was_unsteady => {
             Meaning::Doubtful(Doubt::Unsteady)
         }
         None => Meaning::Moved { by: found - expected },
@@ -103,7 +105,7 @@ fn is_no_share(state: &State, settings: &Settings, found: Counts) -> bool {
 }
 
 fn ours(state: &State, settings: &Settings, found: Counts) -> Option<Meaning> {
-    let sent = state.copies.of(found).filter(|_| settings.rules.knows_its_own)?;
+    let sent = state.copies.of(found).filter(|_| settings.rules.has(Rule::OwnWrites))?;
     let is_late = state.verified.is_some_and(|verified| verified.asked > sent.left);
     Some(Meaning::Ours { sent: sent.at, is_late })
 }

@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::Action;
 use super::copies::{Copies, Room};
 use super::event::Event;
-use super::settings::{Settings, Verify};
+use super::settings::{Rule, Settings, Verify};
 use super::standing::{ArmState, Doing, Order, Seen, Untaken};
 use super::state::{RETRY, State};
 use crate::quantity::{Counts, Moment};
@@ -38,15 +38,15 @@ pub(super) fn act(state: &mut State, settings: &Settings, fresh: Option<Moment>,
     if aim.is_some() {
         note_waiting(state, settings, aim, now);
     }
-    if state.must_read && now >= state.reads_from {
+    if state.required_read.is_pending() && now >= state.reads_from {
         return read(state);
     }
     saves_only_what_it_must(state, settings);
     if aim == Some(Aim::There) && state.promised.take().is_some() {
-        (state.is_unsaved, state.promised_until) = (true, None);
+        (state.disk.is_unsaved, state.promised_until) = (true, None);
     }
     let keeps = now >= state.keeps_from;
-    if keeps && state.is_unsaved && !matches!(aim, Some(Aim::Send(_))) {
+    if keeps && state.disk.is_unsaved && !matches!(aim, Some(Aim::Send(_))) {
         return keep(state);
     }
     let writes = keeps && now >= state.writes_from;
@@ -54,11 +54,11 @@ pub(super) fn act(state: &mut State, settings: &Settings, fresh: Option<Moment>,
         if let Some(asked) = fresh.or((settings.verify == Verify::Echo).then_some(now)) {
             return send(state, settings, value, asked, now);
         }
-        if now >= state.reads_from && !state.is_unsaved {
+        if now >= state.reads_from && !state.disk.is_unsaved {
             return read(state);
         }
     }
-    if keeps && state.is_unsaved {
+    if keeps && state.disk.is_unsaved {
         return keep(state);
     }
     if let Some(seen) = state.verified
@@ -87,8 +87,8 @@ pub(super) fn go_along(state: &mut State, settings: &Settings, now: Moment) -> A
         return Action::Nothing { until: Moment::END };
     };
     saves_only_what_it_must(state, settings);
-    let is_known = !state.must_read && state.answered.is_none() && !settings.is_shared;
-    let may = now >= state.keeps_from || state.has_begun_on_disk;
+    let is_known = !state.required_read.is_pending() && state.answered.is_none() && !settings.is_shared;
+    let may = now >= state.keeps_from || state.disk.has_begun;
     if is_known && may && state.copies.has_room() && is_repeatable(state, settings, seen) {
         return repeat(state, settings, seen, now);
     }
@@ -98,16 +98,18 @@ pub(super) fn go_along(state: &mut State, settings: &Settings, now: Moment) -> A
 /// Limits the writes to disk. A whole register contains its value itself, so its state is saved only with other
 /// changes. The record that the run writes to the register is saved before the first write.
 fn saves_only_what_it_must(state: &mut State, settings: &Settings) {
-    let has_to_begin = !state.has_begun_on_disk && state.standing == ArmState::Armed;
-    state.is_unsaved &= settings.promises() || has_to_begin;
+    let has_to_begin = !state.disk.has_begun && state.standing == ArmState::Armed;
+    state.disk.is_unsaved &= settings.promises() || has_to_begin;
 }
 
 /// Returns where the requested change can go. `None` if no change is requested or allowed.
 fn change(state: &State, settings: &Settings, now: Moment) -> Option<Aim> {
-    let order = state.order.filter(|order| now <= order.not_after || !settings.rules.last_moment)?;
+    let order =
+        state.order.filter(|order| now <= order.not_after || !settings.rules.has(Rule::LastMoment))?;
     let stands = state.expected()?;
-    (state.standing == ArmState::Armed && !state.is_interlocked && !state.must_read).then_some(())?;
-    if state.settles_at.is_some() && settings.rules.near_what_may_arrive {
+    (state.standing == ArmState::Armed && !state.is_interlocked && !state.required_read.is_pending())
+        .then_some(())?;
+    if state.settles_at.is_some() && settings.rules.has(Rule::NearCopies) {
         return Some(Aim::Blocked);
     }
     Some(aim(state, settings, stands, order, now))
@@ -116,7 +118,7 @@ fn change(state: &State, settings: &Settings, now: Moment) -> Option<Aim> {
 /// Returns whether a value is a zero to avoid. Zero is the value of a restarted CNC, and would hide the operator
 /// offset. The adjacent count is near enough.
 fn avoids(settings: &Settings, centre: Counts, value: Counts) -> bool {
-    settings.is_shared && settings.rules.doubt && settings.is_zero(value) && value != centre
+    settings.is_shared && settings.rules.has(Rule::Doubt) && settings.is_zero(value) && value != centre
 }
 
 /// Returns whether a register with the value `stands` has this offset from the operator offset or the bias.
@@ -129,7 +131,9 @@ pub(super) fn is_there(state: &State, settings: &Settings, stands: Counts, offse
 /// Returns the lowest and the highest value that a write may have: between the register value and the target. One count
 /// more is allowed if the target is a zero to avoid. Without a target the whole range is allowed.
 fn way(state: &State, settings: &Settings, stands: Counts, order: Order) -> (Counts, Counts) {
-    let Some(target) = order.target.filter(|_| settings.rules.no_windup) else { return settings.range };
+    let Some(target) = order.target.filter(|_| settings.rules.has(Rule::NoWindup)) else {
+        return settings.range;
+    };
     let centre = state.centre(settings);
     let target = settings.target(centre, target);
     let beyond = Counts(i64::from(avoids(settings, centre, target)));
@@ -160,7 +164,8 @@ fn aim(state: &State, settings: &Settings, stands: Counts, order: Order, now: Mo
             && target.abs_diff(*value) < target.abs_diff(stands)
             && !avoids(settings, centre, *value)
     };
-    let is_young = state.promised_until.is_none_or(|until| now <= until) || !settings.rules.last_moment;
+    let is_young =
+        state.promised_until.is_none_or(|until| now <= until) || !settings.rules.has(Rule::LastMoment);
     if let Some(promised) = state.promised.filter(|promised| is_young && may_be_sent(promised)) {
         return Aim::Send(promised);
     }
@@ -172,7 +177,7 @@ fn aim(state: &State, settings: &Settings, stands: Counts, order: Order, now: Mo
 
 /// Returns the values within one step of the register value and of everything that may still arrive.
 fn room(state: &State, settings: &Settings, stands: Counts) -> Room {
-    if settings.rules.near_what_may_arrive {
+    if settings.rules.has(Rule::NearCopies) {
         state.copies.room(stands, settings.step, settings.reach())
     } else {
         Copies::default().room(stands, settings.step, settings.step)
@@ -182,7 +187,9 @@ fn room(state: &State, settings: &Settings, stands: Counts) -> Room {
 /// Returns whether a value is within the limit, or nearer to it than the register value.
 fn is_inside(settings: &Settings, stands: Counts, value: Counts, centre: Counts) -> bool {
     let distance = value.abs_diff(centre);
-    !settings.rules.limit || distance <= settings.limit.unsigned_abs() || distance < stands.abs_diff(centre)
+    !settings.rules.has(Rule::Limit)
+        || distance <= settings.limit.unsigned_abs()
+        || distance < stands.abs_diff(centre)
 }
 
 /// Reports a waiting change once, and drops its decision, which must not be sent after the wait.
@@ -201,14 +208,14 @@ fn note_waiting(state: &mut State, settings: &Settings, aim: Option<Aim>, now: M
 
 /// Writes the promise, or the value that was promised. Called directly after a read that showed nothing new.
 fn send(state: &mut State, settings: &Settings, value: Counts, asked: Moment, now: Moment) -> Action {
-    if settings.promises() && (state.promised != Some(value) || state.is_unsaved) {
+    if settings.promises() && (state.promised != Some(value) || state.disk.is_unsaved) {
         if state.promised != Some(value) {
             state.promised_until = state.order.map(|order| order.not_after);
         }
         state.promised = Some(value);
         return keep(state);
     }
-    if !state.has_begun_on_disk {
+    if !state.disk.has_begun {
         return keep(state);
     }
     let promised_until = state.promised.take().and(state.promised_until.take());
@@ -231,7 +238,7 @@ fn repeats(state: &State, settings: &Settings, aim: Option<Aim>, now: Moment) ->
     let is_due = settings.refresh.is_some_and(|refresh| now >= state.written_at.after(refresh));
     let clears = settings.verify == Verify::Echo
         && state.copies.first_over(settings.late).is_some_and(|over| now > over);
-    let may = state.standing == ArmState::Armed && !state.is_interlocked && !state.must_read;
+    let may = state.standing == ArmState::Armed && !state.is_interlocked && !state.required_read.is_pending();
     let is_settled = state.settles_at.is_none() && state.copies.has_room();
     let shows = match state.untaken {
         None => false,
@@ -247,11 +254,11 @@ fn repeats(state: &State, settings: &Settings, aim: Option<Aim>, now: Moment) ->
 /// Returns whether a late copy that arrives after the repeat would be at most one step away.
 fn is_repeatable(state: &State, settings: &Settings, seen: Seen) -> bool {
     let room = state.copies.room(seen.value, settings.step, settings.step);
-    room.contains(seen.value) || !settings.rules.near_what_may_arrive
+    room.contains(seen.value) || !settings.rules.has(Rule::NearCopies)
 }
 
 fn repeat(state: &mut State, settings: &Settings, seen: Seen, now: Moment) -> Action {
-    if !state.has_begun_on_disk || state.is_unsaved {
+    if !state.disk.has_begun || state.disk.is_unsaved {
         return keep(state);
     }
     state.doing = Doing::Writing { value: seen.value, begun: now, read: None };
@@ -261,7 +268,7 @@ fn repeat(state: &mut State, settings: &Settings, seen: Seen, now: Moment) -> Ac
 
 fn keep(state: &mut State) -> Action {
     state.doing = Doing::Keeping;
-    state.is_unsaved = false;
+    state.disk.is_unsaved = false;
     Action::Keep
 }
 
@@ -288,8 +295,8 @@ fn next_read(state: &State, settings: &Settings) -> Moment {
 }
 
 fn until(state: &State, settings: &Settings, aim: Option<Aim>, now: Moment) -> Moment {
-    let read = if state.must_read { state.reads_from } else { next_read(state, settings) };
-    let has_to_write = state.is_unsaved || matches!(aim, Some(Aim::Send(_)));
+    let read = if state.required_read.is_pending() { state.reads_from } else { next_read(state, settings) };
+    let has_to_write = state.disk.is_unsaved || matches!(aim, Some(Aim::Send(_)));
     let write = if has_to_write {
         state.writes_from.max(state.keeps_from).max(state.reads_from)
     } else {

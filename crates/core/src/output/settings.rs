@@ -81,33 +81,39 @@ pub enum Verify {
     Echo,
 }
 
-/// Rules that can be deactivated one by one, to show that the search finds what each of them prevents.
+/// Rule that the search deactivates, to show what the rule prevents.
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Rules {
+pub enum Rule {
     /// Nothing that may still arrive is more than one step away.
-    pub near_what_may_arrive: bool,
+    NearCopies,
     /// A value that appears belongs to the gateway if it is under way.
-    pub knows_its_own: bool,
+    OwnWrites,
     /// A change has a last moment for sending.
-    pub last_moment: bool,
+    LastMoment,
     /// Nothing is sent beyond the limit.
-    pub limit: bool,
+    Limit,
     /// If the operator offset cannot be determined, the operator decides.
-    pub doubt: bool,
+    Doubt,
     /// No write moves the register away from the target.
-    pub no_windup: bool,
+    NoWindup,
 }
 
-impl Default for Rules {
-    fn default() -> Rules {
-        Rules {
-            near_what_may_arrive: true,
-            knows_its_own: true,
-            last_moment: true,
-            limit: true,
-            doubt: true,
-            no_windup: true,
-        }
+/// Active rules: all of them, or all but one.
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Rules {
+    off: Option<Rule>,
+}
+
+impl Rules {
+    /// All rules but this one.
+    pub const fn without(rule: Rule) -> Rules {
+        Rules { off: Some(rule) }
+    }
+
+    /// Returns whether this rule is active.
+    pub fn has(self, rule: Rule) -> bool {
+        self.off != Some(rule)
     }
 }

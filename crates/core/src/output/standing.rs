@@ -30,6 +30,79 @@ pub(super) enum Doing {
     Ended,
 }
 
+/// Whether the disk contains what it must contain before the next write.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub(super) struct DiskState {
+    /// Whether the disk lacks something that it must contain before the next write.
+    pub(super) is_unsaved: bool,
+    /// Whether the disk contains that this run has begun. A run ends in order only if its end is recorded too.
+    #[serde(rename = "has_begun_on_disk")]
+    pub(super) has_begun: bool,
+}
+
+/// Read that must come before anything else is decided.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(from = "ReadFlags", into = "ReadFlags")]
+pub(super) enum RequiredRead {
+    /// No read is required. The register is read with its period.
+    None,
+    /// The register must be read.
+    Pending,
+    /// The register must be read, and the CNC was restarted since the last read.
+    PendingAfterRestart,
+}
+
+/// Serialised form of [`RequiredRead`]. After a restart a read is always required.
+#[derive(Serialize, Deserialize)]
+struct ReadFlags {
+    is_rebooted: bool,
+    must_read: bool,
+}
+
+impl RequiredRead {
+    /// Returns whether the register must be read before anything else is decided.
+    pub(super) fn is_pending(self) -> bool {
+        self != RequiredRead::None
+    }
+
+    /// Returns whether the CNC was restarted since the last read.
+    pub(super) fn is_after_restart(self) -> bool {
+        self == RequiredRead::PendingAfterRestart
+    }
+
+    /// Requires a read. A restart since the last read remains known.
+    pub(super) fn request(&mut self) {
+        if *self == RequiredRead::None {
+            *self = RequiredRead::Pending;
+        }
+    }
+}
+
+impl From<ReadFlags> for RequiredRead {
+    fn from(flags: ReadFlags) -> RequiredRead {
+        match flags {
+            ReadFlags { is_rebooted: true, .. } => RequiredRead::PendingAfterRestart,
+            ReadFlags { must_read: true, .. } => RequiredRead::Pending,
+            ReadFlags { .. } => RequiredRead::None,
+        }
+    }
+}
+
+impl From<RequiredRead> for ReadFlags {
+    fn from(read: RequiredRead) -> ReadFlags {
+        ReadFlags { is_rebooted: read.is_after_restart(), must_read: read.is_pending() }
+    }
+}
+
+/// Evidence for a doubt about the operator offset. The same evidence twice in a row is a doubt.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub(super) struct Evidence {
+    /// Whether the last change of the operator equalled an unanswered one of the gateway.
+    pub(super) was_like_our_own: bool,
+    /// Whether the register held another value after the last write that was answered as done.
+    pub(super) was_unsteady: bool,
+}
+
 /// How the last write failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

@@ -9,16 +9,17 @@ use super::event::Event;
 use super::kept::{Account, Kept, Promise};
 use super::plan;
 use super::reports::Reports;
-use super::settings::{Settings, Verify};
+use super::settings::{Rule, Settings, Verify};
 use super::slots::Slots;
-use super::standing::{ArmState, Doing, Order, Seen, Shown, Untaken};
+use super::standing::{ArmState, DiskState, Doing, Evidence, Order, RequiredRead, Seen, Shown, Untaken};
 use super::turns::Turns;
 use crate::quantity::{Counts, Moment, shifted};
 
 /// Least time before a failed action is repeated, and the period of reads while the register value is uncertain.
 pub(super) const RETRY: Duration = Duration::from_secs(1);
 
-/// State of one output. Its serialised form contains what determines the next actions, but no pending reports.
+/// State of one output. Its serialised form contains what determines the next actions, but no pending reports. The keys
+/// of `disk`, `required_read` and `evidence` are in the same object as the others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct State {
     pub(super) doing: Doing,
@@ -38,28 +39,22 @@ pub struct State {
     /// Last moment for sending it, given by the age of its readings.
     #[serde(default)]
     pub(super) promised_until: Option<Moment>,
-    /// Whether the disk lacks something that it must contain before the next write.
-    pub(super) is_unsaved: bool,
-    /// Whether the disk contains that this run has begun. A run ends in order only if its end is recorded too.
-    pub(super) has_begun_on_disk: bool,
+    #[serde(flatten)]
+    pub(super) disk: DiskState,
     /// After a start without an orderly stop, a whole register is not written until a read was requested after this
     /// time.
     pub(super) settles_at: Option<Moment>,
     /// Earliest time for the first read of a pair.
     pub(super) pairs_from: Moment,
-    /// Whether the CNC was restarted since the last read.
-    pub(super) is_rebooted: bool,
+    #[serde(flatten)]
+    pub(super) required_read: RequiredRead,
     /// Change by the last write, if it was not answered as done, until the next read.
     pub(super) unanswered_change: Option<Counts>,
-    /// Whether the last change of the operator equalled an unanswered one of the gateway.
-    pub(super) was_like_our_own: bool,
-    /// Whether the register held another value after the last write that was answered as done.
-    pub(super) was_unsteady: bool,
+    #[serde(flatten)]
+    pub(super) evidence: Evidence,
     /// Alternate changes of a shared register by the gateway and by another client.
     #[serde(default)]
     pub(super) turns: Turns,
-    /// Whether the register must be read before anything else is decided.
-    pub(super) must_read: bool,
     /// Whether a change waits for copies that may still arrive.
     pub(super) is_waiting: bool,
     /// Time when a change last waited.
@@ -103,16 +98,13 @@ impl State {
             order: None,
             promised: None,
             promised_until: None,
-            is_unsaved: false,
-            has_begun_on_disk: false,
+            disk: DiskState::default(),
             settles_at: (!was_in_order && !settings.promises()).then_some(late_over),
             pairs_from: if was_in_order { now } else { late_over },
-            is_rebooted: false,
+            required_read: if is_read { RequiredRead::Pending } else { RequiredRead::None },
             unanswered_change: None,
-            was_like_our_own: false,
-            was_unsteady: false,
+            evidence: Evidence::default(),
             turns: Turns::default(),
-            must_read: is_read,
             is_waiting: false,
             waited_at: now,
             reads_from: now,
@@ -199,7 +191,7 @@ impl State {
 
     /// Drops the decision: it is not sent any more.
     pub(super) fn drop_order(&mut self, settings: &Settings) {
-        if settings.rules.last_moment {
+        if settings.rules.has(Rule::LastMoment) {
             self.order = None;
         }
     }
@@ -223,7 +215,7 @@ impl State {
 
     /// Returns whether an unanswered write was followed by a change of exactly its size, for the second time in a row.
     pub(super) fn is_like_our_own_again(&self, change: Counts) -> bool {
-        self.was_like_our_own && self.unanswered_change == Some(change)
+        self.evidence.was_like_our_own && self.unanswered_change == Some(change)
     }
 
     /// Value from which the offset is counted: the operator offset, or the bias.
@@ -272,7 +264,7 @@ impl State {
     /// Returns the last moment of a decision that was not sent, if that has passed.
     pub(super) fn overdue(&self, settings: &Settings, now: Moment) -> Option<Moment> {
         let order = self.order.filter(|order| now > order.not_after && !self.is_at(settings, order.offset));
-        order.filter(|_| settings.rules.last_moment).map(|order| order.not_after)
+        order.filter(|_| settings.rules.has(Rule::LastMoment)).map(|order| order.not_after)
     }
 
     /// Returns whether a value is on disk, or must be written to it, before it is sent.

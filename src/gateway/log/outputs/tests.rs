@@ -218,6 +218,29 @@ proptest! {
     }
 }
 
+/// Keys of the state of a register in every log so far.
+const KEYS: &str = "account answered copies doing has_begun_on_disk is_interlocked is_rebooted is_unsaved is_waiting \
+                    keeps_from must_read order pairs_from promised promised_until reads_from settles_at standing turns \
+                    unanswered_change untaken verified waited_at was_like_our_own was_unsteady writes_from written_at";
+
+#[test]
+fn the_state_of_a_register_is_logged_as_by_earlier_versions() {
+    let state = serde_json::to_value(State::new(&settings(true), None, NOON)).unwrap();
+    let mut keys: Vec<&str> = state.as_object().unwrap().keys().map(String::as_str).collect();
+    keys.sort_unstable();
+    assert_eq!(keys.join(" "), KEYS);
+    for (is_rebooted, must_read) in [(false, false), (false, true), (true, true)] {
+        let mut logged = state.clone();
+        logged["is_rebooted"] = is_rebooted.into();
+        logged["must_read"] = must_read.into();
+        for key in ["is_unsaved", "has_begun_on_disk", "was_like_our_own", "was_unsteady"] {
+            logged[key] = true.into();
+            let read: State = serde_json::from_value(logged.clone()).unwrap();
+            assert_eq!(serde_json::to_value(read).unwrap(), logged);
+        }
+    }
+}
+
 /// Log in which both outputs are armed and reach their targets.
 fn some_log() -> String {
     let chances = [1, 10, 18, 26, 3, 3, 34, 5, 4, 9, 42, 6, 7, 3];

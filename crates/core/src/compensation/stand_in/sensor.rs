@@ -20,7 +20,7 @@ const BRIDGED: Duration = Duration::from_secs(10 * 60);
 /// State of one sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Sensor {
-    standing: ArmState,
+    standing: SensorState,
     /// Last good reading. `read` is its time.
     reading: Option<f64>,
     read: Moment,
@@ -41,22 +41,29 @@ pub(super) struct Sensor {
     /// Last x̂ that could be used as a stand-in.
     #[serde(default)]
     last: Option<Said>,
+    #[serde(flatten)]
+    recovery: Recovery,
+    /// Number of minutes in a row with a predicted motion that the reading lacks.
+    #[serde(default)]
+    missed: u8,
+    /// The reading is counted from a new start, which the shadows have not taken over yet.
+    #[serde(default)]
+    pub(super) renewed: bool,
+}
+
+/// Recovery of a sensor that was frozen or lost. Its keys are those of the sensor in the serialised form.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Recovery {
     /// The reading has changed since the sensor froze, or is back after a loss.
     moved: bool,
     /// Time since which the reading agrees with the prediction again.
     agrees: Option<Moment>,
-    /// Number of minutes in a row with a predicted motion that the reading lacks.
-    #[serde(default)]
-    missed: u8,
     /// A prediction was present for minutes while the sensor was lost.
     #[serde(default)]
     was_predicted: bool,
     /// Time since which the sensor is back without a prediction to check it.
     #[serde(default)]
     unproven: Option<Moment>,
-    /// The reading is counted from a new start, which the shadows have not taken over yet.
-    #[serde(default)]
-    pub(super) renewed: bool,
 }
 
 /// Prediction of a sensor from its predictors.
@@ -100,7 +107,7 @@ struct Said {
 /// State of a sensor in the stuck test.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-enum ArmState {
+enum SensorState {
     /// The reading is accepted.
     #[default]
     Live,
@@ -130,11 +137,12 @@ pub(in crate::compensation) struct Beginning {
 }
 
 shifted!(Said: at);
-shifted!(Sensor: standing, read, changed, last, agrees, unproven);
+shifted!(Recovery: agrees, unproven);
+shifted!(Sensor: standing, read, changed, last, recovery);
 
-impl Shifted for ArmState {
+impl Shifted for SensorState {
     fn shift(&mut self, by: Shift) {
-        if let ArmState::Suspected(since) | ArmState::Frozen(since) | ArmState::Lost(since) = self {
+        if let SensorState::Suspected(since) | SensorState::Frozen(since) | SensorState::Lost(since) = self {
             since.shift(by);
         }
     }
@@ -142,27 +150,27 @@ impl Shifted for ArmState {
 
 impl Sensor {
     pub(super) fn is_live(&self) -> bool {
-        self.standing == ArmState::Live
+        self.standing == SensorState::Live
     }
 
     /// Returns since when the sensor is rejected, and whether it is suspected or frozen (`true`) or lost (`false`).
     /// `None` if it is accepted.
     pub(super) fn distrusted(&self) -> Option<(Moment, bool)> {
         match self.standing {
-            ArmState::Live => None,
-            ArmState::Suspected(since) | ArmState::Frozen(since) => Some((since, true)),
-            ArmState::Lost(since) => Some((since, false)),
+            SensorState::Live => None,
+            SensorState::Suspected(since) | SensorState::Frozen(since) => Some((since, true)),
+            SensorState::Lost(since) => Some((since, false)),
         }
     }
 
     /// Returns whether the reading has been constant for too long and is still used.
     pub(super) fn is_suspected(&self) -> bool {
-        matches!(self.standing, ArmState::Suspected(_))
+        matches!(self.standing, SensorState::Suspected(_))
     }
 
     /// Returns whether the reading has been constant for too long and a stand-in replaces it.
     pub(super) fn is_frozen(&self) -> bool {
-        matches!(self.standing, ArmState::Frozen(_))
+        matches!(self.standing, SensorState::Frozen(_))
     }
 
     /// Returns whether the reading has been constant for too long. Such a reading predicts no other sensor.
@@ -172,15 +180,16 @@ impl Sensor {
 
     /// Replaces a suspected sensor by its stand-in from now on.
     pub(super) fn substitute(&mut self) {
-        if let ArmState::Suspected(since) = self.standing {
-            self.standing = ArmState::Frozen(since);
+        if let SensorState::Suspected(since) = self.standing {
+            self.standing = SensorState::Frozen(since);
         }
     }
 
     /// Uses the reading of a frozen sensor again, because it has no stand-in any more.
     pub(super) fn suspect(&mut self) {
-        if let ArmState::Frozen(since) = self.standing {
-            (self.standing, self.moved, self.agrees) = (ArmState::Suspected(since), false, None);
+        if let SensorState::Frozen(since) = self.standing {
+            (self.standing, self.recovery.moved, self.recovery.agrees) =
+                (SensorState::Suspected(since), false, None);
         }
     }
 
@@ -229,7 +238,7 @@ impl Sensor {
 
     /// Discards the prediction after a pause of the checks.
     pub(super) fn pause(&mut self) {
-        (self.predicted, self.agrees) = (None, None);
+        (self.predicted, self.recovery.agrees) = (None, None);
     }
 
     /// Discards all predictions after a time without the gateway.
@@ -245,28 +254,29 @@ impl Sensor {
                 // The prediction for a suspected sensor is counted from the reading in use.
                 let known = self.base.filter(|_| self.is_live());
                 let base = self.predicted.map(|predicted| predicted.rise).or(known);
-                (self.standing, self.from) = (ArmState::Lost(since), self.reading);
-                (self.base, self.was_predicted) = (base.filter(|_| self.reading.is_some()), false);
+                (self.standing, self.from) = (SensorState::Lost(since), self.reading);
+                (self.base, self.recovery.was_predicted) = (base.filter(|_| self.reading.is_some()), false);
             }
             if self.is_lost() && self.tentative {
                 (self.from, self.base, self.tentative) = (None, None, false);
             }
-            (self.moved, self.agrees, self.unproven) = (self.moved && !self.is_lost(), None, None);
+            (self.recovery.moved, self.recovery.agrees, self.recovery.unproven) =
+                (self.recovery.moved && !self.is_lost(), None, None);
             return;
         };
         let has_changed = self.reading.is_none_or(|last| last.to_bits() != value.to_bits());
         (self.reading, self.read) = (Some(value), now);
         match self.standing {
-            ArmState::Live | ArmState::Suspected(_) if has_changed => self.begin(value, now),
-            ArmState::Live | ArmState::Suspected(_) => {}
+            SensorState::Live | SensorState::Suspected(_) if has_changed => self.begin(value, now),
+            SensorState::Live | SensorState::Suspected(_) => {}
             // The line was lost, or there was no prediction meanwhile.
-            ArmState::Lost(since) if now.since(since) < SHORT || !self.was_predicted => {
+            SensorState::Lost(since) if now.since(since) < SHORT || !self.recovery.was_predicted => {
                 self.begin(value, now);
             }
-            ArmState::Lost(_) => self.moved = true,
-            ArmState::Frozen(_) => self.moved |= has_changed,
+            SensorState::Lost(_) => self.recovery.moved = true,
+            SensorState::Frozen(_) => self.recovery.moved |= has_changed,
         }
-        if self.moved && !self.is_live() && self.from.is_none() {
+        if self.recovery.moved && !self.is_live() && self.from.is_none() {
             (self.from, self.base, self.tentative) = (Some(value), None, true);
         }
     }
@@ -298,7 +308,7 @@ impl Sensor {
             Prediction::Outside(_) => true,
         };
         let Prediction::Known(predicted @ Predicted { rise, lent, present, .. }) = prediction else {
-            (self.predicted, self.agrees, self.missed) = (None, None, 0);
+            (self.predicted, self.recovery.agrees, self.missed) = (None, None, 0);
             if let Prediction::Outside(Some(rise)) = prediction
                 && self.is_live()
             {
@@ -308,7 +318,7 @@ impl Sensor {
         };
         self.predicted = Some(predicted);
         self.last = predicted.fit().map(|rise| Said { rise, at: now }).or(self.last);
-        self.unproven = None;
+        self.recovery.unproven = None;
         if self.is_suspected() {
             return Verdict::AsBefore;
         }
@@ -319,25 +329,26 @@ impl Sensor {
             if self.missed < MISSED {
                 return Verdict::AsBefore;
             }
-            (self.standing, self.moved, self.agrees) = (ArmState::Suspected(self.changed), false, None);
+            (self.standing, self.recovery.moved, self.recovery.agrees) =
+                (SensorState::Suspected(self.changed), false, None);
             return Verdict::AsBefore;
         }
         if lent {
-            self.agrees = None;
+            self.recovery.agrees = None;
             return Verdict::AsBefore;
         }
-        if let ArmState::Lost(since) = self.standing {
-            self.was_predicted |= present && now.since(since) >= SHORT;
+        if let SensorState::Lost(since) = self.standing {
+            self.recovery.was_predicted |= present && now.since(since) >= SHORT;
         }
         self.base.get_or_insert(rise);
         let apart = reading.zip(self.expected(rise)).map(|(reading, value)| (reading - value).abs());
-        if !(self.moved && apart.is_some_and(|apart| apart <= threshold)) {
-            self.agrees = None;
+        if !(self.recovery.moved && apart.is_some_and(|apart| apart <= threshold)) {
+            self.recovery.agrees = None;
             // The beginning is unknown: the motion is compared from here on.
             if let Some(reading) = reading.filter(|_| self.tentative) {
                 (self.from, self.base) = (Some(reading), Some(rise));
             }
-        } else if now.since(*self.agrees.get_or_insert(now)) >= AGREES_FOR
+        } else if now.since(*self.recovery.agrees.get_or_insert(now)) >= AGREES_FOR
             && let Some(reading) = reading
         {
             return Verdict::Believed(self.believe(reading, now));
@@ -347,12 +358,12 @@ impl Sensor {
 
     /// Judges a sensor without a prediction. A lost sensor is accepted after it has been back for an hour.
     fn judge_unpredicted(&mut self, reading: Option<f64>, now: Moment) -> Verdict {
-        let back = reading.filter(|_| self.is_lost() && self.moved);
+        let back = reading.filter(|_| self.is_lost() && self.recovery.moved);
         let Some(reading) = back else {
-            self.unproven = None;
+            self.recovery.unproven = None;
             return Verdict::AsBefore;
         };
-        if now.since(*self.unproven.get_or_insert(now)) < AGREES_FOR {
+        if now.since(*self.recovery.unproven.get_or_insert(now)) < AGREES_FOR {
             return Verdict::AsBefore;
         }
         Verdict::Believed(self.believe(reading, now))
@@ -369,7 +380,7 @@ impl Sensor {
     /// predicted.
     fn believe(&mut self, reading: f64, now: Moment) -> Option<Beginning> {
         let (since, _) = self.distrusted()?;
-        let rise = self.said().filter(|_| self.moved);
+        let rise = self.said().filter(|_| self.recovery.moved);
         self.begin(reading, now);
         Some(Beginning { value: reading - rise?, distrusted_since: since })
     }
@@ -377,19 +388,19 @@ impl Sensor {
     /// Counts rises from zero after a machine start. The beginning of a rejected sensor is unknown.
     pub(super) fn started(&mut self, now: Moment) {
         let is_believed = match self.standing {
-            ArmState::Live | ArmState::Suspected(_) => true,
-            ArmState::Frozen(_) => self.moved,
-            ArmState::Lost(_) => self.reads(now),
+            SensorState::Live | SensorState::Suspected(_) => true,
+            SensorState::Frozen(_) => self.recovery.moved,
+            SensorState::Lost(_) => self.reads(now),
         };
         (self.predicted, self.last) = (None, None);
         match self.reading.filter(|_| is_believed) {
             Some(reading) => self.begin(reading, now),
-            None => (self.from, self.base, self.tentative, self.agrees) = (None, None, false, None),
+            None => (self.from, self.base, self.tentative, self.recovery.agrees) = (None, None, false, None),
         }
     }
 
     pub(super) fn is_lost(&self) -> bool {
-        matches!(self.standing, ArmState::Lost(_))
+        matches!(self.standing, SensorState::Lost(_))
     }
 }
 
@@ -397,5 +408,27 @@ impl Predicted {
     /// Returns the rise if it may replace the reading; else `None`.
     fn fit(self) -> Option<f64> {
         (!self.lent && self.inside).then_some(self.rise)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sensor_has_the_keys_of_earlier_state_files() {
+        let mut kept = serde_json::to_value(Sensor::default()).unwrap();
+        let mut keys: Vec<&str> = kept.as_object().unwrap().keys().map(String::as_str).collect();
+        keys.sort_unstable();
+        let keys = keys.join(" ");
+        assert_eq!(
+            keys,
+            "agrees base changed from last missed moved outside predicted read reading renewed standing tentative \
+             unproven was_predicted"
+        );
+        for later in ["tentative", "outside", "last", "missed", "was_predicted", "unproven", "renewed"] {
+            kept.as_object_mut().unwrap().remove(later);
+        }
+        assert_eq!(serde_json::from_value::<Sensor>(kept).unwrap(), Sensor::default());
     }
 }

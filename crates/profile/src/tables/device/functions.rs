@@ -22,7 +22,7 @@ pub(super) enum Function {
 
 /// Function codes that may be sent to a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(clippy::struct_excessive_bools, reason = "eight independent permissions")]
+#[expect(clippy::struct_excessive_bools, reason = "eight independent permissions")]
 pub struct Functions {
     /// Function 01.
     pub read_coils: bool,

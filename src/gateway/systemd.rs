@@ -109,7 +109,7 @@ fn are_tried(shared: &Shared) -> bool {
 fn in_words(shared: &Shared) -> Option<String> {
     let profile = &shared.profile;
     let core = shared.core();
-    if core.stop.is_some() {
+    if core.phase.is_stopping() {
         return None;
     }
     let mut states: BTreeMap<&str, Vec<&str>> = BTreeMap::new();

@@ -1,32 +1,32 @@
-//! Watches the lines from a separate thread. A line that takes no turns any more stops the gateway. If even that has no
-//! effect, the process ends. The watchdog of the service manager is served only while everything works.
+//! Watchdog of the lines, in a separate thread. A line that takes no turns any more stops the gateway. If even that has
+//! no effect, the process ends. The watchdog of the service manager (systemd) is served only while everything works.
 
 use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
-use super::service_manager::Report;
 use super::shared::Shared;
+use super::systemd::Report;
 use crate::clock::Looks;
 use crate::observe::events::Event;
 use isotherm_profile::{BusId, Profile};
 
 const LOOK_EVERY: Duration = Duration::from_millis(500);
 
-/// A running watch; dropping it ends the thread.
+/// Running watchdog. Dropping it ends the thread.
 #[derive(Debug)]
-pub(super) struct Watch {
+pub(super) struct Watchdog {
     _ends_with_this: Sender<()>,
 }
 
-impl Watch {
+impl Watchdog {
     /// Watches every line. `stop` requests the gateway to stop. `give_up` is called if it has not stopped in time.
     pub(super) fn start(
         shared: Arc<Shared>,
         patience: Option<Duration>,
         stop: impl Fn() + Send + 'static,
         give_up: impl Fn() + Send + 'static,
-    ) -> Watch {
+    ) -> Watchdog {
         let (sender, receiver) = channel();
         let looks =
             |span: Duration| u32::try_from(span.as_millis() / LOOK_EVERY.as_millis()).unwrap_or(u32::MAX);
@@ -68,9 +68,9 @@ impl Watch {
                 stuck += LOOK_EVERY;
             }
         };
-        // Without a thread there is no watch. The watchdog of the service manager then detects that.
+        // Without a thread there is no watchdog of the lines. The watchdog of the service manager then detects that.
         let _ = std::thread::Builder::new().name("watch".to_owned()).spawn(watch);
-        Watch { _ends_with_this: sender }
+        Watchdog { _ends_with_this: sender }
     }
 }
 

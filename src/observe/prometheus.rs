@@ -175,7 +175,7 @@ fn record_axis(axis: &AxisStatus, of: Labels<'_>, samples: &mut Samples) {
     samples.set("isotherm_axis_cz_meters", &named, Some(meters(axis.cz_um)));
     samples.set("isotherm_axis_raw_meters", &named, axis.raw_um.map(meters));
     samples.set("isotherm_axis_expected_meters", &named, axis.expected_um.map(meters));
-    samples.set("isotherm_axis_armed", &named, Some(flag(axis.armed)));
+    samples.set("isotherm_axis_armed", &named, Some(flag(axis.arming.armed)));
     samples.set("isotherm_axis_wanted", &named, Some(flag(axis.is_wanted())));
     if let Some(probe) = &axis.probe {
         record_probe(axis, probe, of, samples);
