@@ -57,6 +57,8 @@ fn main() -> ExitCode {
 struct Case {
     /// Minutes until it was suspected; `None` if it was not.
     found: Option<f64>,
+    /// Whether a stand-in replaced it.
+    replaced: bool,
     /// Range with the freeze divided by the range without it.
     growth: f64,
 }
@@ -89,12 +91,24 @@ fn record(name: &str, files: &[PathBuf], names: &[String], errors: &[&str]) -> b
                     let own = with.suspected.iter().find(|(suspected, _)| *suspected == sensor);
                     let after = |row: usize| run.times[row].since(run.times[at]).as_secs_f64() / 60.0;
                     let growth = with.range / whole.range;
-                    cases.push(Case { found: own.map(|(_, row)| after(*row)), growth });
+                    let replaced = with.replaced.contains(&sensor);
+                    cases.push(Case { found: own.map(|(_, row)| after(*row)), replaced, growth });
                 }
             }
         }
         let growth = 100.0 * (mean(cases.iter().map(|case| case.growth)) - 1.0);
         println!("{name} {error}: the range grows by {growth:.1} %");
+        let groups = [("not found", false, false), ("found only", true, false), ("replaced", true, true)];
+        for (words, is_found, replaced) in groups {
+            let of =
+                cases.iter().filter(|case| case.found.is_some() == is_found && case.replaced == replaced);
+            let growths: Vec<f64> = of.map(|case| 100.0 * (case.growth - 1.0)).collect();
+            if !growths.is_empty() {
+                let (share, most) = (growths.len(), growths.iter().copied().fold(0.0, f64::max));
+                let growth = mean(growths.into_iter());
+                println!("  {words}: {share} of {}, {growth:.1} %, at most {most:.0} %", cases.len());
+            }
+        }
         growths.push(growth);
         found.extend(cases.iter().map(|case| case.found.unwrap_or(f64::INFINITY)));
     }
@@ -151,6 +165,8 @@ fn learned(dataset: &Dataset, without: usize, names: &[String], error: &str) -> 
 struct Seen {
     /// Suspected sensors, each with the row.
     suspected: Vec<(usize, usize)>,
+    /// Sensors that a stand-in replaced.
+    replaced: Vec<usize>,
     /// Range of the error with the target of the axis, µm.
     range: f64,
 }
@@ -162,6 +178,7 @@ fn seen(profile: &Profile, run: &Run, (names, columns): (&[String], &[usize]), e
     let axes = vec![profile.axes[0].settings.clone()];
     let mut compensation = Compensation::new(profile.machine.clone(), axes, Remembered::default());
     let control = Control { permit: Permit::Armed, ..Control::default() };
+    let mut replaced = Vec::new();
     let (mut suspected, mut least, mut most): (Vec<(usize, usize)>, f64, f64) =
         (Vec::new(), f64::INFINITY, f64::NEG_INFINITY);
     for (row, now) in run.times.iter().copied().enumerate() {
@@ -172,7 +189,11 @@ fn seen(profile: &Profile, run: &Run, (names, columns): (&[String], &[usize]), e
         };
         let readings: Vec<Reading> = sensors.iter().map(reading).collect();
         compensation.step(&Snapshot::new(now, &readings), &[control]);
-        for sensor in compensation.distrusted(0).filter_map(|found| sensors[found.signal.0]) {
+        for found in compensation.distrusted(0) {
+            let Some(sensor) = sensors[found.signal.0] else { continue };
+            if found.others.is_some() && !replaced.contains(&sensor) {
+                replaced.push(sensor);
+            }
             if !suspected.iter().any(|(known, _)| *known == sensor) {
                 suspected.push((sensor, row));
             }
@@ -183,5 +204,5 @@ fn seen(profile: &Profile, run: &Run, (names, columns): (&[String], &[usize]), e
             (least, most) = (least.min(left), most.max(left));
         }
     }
-    Seen { suspected, range: most - least }
+    Seen { suspected, replaced, range: most - least }
 }

@@ -138,9 +138,6 @@ fn why_not_replaced(
     if let [only] = others[..] {
         return format!("its stand-in depends on {} alone", name(only));
     }
-    if !stand_ins.watched().any(|(watched, stands_in)| watched == signal && stands_in) {
-        return "its stand-in is not exact enough to be used".to_owned();
-    }
     let is_distrusted = |id: &&SignalId| distrusted.iter().any(|other| other.signal == **id);
     if let Some(doubted) = others.iter().find(is_distrusted) {
         return format!("{}, on which its stand-in depends, is frozen or lost, too", name(*doubted));

@@ -268,7 +268,8 @@ impl Watch {
     fn fill(&mut self, (model, settings): (&Model, &StandIns), machine: Option<&Machine>, now: Moment) {
         self.instead.clear();
         for (place, known) in settings.sensors().iter().enumerate() {
-            let may = known.stands_in && !self.rests_on_a_doubted_one(settings, known);
+            let may = known.may_replace(self.sensors[place].is_frozen())
+                && !self.rests_on_a_doubted_one(settings, known);
             let sensor = &mut self.sensors[place];
             let Some((since, frozen)) = sensor.distrusted().filter(|_| !sensor.is_suspected()) else {
                 continue;
@@ -382,7 +383,8 @@ impl Watch {
         machine: &Machine,
     ) -> Option<f64> {
         let (sensor, known) = (&self.sensors[place], settings.sensors().get(place)?);
-        let may = known.stands_in && sensor.is_suspected() && !self.rests_on_a_doubted_one(settings, known);
+        let may =
+            known.may_replace(true) && sensor.is_suspected() && !self.rests_on_a_doubted_one(settings, known);
         let (since, frozen) = sensor.distrusted().filter(|_| may)?;
         let says = says(sensor, known.signal, sensor.said()?, Some(machine));
         let instead = Instead { signal: known.signal, frozen, since, says };

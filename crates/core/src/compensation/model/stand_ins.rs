@@ -26,10 +26,23 @@ pub struct Described {
     pub signal: SignalId,
     /// Threshold θ, °C. A prediction that moved by more while the reading was constant shows that the sensor is frozen.
     pub threshold: f64,
-    /// The prediction is good enough to be used as a stand-in. A prediction from a single other sensor never is.
+    /// The prediction replaces a lost sensor. It is `false` if a model without the sensor leaves less residual error.
+    /// A frozen sensor is replaced in both cases. A prediction from a single other sensor replaces nothing.
     pub stands_in: bool,
     /// Gain of each input, °C per °C.
     pub terms: Vec<(Input, f64)>,
+}
+
+/// Faults of a sensor in which its stand-in is used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Replaces {
+    /// None: the prediction depends on a single other sensor.
+    Nothing,
+    /// A frozen sensor. A model without the sensor is better if the sensor is lost, because the stand-in of a lost sensor
+    /// may be used for days. The stand-in of a frozen sensor starts from its last reading, and replaces a wrong value.
+    Frozen,
+    /// A frozen or lost sensor.
+    FrozenOrLost,
 }
 
 /// Sensor that is predicted from others.
@@ -37,7 +50,7 @@ pub struct Described {
 pub(in crate::compensation) struct VirtualSensor {
     pub(in crate::compensation) signal: SignalId,
     pub(in crate::compensation) threshold: f64,
-    pub(in crate::compensation) stands_in: bool,
+    pub(in crate::compensation) replaces: Replaces,
     /// Number of predictors.
     pub(in crate::compensation) others: usize,
     /// Indices in the bank, with their gains.
@@ -50,6 +63,17 @@ pub(in crate::compensation) struct Predictor {
     pub(in crate::compensation) input: Input,
     /// Index of the virtual sensor of the same signal; `None` if there is none.
     pub(in crate::compensation) sensor: Option<usize>,
+}
+
+impl VirtualSensor {
+    /// Returns whether the stand-in may be used. `frozen`: the sensor is frozen; otherwise it is lost.
+    pub(in crate::compensation) fn may_replace(&self, frozen: bool) -> bool {
+        match self.replaces {
+            Replaces::Nothing => false,
+            Replaces::Frozen => frozen,
+            Replaces::FrozenOrLost => true,
+        }
+    }
 }
 
 impl StandIns {
@@ -72,8 +96,12 @@ impl StandIns {
             others.sort();
             others.dedup();
             let Described { signal, threshold, .. } = *sensor;
-            let stands_in = sensor.stands_in && others.len() >= FEWEST;
-            sensors.push(VirtualSensor { signal, threshold, stands_in, others: others.len(), terms });
+            let replaces = match sensor.stands_in {
+                _ if others.len() < FEWEST => Replaces::Nothing,
+                true => Replaces::FrozenOrLost,
+                false => Replaces::Frozen,
+            };
+            sensors.push(VirtualSensor { signal, threshold, replaces, others: others.len(), terms });
         }
         StandIns { sensors, bank, fingerprint }
     }
@@ -83,9 +111,9 @@ impl StandIns {
         self.fingerprint
     }
 
-    /// Returns the watched sensors in the file's order. The boolean tells whether a stand-in can be used.
-    pub fn watched(&self) -> impl Iterator<Item = (SignalId, bool)> + '_ {
-        self.sensors.iter().map(|sensor| (sensor.signal, sensor.stands_in))
+    /// Returns the watched sensors in the file's order, each with the use of its stand-in.
+    pub fn watched(&self) -> impl Iterator<Item = (SignalId, Replaces)> + '_ {
+        self.sensors.iter().map(|sensor| (sensor.signal, sensor.replaces))
     }
 
     /// Returns the predictors of a sensor. A signal with several lags occurs several times.

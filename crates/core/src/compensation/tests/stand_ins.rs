@@ -4,7 +4,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::compensation::model::envelope::Identified;
-use crate::compensation::model::stand_ins::Described;
+use crate::compensation::model::stand_ins::{Described, Replaces};
 use crate::compensation::model::{Envelope, Outside, StandIns};
 use crate::quantity::of;
 
@@ -225,10 +225,38 @@ fn a_frozen_sensor_that_nobody_stands_in_for_is_reported_and_its_reading_is_used
 }
 
 #[test]
+fn a_prediction_that_does_not_replace_a_lost_sensor_replaces_a_frozen_one() {
+    let sensor = |signal: SignalId, others: [SignalId; 2]| Described {
+        signal,
+        threshold: THRESHOLD,
+        stands_in: false,
+        terms: others.map(|other| Described::term(other, None, 0.5)).to_vec(),
+    };
+    let mut settings = settings(1);
+    let sensors = vec![sensor(BED, [WHEELHEAD, COLUMN]), sensor(WHEELHEAD, [BED, COLUMN])];
+    settings.models[0].stand_ins = Some(StandIns::new(sensors, 1));
+    let mut twins = Twins::new(0.05);
+    twins.failing = Rig::new(settings);
+    twins.run(60.0);
+    twins.freeze(BED);
+    let (_, decision) = twins.run(20.0);
+    assert_eq!((decision.model, decision.stood_in.map(|found| found.signal)), (Some(0), Some(BED)));
+    assert!(twins.run(300.0).0 < 0.5);
+    twins.frozen[BED.0] = None;
+    assert_eq!(twins.run(90.0).1.stood_in, None);
+    twins.lost[BED.0] = true;
+    let (_, decision) = twins.run(20.0);
+    assert_eq!((decision.model, decision.stood_in), (Some(1), None), "a lost one: the model without it");
+}
+
+#[test]
 fn one_other_sensor_stands_in_for_none_and_still_finds_a_frozen_one() {
     let mut twins = Twins::new(0.05);
     let watched = stand_ins(1).watched().collect::<Vec<_>>();
-    assert_eq!(watched, [(BED, true), (WHEELHEAD, true), (COLUMN, false)]);
+    assert_eq!(
+        watched,
+        [(BED, Replaces::FrozenOrLost), (WHEELHEAD, Replaces::FrozenOrLost), (COLUMN, Replaces::Nothing)]
+    );
     twins.run(60.0);
     twins.freeze(COLUMN);
     assert_eq!(twins.run(20.0).1.stood_in, None);

@@ -20,7 +20,7 @@ use crate::Profile;
 use crate::error::allowed;
 use crate::tables::At;
 use isotherm_core::compensation::model::StandIns;
-use isotherm_core::compensation::model::stand_ins::Described;
+use isotherm_core::compensation::model::stand_ins::{Described, Replaces};
 use isotherm_core::reading::SignalId;
 
 /// Largest number of sensors in a file and of terms per sensor. One step computes a minute of them.
@@ -136,17 +136,18 @@ fn fingerprint(bytes: &[u8]) -> u64 {
 
 /// Describes which sensors are monitored, and which can be replaced.
 pub(super) fn preview(profile: &Profile, stand_ins: &StandIns) -> String {
-    let named = |wanted: bool| -> Vec<&str> {
-        let found = stand_ins.watched().filter(|(_, stands_in)| *stands_in == wanted);
-        found.map(|(signal, _)| profile.signal(signal).name.as_str()).collect()
-    };
-    let (with, without) = (named(true), named(false));
-    let mut text = format!("{} sensors are watched for standing still", with.len() + without.len());
-    if !with.is_empty() {
-        text += &format!("; others stand in for {}", with.join(", "));
-    }
-    if !without.is_empty() {
-        text += &format!("; not for {}", without.join(", "));
+    let mut text = format!("{} sensors are watched for frozen readings", stand_ins.watched().count());
+    let groups = [
+        (Replaces::FrozenOrLost, "other sensors replace"),
+        (Replaces::Frozen, "they replace only while frozen, not if lost,"),
+        (Replaces::Nothing, "they do not replace"),
+    ];
+    for (wanted, words) in groups {
+        let found = stand_ins.watched().filter(|(_, replaces)| *replaces == wanted);
+        let names: Vec<&str> = found.map(|(signal, _)| profile.signal(signal).name.as_str()).collect();
+        if !names.is_empty() {
+            text += &format!("; {words} {}", names.join(", "));
+        }
     }
     text
 }
