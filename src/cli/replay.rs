@@ -43,13 +43,17 @@ pub use spans::{AxisSpans, LeftOut, Span};
 use summary::Tally;
 pub use summary::{AxisSummary, Difference, ErrorSummary, Range, Reproduced, Summary};
 
-/// The gateway's own step over a recorded log: every stage of Cz, and the error before and after where the log has one.
+/// Computes the decisions of a recorded log again with the code of the gateway.
 ///
-/// The summary says when a sensor was replaced and by what, when one was suspected of being frozen, and when and why an axis held.
+/// The rows have every stage of Cz, and the error before and after compensation if the log has a measured error.
 ///
-/// A log is CSV: a column `time` (seconds, RFC 3339, or `05.01.2026 06:00:10` by the clock of --zone), one column per signal in
-/// its unit, `<axis>_error_um` where the error was measured. Missing values are empty. What the outputs of a gateway did (`NAME-DATE.outputs.csv`) is
-/// replayed with the log that it stands beside, or alone.
+/// The summary says when a sensor was replaced and by what, and when a sensor was suspected of being frozen. It also
+/// says when and why an axis held.
+///
+/// A log is CSV with a column `time` and one column for each signal in its unit. `time` is in seconds, RFC 3339, or
+/// `05.01.2026 06:00:10` by the clock of --zone. `<axis>_error_um` is the measured error, if there is one. Missing
+/// values are empty. A log of outputs (`NAME-DATE.outputs.csv`) is replayed with the log of the decisions in the same
+/// directory, or alone.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:\n  isotherm replay my-machine.toml monday.csv --out replayed.csv")]
 pub(super) struct Arguments {
@@ -60,10 +64,10 @@ pub(super) struct Arguments {
     recording: PathBuf,
     #[command(flatten)]
     zone: LogZone,
-    /// Where the replayed rows go
+    /// Writes the replayed rows to this file
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
-    /// One JSON document
+    /// Prints one JSON document
     #[arg(long)]
     json: bool,
 }
@@ -96,7 +100,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 fn run_outputs(arguments: &Arguments, log: impl Read, name: &str) -> anyhow::Result<()> {
     if arguments.out.is_some() {
         let why = format!(
-            "{name} is a log of outputs, which has no stages of Cz: leave --out away, or name the log of the decisions"
+            "{name} is a log of outputs, which has no stages of Cz: leave out --out, or name the log of the \
+             decisions"
         );
         anyhow::bail!(why);
     }
