@@ -104,10 +104,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for name in &names {
         let shown = beside.join(name);
         if secrets.contains(name) && !arguments.secrets {
-            say_beside!("left out, because it is secret: {} (--secrets takes it along)", shown.display());
+            say_beside!("left out, because it is secret: {} (--secrets includes it)", shown.display());
         } else if !is_below(Path::new(name)) {
             say_beside!(
-                "left out, because it does not lie beside the profile: {}; copy it yourself",
+                "left out, because it is outside the profile's directory: {}; copy this file yourself",
                 shown.display()
             );
         } else {
@@ -119,7 +119,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let kept = gateway::backup::take(&directory, &profile.name).map_err(anyhow::Error::msg)?;
     if kept.is_none() {
-        say_beside!("there is no state of {} in {}: the backup has none", profile.name, directory.display());
+        say_beside!(
+            "there is no state of {} in {}: the backup contains no state",
+            profile.name,
+            directory.display()
+        );
     }
     files.extend(kept.into_iter().map(|(name, bytes)| (format!("{STATE}/{name}"), MODE, bytes)));
     let mut now = Vec::new();
@@ -138,15 +142,15 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let size = archive.len() as u64;
     anyhow::ensure!(
         size <= LARGEST,
-        "the backup would be larger than {} MB, and could not be restored",
+        "the backup would be larger than {} MB, and `isotherm restore` would reject it",
         LARGEST >> 20
     );
     let mode = if manifest.secrets { SECRET_MODE } else { MODE };
     write_new(file, &archive, mode, None).map_err(|error| match error.kind() {
-        ErrorKind::AlreadyExists => anyhow::anyhow!("{} is there already: give another name", file.display()),
+        ErrorKind::AlreadyExists => anyhow::anyhow!("{} exists already: give another name", file.display()),
         _ => anyhow::Error::new(error).context(format!("{} cannot be written", file.display())),
     })?;
-    let secret = if manifest.secrets { ", secret ones among them" } else { "" };
+    let secret = if manifest.secrets { ", including secret files" } else { "" };
     Ok(say!("{}: files of {}: {}{secret}", file.display(), profile.name, files.len())?)
 }
 

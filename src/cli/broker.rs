@@ -29,7 +29,7 @@ pub(super) fn check(profile: &Profile) -> Result<(), Errors> {
 /// This program was built without MQTT.
 #[cfg(not(feature = "mqtt"))]
 pub(super) fn check(profile: &Profile) -> Result<(), Errors> {
-    let help = "take a packaged program, or build it in: `cargo build --release --features mqtt`";
+    let help = "install a packaged program, or build one with MQTT: `cargo build --release --features mqtt`";
     let wrong = |mqtt: &isotherm_profile::Mqtt| mqtt.wrong("this program was built without MQTT", help);
     profile.mqtt.as_ref().map_or(Ok(()), |mqtt| Err(Errors(vec![wrong(mqtt)])))
 }
@@ -60,6 +60,6 @@ pub(super) async fn look(profile: &Profile) -> Option<Looked> {
     // Errors in these files have been reported already.
     let trust = tls::broker(mqtt).unwrap_or_default();
     let fault = probe(profile, mqtt, trust).await.err();
-    let well = "takes the gateway; nothing was published";
+    let well = "accepts the gateway; nothing was published";
     Some(Looked::at("broker", mqtt.broker.to_string(), well, fault.map(|fault| fault.to_string())))
 }

@@ -103,7 +103,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             let came = fault.as_ref().map_or("both answered".to_owned(), |fault| {
                 format!("{fault}: remove `pipeline` from bus {bus}")
             });
-            say!("  device {device}: two questions at a time: {came}")?;
+            say!("  device {device}: two requests at a time: {came}")?;
         }
         #[cfg(feature = "opcua")]
         nodes.iter().try_for_each(tell)?;
@@ -124,7 +124,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     broker.iter().try_for_each(Looked::judge)?;
     servers.iter().try_for_each(Looked::judge)?;
     let unfit = pairs.iter().find(|tried| tried.fault.is_some());
-    let unfit = unfit.map(|tried| format!("device {} does not bear two questions at a time", tried.device));
+    let unfit = unfit.map(|tried| format!("device {} does not support two requests at a time", tried.device));
     unfit.map_or(Ok(()), |unfit| Err(anyhow::anyhow!("{unfit}: remove `pipeline` from its bus")))
 }
 
@@ -164,7 +164,7 @@ fn judge(nodes: &[opcua::Inspected]) -> anyhow::Result<()> {
     let at = node.found.as_ref().map_or(String::new(), |found| format!(" at {}", found.node));
     let more = match unfit.count() {
         0 => String::new(),
-        more => format!(" (and {more} more that do not fit)"),
+        more => format!(" (and {more} more nodes with an error)"),
     };
     anyhow::bail!("{}{at}: {advice}{more}", node.of)
 }

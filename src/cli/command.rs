@@ -72,7 +72,8 @@ impl RunningGateway {
             }
             Answer::TooSoon(why) => anyhow::bail!("{why}"),
             Answer::Waits(said) => anyhow::bail!(
-                "{said}; it goes on waiting (`isotherm arm` stays and shows it, `isotherm disarm` ends it)"
+                "{said}; the request stays pending (`isotherm arm` waits for it, `isotherm disarm` cancels \
+                 it)"
             ),
         }
     }

@@ -98,7 +98,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         );
     }
     let outcome = super::runtime()?.block_on(show(arguments, profile, (plant, mill), sockets, page))?;
-    anyhow::ensure!(!outcome.failed, "something failed inside; run it again with --log info");
+    anyhow::ensure!(!outcome.failed, "an internal error occurred; run the demo again with --log info");
     Ok(())
 }
 
@@ -190,8 +190,9 @@ fn usable(profile: &Profile) -> anyhow::Result<()> {
     };
     let can::Inspected { bus, interface, state, advice, .. } = down;
     anyhow::bail!(
-        "{} needs a CAN interface, and {interface} is not usable: {state}; {}. Another one: --set \
-         bus.{bus}.interface=NAME. Where `ip` says \"Unknown device type\", the kernel has no CAN, as in most containers",
+        "{} needs a CAN interface, and {interface} is not usable: {state}; {}. To use another interface: \
+         --set bus.{bus}.interface=NAME. If `ip` prints \"Unknown device type\", the kernel does not support \
+         CAN, as in most containers",
         profile.name,
         advice.join("; ")
     )
@@ -260,9 +261,9 @@ fn report(
         say!("  {}: error range {before:.1} µm uncompensated, {after:.1} µm compensated", axis.axis)?;
     }
     if arguments.machine == linuxcnc::MACHINE {
-        say!("Z was moved by LinuxCNC, which cut a part meanwhile; its offset is what is counted here.")?;
+        say!("LinuxCNC moved Z and cut a part meanwhile. Only its offset is counted here.")?;
     }
-    say!("The virtual machine is ours; its day was not the one on which the coefficients were identified.")?;
+    say!("The machine is a simulation. The coefficients were identified on another simulated day.")?;
     published.map(source_lines).into_iter().flatten().try_for_each(|line| say!("{line}"))?;
     Ok(())
 }
@@ -270,7 +271,7 @@ fn report(
 /// Figures of the publication about this machine, one line for each axis.
 fn source_lines(published: &Published) -> Vec<String> {
     let micron = |value: Option<f64>| value.map_or("not published".to_owned(), |value| format!("{value} µm"));
-    let mut lines = vec![format!("Its source: {}", published.text)];
+    let mut lines = vec![format!("Source of the machine: {}", published.text)];
     lines.extend(published.axes.iter().map(|axis| {
         let (before, after) = (micron(axis.uncompensated_um), micron(axis.compensated_um));
         format!("  {}: uncompensated {before}, compensated {after}", axis.name)

@@ -65,7 +65,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     .map_err(|error| anyhow::anyhow!("the events in {} cannot be read: {error}", directory.display()))?;
     written?;
     if count == 0 && !arguments.json {
-        say_beside!("nothing happened at {machine} since {since}, as far as {} knows", directory.display());
+        say_beside!("no event of {machine} since {since} is recorded in {}", directory.display());
     }
     Ok(())
 }

@@ -62,8 +62,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let (directory, machine) = (running::directory(arguments.state.as_deref(), &profile)?, &profile.name);
     let none = || {
         format!(
-            "there are no logs of {machine} in {}: this machine has not run here yet, or with another state directory, which --state \
-             names, or `directory` in [history] of the profile",
+            "there are no logs of {machine} in {}. If the gateway ran with another state directory, name it \
+             with --state, or as `directory` in [history] of the profile",
             directory.display()
         )
     };
@@ -99,7 +99,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let (to, decided, happened) = (arguments.parquet.display(), decided.text(), happened.text());
         say!("{to}: decisions of {decided}; events of {happened}")?;
     }
-    anyhow::ensure!(failed == 0, "not written: {failed}; what is wrong is said above");
+    anyhow::ensure!(failed == 0, "days that were not written: {failed}; their errors are printed above");
     Ok(())
 }
 
@@ -153,6 +153,6 @@ impl Days {
     }
 
     fn text(&self) -> String {
-        format!("{} written, {} as they were", counted(self.written, "day"), self.unchanged)
+        format!("{} written, {} unchanged", counted(self.written, "day"), self.unchanged)
     }
 }

@@ -24,7 +24,7 @@ pub(super) fn once(profile: Profile, directory: PathBuf) -> anyhow::Result<Statu
         last = Some(status);
         false
     })?;
-    last.context("the devices could not be asked")
+    last.context("the devices could not be read")
 }
 
 /// Reads every device continuously. Calls `look` when all signals are read or their time is over, and then each second
@@ -105,7 +105,7 @@ pub(super) fn fieldbus(status: &Status) -> String {
     });
     let devices = status.devices.iter().map(|device| {
         let state = match (device.state, device.requests) {
-            ("never-answered", 0) => "nothing is read from it",
+            ("never-answered", 0) => "no signal is read from it",
             (state, _) => state,
         };
         let fault = if device.fault.is_empty() { String::new() } else { format!(": {}", device.fault) };

@@ -26,12 +26,13 @@ mod balls;
 mod prior;
 mod text;
 
-/// Identifies the model of an axis from logs: coefficients with their uncertainty, and the result on held-out days.
+/// Finds the model of an axis from logs: coefficients with their uncertainty, and the error that remains on held-out
+/// days.
 ///
-/// A log is CSV or Parquet, with a column `time`, `time_s` or `time_min`. `time` is in seconds, RFC 3339, or
-/// `05.01.2026 06:00:10` in the time zone of --zone. It has one column per signal of the profile, and the measured
-/// displacement error in µm. One file is one run: a warm-up of a cold machine. Faulty sensors are found, reported, and
-/// repaired or left out. Each run is held out in turn.
+/// A log is CSV or Parquet with a column `time`, `time_s` or `time_min`. `time` is in seconds, RFC 3339, or `05.01.2026
+/// 06:00:10` by the clock of --zone. The other columns are the signals of the profile, and the measured displacement
+/// error in µm. One file is one run: a warm-up from a cold machine on. Faulty sensors are reported, and mended or left
+/// out. Each run is held out in turn.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm identify my-machine.toml mon.csv tue.csv wed.csv --axis z --error z_error_um\n  isotherm identify my-machine.toml week.parquet --gap 2h --axis z --write z-model.toml --report z.html\n  isotherm identify --balls touches.csv --recorded mon.csv --out mon-drift.csv"
@@ -40,7 +41,7 @@ pub(super) struct Arguments {
     /// Profile of the machine, or the name of a shipped one
     #[arg(value_name = "PROFILE", required_unless_present = "balls")]
     path: Option<PathBuf>,
-    /// Overrides one key; may be repeated: `--set bus.cell.address=10.0.0.7:502`
+    /// Overrides one key, may be repeated: `--set bus.cell.address=10.0.0.7:502`
     #[arg(long, value_name = "KEY=VALUE", value_parser = super::key_and_value)]
     set: Vec<(String, String)>,
     /// Logs
@@ -48,48 +49,47 @@ pub(super) struct Arguments {
     logs: Vec<PathBuf>,
     #[command(flatten)]
     balls: balls::Touches,
-    /// Axis; may be omitted if the profile has only one
+    /// The axis; needed if the profile has several
     #[arg(long, value_name = "NAME")]
     axis: Option<String>,
     /// Column with the measured error e, µm [default: <axis>_error_um]
     #[arg(long, value_name = "COLUMN")]
     error: Option<String>,
-    /// Column with the Cz that acted on the error during the measurement, µm; none: no Cz acted [default: from the log
-    /// of the gateway]
+    /// The column with the Cz that acted on the error during the measurement, µm. `none` means that no Cz acted
+    /// [default: as a log of the gateway says]
     #[arg(long, value_name = "COLUMN")]
     cz: Option<String>,
-    /// Method of identification
+    /// Method that finds the model
     #[arg(long, value_parser = methods(), default_value = Method::default().name())]
     method: Method,
     /// Inputs, instead of every temperature of the profile and, for whitened, every speed
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     inputs: Vec<String>,
-    /// Inputs that are left out
+    /// Inputs to leave out
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     without: Vec<String>,
-    /// Inputs that are used although they look faulty
+    /// Inputs to keep although they look faulty
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     keep: Vec<String>,
     /// Time constants that are tried [default: 0s,6min,25min,100min; ridge-lag, sparse-lag, stepwise and position:
     /// 0s,3min,6min,12min,25min,50min,100min,200min; rbf and network: 0s,12min,50min]
     #[arg(long, value_name = "TIME", value_delimiter = ',', value_parser = humantime::parse_duration)]
     lags: Vec<Duration>,
-    /// whitened: maximum number of sensors of the model; those with the smallest residual error on held-out runs are
-    /// chosen
+    /// whitened: largest number of sensors in the model. Those with the smallest error of held-out runs are chosen
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     sensors: Option<u16>,
-    /// whitened: existing model, from --write or a profile; gains are shrunk towards its gains instead of towards zero.
-    /// For one new day of the same machine after a repair, or of a similar machine; with two days or more it has no
-    /// advantage
+    /// whitened: an existing model, from --write or from a profile. The gains are drawn towards its gains instead of
+    /// towards zero. Use it for one new day of the same machine after a repair, or of a sister machine. With two or more
+    /// days it has no advantage
     #[arg(long, value_name = "MODEL.toml")]
     prior: Option<PathBuf>,
-    /// sparse-lag, stepwise, lag and position: maximum number of terms of the model
+    /// sparse-lag, stepwise, lag and position: largest number of terms in the model
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     terms: Option<u16>,
-    /// rbf: radial basis functions of each of the five models that are averaged
+    /// rbf: number of radial basis functions in each of the five models that are averaged
     #[arg(long, value_name = "N", default_value_t = 20)]
     centres: usize,
-    /// network: neurons of each of the five networks that are averaged
+    /// network: number of neurons in each of the five networks that are averaged
     #[arg(long, value_name = "N", default_value_t = 8)]
     neurons: usize,
     /// rbf, network: seed of the random numbers; the same seed gives the same model
@@ -98,16 +98,16 @@ pub(super) struct Arguments {
     /// Rows closer than this count as one sample in F tests
     #[arg(long, value_name = "TIME", default_value = "30min", value_parser = humantime::parse_duration)]
     independent: Duration,
-    /// Validates with a simulated probe that measures the error at this interval and removes it
+    /// Judges the model with a probe that measures the error at this interval and removes it
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     probe: Option<Duration>,
-    /// Time over which rows are averaged, after the lags; 0s keeps them as they are
+    /// Rows are averaged over this time, after the lags; 0s switches averaging off
     #[arg(long, value_name = "TIME", default_value = "1min", value_parser = humantime::parse_duration)]
     resample: Duration,
-    /// Signal of the axis position, for errors measured at several positions (--method position)
+    /// Signal with the position of the axis, for errors measured at several positions (--method position)
     #[arg(long, value_name = "SIGNAL")]
     position: Option<String>,
-    /// Position at which the slope adds nothing, mm
+    /// Position at which the slope adds nothing to Cz, mm
     #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true)]
     position_reference: f64,
     /// two-source: runs in which the spindle waits
@@ -116,29 +116,28 @@ pub(super) struct Arguments {
     /// two-source: sensors of the first source
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     first: Vec<String>,
-    /// two-source: sensors of the second source
+    /// two-source: the sensors of the second source
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     second: Vec<String>,
     #[command(flatten)]
     runs: Runs,
-    /// Writes the [[axis.…model]] block, and next to it the files that it names
+    /// Writes the [[axis.…model]] block, and the files that it names next to it
     #[arg(long, value_name = "MODEL.toml")]
     write: Option<PathBuf>,
-    /// Writes the block, and models for lost sensors, even if they fail: that is, if they are worse than no
-    /// compensation on more than a third of six or more held-out runs
+    /// Also writes a block, and models for lost sensors, that make too many runs worse than without compensation. Too many
+    /// are more than a third of six or more held-out runs
     #[arg(long, requires = "write")]
     force: bool,
-    /// Writes a page with charts that can be sent to anyone: one file for any browser
+    /// Writes a page with pictures in one file, for any browser
     #[arg(long, value_name = "OUT.html")]
     report: Option<PathBuf>,
-    /// Writes each run in which a faulty sensor was repaired as a CSV file into this directory: as used for learning,
-    /// and as recorded
+    /// Writes each run with a mended sensor as a CSV file to this directory, with the values that were used and recorded
     #[arg(long, value_name = "DIR")]
     mended: Option<PathBuf>,
-    /// Action of the axis outside its envelope, for the block
+    /// Action of the axis outside the envelope of the model
     #[arg(long, value_parser = outsides(), default_value = "agree")]
     outside: Outside,
-    /// One JSON document
+    /// Prints one JSON document
     #[arg(long)]
     json: bool,
 }
@@ -160,10 +159,10 @@ fn methods() -> impl TypedValueParser<Value = Method> {
 
 fn outsides() -> impl TypedValueParser<Value = Outside> {
     one_of([
-        (Outside::Agree, "agree", "Follows the model as far as its two halves agree, if it has them"),
-        (Outside::Warn, "warn", "Follows the model all the same"),
-        (Outside::Hold, "hold", "Keeps Cz"),
-        (Outside::Shrink, "shrink", "Follows it less and less"),
+        (Outside::Agree, "agree", "Follows the model as far as the two models whose mean it is agree"),
+        (Outside::Warn, "warn", "Follows the model"),
+        (Outside::Hold, "hold", "Keeps the last Cz"),
+        (Outside::Shrink, "shrink", "Follows the model less with increasing distance"),
     ])
 }
 
@@ -174,7 +173,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if ["csv", "parquet"].iter().any(|log| ending.eq_ignore_ascii_case(log)) {
         let log = path.display();
         anyhow::bail!(
-            "{log} is a log; the machine's profile comes first: isotherm identify my-machine.toml {log} …"
+            "{log} is a log; name the machine's profile first: isotherm identify my-machine.toml {log} …"
         );
     }
     let profile = load_quietly(path, &arguments.set, arguments.json)?.profile;
@@ -254,7 +253,7 @@ fn find(
 /// Writes a file for each of these runs. The directory is created if it does not exist.
 fn write_mended(directory: &Path, runs: &[(String, String)], beside: &mut Beside) {
     if runs.is_empty() {
-        beside.say("nothing was mended, so no file says what".to_owned());
+        beside.say("no sensor was mended, so no file is written".to_owned());
         return;
     }
     // If the directory cannot be created, writing each file fails and is reported.

@@ -70,22 +70,27 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(file) = arguments.file.as_deref().filter(|file| file.exists()) {
-        anyhow::bail!("{} is there already, and nothing is overwritten: name another file", file.display());
+        anyhow::bail!("{} exists already and is not overwritten: name another file", file.display());
     }
     let answers = ask(arguments, &mut std::io::stdin().lock(), &mut Out)?;
     let file = arguments.file.clone().unwrap_or_else(|| format!("{}.toml", answers.machine).into());
     let text = text::profile(&answers);
     isotherm_profile::parse(&file, &text, &[], &[]).map_err(|errors| {
-        anyhow::anyhow!("{errors}\nwith these answers the profile would have errors; it is not written")
+        anyhow::anyhow!(
+            "{errors}\nthe profile is not written, because with these answers it would have errors"
+        )
     })?;
     new_file::create(&file, &text)?;
     let shown = file.display();
     say!("{shown} is written. Next:")?;
     for (verb, what) in [
-        ("check", "what it says, and what would be read and written"),
-        ("check --online", "asks every device; reads only"),
+        ("check", "shows what the profile means, and what would be read and written"),
+        ("check --online", "also reads from every device, and writes nothing"),
         ("record --out day-1.csv", "records a day; measure the error meanwhile"),
-        ("identify day-1.csv day-2.csv", "finds the coefficients; paste its block over the one in comments"),
+        (
+            "identify day-1.csv day-2.csv",
+            "finds the coefficients; replace the model in comments by its output",
+        ),
     ] {
         let (verb, more) = verb.split_once(' ').unwrap_or((verb, ""));
         let command = format!("isotherm {verb} {shown} {more}");
@@ -106,7 +111,7 @@ fn ask(arguments: &Arguments, input: &mut dyn BufRead, out: &mut dyn Write) -> a
     let where_ = "The thermocouple module's address (192.168.0.10:502) or serial port (/dev/ttyUSB0)";
     let line = questions.ask("bus", given(&arguments.bus), (where_, "192.168.0.10:502"), Line::parse)?;
     if arguments.module.is_none() && !arguments.yes {
-        questions.show("Modules that are known, by their templates:")?;
+        questions.show("Known modules, by their templates:")?;
         for outline in on_modbus().filter(|outline| !outline.temperatures.is_empty()) {
             questions.show(&format!("  {:<26} {}", outline.name, outline.title))?;
         }
@@ -114,17 +119,19 @@ fn ask(arguments: &Arguments, input: &mut dyn BufRead, out: &mut dyn Write) -> a
     let what = "The module's template, or none";
     let module = questions.ask("module", given(&arguments.module), (what, "none"), Module::parse)?;
     let variant = variant(&mut questions, module.outline(), given(&arguments.variant))?;
-    let unit = questions.ask("unit", given(&arguments.unit), ("Its unit", "1"), answers::unit)?;
+    let unit = questions.ask("unit", given(&arguments.unit), ("The module's unit", "1"), answers::unit)?;
     let most = module.channels();
-    let what = format!("What it measures, in the order of its channels, at most {most} names");
+    let what = format!("Names of the measured temperatures, in the order of the channels, at most {most}");
     let names = |text: &str| answers::signals(text, most);
     let signals = questions.ask("signals", given(&arguments.signals), (&what, "bed,column"), names)?;
-    let axis = questions.ask("axis", given(&arguments.axis), ("The axis that grows", "z"), answers::name)?;
-    let most = "The most that its Cz may ever be, µm";
+    let axis =
+        questions.ask("axis", given(&arguments.axis), ("The axis to compensate", "z"), answers::name)?;
+    let most = "Largest absolute value of its Cz, µm";
     let limit = questions.ask("limit", given(&arguments.limit), (most, "40"), answers::limit)?;
     if arguments.output.is_none() && !arguments.yes {
         questions.show(
-            "Controls that are known, by their templates; any other takes a register, as holding:104:",
+            "Known controls, by their templates; for any other control, give a register, for example \
+             holding:104:",
         )?;
         for outline in on_modbus().filter(|outline| !outline.targets.is_empty()) {
             questions.show(&format!(
@@ -136,17 +143,21 @@ fn ask(arguments: &Arguments, input: &mut dyn BufRead, out: &mut dyn Write) -> a
         }
     }
     let target = |text: &str| Target::parse(text, &axis);
-    let what = "Where Cz goes: the control's template, or its register";
+    let what = "Target of Cz: the control's template, or a register";
     let target = questions.ask("output", given(&arguments.output), (what, "holding:104"), target)?;
     let what = "The control's address or serial port, or `same` for the module's line";
     let same = |text: &str| if text == "same" { Ok(None) } else { Line::parse(text).map(Some) };
     let control = questions.ask("control", given(&arguments.control), (what, "same"), same)?;
     let other = if control.is_none() && unit == 1 { "2" } else { "1" };
-    let control_unit =
-        questions.ask("control-unit", given(&arguments.control_unit), ("Its unit", other), answers::unit)?;
+    let control_unit = questions.ask(
+        "control-unit",
+        given(&arguments.control_unit),
+        ("The control's unit", other),
+        answers::unit,
+    )?;
     if control.is_none() && control_unit == unit {
         say_beside!(
-            "module and control are both unit {unit} of one line: that works only where they are one device"
+            "module and control are both unit {unit} of one line: this works only if they are one device"
         );
     }
     Ok(Answers { machine, line, module, variant, unit, signals, axis, limit, target, control, control_unit })
@@ -160,7 +171,7 @@ fn variant(
     let Some(outline) = outline.filter(|outline| !outline.variants.is_empty()) else { return Ok(None) };
     let variants = &outline.variants;
     let usual = variants.iter().find(|variant| *variant == "K").or_else(|| variants.first());
-    let what = format!("Its variant: {}", variants.join(", "));
+    let what = format!("The template's variant: {}", variants.join(", "));
     let known = |text: &str| {
         let found = variants.iter().find(|variant| variant.eq_ignore_ascii_case(text));
         found.cloned().ok_or_else(|| isotherm_profile::allowed(text, variants.iter().map(String::as_str)))

@@ -22,10 +22,10 @@ pub(super) fn cannot_be_written(path: &Path, error: &Error) -> anyhow::Error {
     let path = path.display();
     match error.kind() {
         ErrorKind::AlreadyExists => {
-            anyhow::anyhow!("{path} is there already, and nothing is overwritten: name another file")
+            anyhow::anyhow!("{path} exists already and is not overwritten: name another file")
         }
         ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => anyhow::anyhow!(
-            "{path} cannot be written: {}; make room there, or name a file on another disk",
+            "{path} cannot be written: {}; free space on that disk, or name a file on another disk",
             system(error)
         ),
         _ => {

@@ -22,7 +22,8 @@ pub(super) fn hindered(profile: &Profile) -> Vec<String> {
         let token = notify.token_file.as_ref().and_then(|path| read_token(path).err());
         let trust = notify.url.tls.then(|| trust(notify).err()).flatten();
         let said = token.into_iter().chain(trust);
-        said.map(|why| format!("{}: {why}: nothing is posted without it", notify.name)).collect::<Vec<_>>()
+        said.map(|why| format!("{}: {why}. The gateway posts no message without this file", notify.name))
+            .collect::<Vec<_>>()
     };
     profile.notify.iter().flat_map(of).collect()
 }
@@ -42,7 +43,7 @@ pub(super) fn look(profile: &Profile) -> anyhow::Result<Vec<Looked>> {
         let mut looked = Vec::new();
         for (notify, look) in looks {
             let fault = look.await?.err().map(|fault| fault.to_string());
-            let well = "is there; nothing was posted";
+            let well = "is reachable; no message was posted";
             looked.push(Looked::at(&notify.name, notify.url.to_string(), well, fault));
         }
         anyhow::Ok(looked)

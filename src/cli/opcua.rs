@@ -16,8 +16,9 @@ mod trust;
 /// Makes and shows the gateway's own certificate of an OPC UA line, or shows and trusts the server's certificate.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  isotherm opcua certificate my-machine.toml     makes it where there is none, and shows it\n  \
-                  isotherm opcua trust my-machine.toml           shows the server's, asks, and puts it among those that are trusted"
+    after_help = "Examples:\n  isotherm opcua certificate my-machine.toml     makes the certificate if there \
+                  is none, and shows it\n  isotherm opcua trust my-machine.toml           shows the server's \
+                  certificate, and trusts it if you confirm"
 )]
 pub(super) struct Arguments {
     #[command(subcommand)]
@@ -71,8 +72,8 @@ impl LineArguments {
         let (bus, line) = self.line(&profile)?;
         let (Some((cert, key)), Some(trusted)) = (&line.own, &line.trusted_in) else {
             anyhow::bail!(
-                "bus {} is not secured, and shows no certificate: write security = \"sign-and-encrypt\", `cert`, `key` and \
-                 `trusted`, where the server can do it (`isotherm scan --bus {}` tells)",
+                "bus {} is not secured, and uses no certificate: write security = \"sign-and-encrypt\", \
+                 `cert`, `key` and `trusted` if the server supports it (`isotherm scan --bus {}` shows this)",
                 bus.name,
                 bus.address
             );
@@ -95,11 +96,14 @@ impl LineArguments {
         match (&self.bus, lines.as_slice()) {
             (_, []) => anyhow::bail!("the profile has no bus of type \"opcua\""),
             (None, [one]) => Ok(*one),
-            (None, _) => anyhow::bail!("--bus is missing; OPC UA are: {}", names.join(", ")),
+            (None, _) => anyhow::bail!("--bus is missing; the OPC UA buses are: {}", names.join(", ")),
             (Some(name), _) => match names.iter().position(|known| known == name) {
                 Some(place) => Ok(lines[place]),
                 None => {
-                    anyhow::bail!("`{name}` is no bus of type \"opcua\"; those are: {}", names.join(", "))
+                    anyhow::bail!(
+                        "`{name}` is no bus of type \"opcua\"; the OPC UA buses are: {}",
+                        names.join(", ")
+                    )
                 }
             },
         }

@@ -51,7 +51,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         super::refuse("name a PROFILE, or a line and what to read: --bus tcp://HOST --register holding:0")
     };
     if arguments.target.bus.is_some() || arguments.target.timeout.is_some() {
-        super::refuse("--bus and --timeout want --register: what to read")
+        super::refuse("--bus and --timeout need --register, the register to read")
     }
     let document = |status: &Status| serde_json::json!({ "now": status.now, "signals": status.signals });
     let directory = known_directory(profile.history.directory.as_deref());

@@ -59,7 +59,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         anyhow::bail!("{}", nothing_left(output, is_present, left));
     }
     if let Some(returning) = of_output.iter().find(|one| one["state"] == "returning") {
-        let said = format!("output {output}: on its way back already: {}", way(returning));
+        let said = format!("output {output}: is being released already: {}", way(returning));
         return gateway.print(Ok(Answer::Done(said)));
     }
     let obstacle = |one: &&&Value| one["obstacle"].as_str().map(str::to_owned);
@@ -73,7 +73,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let seen: Vec<f64> = can.iter().map(|one| seen(one)).collect();
     say_beside!(
-        "The gateway is restarted for it as by `isotherm restart --keep`, with the profile as it is now."
+        "For the release, the gateway is restarted as by `isotherm restart --keep`, with the current profile."
     );
     anyhow::ensure!(*yes || is_wanted()?, "nothing is released");
     let replaced = control::release(&socket, (output, &seen), within, |said| say_beside!("{said}"));
@@ -88,9 +88,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 fn is_wanted() -> anyhow::Result<bool> {
     anyhow::ensure!(
         std::io::stdin().is_terminal(),
-        "nobody is asked where there is no terminal, and nothing is released: add --yes"
+        "nothing is released, because there is no terminal for the question: add --yes"
     );
-    say_beside!("Take it back to its base? Type {YES}:");
+    say_beside!("Return the register to its base? Type {YES}:");
     Ok(typed()?.is_some_and(|text| text.trim() == YES))
 }
 
@@ -104,11 +104,12 @@ fn nothing_left(output: &str, is_present: bool, left: &[Value]) -> String {
     };
     match is_present {
         true => format!(
-            "the running gateway writes to output {output} where its profile says, and left nothing in another register of it; to \
-             release its register, move or remove the output in the profile first and run `isotherm restart --keep`; {others}"
+            "the running gateway writes to output {output} as its profile says, and no other register has an \
+             offset of this output. To release the register, first move or remove the output in the profile, \
+             and run `isotherm restart --keep`; {others}"
         ),
         false => format!(
-            "nothing of ours is in a register of an output {} that was moved or removed; {others}",
+            "no moved or removed output {} has left an offset of the gateway in a register; {others}",
             quoted(output)
         ),
     }
@@ -123,7 +124,7 @@ fn not_released(status: &Value, output: &str) -> Option<String> {
             "{} holds {um:.1} µm: compare it at the control, and release it again",
             word(&left["register"])
         ),
-        None => format!("`isotherm events` says what became of {}", word(&left["register"])),
+        None => format!("`isotherm events` shows what happened to {}", word(&left["register"])),
     };
     Some(left["obstacle"].as_str().map_or_else(holds, str::to_owned))
 }
@@ -139,19 +140,22 @@ fn way(left: &Value) -> String {
     let micron = |key: &str| figure(key).map_or("an unknown part".to_owned(), |um| format!("{um:.1} µm"));
     let register = word(&left["register"]);
     let holds = match figure("found_um") {
-        None => format!("{} of ours were verified in {register}", micron("held_um")),
+        None => format!("{} of the gateway's offset were verified in {register}", micron("held_um")),
         Some(_) => format!(
-            "{register} held {} when it was read last, and {} of ours were verified in it before",
+            "{register} held {} when it was read last; before, {} of the gateway's offset were verified in \
+             it",
             micron("found_um"),
             micron("held_um")
         ),
     };
-    let beside =
-        figure("operator").map_or(String::new(), |part| format!(", beside {part} of the operator's"));
+    let beside = figure("operator").map_or(String::new(), |part| {
+        format!(", with an operator offset of {part} in the unit of the register")
+    });
     let bound = |key: &str| figure(key).map_or("unknown".to_owned(), |um| format!("{um} µm"));
     let seconds = figure("back_s").and_then(|seconds| Duration::try_from_secs_f64(seconds.ceil()).ok());
     format!(
-        "{holds}{beside}; it goes back to its base by at most {} an update and {}/s, within ±{}: about {}",
+        "{holds}{beside}; the register returns to its base by at most {} an update and {}/s, within ±{}: \
+         this takes about {}",
         bound("step_um"),
         bound("rate_um_per_s"),
         bound("limit_um"),
@@ -176,12 +180,16 @@ mod tests {
         });
         assert_eq!(
             way(&left),
-            "20.0 µm of ours were verified in holding:104 (40105) of unit 1 at 10.0.0.7:502; it goes back to its base by at most \
-             1 µm an update and 0.25 µm/s, within ±40 µm: about 1m 20s"
+            "20.0 µm of the gateway's offset were verified in holding:104 (40105) of unit 1 at 10.0.0.7:502; \
+             the register returns to its base by at most 1 µm an update and 0.25 µm/s, within ±40 µm: this \
+             takes about 1m 20s"
         );
         left["operator"] = 3.5.into();
         assert!(
-            way(&left).contains("at 10.0.0.7:502, beside 3.5 of the operator's; it goes"),
+            way(&left).contains(
+                "at 10.0.0.7:502, with an operator offset of 3.5 in the unit of the register; the register \
+                 returns"
+            ),
             "{}",
             way(&left)
         );
@@ -189,7 +197,7 @@ mod tests {
         left["found_um"] = 5.0.into();
         assert!((seen(&left) - 5.0).abs() < 1e-9);
         assert!(
-            way(&left).contains("held 5.0 µm when it was read last, and 20.0 µm of ours"),
+            way(&left).contains("held 5.0 µm when it was read last; before, 20.0 µm of the gateway's offset"),
             "{}",
             way(&left)
         );

@@ -44,14 +44,17 @@ pub use spans::{AxisSpans, LeftOut, Span};
 use summary::Tally;
 pub use summary::{AxisSummary, Difference, ErrorSummary, Range, Reproduced, Summary};
 
-/// Runs the gateway's own step over a recorded log: every stage of Cz, and the error before and after it if known.
+/// Computes the decisions of a recorded log again with the code of the gateway.
 ///
-/// The summary lists when a sensor was replaced and by what, and when one was suspected of being frozen. It also lists
-/// when and why an axis was on hold.
+/// The rows have every stage of Cz, and the error before and after compensation if the log has a measured error.
 ///
-/// A log is CSV with a column `time` (seconds, RFC 3339, or `05.01.2026 06:00:10` in the time zone of --zone). It has
-/// one column per signal in its unit, and `<axis>_error_um` if the error was measured. Missing values are empty. The
-/// log of a gateway's outputs (`NAME-DATE.outputs.csv`) is replayed together with the log next to it, or alone.
+/// The summary says when a sensor was replaced and by what, and when a sensor was suspected of being frozen. It also
+/// says when and why an axis held.
+///
+/// A log is CSV with a column `time` and one column for each signal in its unit. `time` is in seconds, RFC 3339, or
+/// `05.01.2026 06:00:10` by the clock of --zone. `<axis>_error_um` is the measured error, if there is one. Missing
+/// values are empty. A log of outputs (`NAME-DATE.outputs.csv`) is replayed with the log of the decisions in the same
+/// directory, or alone.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:\n  isotherm replay my-machine.toml monday.csv --out replayed.csv")]
 pub(super) struct Arguments {
@@ -62,10 +65,10 @@ pub(super) struct Arguments {
     recording: PathBuf,
     #[command(flatten)]
     zone: LogZone,
-    /// File for the replayed rows
+    /// Writes the replayed rows to this file
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
-    /// One JSON document
+    /// Prints one JSON document
     #[arg(long)]
     json: bool,
 }
@@ -98,7 +101,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 fn run_outputs(arguments: &Arguments, log: impl Read, name: &str) -> anyhow::Result<()> {
     if arguments.out.is_some() {
         let why = format!(
-            "{name} is a log of outputs, which has no stages of Cz: leave --out away, or name the log of the decisions"
+            "{name} is a log of outputs, which has no stages of Cz: leave out --out, or name the log of the \
+             decisions"
         );
         anyhow::bail!(why);
     }

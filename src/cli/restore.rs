@@ -58,7 +58,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let Manifest { machine, .. } = &manifest;
     if let (None, Some(directory)) = (&arguments.state, &manifest.state_directory) {
         let directory = one_line(&directory.display().to_string()).into_owned();
-        bail!("the profile keeps its state in {directory}: say --state {directory}, if that is right here");
+        bail!(
+            "the profile keeps its state in {directory}: add --state {directory} if this directory is right \
+             on this computer"
+        );
     }
     let directory = known_directory(arguments.state.as_deref());
     refuse_beside_a_gateway(&directory, machine)?;
@@ -93,8 +96,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let profile = arguments.to.join(&manifest.profile);
     let profile = profile.display();
     Ok(say!(
-        "{machine} as it was at {taken}: files written: {}, state in {}. What was written to its registers since is not known, so \
-         every axis is off until a person arms it.\nGo on with: isotherm check {profile}",
+        "{machine} as it was at {taken}: files written: {}, state in {}. What was written to its registers \
+         after the backup is not known. Every axis is off until an operator arms it.\nNext: isotherm check \
+         {profile}",
         planned.len(),
         directory.display()
     )?)
@@ -106,13 +110,14 @@ fn read(bytes: &[u8]) -> anyhow::Result<(Manifest, Vec<Vec<u8>>)> {
     // With `raw`, entries that only describe the next one (a long name, a size, holes) stay visible, and are rejected.
     let mut entries = archive.entries().context("it is no backup")?.raw(true);
     let first = entries.next().context("it is empty")?;
-    let text = plain(first, MANIFEST, LARGEST_MANIFEST).context("it is no backup of isotherm")?;
+    let text = plain(first, MANIFEST, LARGEST_MANIFEST).context("it is not a backup of isotherm")?;
     let manifest: Manifest = serde_json::from_slice(&text).map_err(|error| {
-        anyhow::anyhow!("its {MANIFEST} is not one of this program: {}", one_line(&error.to_string()))
+        anyhow::anyhow!("this program cannot read its {MANIFEST}: {}", one_line(&error.to_string()))
     })?;
     ensure!(
         manifest.form == FORM,
-        "it has the form {}, and this program knows {FORM}: restore it with the version that wrote it",
+        "its format is version {}, and this program reads version {FORM}: restore it with the version of \
+         isotherm that wrote it",
         manifest.form
     );
     check(&manifest)?;
@@ -126,17 +131,17 @@ fn read(bytes: &[u8]) -> anyhow::Result<(Manifest, Vec<Vec<u8>>)> {
         );
         files.push(found);
     }
-    ensure!(entries.next().is_none(), "there is more in it than its list says");
+    ensure!(entries.next().is_none(), "it contains more files than its manifest lists");
     Ok((manifest, files))
 }
 
 /// Reads a regular file with this name.
 fn plain(entry: std::io::Result<tar::Entry<'_, &[u8]>>, name: &str, largest: u64) -> anyhow::Result<Vec<u8>> {
     // The original error would quote the content, which may be secret.
-    let entry = entry.map_err(|_| anyhow::anyhow!("it is damaged, or no tar archive"))?;
+    let entry = entry.map_err(|_| anyhow::anyhow!("it is damaged, or is not a tar archive"))?;
     ensure!(
         entry.header().entry_type() == tar::EntryType::Regular && *entry.path_bytes() == *name.as_bytes(),
-        "where {name} must follow there is something else, as a link, a device or another name"
+        "the next entry must be the file {name}, but it is a link, a device or another file"
     );
     ensure!(entry.size() <= largest, "{name} is larger than {} MB", largest >> 20);
     let size = entry.size();
@@ -149,10 +154,10 @@ fn plain(entry: std::io::Result<tar::Entry<'_, &[u8]>>, name: &str, largest: u64
 /// Checks a manifest: no path leads outside its directory, no file has another mode than in a backup, and none occurs
 /// twice.
 fn check(manifest: &Manifest) -> anyhow::Result<()> {
-    ensure!(manifest.files.len() <= MOST_FILES, "its list is longer than {MOST_FILES} files");
+    ensure!(manifest.files.len() <= MOST_FILES, "its manifest lists more than {MOST_FILES} files");
     let is_plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
     let machine = &manifest.machine;
-    ensure!(!machine.is_empty() && machine.bytes().all(is_plain), "its machine has no name of a machine");
+    ensure!(!machine.is_empty() && machine.bytes().all(is_plain), "its manifest has no valid machine name");
     let mut known = std::collections::BTreeSet::new();
     for Entry { path, mode, .. } in &manifest.files {
         let shown = one_line(path);
@@ -160,17 +165,17 @@ fn check(manifest: &Manifest) -> anyhow::Result<()> {
         let is_clean = !path.chars().any(char::is_control) && !path.contains("//") && !path.contains("/./");
         ensure!(
             [PROFILE, STATE].contains(&room) && is_clean && is_below(Path::new(name)) && !name.ends_with('/'),
-            "{shown} in it would lie outside of the profile's and the state's directory"
+            "its file {shown} would be outside the directories of profile and state"
         );
         ensure!(room != STATE || !name.contains('/'), "{shown} is no file of a state directory");
         ensure!(
             [SECRET_MODE, MODE, PROFILE_MODE].contains(mode),
-            "{shown} in it has a mode that no backup gives"
+            "its file {shown} has a file mode that no backup uses"
         );
-        ensure!(known.insert(path), "{shown} is in it twice");
+        ensure!(known.insert(path), "it contains {shown} twice");
     }
     let profile = format!("{PROFILE}/{}", manifest.profile);
-    ensure!(known.contains(&profile), "the profile {} is not in it", one_line(&manifest.profile));
+    ensure!(known.contains(&profile), "it does not contain the profile {}", one_line(&manifest.profile));
     Ok(())
 }
 
@@ -191,16 +196,23 @@ fn is_to_be_written(to: &Path, name: &str, bytes: &[u8], taken: Moment) -> anyho
     for part in Path::new(name).components() {
         path.push(part);
         let is_link = path.symlink_metadata().is_ok_and(|found| found.is_symlink());
-        ensure!(!is_link, "{} is a link, and nothing is written through one: take it away", path.display());
+        ensure!(
+            !is_link,
+            "{} is a link, and a restore writes through no link: remove the link",
+            path.display()
+        );
     }
     let Ok(found) = path.metadata() else { return Ok(true) };
-    if regular::read(&path, LARGEST).with_context(|| format!("{} is in the way", path.display()))? == bytes {
+    if regular::read(&path, LARGEST)
+        .with_context(|| format!("{} exists and cannot be replaced", path.display()))?
+        == bytes
+    {
         return Ok(false);
     }
     let since_the_epoch = found.modified()?.duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
     ensure!(
         Moment::default().after(since_the_epoch) <= taken,
-        "{} is newer than the backup: restore into another directory (--to DIR), or move it away",
+        "{} is newer than the backup: restore into another directory (--to DIR), or move the newer file away",
         path.display()
     );
     Ok(true)

@@ -78,7 +78,7 @@ impl Replacement {
         let seal = |prepared: std::io::Result<Prepared>| {
             let sealed = prepared.and_then(|prepared| handover.seal(prepared, &digest));
             let report = |error: &std::io::Error| {
-                let what = "nothing is handed over to the new program, which starts as after any stop";
+                let what = "the state is not handed over, and the new program starts as after any stop";
                 say_beside!("isotherm: {what}: {error}");
             };
             sealed.inspect_err(report).ok()
@@ -86,9 +86,9 @@ impl Replacement {
         let sealed = seal(checked.map_or_else(|| Prepared::with(None), |checked| Ok(checked.prepared)));
         write_log(log);
         let why = program.start(sealed.as_ref());
-        say_beside!("isotherm: {why}; the program that ran before goes on in its place");
+        say_beside!("isotherm: {why}; the previous program continues instead");
         let error = program.start_own_image(seal(Prepared::with(own.as_ref())).as_ref());
-        anyhow::anyhow!("nothing has taken the place of this gateway, which has ended: {error}")
+        anyhow::anyhow!("this gateway has ended, and no other program has replaced it: {error}")
     }
 }
 
@@ -213,12 +213,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
     // A name lookup that has not ended must not delay the end.
     runtime.shutdown_background();
     let (outcome, checked, services) = outcome?;
-    anyhow::ensure!(!outcome.failed, "something failed inside (see above); {}", outcome.left);
-    anyhow::ensure!(
-        outcome.rested,
-        "stopped before the fault actions had come to their end; {}",
-        outcome.left
-    );
+    anyhow::ensure!(!outcome.failed, "an internal error occurred (see above); {}", outcome.left);
+    anyhow::ensure!(outcome.rested, "stopped before the fault actions were complete; {}", outcome.left);
     let Some((handover, program)) = outcome.handover.zip(program.ok()) else { return Ok(None) };
     Ok(Some(Replacement { program, handover, checked, own: kept, digest, _services: services }))
 }
@@ -240,8 +236,8 @@ fn check(arguments: &Arguments, socket: &Path) -> anyhow::Result<()> {
     let own = control::path(&directory, &profile.name);
     anyhow::ensure!(
         own == socket,
-        "another name of the machine, or another state directory, is another gateway ({} instead of {}): stop the one that runs, \
-         and start it again",
+        "the machine name or the state directory has changed, so this would be another gateway ({} instead \
+         of {}). Stop the running gateway, and start it again",
         own.display(),
         socket.display()
     );

@@ -60,7 +60,7 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.target.bus.is_none() && arguments.target.profile.is_none() {
-        super::refuse("name the line: --bus tcp://192.168.0.10:502, or a PROFILE with --bus NAME");
+        super::refuse("name a line: --bus tcp://192.168.0.10:502, or a PROFILE with --bus NAME");
     }
     let line = arguments.target.any(arguments.json)?;
     #[cfg(feature = "opcua")]
@@ -194,7 +194,7 @@ impl Seen {
                 self.ranges.push((unit, range));
             });
             if let Err(fault) = walked.await {
-                self.say(&format!("unit {unit}: given up: {fault}"));
+                self.say(&format!("unit {unit}: its other registers are skipped: {fault}"));
             }
         }
     }
@@ -218,7 +218,7 @@ impl Seen {
         let left = spent.mul_f64((self.questions - share) as f64 / share as f64);
         let _ = write!(
             stderr,
-            "\r\x1b[K{} of {} asked, {} found, some {} left",
+            "\r\x1b[K{} of {} requests sent, {} found, about {} left",
             self.asked,
             self.questions,
             self.found.len(),

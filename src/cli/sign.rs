@@ -36,8 +36,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let named = axis.or(profile.axes.first().map(|axis| axis.settings.name.as_str())).unwrap_or_default();
     if answer.is_none() {
         say_beside!(
-            "Put a dial gauge between tool and work, along {named}, and set it to zero (or look at the readout). Nobody is to \
-             be at the machine's movements. Enter moves the offset by +5 µm, Ctrl-C ends it."
+            "Put a dial gauge between tool and work, along {named}, and set it to zero (or look at the \
+             readout). Keep everyone away from the moving parts. Enter moves the offset by +5 µm, Ctrl-C \
+             ends the check."
         );
         typed()?;
     }
@@ -47,7 +48,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         Some(word) => moved(word),
         None => ask()?,
     };
-    let moved = moved.ok_or_else(|| anyhow::anyhow!("no answer; the offset goes back"))?;
+    let moved = moved.ok_or_else(|| anyhow::anyhow!("no answer; the gateway removes the offset"))?;
     let said = control::send(&socket, Command::Signed(moved), axis)?;
     if gateway.json {
         print_json(&serde_json::json!({
@@ -69,7 +70,8 @@ fn ask() -> anyhow::Result<Option<Moved>> {
     loop {
         let minutes = control::SIGN_ANSWERED_WITHIN.as_secs() / 60;
         say_beside!(
-            "Which way did it move? Type plus, minus or none within {minutes} minutes (Ctrl-C ends the check):"
+            "In which direction did the gauge move? Type plus, minus or none within {minutes} minutes \
+             (Ctrl-C ends the check):"
         );
         let Some(text) = typed()? else { return Ok(None) };
         if let Some(moved) = moved(text.trim()) {

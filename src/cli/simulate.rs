@@ -53,13 +53,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     if !profile.buses.is_empty() && profile.buses.iter().all(|bus| bus.transport == Transport::OpcUa) {
         anyhow::bail!(
-            "nothing of {} can be played: its buses are OPC UA servers, and none of those is",
+            "{} cannot be simulated: all its buses are OPC UA servers, which this verb does not simulate",
             profile.name
         )
     }
     let plant = plant(&arguments.profile.path, &profile)?;
     let with =
-        if plant.is_some() { "its plant" } else { "wandering values (no plant file beside the profile)" };
+        if plant.is_some() { "its plant" } else { "varying values (no plant file next to the profile)" };
     let setup = Setup { plant, seed: arguments.seed, faults, lived: arguments.from, ..Setup::default() };
     super::runtime()?.block_on(async {
         let mut signals = Signals::listen()?;
@@ -73,7 +73,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             let is = match bus.transport {
                 Transport::Serial(_) => "is the serial port",
                 Transport::Can => "is on the CAN interface",
-                Transport::OpcUa | Transport::Sysfs => "is not played at",
+                Transport::OpcUa | Transport::Sysfs => "is not simulated at",
                 Transport::Tcp | Transport::RtuOverTcp => "listens on",
             };
             say!("bus {name} {is} {address}: {}", devices.join(", "))?;
@@ -83,9 +83,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         for bus in profile.buses.iter() {
             match bus.transport {
-                Transport::OpcUa => say!("bus {} is an OPC UA server, and none of those is played", bus.name)?,
+                Transport::OpcUa => {
+                    say!("bus {} is an OPC UA server, which this verb does not simulate", bus.name)?
+                }
                 Transport::Sysfs => say!(
-                    "bus {} is not played: the gateway reads the real sensors in {} (another directory: --set bus.{}.address=DIRECTORY)",
+                    "bus {} is not simulated: the gateway reads the real sensors in {} (another directory: \
+                     --set bus.{}.address=DIRECTORY)",
                     bus.name,
                     bus.address,
                     bus.name

@@ -102,15 +102,16 @@ impl Line {
                 ("an OPC UA server", "`isotherm read --browse` shows its nodes")
             }
             Transport::OpcUa => {
-                ("an OPC UA server", "a program with OPC UA in it, as the packages have it, is needed")
+                ("an OPC UA server", "this program was built without OPC UA: install a packaged program")
             }
-            Transport::Sysfs => {
-                ("sensors of this computer", "`isotherm scan --bus DIRECTORY` lists them, as of /sys")
-            }
+            Transport::Sysfs => (
+                "sensors of this computer",
+                "`isotherm scan --bus DIRECTORY` lists them, for example of /sys",
+            ),
             Transport::Tcp | Transport::RtuOverTcp | Transport::Serial(_) => return Ok(()),
         };
         let name = self.known.as_ref().map_or(self.address.to_string(), |_| format!("bus {}", self.bus.name));
-        anyhow::bail!("{name} is {kind}, where nothing has registers; {instead}")
+        anyhow::bail!("{name} is {kind}, without registers; {instead}")
     }
 }
 
@@ -124,28 +125,29 @@ pub(super) fn units(text: &str) -> Result<(u8, u8), String> {
     let (from, to) = text.split_once("..").unwrap_or((text, text));
     match (from.trim().parse(), to.trim().parse()) {
         (Ok(from), Ok(to)) if from <= to => Ok((from, to)),
-        _ => Err(format!("`{text}` are no units; write 1..247 or 3, from 0 to 255")),
+        _ => Err(format!("`{text}` is no range of units; write 1..247 or 3, from 0 to 255")),
     }
 }
 
 /// Parses `holding:0..99` or `40001..40100`, both ends included. Returns the first register and the count.
 pub(super) fn range(text: &str) -> Result<(Register, u16), String> {
     const FORM: &str = "write holding:0..99";
-    let (from, to) = text.split_once("..").ok_or_else(|| format!("`{text}` is no stretch; {FORM}"))?;
+    let (from, to) =
+        text.split_once("..").ok_or_else(|| format!("`{text}` is no range of registers; {FORM}"))?;
     let first: Register = from.trim().parse()?;
     let to = to.trim();
     let last = match to.parse() {
         Ok(last) if from.contains(':') => last,
         _ => {
             let last = to.parse::<Register>();
-            last.map_err(|_| format!("`{to}` is no end of a stretch; {FORM}"))?.offset
+            last.map_err(|_| format!("`{to}` is no end of a range of registers; {FORM}"))?.offset
         }
     };
     let count = last.checked_sub(first.offset).and_then(|more| more.checked_add(1));
     let count = count.filter(|count| *count <= MOST);
     count
         .map(|count| (first, count))
-        .ok_or_else(|| format!("`{text}` is no stretch of 1 to {MOST} registers; {FORM}"))
+        .ok_or_else(|| format!("`{text}` is no range of 1 to {MOST} registers; {FORM}"))
 }
 
 /// Maximum number of registers of one scan. At 9600 baud it takes some minutes.

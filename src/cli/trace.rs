@@ -15,7 +15,7 @@ use crate::gateway::control;
 /// A trace changes nothing on the wire, and uses no processor time when it is not active. Times are UTC.
 #[derive(clap::Args, Debug)]
 #[command(
-    mut_arg("json", |json| json.help("One JSON document a line")),
+    mut_arg("json", |json| json.help("Prints one JSON document on each line")),
     after_help = "Examples:\n  isotherm trace my-machine.toml --device cnc\n  isotherm trace my-machine.toml --device cnc \
                   --for 10min --out cnc.log"
 )]

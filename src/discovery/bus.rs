@@ -98,7 +98,8 @@ impl FromStr for LineAddress {
         if text.starts_with('/') && !text.starts_with("/dev/") {
             return Ok(LineAddress { transport: Transport::Sysfs, address: text.to_owned() });
         }
-        let (scheme, rest) = text.split_once("://").ok_or_else(|| format!("`{text}` is no line; {FORMS}"))?;
+        let (scheme, rest) =
+            text.split_once("://").ok_or_else(|| format!("`{text}` is no address of a line; {FORMS}"))?;
         match scheme {
             "tcp" => Ok(LineAddress { transport: Transport::Tcp, address: host(rest, Some(PORT))? }),
             "rtu+tcp" => Ok(LineAddress { transport: Transport::RtuOverTcp, address: host(rest, None)? }),
@@ -107,7 +108,7 @@ impl FromStr for LineAddress {
                 let address = server_url(text).map_err(|(why, help)| format!("{why}; {help}"))?;
                 Ok(LineAddress { transport: Transport::OpcUa, address })
             }
-            _ => Err(format!("`{scheme}` is no kind of line; {FORMS}")),
+            _ => Err(format!("`{scheme}` is no type of line; {FORMS}")),
         }
     }
 }

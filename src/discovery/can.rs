@@ -66,9 +66,9 @@ fn inspected(bus: &Bus, wants_fd: bool, found: Result<Interface, CanFault>) -> I
             }
             if found.stays_off() {
                 advice.push(format!(
-                    "restart-ms is 0: a controller that takes itself off the bus stays off it until somebody notices. As \
-                     root: `ip link set dev {name} down`, `ip link set dev {name} type can restart-ms 100`, \
-                     `ip link set dev {name} up`"
+                    "restart-ms is 0: a controller that goes bus-off stays off until the interface is \
+                     restarted. As root: `ip link set dev {name} down`, `ip link set dev {name} type can \
+                     restart-ms 100`, `ip link set dev {name} up`"
                 ));
             }
             if wants_fd && !found.does_fd {
@@ -78,8 +78,9 @@ fn inspected(bus: &Bus, wants_fd: bool, found: Result<Interface, CanFault>) -> I
                     format!("`ip link set dev {name} type can fd on`, ")
                 };
                 advice.push(format!(
-                    "the profile has CAN FD frames, and this interface carries none. As root: `ip link set dev {name} \
-                     down`, {kind}`ip link set dev {name} mtu 72`, `ip link set dev {name} up`"
+                    "the profile has CAN FD frames, but CAN FD is not switched on at this interface. As \
+                     root: `ip link set dev {name} down`, {kind}`ip link set dev {name} mtu 72`, `ip link \
+                     set dev {name} up`"
                 ));
             }
             found.to_string()

@@ -94,19 +94,22 @@ fn advice(root: &Path, sensor: &PcSensor, reason: Reason) -> String {
     }
     let (kind, driver) = match sensor {
         PcSensor::OneWire(_) => {
-            ("w1:", "is it plugged in, is the 1-Wire adapter's driver loaded (`lsmod | grep w1`)")
+            ("w1:", "is the sensor plugged in, is the 1-Wire adapter's driver loaded (`lsmod | grep w1`)")
         }
         PcSensor::Hwmon(_) => {
             ("hwmon:", "is the chip's driver loaded (`sensors-detect` finds which it needs)")
         }
-        PcSensor::Iio(_) => {
-            ("iio:", "is the chip's driver loaded, does the device tree name it (`ls /sys/bus/iio/devices`)")
-        }
+        PcSensor::Iio(_) => (
+            "iio:",
+            "is the chip's driver loaded, is the chip in the device tree (`ls /sys/bus/iio/devices`)",
+        ),
     };
     let others = called(&|present| present.sensor.to_string().starts_with(kind));
     match (others.is_empty(), present.is_empty()) {
-        (false, _) => format!("{reason}; of its kind it has: {others}"),
-        (true, false) => format!("{reason}, and none of its kind: {driver}? It has: {}", called(&|_| true)),
+        (false, _) => format!("{reason}; present sensors of this kind: {others}"),
+        (true, false) => {
+            format!("{reason}, and no other of this kind: {driver}? Present sensors: {}", called(&|_| true))
+        }
         (true, true) => format!("{reason}, and no other in {}: {driver}?", root.display()),
     }
 }

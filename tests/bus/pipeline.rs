@@ -200,11 +200,11 @@ fn check_online_tries_it_with_reads_and_names_the_device_that_does_not_bear_it()
     let profile = home.path().join("readout.toml");
     // An answer may take as long as a busy computer needs.
     for (bears, timeout, words, fails) in [
-        (Bears::It, "20s", "device scale: two questions at a time: both answered", false),
+        (Bears::It, "20s", "device scale: two requests at a time: both answered", false),
         (
             Bears::Loses,
             "3s",
-            "device scale: two questions at a time: no answer in time: remove `pipeline` from bus cell",
+            "device scale: two requests at a time: no answer in time: remove `pipeline` from bus cell",
             true,
         ),
     ] {

@@ -241,7 +241,8 @@ fn a_recording_and_a_first_profile_on_a_full_disk_name_the_file_and_what_to_do()
     let init = ["init".as_ref(), new.as_os_str(), "--yes".as_ref()];
     for (words, file) in [(&record[..], &log), (&init[..], &new)] {
         let (code, said) = on_it(words);
-        let words = format!("{} cannot be written: the disk is full; make room there", file.display());
+        let words =
+            format!("{} cannot be written: the disk is full; free space on that disk", file.display());
         assert!(code == Some(1) && said.contains(&words), "{code:?} {said}");
         assert_eq!(said.lines().last(), Some("taken"), "nothing is left behind: {said}");
     }

@@ -101,7 +101,7 @@ const ARMED: &str = "armed, starting from";
 const QUESTION: &str = "are taken to be ours";
 const FIRST: &str = "nothing of ours is known in it";
 /// Last message of a gateway whose time to stop was not enough.
-const BEFORE: &str = "isotherm: stopped before the fault actions had come to their end";
+const BEFORE: &str = "isotherm: stopped before the fault actions were complete";
 
 /// Operator at the CNC, who reads and writes the whole register.
 struct Operator(TcpStream);

@@ -142,8 +142,8 @@ fn a_day_that_has_not_changed_is_left_alone_and_one_that_has_is_written_anew_and
     log("mill-70-2026-01-31.csv", &format!("{head}2026-01-31T10:00:00Z,1,armed,1,1,active,\n"));
     log("mill-7-2026-01-31.outputs.csv", "time,output,fact\n");
     let (code, said) = export(home, &profile);
-    assert!(code == 0 && said.contains("decisions of 2 days written, 0 as they were"), "{said}");
-    assert!(said.contains("mill-7-2026-01-31.2.csv: 1 row is cut or none, and left out"), "{said}");
+    assert!(code == 0 && said.contains("decisions of 2 days written, 0 unchanged"), "{said}");
+    assert!(said.contains("mill-7-2026-01-31.2.csv: 1 row is incomplete or damaged, and left out"), "{said}");
     let place = home.join("fleet/decisions");
     assert_eq!(files(&place), ["mill-7-2026-01-31.parquet", "mill-7-2026-02-01.parquet"]);
     let rows = "SELECT epoch_us(time), bed, head, z_permit, z_raw_um, z_cz_um, z_state, machine \
@@ -155,7 +155,7 @@ fn a_day_that_has_not_changed_is_left_alone_and_one_that_has_is_written_anew_and
     assert_eq!(ask(home, rows), expected);
 
     let (code, said) = export(home, &profile);
-    assert!(code == 0 && said.contains("decisions of 0 days written, 2 as they were"), "{said}");
+    assert!(code == 0 && said.contains("decisions of 0 days written, 2 unchanged"), "{said}");
     // A file server may store times with a lower resolution than a disk. The time that was set must survive that.
     for name in files(&place) {
         let time = place.join(name).metadata().unwrap().modified().unwrap();
@@ -169,7 +169,7 @@ fn a_day_that_has_not_changed_is_left_alone_and_one_that_has_is_written_anew_and
     std::fs::remove_file(home.join("state/mill-7-2026-01-31.csv")).unwrap();
     std::fs::remove_file(home.join("state/mill-7-2026-01-31.2.csv")).unwrap();
     let (code, said) = export(home, &profile);
-    assert!(code == 0 && said.contains("decisions of 1 day written, 0 as they were"), "{said}");
+    assert!(code == 0 && said.contains("decisions of 1 day written, 0 unchanged"), "{said}");
     let count =
         "SELECT count(*), max(bed) FROM read_parquet('fleet/decisions/*.parquet', union_by_name = true)";
     assert_eq!(ask(home, count), json!([[4, 21.0]]), "what was deleted of the logs is kept");
@@ -258,7 +258,7 @@ fn a_machine_that_has_not_run_here_is_said_to_be_one_with_the_directory_that_was
     let (home, state) = (home.path(), home.path().join("state"));
     let profile = profile(home, "mill-7", 1);
     let words = format!(
-        "there are no logs of mill-7 in {}: this machine has not run here yet, or with another state directory, which --state names",
+        "there are no logs of mill-7 in {}. If the gateway ran with another state directory, name it with --state",
         state.display()
     );
     let (code, said) = export(home, &profile);

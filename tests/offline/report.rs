@@ -209,7 +209,7 @@ fn the_report_of_a_model_is_one_file_with_every_run_and_the_figures_of_the_json(
     }
     // One chart for each run, and one for each sensor.
     for said in [
-        "measured, predicted and left over in day-4",
+        "measured, predicted and residual error in day-4",
         "ambient over every run",
         "correlations of the sensors",
     ] {

@@ -101,7 +101,7 @@ fn what_happens_arrives_in_its_order_with_the_token_and_what_is_secret_stands_no
     let check = machine.verb_of_profile("check", &[]);
     assert!(check.contains(&format!("notify[0] to http://{address}, with the token in")), "{check}");
     let reached = machine.verb_of_profile("check", &["--online"]);
-    assert!(reached.contains("is there; nothing was posted"), "{reached}");
+    assert!(reached.contains("is reachable; no message was posted"), "{reached}");
     let said = machine.gateway.said.join("\n") + &events + &check + &reached;
     for secret in ["hidden-path", "hidden-query", "token-that-nobody-reads"] {
         assert!(!said.contains(secret), "{said}");

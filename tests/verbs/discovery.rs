@@ -156,7 +156,7 @@ fn a_device_that_heeds_no_unit_number_is_taken_for_one() {
     let home = tempfile::tempdir().unwrap();
     let scan = ended(isotherm(home.path()).args(["scan", "--bus", &careless_device(255), "--units", "1..9"]));
     assert_eq!(scan.code, Some(0), "{}", scan.said);
-    assert!(scan.out.contains("one device that heeds no unit number"), "{}", scan.out);
+    assert!(scan.out.contains("one device that ignores the unit number"), "{}", scan.out);
     assert_eq!(scan.out.matches("[device.").count(), 1, "{}", scan.out);
 }
 
@@ -210,7 +210,7 @@ fn what_is_wrong_with_a_reading_is_reported_with_a_remedy() {
         (&["--unit", "9", "--register", "input:0", "--timeout", "50ms"], 1, "unit 9: exception 11"),
         (&["--unit", "1", "--register", "input:0", "--type", "i32", "--count", "63"], 2, "at most 62 values"),
         (&["--unit", "1", "--register", "coil:0", "--type", "i16"], 2, "a single bit"),
-        (&["--unit", "1", "--register", "input:65535", "--count", "2"], 2, "beyond the last one"),
+        (&["--unit", "1", "--register", "input:65535", "--count", "2"], 2, "exceed the last register"),
         (&["--unit", "1", "--register", "register:1"], 2, "coil, discrete, input, holding"),
         (&["--unit", "1", "--register", "input:0", "--scale", "0"], 2, "a scale of 0"),
         (&["--unit", "1", "--register", "input:0", "--type", "int"], 2, "allowed: bool, u16"),
@@ -224,8 +224,8 @@ fn what_is_wrong_with_a_reading_is_reported_with_a_remedy() {
     let alone = |arguments: &[&str]| ended(isotherm(bench.home()).args(arguments));
     for (arguments, words) in [
         (&["read"][..], "name a PROFILE"),
-        (&["read", "--register", "input:0"], "wants to know where"),
-        (&["scan"], "name the line"),
+        (&["read", "--register", "input:0"], "needs a unit"),
+        (&["scan"], "name a line"),
         (&["scan", "--bus", "tcp://x", "--baud", "9600"], "are for a serial line"),
         (&["scan", "--bus", "tcp://x", "--units", "9..1"], "write 1..247 or 3"),
         (&["scan", "--bus", "tcp://x", "--registers", "holding:9..1"], "holding:0..99"),
@@ -265,7 +265,7 @@ fn the_frames_of_one_device_of_a_running_gateway_can_be_had_while_it_runs() {
     let first: Value = serde_json::from_str(lines.lines().next().unwrap()).unwrap();
     assert_eq!(first["unit"], 4, "{first}");
     let again = trace("cnc", &["--for", "1s", "--out", &out.display().to_string()]);
-    assert!(again.code == Some(1) && again.said.contains("nothing is overwritten"), "{}", again.said);
+    assert!(again.code == Some(1) && again.said.contains("is not overwritten"), "{}", again.said);
     assert!(trace("lathe", &[]).said.contains("there is no device `lathe`; there are: "));
 
     // A user ends the trace early. The gateway continues, and another trace is possible.

@@ -88,10 +88,10 @@ pub(crate) fn find(dataset: &Dataset, columns: &[usize], error: usize) -> Vec<Fi
     let like = |(column, of): (&usize, &Figures)| Finding {
         signal: dataset.columns[*column].name.clone(),
         reason: format!(
-            "behaves like the air around the machine: after the {starts} starts of {} it warms by {:+.2} °C in \
-             {AFTER_START} min (the liveliest sensor by {start:+.1} °C); {:.0} % of its variance goes with that speed \
-             through any lag; it never changes faster than {:.1} °C in 20 min; and it goes with the time (a smooth curve has \
-             {:.0} % of it) rather than with the error (r = {:+.2})",
+            "behaves like the air around the machine. After the {starts} starts of {} it warms by {:+.2} °C \
+             in {AFTER_START} min (the fastest sensor by {start:+.1} °C). That speed explains {:.0} % of its \
+             variance, through any lag. It never changes faster than {:.1} °C in 20 min. It follows the time \
+             (a smooth curve explains {:.0} % of it) rather than the error (r = {:+.2})",
             dataset.columns[load].name,
             of.start,
             100.0 * of.load,

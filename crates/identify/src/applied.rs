@@ -84,16 +84,16 @@ fn acting(
     };
     if let Some(slope) = moved("_slope_um").into_iter().find(is_logged) {
         return refused(format!(
-            "{} moved: the control applied a slope; its part of {error} depends on where the axis was; leave \
-             these logs out, or say --cz none where nothing acted on it",
+            "{} changed: the control applied a slope, and its part of {error} depends on the position of the \
+             axis. Leave these logs out, or add --cz none if no Cz acted on the error",
             names(&[slope])
         ));
     }
     let (logged, foreign): (Vec<usize>, Vec<usize>) = moved("_cz_um").into_iter().partition(is_logged);
     if let Some(first) = foreign.first() {
         return refused(format!(
-            "{} moved, but the log is not as the gateway writes it: whether that Cz acted on {error} is not known; say \
-             --cz {} where it did, or --cz none",
+            "{} changed, but this log does not have the form of a gateway log: it is not known whether that \
+             Cz acted on {error}. Add --cz {} if it did, otherwise --cz none",
             names(&foreign),
             names(&[*first])
         ));
@@ -104,13 +104,14 @@ fn acting(
         ([one], None) => {
             let name = names(&[*one]);
             refused(format!(
-                "{name} moved, and whether it is in {error} is not known without the profile, or where a readout was \
-                 corrected: say --cz {name} where the axis went by it, or --cz none where the error was measured on the \
-                 machine as it is"
+                "{name} changed, but without the profile, or with a corrected readout, it is not known \
+                 whether {error} contains it. Add --cz {name} if the axis moved by it, or --cz none if the \
+                 error was measured without compensation"
             ))
         }
         (several, _) => refused(format!(
-            "{} moved, and which of them acted on {error} is not known; name it with --cz, or say --cz none",
+            "{} changed, but it is not known which of them acted on {error}; name it with --cz, or add --cz \
+             none",
             names(several)
         )),
     }
@@ -146,8 +147,8 @@ pub fn without_cz(
     if let Some((least, most)) = take_out(dataset, place, column) {
         let cz = &dataset.columns[column].name;
         dataset.remarks.push(format!(
-            "{error} was measured while {cz} of {least:.1} … {most:.1} µm acted, which is in it; it was taken out again: \
-             e = {error} − {cz}"
+            "{error} was measured while {cz} of {least:.1} … {most:.1} µm acted, so the error contains it. \
+             It was removed: e = {error} − {cz}"
         ));
     }
     Ok(())
@@ -190,8 +191,8 @@ pub fn add_without_cz(
         if let Some((least, most)) = take_out(dataset, dataset.columns.len() - 1, column) {
             let cz = &dataset.columns[column].name;
             dataset.remarks.push(format!(
-                "{name} was measured while {cz} of {least:.1} … {most:.1} µm acted, so it is what the compensation left; \
-                 {without} is the machine as it is"
+                "{name} was measured while {cz} of {least:.1} … {most:.1} µm acted, so it is the residual \
+                 displacement; {without} is the displacement without compensation"
             ));
         }
         if !asked.is_empty() {

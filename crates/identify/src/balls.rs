@@ -86,7 +86,7 @@ pub fn terms(dataset: &Dataset, origin: Option<f64>) -> Result<Terms, BadLog> {
     }
     if places().all(|place| (place - origin_mm).abs() > 10.0 * extent) {
         return Err(one(&format!(
-            "the origin {origin_mm} mm is far from every ball: give it along {}",
+            "the origin {origin_mm} mm is far from every ball: give its position along {}",
             DIRECTIONS[along]
         )));
     }
@@ -99,8 +99,8 @@ pub fn terms(dataset: &Dataset, origin: Option<f64>) -> Result<Terms, BadLog> {
     }
     if found.iter().all(|round| round.spindle_um_per_mm.is_none()) {
         remarks.push(
-            "every touch has one length of stylus, which cannot distinguish a tilt of the spindle from its drift: touch \
-             the balls with two lengths, and write them in stylus_mm"
+            "all touches have the same stylus length, so a tilt of the spindle cannot be distinguished from \
+             its drift. Touch the balls with two lengths, and write them in stylus_mm"
                 .to_owned(),
         );
     }
@@ -115,8 +115,8 @@ fn direction(cold: &[Touch]) -> Result<(usize, f64), BadLog> {
     let across = (0..3).filter(|other| *other != along).map(|other| extents[other]).fold(0.0, f64::max);
     if length < SHORTEST {
         return Err(one(&format!(
-            "the balls of the first round stand within {length:.3} mm: a ball array has two balls at least, some cm apart, \
-             each with its number in `ball`"
+            "the balls of the first round are within {length:.3} mm of each other. A ball array has at least \
+             two balls, some cm apart, each with its number in `ball`"
         )));
     }
     if across > SKEWED * length {

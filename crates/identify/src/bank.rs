@@ -173,8 +173,8 @@ impl Bank {
         match self.runs.iter().find(|run| run.target.is_empty()) {
             None => Ok(()),
             Some(run) => Err(format!(
-                "{} has no row in which the error and {every} are there: leave it out, or leave {one} out that is \
-                 missing with --without",
+                "{} has no row with values of the error and of {every}: leave out this run, or use --without \
+                 to leave out {one} without values",
                 run.name
             )),
         }

@@ -26,8 +26,8 @@ pub(super) fn check_runs(dataset: &Dataset, wrong: &mut Vec<String>) {
 pub(super) fn one_run_only(dataset: &Dataset) -> Option<String> {
     let [only] = dataset.runs.as_slice() else { return None };
     Some(format!(
-        "there is one run only, {}: a model must be judged on a run that it never saw; record another day, or split this \
-         log with --run-column COLUMN or --gap 1h",
+        "there is only one run, {}, but a model must be judged on a run that it was not learnt from. Record \
+         another day, or split this log with --run-column COLUMN or --gap 1h",
         only.name
     ))
 }
@@ -36,10 +36,10 @@ pub(super) fn one_run_only(dataset: &Dataset) -> Option<String> {
 pub(super) fn odd_length(run: &Run) -> Option<String> {
     let odd = match run.lasts() {
         lasts if lasts < SHORTEST_RUN => {
-            "too short for any drift; where its time counts minutes, name the column time_min"
+            "too short for a drift; if its time is in minutes, name the column time_min"
         }
         lasts if lasts > LONGEST_RUN => {
-            "where its time counts seconds, name the column time; else split it with --gap 1h"
+            "if its time is in seconds, name the column time; otherwise split the log with --gap 1h"
         }
         _ => return None,
     };
@@ -74,12 +74,12 @@ pub(super) fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<Strin
     let widest = ranges.iter().copied().fold(0.0, f64::max);
     if widest < STANDS_STILL {
         wrong.push(format!(
-            "{name} stands still in every run: there is nothing to compensate, or the probe was not connected"
+            "{name} is constant in every run: there is nothing to compensate, or the probe was not connected"
         ));
     } else if widest < 0.05 && dataset.columns[error].kind != Kind::Other {
         let rows: usize = dataset.runs.iter().map(rows).sum();
         let mean = mean(&ranges);
-        wrong.push(format!("{name} moves by {mean:.4} over {rows} rows: that looks like mm; write µm"));
+        wrong.push(format!("{name} changes by {mean:.4} over {rows} rows: these are probably mm; write µm"));
     }
 }
 
@@ -115,7 +115,7 @@ pub(super) fn column_of(dataset: &Dataset, name: &str, wrong: &mut Vec<String>) 
 
 /// Remark about a sensor that appears to be faulty and is used as requested.
 pub(super) fn stays(faulty: &Finding) -> String {
-    format!("{} stays in as asked: {}", faulty.signal, faulty.reason)
+    format!("{} is kept as requested: {}", faulty.signal, faulty.reason)
 }
 
 /// Text "; did you mean …" with the most similar name, or a list of the known names.

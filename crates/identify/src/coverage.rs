@@ -36,7 +36,9 @@ impl Quantity<'_> {
         let own = width(*spans.get(run)?);
         let is_beyond = own > *moves && others < ALIKE * own;
         is_beyond.then(|| {
-            format!("{name} spans {own:.1} {unit} there and {others:.1} {unit} in all of them together")
+            format!(
+                "{name} spans {own:.1} {unit} in this run and {others:.1} {unit} in all other runs together"
+            )
         })
     }
 }
@@ -53,8 +55,8 @@ pub(crate) fn alike(campaign: &Campaign<'_>, bank: &Bank) -> Vec<String> {
         let beyond: Vec<String> = beyond.take(MOST_NAMED).collect();
         if !beyond.is_empty() {
             found.push(format!(
-                "the other runs are alike beside {}: {}. A model of days that are alike says little of a day that is not: let \
-                 them differ as much as the machine's days do",
+                "the other runs differ little compared with {}: {}. A model of similar days does not predict \
+                 a different day well: record days that differ as much as the days of the machine do",
                 run.name,
                 beyond.join(", ")
             ));

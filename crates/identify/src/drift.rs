@@ -159,7 +159,7 @@ fn of_run(dataset: &Dataset, run: &Run, columns: &[usize], asked: Option<Test>, 
     let name = |column: usize| dataset.columns[column].name.clone();
     let stands_still = columns.iter().filter(|column| run.range(**column) < STILL);
     remarks.extend(
-        stands_still.map(|column| format!("{} stands still: was the probe connected?", name(*column))),
+        stands_still.map(|column| format!("{} is constant: was the probe connected?", name(*column))),
     );
     let active: Vec<&Mover> = movers.iter().filter(|mover| mover.moves(run)).collect();
     let (test, mover, because) = activity::likeness(asked, &active, &mut remarks);

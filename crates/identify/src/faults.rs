@@ -160,7 +160,7 @@ impl Fault {
         let end = if lasts_to_the_end { "the end".to_owned() } else { at(last) };
         let begin = at(first);
         let message = format!(
-            "frozen from {begin} to {end} while the other sensors say that it moved by {missed:.1} °C"
+            "frozen from {begin} to {end} while the other sensors indicate a change of {missed:.1} °C"
         );
         let rows = (first + 1..=last).collect();
         Fault { column, run: Some(run), message, damage: Damage::Frozen, rows }
@@ -183,7 +183,7 @@ fn of_column(dataset: &Dataset, column: usize, frozen: &[Frozen]) -> Vec<Fault> 
     let series: Vec<Minutes> = dataset.runs.iter().map(|run| Minutes::of(run, column)).collect();
     let least = (2.0 * resolution(dataset, column)).clamp(STANDS_STILL, 0.05);
     if series.iter().all(|run| range(&run.values) < least) {
-        let message = "constant: it tells nothing".to_owned();
+        let message = "constant: it gives no information".to_owned();
         return vec![Fault { column, run: None, message, damage: Damage::Whole, rows: Vec::new() }];
     }
     let mut found = Vec::new();
@@ -210,7 +210,9 @@ fn of_column(dataset: &Dataset, column: usize, frozen: &[Frozen]) -> Vec<Fault> 
                 continue;
             }
             let at = clock(own.seconds[place]);
-            let message = format!("jumps by {step:+.1} °C at {at} and stays: no casting does that");
+            let message = format!(
+                "jumps by {step:+.1} °C at {at} and keeps this offset: a casting cannot change so fast"
+            );
             add(Damage::Jump, rows_of_step(run, column, own.seconds[place]), message);
         }
     }

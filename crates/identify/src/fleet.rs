@@ -142,9 +142,11 @@ impl RunProducts {
     pub fn of(ready: &Ready<'_>, machine: &str, settings: &Settings) -> Result<RunProducts, String> {
         settings.check()?;
         if settings.method != Method::Whitened || settings.sensors.is_some() || settings.prior.is_some() {
-            return Err("products are kept for the method whitened, without a choice of sensors and without a prior: \
-                        what they become is decided when they are learnt from"
-                .to_owned());
+            return Err(
+                "products are only made for the method whitened, without --sensors and without a prior: \
+                 these are chosen when a model is learnt from the products"
+                    .to_owned(),
+            );
         }
         let lags = if settings.lags.is_empty() { usual_lags() } else { settings.lags.clone() };
         let campaign = &ready.campaign;
@@ -195,18 +197,19 @@ impl RunProducts {
     /// Returns a message if the file is invalid or was changed.
     pub fn from_json(bytes: &[u8]) -> Result<RunProducts, String> {
         let head: Head =
-            serde_json::from_slice(bytes).map_err(|why| format!("no products of runs: {why}"))?;
+            serde_json::from_slice(bytes).map_err(|why| format!("this is no file of run products: {why}"))?;
         if head.format.as_deref() != Some(FORMAT) {
-            return Err(format!("no products of runs: its format is not \"{FORMAT}\""));
+            return Err(format!("this is no file of run products: its format is not \"{FORMAT}\""));
         }
         if head.version != Some(VERSION) {
             return Err(format!("products of another version: this program reads version {VERSION}"));
         }
         let file: File =
-            serde_json::from_slice(bytes).map_err(|why| format!("no products of runs: {why}"))?;
+            serde_json::from_slice(bytes).map_err(|why| format!("this is no file of run products: {why}"))?;
         if file.sha256 != file.products.seal()? {
             return Err(
-                "its seal does not fit: it was changed, or damaged; keep the products of the records again"
+                "its checksum is wrong: the file was changed or damaged; make the products from the records \
+                 again"
                     .to_owned(),
             );
         }
@@ -259,7 +262,8 @@ impl RunProducts {
         ] {
             if own_s.to_bits() != other_s.to_bits() {
                 return Err(format!(
-                    "{what} {own_s} s in the products of {own}, and {other_s} s in those of {others}: keep both alike"
+                    "{what} {own_s} s in the products of {own}, and {other_s} s in those of {others}: use \
+                     the same time for both"
                 ));
             }
         }
@@ -275,8 +279,8 @@ impl RunProducts {
                     all => format!(" and {} more", all - 1),
                 };
                 return Err(format!(
-                    "the products of {one} have the column {first}{more}, those of {another} do not: a fleet has the same \
-                     signals in the same units through the same lags"
+                    "the products of {one} have the column {first}{more}, but those of {another} do not. All \
+                     machines of a fleet need the same signals, units and lags"
                 ));
             }
         }
@@ -422,7 +426,7 @@ impl FleetModel {
         let runs = self.runs.len();
         format!(
             "# Cz = −e, learnt from the products of {runs} runs.\n\
-             # No envelope and no stand-ins: products do not say where the inputs were.\n\
+             # No envelope and no stand-ins: products do not contain the values of the inputs.\n\
              # {}\n\
              [[axis.{}.model]]\nname = \"fleet\"\n{}\n{}\n",
             written::zero_needs(&self.axis),

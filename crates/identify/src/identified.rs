@@ -174,8 +174,8 @@ pub fn identify(
         learned = lean(learned, bank, half_a_count);
         if learned.inputs().is_empty() {
             notes.remarks.push(format!(
-                "Cz never comes to half a count of the register ({half_a_count} µm) on any row: there is nothing to compensate, and \
-                 no model is written"
+                "Cz does not reach half a count of the register ({half_a_count} µm) in any row: there is \
+                 nothing to compensate, and no model is written"
             ));
         }
     }
@@ -299,21 +299,22 @@ pub fn judged_on_the_others(
 fn worth(runs: usize, has_prior: bool) -> Option<String> {
     let share = match (runs, has_prior) {
         (1, false) => {
-            "; of such models one in four left a later run worse than no compensation. Seven tenths of each gain were taken for that, and"
+            ". One in four such models made a later run worse than without compensation. Therefore each gain \
+             was reduced to seven tenths. Also,"
         }
         (1, true) => ", and",
-        (2, false) => " alone, of which seven tenths are taken",
+        (2, false) => " alone, with each gain reduced to seven tenths",
         (2, true) => " alone",
         _ => return None,
     };
     Some(match runs {
         1 => format!(
-            "one run: nothing could be held out, so nobody knows how good this is{share} nothing stands in for a sensor that fails. \
-             Record another day before you rely on it"
+            "one run: no run could be held out, so the error of this model is not known{share} no sensor \
+             that fails can be replaced. Record another day before you rely on the model"
         ),
         _ => format!(
-            "two runs: each was judged by a model of the other one{share}; that of both, which is written, was judged by nobody. \
-             Record a third day"
+            "two runs: each was judged with a model of the other run{share}. The model of both runs, which \
+             is written, was not judged. Record a third day"
         ),
     })
 }
@@ -327,8 +328,9 @@ fn check_count(bank: &Bank, method: Method) -> Result<(), String> {
         return Ok(());
     }
     Err(format!(
-        "{terms} terms cannot be learnt from {left} rows, which is what is left while the longest run is held out: name fewer \
-         inputs with --inputs, record longer, average less with --resample, or let --method sparse-lag choose"
+        "{terms} terms cannot be learnt from the {left} rows that remain while the longest run is held out. \
+         Name fewer inputs with --inputs, record longer, average less with --resample, or let --method \
+         sparse-lag choose"
     ))
 }
 

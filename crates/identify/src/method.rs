@@ -137,14 +137,16 @@ impl Settings {
         {
             let takers: Vec<&str> = takers.iter().map(|method| method.name()).collect();
             return Err(format!(
-                "--method {} makes nothing of {option}: leave it out, or take {}",
+                "--method {} does not use {option}: leave it out, or use {}",
                 self.method,
                 takers.join(", ")
             ));
         }
         if self.sensors.is_some() && self.prior.is_some() {
             return Err(
-                "--sensors chooses sensors again, and --prior has its own: name one of the two".to_owned()
+                "--sensors chooses sensors, but the model of --prior has its own: use only one of these \
+                 options"
+                    .to_owned(),
             );
         }
         Ok(())
@@ -157,26 +159,31 @@ impl Method {
         (
             Method::Whitened,
             "whitened",
-            "The mean of a ridge and an elastic net on rows whose slow walk is taken out",
+            "The mean of a ridge and an elastic net on rows without their slow random drift",
         ),
         (
             Method::SparseLag,
             "sparse-lag",
-            "Some of (sensor, lag), chosen on runs that were left out; with --terms N at most so many",
+            "Some pairs of sensor and lag, chosen on held-out runs; at most N with --terms N",
         ),
         (Method::RidgeLag, "ridge-lag", "Ridge regression on every sensor through every lag"),
-        (Method::Stepwise, "stepwise", "Stepwise over (sensor, lag) by partial F tests, in and out"),
+        (
+            Method::Stepwise,
+            "stepwise",
+            "Pairs of sensor and lag, added and removed stepwise by partial F tests",
+        ),
         (Method::Ols, "ols", "Least squares on the rises of all sensors, without lags"),
         (Method::Lag, "lag", "One time constant for each of a few sensors, fitted (Janeczko 1989)"),
         (
             Method::Position,
             "position",
-            "Terms of Cz and of its slope over --position, chosen on runs that were left out (Li et al. 1998)",
+            "Terms of Cz and of its slope over --position, chosen on held-out runs (Li et al. 1998)",
         ),
         (
             Method::TwoSource,
             "two-source",
-            "--first sensors from the --waiting runs, --second sensors from what is left on the others (Tachiya et al. 2013)",
+            "--first sensors from the --waiting runs, --second sensors from the residual error of the others \
+             (Tachiya et al. 2013)",
         ),
         (
             Method::Difference,
@@ -187,7 +194,8 @@ impl Method {
         (
             Method::Network,
             "network",
-            "A network of --neurons in one layer, by back-propagation that stops where days left out say so",
+            "A network of --neurons in one layer, by back-propagation that stops by the error of held-out \
+             days",
         ),
         (Method::None, "none", "No model: the uncompensated machine, or a probe alone"),
     ];

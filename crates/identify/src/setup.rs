@@ -220,7 +220,8 @@ fn inputs(
         let unknown: Vec<&str> = logged.filter(|name| !signals.contains(name)).collect();
         if !unknown.is_empty() {
             remarks.push(format!(
-                "in the logs, but not in the profile, and so left out: {}; a [signal.…] each lets them be used",
+                "left out, because the profile does not have them: {}; to use them, add a [signal.…] for \
+                 each",
                 unknown.join(", ")
             ));
         }
@@ -258,10 +259,10 @@ fn speeds<'a>(
         let Some(column) = dataset.column(name).filter(turns) else { continue };
         let share = |run: &Run| faults::missing(run, column);
         if !choice.inputs.is_empty() {
-            remarks.push(format!("{name} is no input, as --inputs does not name it"));
+            remarks.push(format!("{name} is no input, because --inputs does not name it"));
         } else if let Some(run) = dataset.runs.iter().find(|run| share(run) > faults::MISSING) {
             remarks.push(format!(
-                "{name} is no input, as it is missing in {:.0} % of the rows in {}",
+                "{name} is no input, because it is missing in {:.0} % of the rows in {}",
                 100.0 * share(run),
                 run.name
             ));

@@ -47,7 +47,7 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
         // Without halves there is no agreement, and `check` would reject it.
         let outside = if outside == Outside::Agree && !has_halves { Outside::Warn } else { outside };
         let envelope = match region {
-            None => "# No envelope: too many inputs, or one that never moved.".to_owned(),
+            None => "# No envelope: too many inputs, or an input that never changed.".to_owned(),
             Some(region) => {
                 let envelope = named("envelope", file, &region.file(), &mut files);
                 format!("# The rises it was identified on.\n{envelope}outside = {}", json!(outside))
@@ -66,7 +66,7 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
                 format!("{stem}.without-{without}.envelope.json"),
             ),
         };
-        block += &format!("\n# Where {without} is lost");
+        block += &format!("\n# Used while {without} is lost");
         if !found.runs.is_empty() {
             block += &format!(
                 "; held out: mean range {:.1} µm, worst {:.1} µm, {:.0} % of the runs worse than uncompensated",
@@ -147,7 +147,7 @@ fn head(found: &Identified) -> Vec<String> {
     let mut lines = vec![
         format!("Cz = −e, e being {}: found by isotherm identify --method {}.", found.error, found.method),
         match found.runs.is_empty() {
-            true => "One run: nothing could be held out, so nobody knows how good it is.".to_owned(),
+            true => "One run: no run could be held out, so it is not known how good the model is.".to_owned(),
             false => format!(
                 "Each of {} runs held out in turn: mean range {:.1} µm ({:.1} µm uncompensated), worst run {:.1} µm ({:.1} µm), mean RMS \
              {:.1} µm ({:.1} µm).",
@@ -169,12 +169,14 @@ fn head(found: &Identified) -> Vec<String> {
             true => String::new(),
             false => format!(": {}", found.worse_runs.join(", ")),
         };
-        lines
-            .push(format!("It leaves {share:.0} % of {runs} held-out runs worse than uncompensated{worse}."));
+        lines.push(format!(
+            "With it, {share:.0} % of {runs} held-out runs are worse than uncompensated{worse}."
+        ));
     }
     lines.extend(found.probe_q.map(|q| {
         format!(
-            "What it leaves wanders: q = {} belongs to the axis's probe, if it has one (µm²/h).",
+            "The residual error drifts randomly: write q = {} for the probe of the axis, if it has one \
+             (µm²/h).",
             short(q)
         )
     }));

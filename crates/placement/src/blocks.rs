@@ -66,8 +66,8 @@ pub fn parts(mesh: &Mesh, prefix: &str, cuts: &[Cut]) -> Result<Vec<Part>, Vec<S
     if parts.is_empty() && cuts.is_empty() {
         let sets: Vec<&str> = mesh.node_sets.keys().map(String::as_str).collect();
         return Err(vec![format!(
-            "there are no blocks: no node set begins with {prefix} (there are: {}); name them with --blocks, or divide \
-             the structure by planes, e.g. --cut z=450 --cut z=900",
+            "there are no blocks: no node set begins with {prefix} (there are: {}). Name the blocks with \
+             --blocks, or divide the structure by planes, e.g. --cut z=450 --cut z=900",
             if sets.is_empty() { "none".to_owned() } else { sets.join(", ") }
         )]);
     }
@@ -100,8 +100,9 @@ fn not_disjoint(mesh: &Mesh, parts: &[Part]) -> Vec<String> {
     }
     wrong.extend(twice.into_iter().map(|((one, other), nodes)| {
         format!(
-            "{} and {} have {} in common; every node must lie in exactly one block: take them out of one of the two \
-             sets (sets made from volumes share the nodes of their common face: divide by planes instead, e.g. --cut z=450)",
+            "{} and {} have {} in common, but every node must be in exactly one block. Remove these nodes \
+             from one of the two sets. Sets made from volumes share the nodes of their common face: divide \
+             by planes instead, e.g. --cut z=450",
             parts[one].name,
             parts[other].name,
             listed(mesh, &nodes)
@@ -110,7 +111,8 @@ fn not_disjoint(mesh: &Mesh, parts: &[Part]) -> Vec<String> {
     let left_out: Vec<usize> = (0..owners.len()).filter(|node| owners[*node].is_none()).collect();
     if !left_out.is_empty() {
         wrong.push(format!(
-            "{} lie in no block ({}); every node must lie in exactly one: put them into the block they belong to",
+            "{} are in no block ({}), but every node must be in exactly one block. Add these nodes to their \
+             block",
             listed(mesh, &left_out),
             names(parts)
         ));
@@ -161,7 +163,7 @@ pub fn divided(mesh: &Mesh, parts: &[Part], cut: &Cut) -> Result<Vec<Part>, Stri
         let nodes = parts.iter().filter(|part| meant(part)).flat_map(|part| &part.nodes);
         let (low, high) = range(nodes.map(|node| mesh.xyz[*node][cut.axis]));
         return Err(format!(
-            "--cut {cut} goes through nothing: along {} {} reaches from {low} to {high} mm",
+            "--cut {cut} divides no block: along {} {} reaches from {low} to {high} mm",
             AXES[cut.axis],
             cut.of.as_deref().unwrap_or("the structure")
         ));
@@ -228,13 +230,14 @@ impl<'a> Surveyed<'a> {
                 let (name, margin) = (&part.name, reach.margin);
                 wrong.push(if nodes().any(|node| reach.allowed[node]) {
                     format!(
-                        "no node of block {name} that may carry a sensor lies {margin} mm away from every other block: a smaller \
-                         --margin, a finer mesh, or a larger block"
+                        "no node of block {name} that may carry a sensor is {margin} mm away from every \
+                         other block. Use a smaller --margin, a finer mesh, or a larger block"
                     )
                 } else {
                     format!(
-                        "no node of block {name} may carry a sensor: none lies on the outer skin and in the set of --candidates (the \
-                         guideway and the foundation carry none); add nodes of it to that set, or join it to another block"
+                        "no node of block {name} may carry a sensor: none is on the outer surface and in the \
+                         set of --candidates. The guideway and the foundation carry no sensors. Add nodes of \
+                         the block to that set, or join the block to another one"
                     )
                 });
             }

@@ -23,7 +23,7 @@ impl FromStr for Rider {
 
     fn from_str(text: &str) -> Result<Rider, String> {
         let wrong =
-            || format!("`{text}` is no rider; write its signal and µm per kelvin, as in head:z=-4.95");
+            || format!("`{text}` is no rider; write its signal and µm per kelvin, for example head:z=-4.95");
         let (name, rest) = text.split_once(':').filter(|(name, _)| !name.is_empty()).ok_or_else(wrong)?;
         let mut moves = [0.0; 3];
         for each in rest.split('/') {

@@ -136,7 +136,7 @@ impl fmt::Display for Faults {
             let dots = if end < sentence.len() { "…" } else { "" };
             write!(f, "{}{}{dots}", if number == 0 { "" } else { "\n" }, &sentence[..end])?;
             if faults.len() > 1 {
-                write!(f, " (and so in {} more lines)", faults.len() - 1)?;
+                write!(f, " (also in {} more lines)", faults.len() - 1)?;
             }
         }
         let more = groups.len().saturating_sub(SHOWN) + self.more;

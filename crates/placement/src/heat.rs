@@ -15,8 +15,8 @@ use crate::system::{Factor, System};
 pub enum HeatError {
     /// Steady case in which heat cannot leave a part.
     #[error(
-        "nothing holds the temperature of the part with node {0}: a steady case needs a film or a held temperature on \
-         every part of the mesh"
+        "nothing determines the temperature of the part with node {0}. A steady case needs a film or a given \
+         temperature on every part of the mesh"
     )]
     Adrift(NodeId),
     /// Transient case without heat capacity.

@@ -37,15 +37,15 @@ const NEW: f64 = 1e-7;
 pub enum ReducedError {
     /// Prescribed temperatures, or heat at single nodes.
     #[error(
-        "{0}: the plant's heat comes in through fluxes and films on named surfaces, and through nothing else"
+        "{0} is not allowed in a plant: heat enters a plant only through fluxes and films on named surfaces"
     )]
     OtherHeat(&'static str),
     /// A film and a flux have the same name.
-    #[error("`{0}` is both a film and a flux: give one of them a surface of another name")]
+    #[error("`{0}` is both a film and a flux: use a surface with another name for one of them")]
     Twice(String),
     /// The fluxes of a port are zero, or cancel each other.
     #[error(
-        "`{0}`: its fluxes come to no heat: give each *DFLUX any number above 0, only how they share counts"
+        "`{0}`: the sum of its fluxes is zero. Give each *DFLUX a number above 0; only their ratios matter"
     )]
     NoHeat(String),
     /// The heat conduction has no solution.

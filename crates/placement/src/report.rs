@@ -31,7 +31,10 @@ pub fn report(study: &Study, placement: &Placement, line: &GuideLine, made: Mome
         ul { @for remark in &placement.remarks { li { (remark) } } }
         (sensors(placement))
         h2 { "The structure" }
-        p { "Temperature rise in the case that moves the guideway most: the darker, the warmer. Thin lines divide the blocks; a ring is a sensor, with its number in the table; a broken ring lies behind. Crosses are the guideway." }
+        p {
+            "Temperature rise in the case that moves the guideway most: the darker, the warmer. Thin lines \
+             divide the blocks. A ring is a sensor, with its number in the table; a broken ring is a sensor \
+             on the hidden side. Crosses are the guideway." }
         (drawing::views(study, placement))
         (displacements(placement, line))
         (errors(placement))
@@ -57,9 +60,10 @@ fn headline(placement: &Placement) -> Markup {
     html! {
         dl .figures {
             (item("largest displacement", cases.iter().map(|case| case.largest_um).fold(0.0, f64::max), "of the guideway, any case"))
-            (item("sensors at block centres", root_mean_square(&centres), "left, RMS over all cases"))
-            (item("these sensors", placement.rms_um, "left, RMS over all cases"))
-            (item("these blocks at best", placement.floor_um, "left, RMS over all cases"))
+            (item("sensors at block centres", root_mean_square(&centres),
+                "residual error, RMS over all cases"))
+            (item("these sensors", placement.rms_um, "residual error, RMS over all cases"))
+            (item("these blocks at best", placement.floor_um, "residual error, RMS over all cases"))
         }
     }
 }
@@ -98,7 +102,8 @@ fn displacements(placement: &Placement, line: &GuideLine) -> Markup {
         h2 { "Displacement along the guideway" }
         @for axis in &placement.axes {
             p { "Along " (AXES[*axis]) @if line.rails > 1 { ", the mean of the rails" } "." }
-            ul .keys { li { "true" } li .dashed { "told by nodes at block centres" } li .ring { "told by the sensors" } }
+            ul .keys { li { "true" } li .dashed {
+                "predicted by nodes at block centres" } li .ring { "predicted by the sensors" } }
             div .gallery { @for case in &placement.cases { (figure(&case.name, &picture(case, *axis), "")) } }
         }
     }
@@ -119,8 +124,12 @@ fn errors(placement: &Placement) -> Markup {
         }
     };
     html! {
-        h2 { "What is left of each case" }
-        p { "µm, RMS over the guideway. Patent and bounded are placed by the case itself and judged on it; multi-case is one placement for all. Asked: with the block temperatures that the iteration ends at; read back: with those at its nodes. Left out: multi-case placed by all the other cases." }
+        h2 { "Residual error of each case" }
+        p {
+            "µm, RMS over the guideway. Patent and bounded are placed for the case itself and judged on it; \
+             multi-case is one placement for all cases. Asked: with the block temperatures at the end of the \
+             iteration. Read back: with the temperatures at its nodes. Left out: multi-case placed for all \
+             the other cases." }
         (table(&["case", "largest", "block centres", "block means", "patent, asked", "patent, read back", "bounded", "multi-case", "its largest", "blocks at best", "left out"], &rows))
     }
 }
@@ -149,7 +158,7 @@ fn sensitivity(placement: &Placement) -> Markup {
     };
     html! {
         h2 { "Noise and misplacement" }
-        p { "Noise of " (placement.noise_k) " K at each sensor, each for itself, adds " (number(placement.noise_um)) " µm RMS. Sensors that sit " (placement.misplaced_mm) " mm from their places, each in any direction along the surface, add:" }
+        p { "Noise of " (placement.noise_k) " K at each sensor, independently, adds " (number(placement.noise_um)) " µm RMS. Sensors that are " (placement.misplaced_mm) " mm from their places, each in any direction along the surface, add:" }
         (table(&["case", "µm RMS"], &rows))
     }
 }
@@ -179,23 +188,28 @@ fn numbers(placement: &Placement) -> Markup {
     ];
     let picture = chart::along("µm", "sensors", "error against number of sensors", &lines);
     html! {
-        h2 { "How many sensors are worth it" }
-        p { "RMS over guideway and all cases. Fewer: neighbours become one block where it costs least; more: the cut that helps most, one after the other." }
-        ul .keys { li { "left by the sensors" } li .dashed { "blocks at best" } li .ring { "these blocks" } }
+        h2 { "Error by number of sensors" }
+        p {
+            "RMS over guideway and all cases. For fewer sensors, the neighbouring blocks with the smallest \
+             loss are joined. For more sensors, the best further cut is added, one after the other." }
+        ul .keys { li {
+            "residual error with the sensors" } li .dashed { "blocks at best" } li .ring { "these blocks" } }
         (figure("", &picture, ""))
-        (table(&["sensors", "left µm", "at best µm", "blocks:"], &rows))
+        (table(&["sensors", "residual µm", "at best µm", "blocks:"], &rows))
     }
 }
 
 fn rounds(placement: &Placement) -> Markup {
     html! {
         h2 { "The patent's iteration" }
-        p { "The pattern whose displacement looks most like what is left, and its difference degree r." }
+        p {
+            "In each round, the pattern whose displacement is most similar to the residual error, and its \
+             difference degree r." }
         @for case in &placement.cases {
             details {
                 summary { (case.name) ": " (case.patent.rounds.len()) " rounds, " (number(case.naive_mean.rms_um)) " → " (number(case.patent.optimised_rms_um)) " µm" }
                 @if case.patent.rounds.is_empty() { p { "The means of the blocks are near enough." } } @else {
-                    (table(&["round", "pattern:", "likeness", "r K", "left µm"], &html! {
+                    (table(&["round", "pattern:", "likeness", "r K", "residual µm"], &html! {
                         @for (place, round) in case.patent.rounds.iter().enumerate() {
                             tr {
                                 th scope="row" { (place + 1) }

@@ -381,35 +381,38 @@ fn remarks(placement: &Placement) -> Vec<String> {
     let (rms, floor) = (placement.rms_um, placement.floor_um);
     remarks.push(if placement.blocks_limit {
         format!(
-            "The division into blocks limits, not where the sensors sit: with the best temperature for every block {floor:.2} µm \
-             RMS would be left, with these sensors {rms:.2}."
+            "The blocks limit the result, not the places of the sensors. The residual error is {floor:.2} µm \
+             RMS with the best temperature for every block, and {rms:.2} µm with these sensors."
         )
     } else {
         format!(
-            "Where the sensors sit limits, not the division into blocks: {rms:.2} µm RMS are left, and the blocks could tell \
-             all but {floor:.2}."
+            "The places of the sensors limit the result, not the blocks. The residual error is {rms:.2} µm \
+             RMS, and {floor:.2} µm with the best temperature for every block."
         )
     });
     if let Some((cut, after)) = &placement.best_cut {
         remarks.push(format!(
-            "The cut that helps most: --cut {cut} lowers what the blocks leave at best from {floor:.2} to {after:.2} µm RMS."
+            "The best further cut is --cut {cut}. It lowers the smallest possible residual error of the \
+             blocks from {floor:.2} to {after:.2} µm RMS."
         ));
     }
     if placement.noise_um > rms {
         remarks.push(format!(
-            "Noise of {} K at every sensor alone is {:.2} µm RMS, more than the model leaves: readings must be averaged.",
+            "Noise of {} K at every sensor causes {:.2} µm RMS, more than the residual error of the model: \
+             readings must be averaged.",
             placement.noise_k, placement.noise_um
         ));
     }
     let left_out = placement.cases.iter().filter_map(|case| Some((case, case.left_out_rms_um?)));
     if let Some((case, left)) = left_out.max_by(|(_, one), (_, other)| one.total_cmp(other)) {
         remarks.push(format!(
-            "A load that no case knows is predicted worse: placed without the case {}, the sensors leave {left:.2} µm RMS of it.",
+            "A load that is in no case is predicted less well: with sensors placed without the case {}, its \
+             residual error is {left:.2} µm RMS.",
             case.name
         ));
     }
     if placement.cases.len() == 1 {
-        let only = "There is one load case only: what the sensors leave under another load is not known.";
+        let only = "There is only one load case: the residual error under another load is not known.";
         remarks.push(only.to_owned());
     }
     remarks

@@ -75,7 +75,8 @@ impl Mill {
         anyhow::ensure!(
             is_there,
             "{MACHINE} needs LinuxCNC, which is not installed here. On Debian, as root: apt-get install \
-             --no-install-recommends linuxcnc-uspace python3-pymodbus python3-serial-asyncio. Every other machine runs without"
+             --no-install-recommends linuxcnc-uspace python3-pymodbus python3-serial-asyncio. Every other \
+             machine runs without LinuxCNC"
         );
         Mill::start().map(Some)
     }
@@ -109,9 +110,10 @@ impl Mill {
     /// Last line of the log of LinuxCNC, with a hint.
     fn complaint(&self) -> String {
         let log = std::fs::read_to_string(self.directory.join(LOG)).unwrap_or_default();
-        let last = log.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it does not say why");
+        let last = log.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("its log is empty");
         format!(
-            "{last}. One of them runs at a time on a computer; it needs python3-pymodbus and python3-serial-asyncio"
+            "{last}. Only one LinuxCNC can run on a computer at a time; it needs python3-pymodbus and \
+             python3-serial-asyncio"
         )
     }
 
@@ -119,7 +121,7 @@ impl Mill {
     pub(super) fn has_run_through(&mut self) -> anyhow::Result<()> {
         match self.child.try_wait()? {
             None => Ok(()),
-            Some(_) => Err(anyhow::anyhow!("LinuxCNC has ended by itself: {}", self.complaint())),
+            Some(_) => Err(anyhow::anyhow!("LinuxCNC ended before the demo: {}", self.complaint())),
         }
     }
 

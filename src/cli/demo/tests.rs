@@ -8,6 +8,9 @@ fn every_machine_states_its_sources_figures_beside_ours() {
         let axes: Vec<&str> = profile.axes.iter().map(|axis| axis.settings.name.as_str()).collect();
         assert!(published.axes.iter().all(|figure| axes.contains(&figure.name.as_str())), "{name}");
         let lines = source_lines(published);
-        assert!(lines[0].starts_with("Its source: ") && lines.len() == 1 + published.axes.len(), "{lines:?}");
+        assert!(
+            lines[0].starts_with("Source of the machine: ") && lines.len() == 1 + published.axes.len(),
+            "{lines:?}"
+        );
     }
 }

@@ -36,7 +36,8 @@ pub(super) fn write(machine: &str, logs: &[PathBuf], to: &mut File) -> anyhow::R
     for mut log in opened {
         let left_out = log.copy(machine, &columns, &mut table)?;
         if left_out > 0 {
-            let rows = if left_out == 1 { "row is cut or none" } else { "rows are cut or none" };
+            let rows =
+                if left_out == 1 { "row is incomplete or damaged" } else { "rows are incomplete or damaged" };
             warnings.push(format!("{}: {left_out} {rows}, and left out", log.path.display()));
         }
     }

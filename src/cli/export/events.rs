@@ -26,7 +26,7 @@ pub(super) fn write(machine: &str, log: &Path, to: &mut File) -> anyhow::Result<
         Found::Damage(what) => warnings.push(what),
         Found::Event(entry) => {
             let Ok(at) = time::parse(&entry.at) else {
-                warnings.push(format!("{}: an event has no time, and is left out", log.display()));
+                warnings.push(format!("{}: an event has no valid time, and is left out", log.display()));
                 return;
             };
             let data = (!entry.data.is_null()).then(|| entry.data.to_string());

@@ -51,7 +51,7 @@ pub(super) fn run(arguments: &Touches, json: bool) -> anyhow::Result<()> {
 
 fn tell(found: &Terms) -> std::io::Result<()> {
     say!(
-        "balls along {}, {}; how far the coordinates have moved since the first, with the origin at {} mm",
+        "balls along {}, {}; movement of the coordinates since the first round, with the origin at {} mm",
         found.array,
         counted(found.rounds.len(), "round"),
         found.origin_mm

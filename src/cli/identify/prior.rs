@@ -40,11 +40,14 @@ pub(super) fn terms(path: &Path, axis: &str) -> anyhow::Result<Vec<PriorTerm>> {
         .map_err(|why| anyhow!("{shown} has no [[axis.…model]] with terms of `signal` and `gain`: {why}"))?;
     let found = file.axis.get(axis).and_then(|axis| axis.model.iter().find(|model| !model.terms.is_empty()));
     let model = found.ok_or_else(|| {
-        anyhow!("{shown} has no linear model of axis {axis}; --prior wants one that was written with --write")
+        anyhow!(
+            "{shown} has no linear model of axis {axis}; --prior needs a model that `isotherm identify \
+             --write` wrote"
+        )
     })?;
     let term = |term: &Term| {
         let lag = term.lag.as_deref().map(humantime::parse_duration).transpose();
-        let lag = lag.with_context(|| format!("{shown}: the lag of {} is no time", term.signal))?;
+        let lag = lag.with_context(|| format!("{shown}: the lag of {} is not a duration", term.signal))?;
         let lag = lag.filter(|lag| !lag.is_zero());
         let squared = term.power == Some(2);
         Ok(PriorTerm { signal: term.signal.clone(), lag, squared, gain: term.gain })

@@ -28,7 +28,7 @@ pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Dur
     for omission in &found.notes.omissions {
         writeln!(
             out,
-            "  without {} held-out runs are left {:.2} µm RMS, with it {:.2} µm",
+            "  {}: error of held-out runs {:.2} µm RMS without it, {:.2} µm with it",
             omission.signal, omission.without_um, omission.with_um
         )?;
     }
@@ -116,10 +116,10 @@ fn held_out(out: &mut impl Write, found: &Identified) -> io::Result<()> {
     }
     let runs = found.runs.len();
     match found.worse_runs.len() {
-        0 => writeln!(out, "  left worse than without compensation: none of {runs} runs"),
+        0 => writeln!(out, "  worse than without compensation: none of {runs} runs"),
         worse => writeln!(
             out,
-            "  left worse than without compensation: {worse} of {runs} runs ({:.0} %): {}",
+            "  worse than without compensation: {worse} of {runs} runs ({:.0} %): {}",
             100.0 * found.means.worse_share,
             found.worse_runs.join(", ")
         ),
@@ -144,7 +144,7 @@ fn lost(out: &mut impl Write, found: &Identified) -> io::Result<()> {
         }
     }
     for signal in &found.irreplaceable {
-        writeln!(out, "  no other sensor can stand in for {signal}: keep a spare")?;
+        writeln!(out, "  no other sensor can replace {signal}: keep a spare sensor")?;
     }
     Ok(())
 }

@@ -34,11 +34,12 @@ impl Line {
         }
         let example = "write 192.168.0.10:502, or /dev/ttyUSB0";
         if text.contains("//") {
-            return Err(format!("an address without anything before it: {example}"));
+            return Err(format!("an address without a prefix: {example}"));
         }
         if text.starts_with("can") || text.starts_with("vcan") {
             return Err(format!(
-                "{text} is a CAN interface, whose profiles begin with a copy: xc100-lathe-can.toml of the shipped ones; here {example}"
+                "{text} is a CAN interface: for CAN, copy the shipped profile xc100-lathe-can.toml; as an \
+                 answer, {example}"
             ));
         }
         let (host, port) = text.rsplit_once(':').unwrap_or((text, "502"));
@@ -92,15 +93,16 @@ pub(super) enum Target {
 impl Target {
     pub(super) fn parse(text: &str, axis: &str) -> Result<Target, String> {
         if let Some(register) = text.strip_prefix("holding:") {
-            let register =
-                register.parse().map_err(|_| "write a register as holding:104, from 0 to 65534".to_owned());
+            let register = register
+                .parse()
+                .map_err(|_| "write a register such as holding:104, from 0 to 65534".to_owned());
             return register.map(Target::Register);
         }
         let mut taking = on_modbus().filter(|outline| !outline.targets.is_empty());
         let known = || on_modbus().filter(|outline| !outline.targets.is_empty()).map(|outline| outline.name);
         let outline = taking.find(|outline| outline.name == text);
-        let outline =
-            outline.ok_or_else(|| format!("{}; or a register as holding:104", allowed(text, known())))?;
+        let outline = outline
+            .ok_or_else(|| format!("{}; or write a register such as holding:104", allowed(text, known())))?;
         let target =
             outline.targets.iter().find(|target| *target == axis).or_else(|| outline.targets.first());
         let target = target.cloned().unwrap_or_default();
@@ -113,7 +115,8 @@ pub(super) fn machine(text: &str) -> Result<String, String> {
     match (1..=64).contains(&text.len()) && text.bytes().all(is_good) {
         true => Ok(text.to_owned()),
         false => {
-            Err("write small letters, digits and hyphens, as press-7: it becomes part of file names"
+            Err("write lower-case letters, digits and hyphens, such as press-7: the name becomes part of \
+                 file names"
                 .to_owned())
         }
     }
@@ -130,10 +133,10 @@ pub(super) fn name(text: &str) -> Result<String, String> {
 pub(super) fn signals(text: &str, most: usize) -> Result<Vec<String>, String> {
     let names: Vec<String> = text.split(',').map(|text| name(text.trim())).collect::<Result<_, _>>()?;
     if names.len() > most {
-        return Err(format!("{} names, and the module has {most} channels", names.len()));
+        return Err(format!("{} names are given, but the module has {most} channels", names.len()));
     }
     match names.iter().enumerate().find(|(place, name)| names[..*place].contains(name)) {
-        Some((_, twice)) => Err(format!("{twice} is there twice")),
+        Some((_, twice)) => Err(format!("{twice} is given twice")),
         None => Ok(names),
     }
 }
@@ -145,5 +148,5 @@ pub(super) fn unit(text: &str) -> Result<u8, String> {
 
 pub(super) fn limit(text: &str) -> Result<f64, String> {
     let limit = text.replace(',', ".").parse().ok().filter(|limit| (1.0..=500.0).contains(limit));
-    limit.ok_or_else(|| "write micrometres from 1 to 500, as 40".to_owned())
+    limit.ok_or_else(|| "write micrometres from 1 to 500, such as 40".to_owned())
 }

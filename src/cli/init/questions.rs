@@ -36,7 +36,7 @@ impl Questions<'_> {
             if read == 0 {
                 writeln!(self.out)?;
                 anyhow::bail!(
-                    "the answers ended before `{question}`; nothing is written. --yes takes the defaults"
+                    "the answers ended before `{question}`; no profile is written. --yes uses the defaults"
                 );
             }
             let answer = if line.trim().is_empty() { usual } else { line.trim() };

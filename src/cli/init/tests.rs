@@ -67,12 +67,12 @@ fn what_is_no_answer_is_asked_for_again_with_the_reason() {
     );
     assert_eq!((answers.signals, answers.axis), (vec!["bed".to_owned()], "y".to_owned()));
     for why in [
-        "small letters, digits and hyphens",
-        "an address without anything before it",
+        "lower-case letters, digits and hyphens",
+        "an address without a prefix",
         "can0 is a CAN interface",
         "did you mean `icp-das-m7018`?",
         "a unit from 1 to 247",
-        "bed is there twice",
+        "bed is given twice",
         "`col umn`",
         "`1z`",
         "from 1 to 500",

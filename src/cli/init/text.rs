@@ -16,7 +16,7 @@ fn write_profile(text: &mut String, answers: &Answers) -> std::fmt::Result {
     let Answers { machine, axis, limit, .. } = answers;
     writeln!(
         text,
-        "# Written by `isotherm init`. `isotherm check` says what it means; `isotherm schema` is the JSON Schema for an editor.\n\n\
+        "# Written by `isotherm init`. `isotherm check` explains it; `isotherm schema` is the JSON Schema for an editor.\n\n\
          [machine]\nname   = \"{machine}\"\nsettle = \"3min\"                     # \"start\" references are the mean over this long\n\
          arm    = \"manual\"                   # nothing is written before `isotherm arm`; \"auto\" arms by itself\n"
     )?;
@@ -34,10 +34,7 @@ fn write_profile(text: &mut String, answers: &Answers) -> std::fmt::Result {
     if let Target::Template(outline, _) = &answers.target {
         writeln!(text, "template = \"{}\"", outline.name)?;
         if outline.is_movable {
-            writeln!(
-                text,
-                "base  = 0                           # where its registers begin: the machine builder says"
-            )?;
+            writeln!(text, "base  = 0                           # first register; ask the machine builder")?;
         }
     }
     let first = answers.signals.first().map(String::as_str).unwrap_or_default();
@@ -46,17 +43,18 @@ fn write_profile(text: &mut String, answers: &Answers) -> std::fmt::Result {
         "\n[axis.{axis}]\nlimit    = {limit:?}                     # µm: |Cz| is never larger\n\
          step     = 1.0                      # µm: largest change of one update\n\
          rate     = 0.5                      # µm per second\ndeadband = 0.1                      # µm: smaller changes are not made\n\
-         every    = \"10s\"                    # an update this often\n\
+         every    = \"10s\"                    # interval between updates\n\
          on_fault = {{ action = \"ramp\", after = \"60s\" }}\n\n\
-         # The coefficients come from the machine: `isotherm record` a few days, measure the error meanwhile, and paste what\n\
-         # `isotherm identify` writes over this. Cz = -e; until then nothing is asked for.\n\
+         # The coefficients come from the machine: record a few days with `isotherm record`, and measure the error meanwhile.\n\
+         # Then replace these lines by the output of `isotherm identify`. Cz = -e; without a model nothing is compensated.\n\
          # [[axis.{axis}.model]]\n# name  = \"{first}\"\n# kind  = \"linear\"\n\
          # terms = [ {{ signal = \"{first}\", gain = -4.0, reference = \"start\" }} ]   # µm per °C\n"
     )?;
     output(text, answers)?;
     writeln!(
         text,
-        "[web]\nlisten = \"127.0.0.1:8080\"            # the page; to command it wants token_file (isotherm token), elsewhere tls too"
+        "[web]\nlisten = \"127.0.0.1:8080\"            # the page; commands need token_file \
+         (isotherm token), other addresses also tls"
     )
 }
 
@@ -70,7 +68,7 @@ fn line(text: &mut String, name: &str, line: &Line) -> std::fmt::Result {
         Line::Serial(port) => writeln!(
             text,
             "[bus.{name}]\ntype    = \"modbus-rtu\"\nport    = \"{port}\"             # a name below /dev/serial/by-id stays the same\n\
-             baud    = 9600                      # as the devices are set\nparity  = \"none\"\nstop_bits = 1\n\
+             baud    = 9600                      # the setting of the devices\nparity  = \"none\"\nstop_bits = 1\n\
              timeout = \"300ms\"                   # shorter than every `every` below\n"
         ),
     }
@@ -91,7 +89,7 @@ fn module(text: &mut String, answers: &Answers) -> std::fmt::Result {
         if outline.is_movable {
             writeln!(
                 text,
-                "base  = 0                           # where its registers begin: the node's build says"
+                "base  = 0                           # first register; it depends on the node's modules"
             )?;
         }
     }
@@ -108,13 +106,13 @@ fn module(text: &mut String, answers: &Answers) -> std::fmt::Result {
             None => writeln!(
                 text,
                 "register = \"input:{place}\"                # zero-based; \"3{:04}\" means the same\ntype     = \"i16\"\n\
-                 scale    = 0.1                      # °C per count\nbad      = [-32768, 32767]           # what it sends for a broken wire",
+                 scale    = 0.1                      # °C per count\nbad      = [-32768, 32767]           # values that mean a broken wire",
                 place + 1
             )?,
         }
         writeln!(
             text,
-            "unit     = \"degC\"\nrange    = [-10.0, 80.0]             # values outside are rejected\nmax_age  = \"5s\""
+            "unit     = \"degC\"\nrange    = [-10.0, 80.0]             # readings outside are rejected\nmax_age  = \"5s\""
         )?;
     }
     writeln!(text)
@@ -124,21 +122,21 @@ fn output(text: &mut String, answers: &Answers) -> std::fmt::Result {
     let axis = &answers.axis;
     writeln!(
         text,
-        "[output.cnc_{axis}]                       # the one thing that is written\naxis     = \"{axis}\"\ndevice   = \"cnc\""
+        "[output.cnc_{axis}]                       # writes Cz to the control\naxis     = \"{axis}\"\ndevice   = \"cnc\""
     )?;
     match &answers.target {
         Target::Template(_, target) => writeln!(text, "channel  = \"{target}\"")?,
         Target::Register(register) => writeln!(
             text,
             "writes   = \"offset\"\nregister = \"holding:{register}\"\ntype     = \"i32\"\nword_order = \"msw-first\"             # 32 bits have no \
-             default order\nscale    = 0.1                      # µm per count; negative where the control subtracts it"
+             default order\nscale    = 0.1                      # µm per count; negative if the control subtracts it"
         )?,
     }
     writeln!(text, "verify   = \"read-back\"\n")?;
     match &answers.target {
         Target::Template(outline, _) if outline.has_heartbeat => writeln!(
             text,
-            "[heartbeat]                          # the control takes the gateway for dead without it\ndevice = \"cnc\"\nevery  = \"500ms\"\n"
+            "[heartbeat]                          # without it, the control detects a failed gateway\ndevice = \"cnc\"\nevery  = \"500ms\"\n"
         ),
         _ => Ok(()),
     }

@@ -40,7 +40,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let (shown_cert, shown_key) = (cert.display(), key.display());
     if cert == key && !cert.exists() {
         anyhow::bail!(
-            "`cert` and `key` of bus {} both name {shown_cert}: give the key a file of its own",
+            "`cert` and `key` of bus {} both name {shown_cert}: write another file for `key`",
             line.bus.name
         );
     }
@@ -48,12 +48,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         (true, true) => None,
         (false, false) => Some(made(&line, &cert, &key, arguments.years)?),
         (true, false) => anyhow::bail!(
-            "{shown_cert} is there, and its key {shown_key} is not: put the key there, or move the certificate away and \
-             have both made again"
+            "{shown_cert} exists, but its key {shown_key} is missing. Copy the key to this path, or move the \
+             certificate away so that both are made"
         ),
         (false, true) => anyhow::bail!(
-            "the key {shown_key} is there, and its certificate {shown_cert} is not: put the certificate there, or move the \
-             key away and have both made again"
+            "the key {shown_key} exists, but its certificate {shown_cert} is missing. Copy the certificate \
+             to this path, or move the key away so that both are made"
         ),
     };
     let (is_new, bytes) = (made.is_some(), made.unwrap_or(line.cert.bytes));
@@ -66,11 +66,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     match is_new {
         true => say!("made for bus {}: {shown_cert}, and its key {shown_key}", line.bus.name)?,
-        false => say!("bus {} shows {shown_cert}", line.bus.name)?,
+        false => say!("bus {} uses {shown_cert}", line.bus.name)?,
     }
     say_all!("{}", shown(&certificate))?;
     let url = &line.bus.address;
-    say!("The server at {url} has to trust it: put {shown_cert} among those it trusts; its manual says how")?;
+    say!(
+        "The server at {url} must trust this certificate: add {shown_cert} to its trusted certificates, as \
+         its manual describes"
+    )?;
     Ok(())
 }
 

@@ -56,7 +56,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     match is_new {
         true => say!(
-            "trusted: {}. A gateway that runs takes it up by `isotherm restart PROFILE --keep`",
+            "trusted: {}. A running gateway uses this file after `isotherm restart PROFILE --keep`",
             file.display()
         )?,
         false => say!("trusted already: {}", file.display())?,
@@ -73,7 +73,8 @@ fn of_the_server<'o>(line: &SecuredLine, offers: &'o [Offer]) -> anyhow::Result<
     let found = found.or_else(|| offers.iter().find(shown)).and_then(|offer| offer.certificate.as_ref());
     found.ok_or_else(|| {
         anyhow::anyhow!(
-            "the server at {} shows no certificate: switch security on there, Basic256Sha256 or better",
+            "the server at {} shows no certificate: switch on security at the server, Basic256Sha256 or \
+             better",
             line.bus.address
         )
     })
@@ -92,20 +93,20 @@ fn agreed(thumbprint: Option<&str>, certificate: &Certificate) -> anyhow::Result
         let is_it = certificate.has_thumbprint(thumbprint).map_err(anyhow::Error::msg)?;
         anyhow::ensure!(
             is_it,
-            "the server shows another certificate ({}): nothing is trusted. Is it the right server, has it a new certificate, is \
-             somebody between?",
+            "the server shows another certificate ({}): it is not trusted. Is this the right server, has the \
+             server a new certificate, or does another computer answer in its place?",
             certificate.thumbprint
         );
         return Ok(());
     }
     say_beside!(
-        "Compare the thumbprint with the one that the server itself shows. Is it the same? {YES} trusts it, anything else \
-         does not:"
+        "Compare the thumbprint with the one that the server itself shows. If they are the same, type {YES} \
+         to trust the certificate:"
     );
     let said = typed()?;
     anyhow::ensure!(
         said.as_deref().map(str::trim) == Some(YES),
-        "nothing is trusted; in scripts --thumbprint names the one that is expected"
+        "the certificate is not trusted; in scripts, give the expected thumbprint with --thumbprint"
     );
     Ok(())
 }

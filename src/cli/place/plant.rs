@@ -53,14 +53,17 @@ pub(super) fn write_example(directory: &Path) -> anyhow::Result<()> {
     for (path, text) in &files {
         if std::fs::read(path).is_ok_and(|there| there != text.as_bytes()) {
             let path = path.display();
-            anyhow::bail!("{path} is there already, and is another: name another directory");
+            anyhow::bail!("{path} exists already, with other content: name another directory");
         }
     }
     for (path, text) in files {
         std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
     }
     let cases: Vec<String> = example::cases().map(|case| format!("{place}/{case}.inp")).collect();
-    say!("the column is in {place}/mesh.inp, its load cases beside it; where its sensors belong:")?;
+    say!(
+        "the column is in {place}/mesh.inp, and its load cases are in the same directory. This command \
+         places its sensors:"
+    )?;
     say!(
         "isotherm place {} --blocks COLUMN_ --candidates REACHED --component y,z --report sensors.html",
         cases.join(" ")

@@ -116,7 +116,8 @@ fn read(paths: &[PathBuf], plant: Option<&FeInput>, progress: Progress<'_>) -> a
     for (path, read) in paths.iter().zip(fe_input::read_each(paths, progress)) {
         match read {
             Ok(input) if inputs.iter().any(|other| other.name == input.name) => wrong.push(format!(
-                "{}: a second load case called {}; a case is called as its file is: give the files different names",
+                "{}: a second load case with the name {}. A load case has the name of its file: give the \
+                 files different names",
                 path.display(),
                 input.name
             )),
@@ -135,9 +136,9 @@ fn read(paths: &[PathBuf], plant: Option<&FeInput>, progress: Progress<'_>) -> a
 fn differs(first: &FeInput, other: &FeInput) -> Option<String> {
     let (one, two) = (&first.mesh, &other.mesh);
     let why = if one.nodes != two.nodes {
-        format!("{} nodes and {}, or other numbers", one.nodes.len(), two.nodes.len())
+        format!("{} nodes and {}, or different node numbers", one.nodes.len(), two.nodes.len())
     } else if one.xyz != two.xyz {
-        "their nodes lie elsewhere".to_owned()
+        "their nodes have different coordinates".to_owned()
     } else if one.elements != two.elements {
         "their elements differ".to_owned()
     } else if members(one) != members(two) {
@@ -148,8 +149,8 @@ fn differs(first: &FeInput, other: &FeInput) -> Option<String> {
         return None;
     };
     Some(format!(
-        "{} and {} are not one structure: {why}; every load case must have the same mesh and the same materials (one file \
-         that each FE input file includes)",
+        "{} and {} are not the same structure: {why}. Every load case must have the same mesh and materials: \
+         put both into one file that each FE input file includes",
         first.name, other.name
     ))
 }

@@ -23,7 +23,11 @@ impl Display for Text<'_> {
         }
         let names = placement.cases.iter().map(|case| case.name.chars().count());
         let width = names.max().unwrap_or(0).max("placed by".len());
-        writeln!(f, "\nleft of the displacement along {}, µm RMS over the guideway", placement.component)?;
+        writeln!(
+            f,
+            "\nresidual error of the displacement along {}, µm RMS over the guideway",
+            placement.component
+        )?;
         writeln!(
             f,
             "  {:width$}  largest  centres   means   patent  bounded  multi-case  at best  left out  misplaced",
@@ -47,8 +51,8 @@ impl Display for Text<'_> {
         }
         writeln!(
             f,
-            "  patent and bounded are placed by the case itself; misplaced: what {} mm off their places adds; noise of {} K\n  \
-             adds {:.2}",
+            "  patent and bounded: placed for the case itself; misplaced: added by sensors {} mm off their \
+             places; noise of {} K\n  adds {:.2} µm",
             placement.misplaced_mm, placement.noise_k, placement.noise_um
         )?;
         let columns = |cell: &dyn Fn(usize, &CaseResult) -> String| -> String {
@@ -65,7 +69,7 @@ impl Display for Text<'_> {
             writeln!(f, "  {by:width$}  {:10}{figures}", row.method.name())?;
         }
         if !placement.by_number.is_empty() {
-            writeln!(f, "\nsensors   left µm   at best µm   over all cases, one sensor per block")?;
+            writeln!(f, "\nsensors  error µm   at best µm   over all cases, one sensor per block")?;
         }
         for entry in &placement.by_number {
             let mark = if entry.sensors == placement.blocks.len() { '*' } else { ' ' };

@@ -35,7 +35,7 @@ impl Nodes {
 pub(super) fn run(target: &Target, nodes: &Nodes, json: bool) -> anyhow::Result<()> {
     let Some(first) = &nodes.browse else { return Ok(()) };
     let Some(bus) = server(target, json)? else {
-        refuse("--browse wants an OPC UA server: --bus opc.tcp://HOST, or a PROFILE with --bus NAME")
+        refuse("--browse needs an OPC UA server: --bus opc.tcp://HOST, or a PROFILE with --bus NAME")
     };
     let browsing = browse(&bus, first, usize::from(nodes.depth), usize::from(nodes.most));
     let tree = runtime()?.block_on(browsing).map_err(anyhow::Error::msg)?;
@@ -46,13 +46,15 @@ pub(super) fn run(target: &Target, nodes: &Nodes, json: bool) -> anyhow::Result<
     for (index, uri) in &tree.namespaces {
         let named = Namespace::Uri(uri.clone()).to_string();
         say_beside!(
-            "ns={index} is {} here: named so, a node is found also if the server numbers its namespaces otherwise",
+            "ns={index} is {} here: with this name, a node is found even if the server numbers its \
+             namespaces differently",
             one_line(&named)
         );
     }
     if tree.is_cut {
         say_beside!(
-            "there are more: --most N shows more than {}, --browse NODE begins at one of these",
+            "there are more nodes: --most N shows more than {}, --browse NODE begins at one of the nodes \
+             above",
             tree.nodes.len()
         );
     }

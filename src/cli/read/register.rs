@@ -90,9 +90,7 @@ impl One {
 fn line(target: &Target, one: &One, json: bool) -> anyhow::Result<(Line, u8)> {
     let Some(name) = &one.device else {
         if target.bus.is_none() {
-            refuse(
-                "--register wants to know where: --bus tcp://HOST --unit 1, or a PROFILE with --device NAME",
-            );
+            refuse("--register needs a unit: --bus tcp://HOST --unit 1, or a PROFILE with --device NAME");
         }
         let Some(unit) = one.unit else {
             refuse(match target.is_at_a_server() {
@@ -102,7 +100,7 @@ fn line(target: &Target, one: &One, json: bool) -> anyhow::Result<(Line, u8)> {
         };
         return Ok((target.find(json)?, unit));
     };
-    let Some(profile) = target.load(json)? else { refuse("--device wants a PROFILE") };
+    let Some(profile) = target.load(json)? else { refuse("--device needs a PROFILE") };
     let device = profile.devices.iter().find(|device| device.name == *name).cloned().ok_or_else(|| {
         let known: Vec<&str> = profile.devices.iter().map(|device| device.name.as_str()).collect();
         anyhow::anyhow!("the profile has no device `{name}`; it has: {}", known.join(", "))
@@ -124,7 +122,7 @@ pub(super) fn run(target: &Target, one: &One, watch: bool, json: bool) -> anyhow
         refuse(&format!("at most {} values of this type fit into one request", most / form.registers()));
     };
     if u32::from(from.offset) + u32::from(count) > 65_536 {
-        refuse(&format!("{count} registers from {from} on go beyond the last one, 65535"));
+        refuse(&format!("{count} registers from {from} exceed the last register, 65535"));
     }
     let (line, unit) = line(target, one, json)?;
     let question = Question { line: &line.address, unit, from, count, timeout: line.bus.timeout };
@@ -179,7 +177,7 @@ fn print(values: &Result<Vec<RegisterValue>, String>, form: &Form, now: Option<&
             }
             if form.lacks_order() && now.is_none() {
                 say_beside!(
-                    "no word order was given, and 32 and 64 bits have none by default: add --word-order"
+                    "no word order was given, and values of 32 and 64 bits have no default: add --word-order"
                 );
             }
         }

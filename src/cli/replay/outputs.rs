@@ -42,7 +42,8 @@ pub(super) fn beside(log: &Path) -> anyhow::Result<Option<OutputsSummary>> {
     match regular::open(Path::new(&name)) {
         Ok(file) => {
             let replayed = replay_outputs(BufReader::new(file), &name);
-            let why = "the log of the outputs beside it; move it away to replay the decisions alone";
+            let why = "error in the log of the outputs in the same directory; move it away to replay only \
+                       the decisions";
             replayed.map(Some).context(why)
         }
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),

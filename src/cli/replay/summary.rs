@@ -237,15 +237,16 @@ impl Tally {
         let mut warnings = odd.to_vec();
         for axis in self.axes.iter().filter(|axis| axis.reproduced.rows == 0 && 2 * axis.late > self.rows) {
             warnings.push(format!(
-                "{log}: most rows are further apart than axis {} updates ({}); there is one update per row, so Cz may lag",
+                "{log}: most rows are further apart than the update interval of axis {} ({}); the replay \
+                 updates once per row, so Cz may lag",
                 axis.name,
                 duration_text(axis.every),
             ));
         }
         if let Some((axis, model)) = self.other_stand_ins {
             warnings.push(format!(
-                "{log}: axis {axis}, model {model}: the log was written with other stand-ins than its file has now; their \
-                 state starts again"
+                "{log}: axis {axis}, model {model}: the log was written with other stand-ins than the model \
+                 has now; their state starts again"
             ));
         }
         let span = self.span.map_or(Duration::ZERO, |(first, latest)| latest.since(first));

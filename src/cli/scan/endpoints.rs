@@ -19,13 +19,13 @@ pub(super) fn run(line: &Line, json: bool) -> anyhow::Result<()> {
     let mut certificates: Vec<_> = offers.iter().filter_map(|offer| offer.certificate.as_ref()).collect();
     certificates.dedup();
     for certificate in certificates {
-        say!("It shows a certificate")?;
+        say!("The server shows a certificate")?;
         say_all!("{}", shown(certificate))?;
     }
     let Some(security) = strongest(&offers) else {
         anyhow::bail!(
-            "none of that is spoken by the gateway: switch on Basic256Sha256 or better at the server, binary over TCP, for \
-             anonymous users or those with a password or a certificate"
+            "the gateway supports none of these endpoints. At the server, switch on Basic256Sha256 or \
+             better, binary over TCP, for anonymous users or users with a password or certificate"
         )
     };
     if line.known.is_none() {
@@ -45,7 +45,7 @@ fn table(offers: &[Offer]) -> String {
     let width = offers.iter().map(|offer| offer.policy.len()).max().unwrap_or(0);
     let lines = offers.iter().map(|Offer { security, policy, is_spoken, users, .. }| {
         let users = if users.is_empty() { "nobody".to_owned() } else { users.join(", ") };
-        let spoken = if *is_spoken { "" } else { "  (not spoken by the gateway)" };
+        let spoken = if *is_spoken { "" } else { "  (not supported by the gateway)" };
         let security = security.map_or("?", word);
         format!("  {security:<16}  {policy:<width$}  {users}{spoken}\n")
     });

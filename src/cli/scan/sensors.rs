@@ -30,7 +30,8 @@ pub(super) fn run(line: &Line, timeout: Option<Duration>, json: bool) -> anyhow:
     }
     anyhow::ensure!(
         !found.is_empty(),
-        "no temperature is in {root}: is it where the kernel shows its devices, and are the drivers of the sensors loaded?"
+        "no temperature was found in {root}: does the kernel show its devices in this directory, and are the \
+         drivers of the sensors loaded?"
     );
     Ok(())
 }

@@ -39,7 +39,7 @@ pub(super) fn found(line: &LineAddress, found: &Responder) -> String {
     match how {
         How::Value(value) => format!("unit {unit} answers{serial}: {register} = {value} (0x{value:04X})"),
         How::Exception(code) => format!("unit {unit} answers{serial} (exception {code}: {})", meaning(*code)),
-        How::Garbled(why) => format!("unit {unit}: something answers{serial}, but not properly: {why}"),
+        How::Garbled(why) => format!("unit {unit}: invalid answer{serial}: {why}"),
     }
 }
 
@@ -47,10 +47,10 @@ fn meaning(code: u8) -> &'static str {
     match code {
         1 => "no such function",
         2 => "no such register",
-        3 => "not in this number",
+        3 => "not this number of registers",
         4 => "device failure",
         5 | 6 => "busy",
-        _ => "of its own kind",
+        _ => "the device's own code",
     }
 }
 
@@ -80,7 +80,8 @@ pub(super) fn summary(
     let mut text = String::new();
     if scan.lines.len() == 1 && heeds_no_number(&all, scan.units.len()) {
         text.push_str(
-            "\nEvery unit gave the same answer: this is one device that heeds no unit number. Use 1, or 255.\n",
+            "\nEvery unit gave the same answer: this is one device that ignores the unit number. Use 1, or \
+             255.\n",
         );
         answering.truncate(1);
     }
@@ -120,10 +121,12 @@ fn profile_lines(found: &[&(LineAddress, Responder)], known: Option<(&Profile, B
 pub(super) fn nobody(scan: &Scan) -> String {
     let wiring = match scan.lines[0].transport {
         Transport::Tcp => {
-            "Is it another port, or another --register? Behind a gateway: its baud rate, parity and wiring"
+            "Try another port, or another --register. If the units are behind a Modbus gateway, check its \
+             baud rate, parity and wiring"
         }
         _ => {
-            "Try --baud 1200,9600,19200,38400 --parity none,even; A and B exchanged; is it powered; another --register"
+            "Try --baud 1200,9600,19200,38400 --parity none,even, or another --register. Check the power of \
+             the device, and whether A and B are exchanged"
         }
     };
     format!("no unit answered. {wiring}")

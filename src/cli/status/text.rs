@@ -48,7 +48,7 @@ fn head(status: &Value) -> String {
         text += "the gateway is stopping, as it was asked to\n";
     }
     if status["dry_run"] == true {
-        text += "dry run: it computes and shows, and writes nothing\n";
+        text += "dry run: the gateway computes and shows values, and writes nothing\n";
     }
     text + &broker(&status["mqtt"]) + &rows("alarms", &status["alarms"], alarm)
 }
@@ -65,7 +65,7 @@ fn broker(mqtt: &Value) -> String {
     };
     let waits = match (mqtt["queued"].as_u64(), mqtt["dropped"].as_u64()) {
         (Some(0), Some(0)) => String::new(),
-        (queued, dropped) => format!(", {} wait, {} dropped", queued.unwrap_or(0), dropped.unwrap_or(0)),
+        (queued, dropped) => format!(", {} queued, {} dropped", queued.unwrap_or(0), dropped.unwrap_or(0)),
     };
     format!("broker {}: {goes}{waits}\n", word(&mqtt["broker"]))
 }
@@ -90,7 +90,7 @@ fn axis_lines(name: &str, axis: &Value, dry_run: bool) -> String {
     if let waiting @ Value::Object(_) = &axis["waiting"] {
         let _ = writeln!(
             text,
-            "  asked for {}; given up in {}",
+            "  requested: {}; the request expires in {}",
             word(&waiting["asked"]),
             span(&waiting["expires_s"])
         );
@@ -109,14 +109,14 @@ fn axis_lines(name: &str, axis: &Value, dry_run: bool) -> String {
         false => "",
     };
     let limit = axis["limit_um"].as_f64().unwrap_or_default();
-    let _ = writeln!(text, "  Cz {held}{unknown}; target {} of ±{limit} µm", micron(&axis["cz_um"]));
+    let _ = writeln!(text, "  Cz {held}{unknown}; target {}, limit ±{limit} µm", micron(&axis["cz_um"]));
     if let Some(model) = axis["model"].as_str() {
         let acted: Vec<&str> =
             axis["acted"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
         let guard = if acted.is_empty() { String::new() } else { format!("; guard: {}", acted.join(", ")) };
         let expected = axis["expected_um"].as_f64();
         let expected = expected.map_or(String::new(), |um| format!(", expected within ±{um:.1} µm (1 σ)"));
-        let _ = writeln!(text, "  model {model} asks for {}{expected}{guard}", micron(&axis["raw_um"]));
+        let _ = writeln!(text, "  model {model} requests {}{expected}{guard}", micron(&axis["raw_um"]));
     }
     if let outside @ Value::Object(_) = &axis["extrapolating"] {
         let _ = writeln!(text, "  {}", word(&outside["text"]));
@@ -139,7 +139,7 @@ fn worse_model(worse: &Value) -> String {
     let found = found_worse(touches.unwrap_or(0), left("with_um"), left("without_um"));
     let does = match worse["ramps"] == true {
         true => "Cz goes to zero until touches show that the model is better",
-        false => "Cz follows it all the same",
+        false => "Cz still follows the model",
     };
     format!("{found}; {does}")
 }
@@ -221,7 +221,7 @@ mod tests {
         });
         let text = axis_lines("z", &axis, false);
         assert!(
-            text.contains("model rises asks for -12.3 µm, expected within ±2.1 µm (1 σ); guard: round\n"),
+            text.contains("model rises requests -12.3 µm, expected within ±2.1 µm (1 σ); guard: round\n"),
             "{text}"
         );
         assert!(
@@ -230,7 +230,7 @@ mod tests {
         );
         (axis["expected_um"], axis["probe"]["last"]["refused"]) = (Value::Null, Value::Null);
         let text = axis_lines("z", &axis, false);
-        assert!(text.contains("asks for -12.3 µm; guard: round\n") && !text.contains("probed"), "{text}");
+        assert!(text.contains("requests -12.3 µm; guard: round\n") && !text.contains("probed"), "{text}");
     }
 
     #[test]
@@ -241,8 +241,8 @@ mod tests {
         });
         assert!(
             axis_lines("z", &axis, false).ends_with(
-                "\n  its model is worse than no compensation: 3.2 µm are left with it, 2.0 µm without (root mean square of \
-                 the last 5 touches); Cz follows it all the same\n"
+                "\n  its model is worse than no compensation: 3.2 µm are left with it, 2.0 µm without (root \
+                 mean square of the last 5 touches); Cz still follows the model\n"
             ),
             "{}",
             axis_lines("z", &axis, false)

@@ -119,7 +119,11 @@ fn advice(wanted: &Wanted<'_>, found: &Described) -> Vec<String> {
     let explained = |status| explain_on(Transport::OpcUa, Fault::Status(status)).to_string();
     let Some(variable) = &found.variable else {
         return vec![match found.status.is_good() {
-            true => "it is no variable: what holds the value hangs below it (`isotherm read PROFILE --browse NODE`)".to_owned(),
+            true => {
+                "the node is no variable: a node below it holds the value (`isotherm read PROFILE --browse \
+                 NODE`)"
+                    .to_owned()
+            }
             false => explained(found.status),
         }];
     };
@@ -129,14 +133,16 @@ fn advice(wanted: &Wanted<'_>, found: &Described) -> Vec<String> {
     }
     if !variable.is_readable {
         advice.push(
-            "this user may not read it: give it that right at the server, or write another `user`".to_owned(),
+            "this user may not read the node: give the user this right at the server, or write another `user`"
+                .to_owned(),
         );
     } else if !found.status.is_good() {
         advice.push(explained(found.status));
     }
     if wanted.is_written && !variable.is_writable {
         advice.push(
-            "this user may not write it: give it that right at the server, or write another `user`; is it the right node?"
+            "this user may not write the node: give the user this right at the server, or write another \
+             `user`. Is it the right node?"
                 .to_owned(),
         );
     }
@@ -147,11 +153,11 @@ fn advice(wanted: &Wanted<'_>, found: &Described) -> Vec<String> {
 fn wrong_type(said: Option<DataType>, variable: &Value) -> Option<String> {
     let Value { kind, data_type, is_array, .. } = variable;
     match (said, data_type) {
-        _ if *is_array => Some("it holds several values: name the node of one of them".to_owned()),
+        _ if *is_array => Some("the node holds several values: name the node of one value".to_owned()),
         (_, None) if kind.is_empty() => None,
-        (_, None) => Some(format!("it is {}, and no number: name another node", one(kind))),
+        (_, None) => Some(format!("the value is {}, not a number: name another node", one(kind))),
         (Some(said), Some(known)) if said != *known => Some(format!(
-            "it is {}, and the profile says {}: write type = \"{}\"",
+            "the value is {}, but the profile says {}: write type = \"{}\"",
             one(kind),
             said.name(),
             known.name()
@@ -173,7 +179,7 @@ pub fn in_a_line(found: &Described) -> String {
     };
     let kind = match data_type {
         Some(data_type) => format!("{} ({kind})", data_type.name()),
-        None if kind.is_empty() => "of its own type".to_owned(),
+        None if kind.is_empty() => "of a server-specific type".to_owned(),
         None => kind.clone(),
     };
     let several = if *is_array { ", several" } else { "" };

@@ -85,7 +85,7 @@ fn a_node_that_is_not_there_is_told_with_what_to_do() {
         ended.said
     );
     let ended = read(&server, &["--register", "holding:0", "--unit", "1"]);
-    let said = format!("{bus} is an OPC UA server, where nothing has registers; `isotherm read --browse`");
+    let said = format!("{bus} is an OPC UA server, without registers; `isotherm read --browse`");
     assert!(ended.said.contains(&said), "{}", ended.said);
     for more in [&[][..], &["--register", "holding:0"]] {
         let ended = read(&server, more);
@@ -117,21 +117,21 @@ fn what_of_a_profile_does_not_fit_its_server_is_told_node_by_node() {
     let cases = [
         (
             ("ns=2;s=offset\"\ntype = \"i32\"", "ns=2;s=k0\"\ntype = \"i32\""),
-            "it is a Double, and the profile says i32: write type = \"f64\"",
+            "the value is a Double, but the profile says i32: write type = \"f64\"",
         ),
         (
             ("ns=2;s=offset\"\ntype = \"i32\"", "ns=2;s=a\"\ntype = \"f64\""),
-            "this user may not write it: give it that right at the server",
+            "this user may not write the node: give the user this right at the server",
         ),
         (("ns=2;s=scale", "ns=2;s=skale"), "there is no such node: is its name right"),
         (
             ("ns=2;s=scale\"\ntype = \"i32\"", "ns=2;s=scale\"\ntype = \"i16\""),
-            "it is an Int32, and the profile says i16: write type = \"i32\"",
+            "the value is an Int32, but the profile says i16: write type = \"i32\"",
         ),
-        (("ns=2;s=bed", "ns=2;s=text"), "it is a String, and no number"),
-        (("ns=2;s=bed", "ns=2;s=folder"), "it is no variable"),
-        (("ns=2;s=bed", "ns=2;s=several"), "it holds several values"),
-        (("ns=2;s=bed", "ns=2;s=hidden"), "this user may not read it"),
+        (("ns=2;s=bed", "ns=2;s=text"), "the value is a String, not a number"),
+        (("ns=2;s=bed", "ns=2;s=folder"), "the node is no variable"),
+        (("ns=2;s=bed", "ns=2;s=several"), "the node holds several values"),
+        (("ns=2;s=bed", "ns=2;s=hidden"), "this user may not read the node"),
     ];
     for ((from, to), words) in cases {
         assert!(good.contains(from), "{from}");
@@ -175,7 +175,7 @@ fn the_nodes_of_sets_and_of_the_heartbeat_are_looked_at_as_well() {
     }
     let ended = check(home.path(), &good.replace("s=control", "s=boots").replace("\"u16\"", "\"u32\""));
     assert!(
-        ended.said.contains("control of set offsets at ns=2;s=boots: this user may not write it"),
+        ended.said.contains("control of set offsets at ns=2;s=boots: this user may not write the node"),
         "{}",
         ended.said
     );

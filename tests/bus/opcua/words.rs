@@ -133,7 +133,7 @@ async fn one_of_the_two_files_alone_is_told_and_nothing_is_made() {
     std::fs::remove_file(given.path().join("own.pem")).unwrap();
     let ended = typing(&mut opcua(&path, "certificate", &[]), "");
     assert_eq!(ended.code, Some(1));
-    assert!(ended.said.contains("own.pem is not: put the key there"), "{}", ended.said);
+    assert!(ended.said.contains("own.pem is missing. Copy the key to this path"), "{}", ended.said);
     assert!(!given.path().join("own.pem").exists());
 }
 
@@ -159,7 +159,7 @@ fn a_profile_of_servers_alone_says_that_nothing_of_it_is_played() {
     std::fs::write(&path, machine(4840, "")).unwrap();
     let ended = typing(isotherm(home.path()).arg("virtual").arg(&path), "");
     assert_eq!(ended.code, Some(1));
-    assert!(ended.said.contains("nothing of server can be played"), "{}", ended.said);
+    assert!(ended.said.contains("server cannot be simulated"), "{}", ended.said);
 }
 
 #[test]
@@ -175,7 +175,7 @@ fn a_line_that_is_not_secured_has_no_certificate_and_is_told_how_it_gets_one() {
     let server = Server::start(&[]);
     std::fs::write(&path, machine(server.port, &secured("sign", "own", ""))).unwrap();
     let ended = typing(&mut opcua(&path, "trust", &[]), "yes\n");
-    assert!(ended.said.contains("shows no certificate: switch security on there"), "{}", ended.said);
+    assert!(ended.said.contains("shows no certificate: switch on security at the server"), "{}", ended.said);
 }
 
 #[tokio::test]

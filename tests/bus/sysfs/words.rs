@@ -66,7 +66,11 @@ fn scan_lists_what_there_is_with_lines_for_a_profile() {
     let document: serde_json::Value = serde_json::from_slice(&scanned.stdout).unwrap();
     assert_eq!(document["sensors"][1]["sensor"], "w1:28-0316a2794f01");
     let nothing = isotherm(home.path()).args(["scan", "--bus", "/nowhere"]).output().unwrap();
-    says(&nothing, false, &["no temperature is in /nowhere", "are the drivers of the sensors loaded?"]);
+    says(
+        &nothing,
+        false,
+        &["no temperature was found in /nowhere", "are the drivers of the sensors loaded?"],
+    );
 }
 
 #[test]
@@ -76,7 +80,8 @@ fn check_online_says_where_a_sensor_was_found_and_what_there_is_instead_of_one_t
     let check = || isotherm(home.path()).arg("check").arg(&path).arg("--online").output().unwrap();
     says(&check(), true, &["signal bed at sensor w1:28-0316a2794f01: ", "/w1_slave", "23.1250 degC"]);
     std::fs::remove_dir_all(tree.root().join("bus/w1/devices").join(PROBE)).unwrap();
-    let instead = "this computer has no sensor of this name; of its kind it has: w1:28-ffff64d0f1a2";
+    let instead =
+        "this computer has no sensor of this name; present sensors of this kind: w1:28-ffff64d0f1a2";
     says(&check(), false, &[instead]);
     tree.hwmon(1, "lm75", "i2c-1/1-0049", &[("temp1_input", "21000")]);
     tree.measures(PROBE, 23_125);
@@ -103,5 +108,5 @@ fn a_register_of_it_is_refused_with_what_shows_its_sensors() {
 fn virtual_hardware_says_that_the_real_sensors_are_read() {
     let (home, tree) = (tempfile::tempdir().unwrap(), tree());
     let mut running = Running::start(isotherm(home.path()).arg("virtual").arg(profile(home.path(), &tree)));
-    running.hears("bus pc is not played: the gateway reads the real sensors in");
+    running.hears("bus pc is not simulated: the gateway reads the real sensors in");
 }

@@ -59,7 +59,7 @@ fn a_backup_of_a_running_gateway_goes_on_elsewhere_and_moves_nothing_before_a_pe
 
     stop(&mut bench);
     let (code, told) = restore(&bench, &file, &elsewhere, &elsewhere.join("state"));
-    assert!(code == 0 && told.contains("every axis is off until a person arms it"), "{told}");
+    assert!(code == 0 && told.contains("Every axis is off until an operator arms it"), "{told}");
     let same = |name: &str| std::fs::read(elsewhere.join(name)).unwrap();
     assert_eq!(same("walker.toml"), std::fs::read(&bench.profile).unwrap());
 
@@ -139,7 +139,7 @@ fn a_token_is_in_a_backup_only_with_secrets_and_then_nobody_else_may_read_it() {
     }
     let (code, told) = bench.ask(&["backup", with.to_str().unwrap()]);
     assert!(
-        code == 1 && told.contains("is there already: give another name"),
+        code == 1 && told.contains("exists already: give another name"),
         "one that is there is not touched: {told}"
     );
 }

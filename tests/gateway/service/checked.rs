@@ -144,7 +144,7 @@ fn a_program_that_cannot_be_started_any_more_leaves_the_old_one_with_the_profile
         replace(&service, "\"$real\" \"$@\" || exit $?\nchmod a-x \"$0\"", "");
         let (code, said) = service.restart(&[]);
         assert_eq!(code, Some(0), "{said}");
-        let told = service.gateway.hears("goes on in its place");
+        let told = service.gateway.hears("the previous program continues");
         assert!(told.contains("cannot be started"), "{told}");
         service.walks_to(service.device.offset() + 20);
         service.gateway.hears("changed after the new program had checked the profile");

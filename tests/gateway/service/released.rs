@@ -65,8 +65,14 @@ fn a_person_who_says_no_changes_nothing_and_one_who_says_yes_has_the_register_ba
     let service = moved();
     let (code, said) = release(&service, &["cnc_z"]);
     assert_eq!((code, said.contains("add --yes")), (Some(1), true), "{said}");
-    assert!(said.contains("5.0 µm of ours were verified in holding:10 (40011) of unit 1 at"), "{said}");
-    assert!(said.contains("by at most 1 µm an update and 1000 µm/s, within ±2000 µm: about 1s"), "{said}");
+    assert!(
+        said.contains("5.0 µm of the gateway's offset were verified in holding:10 (40011) of unit 1 at"),
+        "{said}"
+    );
+    assert!(
+        said.contains("by at most 1 µm an update and 1000 µm/s, within ±2000 µm: this takes about 1s"),
+        "{said}"
+    );
     for typed in ["no\n", "\n", "yes please\n"] {
         let (code, said) = at_a_terminal(&service, typed);
         assert_eq!((code, said.contains("Type yes:")), (Some(1), true), "{typed:?}: {said}");

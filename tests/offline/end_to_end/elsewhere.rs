@@ -153,7 +153,7 @@ fn readings_of_a_dial_gauge_are_put_beside_the_recorded_rows() {
     let wrong = identify(home.path(), PROFILE, &logs, &all);
     assert_eq!(wrong.code, Some(1));
     assert!(
-        wrong.said.contains("gauge.csv: no row of the logs within 10s of any reading")
+        wrong.said.contains("gauge.csv: no row of the logs is within 10s of a reading")
             && wrong.said.contains("--zone"),
         "{} {within}",
         wrong.said

@@ -102,7 +102,7 @@ fn files_that_are_not_there_directories_and_the_same_file_twice_are_reported() {
     let twice = said(&["select", "--error", "z_error_um", "campaign", "campaign/day-2.csv"], 1);
     assert!(twice.contains("day-2.csv is named twice"), "{twice}");
     let swapped = said(&["identify", "campaign/day-1.csv", "campaign/day-2.csv"], 1);
-    assert!(swapped.contains("is a log; the machine's profile comes first"), "{swapped}");
+    assert!(swapped.contains("is a log; name the machine's profile first"), "{swapped}");
     assert!(said(&["identify", "plant.toml", "campaign", "--method", "guess"], 2).contains("sparse-lag"));
     assert!(said(&["identify", "plant.toml", "campaign", "--terms", "0"], 2).contains("--terms"));
     assert!(
@@ -122,7 +122,7 @@ fn what_cannot_be_learnt_from_is_reported_by_identify_and_select() {
     };
     let cases: [(Logs, &[&str]); 5] = [
         (of(fahrenheit), &["°F", "(F − 32) / 1.8"]),
-        (of(|number| with_column(number, 5, |_| 1.0)), &["z_error_um stands still in every run"]),
+        (of(|number| with_column(number, 5, |_| 1.0)), &["z_error_um is constant in every run"]),
         (of(|number| with_column(number, 0, |second| second / 60.0)), &["name the column time_min"]),
         (of(|number| day(number).replace(",z_error_um", ",left_um")), &["z_error_um", "left_um"]),
         (
@@ -151,10 +151,10 @@ fn one_run_gives_a_model_that_says_what_it_is_worth_and_nothing_to_select_from()
     let logs = [("one.csv", day(1))];
     let answer = identify(home.path(), PROFILE, &logs, &[]);
     assert_eq!(answer.code, Some(0), "{}", answer.said);
-    assert!(answer.out.contains("nothing could be held out"), "{}", answer.out);
+    assert!(answer.out.contains("no run could be held out"), "{}", answer.out);
     let answer = asked(home.path(), &["select", "--error", "z_error_um"], &logs, &[]);
     assert_eq!(answer.code, Some(1), "{}", answer.said);
-    assert!(answer.said.contains("there is one run only, one") && answer.said.contains("record another day"));
+    assert!(answer.said.contains("there is only one run, one") && answer.said.contains("Record another day"));
 }
 
 #[test]
@@ -166,7 +166,7 @@ fn logs_with_different_columns_are_taken_with_a_word() {
     assert_eq!(answer.code, Some(0), "{}", answer.said);
     assert!(answer.out.contains("one.csv has no column oil"), "{}", answer.out);
     assert!(
-        answer.out.contains("in the logs, but not in the profile, and so left out: coolant"),
+        answer.out.contains("left out, because the profile does not have them: coolant"),
         "{}",
         answer.out
     );
@@ -201,7 +201,7 @@ fn a_drift_report_remarks_what_cannot_be_meant() {
         "name the column time_min",
         "note: long lasts 12 days",
         "name the column time;",
-        "note: z_error_um stands still: was the probe connected?",
+        "note: z_error_um is constant: was the probe connected?",
     ] {
         assert!(answer.out.contains(words), "{words}: {}", answer.out);
     }

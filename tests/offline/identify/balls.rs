@@ -159,7 +159,7 @@ fn a_table_that_is_no_ball_array_is_told_what_it_lacks() {
         ("time,x_mm,y_mm,z_mm\n0,1,2,3\n", vec!["no column `ball`", "the number of the ball"]),
         ("time,ball,x,y_mm,z_mm\n0,1,1,2,3\n", vec!["no column `x_mm`", "in mm"]),
         ("time,ball,x_mm,y_mm,z_mm\n0,1,1,2,\n", vec!["balls.csv, touch 1: a cell is empty"]),
-        ("time,ball,x_mm,y_mm,z_mm\n0,1,1,2,3\n9,1,1,2,3\n", vec!["two balls at least"]),
+        ("time,ball,x_mm,y_mm,z_mm\n0,1,1,2,3\n9,1,1,2,3\n", vec!["at least two balls"]),
         ("time,ball,x_mm,y_mm,z_mm\n0,1,1,2,3\n9,2,1,2,103\n", vec!["one round only", "again while"]),
         (
             "time,ball,x_mm,y_mm,z_mm\n0,1,0,0,0\n9,2,0,70,90\n20,1,0,0,0\n",

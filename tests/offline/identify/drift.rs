@@ -89,12 +89,12 @@ fn a_moving_axis_and_a_turning_table_are_known_by_their_positions() {
 fn a_test_that_is_asked_for_is_taken_and_what_does_not_fit_is_reported() {
     let spindle = log("spindle_rpm,z_um", 120, |minute| format!("3000,{minute}"));
     let etve = reported(&spindle, Some(Test::Etve));
-    assert_eq!((etve.test, etve.because.as_str()), (Test::Etve, "that was asked for"));
-    assert_eq!(etve.remarks, ["spindle_rpm moved: what that warmed is in these figures"]);
+    assert_eq!((etve.test, etve.because.as_str()), (Test::Etve, "as requested"));
+    assert_eq!(etve.remarks, ["spindle_rpm moved: these figures include the heat of this movement"]);
     let table = reported(&spindle, Some(Test::Rotary));
     assert_eq!(table.stages.len(), 1, "a table's speed is a speed too");
     let still = reported(&log("hall_c,z_um", 120, |minute| format!("20,{minute}")), Some(Test::Spindle));
-    assert_eq!(still.remarks, ["no column says what turned or moved: the stages are not known"]);
+    assert_eq!(still.remarks, ["no column shows what turned or moved: the stages are not known"]);
 }
 
 #[test]

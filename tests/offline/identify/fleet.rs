@@ -97,7 +97,7 @@ fn products_that_do_not_mean_the_same_are_not_added_and_why_is_said() {
     let fewer = Choice { without: vec!["s3".to_owned()], ..choice() };
     refused(
         &kept("mill-2", &days[1..], &fewer),
-        &["the products of mill-1 have the column s3 (degC) at once and 3 more, those of mill-2 do not"],
+        &["the products of mill-1 have the column s3 (degC) at once and 3 more, but those of mill-2 do not"],
     );
     let slower = Choice { resample: std::time::Duration::from_mins(5), ..choice() };
     refused(&kept("mill-2", &days[1..], &slower), &["rows are means over 60 s", "300 s in those of mill-2"]);
@@ -114,10 +114,10 @@ fn products_that_do_not_mean_the_same_are_not_added_and_why_is_said() {
 fn products_that_were_changed_are_of_another_version_or_are_none_are_refused() {
     let file = kept("mill-1", &some(1), &choice()).to_json().unwrap();
     for (from, to, words) in [
-        ("\"machine\":\"mill-1\"", "\"machine\":\"mill-7\"", "its seal does not fit"),
+        ("\"machine\":\"mill-1\"", "\"machine\":\"mill-7\"", "its checksum is wrong"),
         ("\"version\":1", "\"version\":2", "this program reads version 1"),
         ("isotherm-products", "isotherm-halves", "its format is not \"isotherm-products\""),
-        ("{\"format\"", "[{\"format\"", "no products of runs"),
+        ("{\"format\"", "[{\"format\"", "no file of run products"),
     ] {
         assert!(file.contains(from), "{from}");
         let why = RunProducts::from_json(file.replacen(from, to, 1).as_bytes()).unwrap_err();

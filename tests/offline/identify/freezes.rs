@@ -205,5 +205,5 @@ fn a_sensor_that_is_frozen_for_more_than_a_quarter_of_the_time_is_left_out_and_w
     let home = tempfile::tempdir().unwrap();
     let (said, is_good) = command::identify(home.path(), &profile_text(), &logs(&days), &[]);
     assert!(is_good, "{said}");
-    assert!(said.contains("without s1 held-out runs are left"), "{said}");
+    assert!(said.contains("s1: error of held-out runs"), "{said}");
 }

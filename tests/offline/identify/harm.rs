@@ -29,14 +29,14 @@ fn a_model_that_leaves_more_than_a_third_of_eight_runs_worse_is_not_written_unle
     let home = tempfile::tempdir().unwrap();
     let logs = contradicting(5, 3);
     let (said, is_good) = identify(home.path(), &bench(), &logs, &["--write", "z.toml"]);
-    assert!(!is_good && said.contains("z.toml is not written: the model leaves"), "{said}");
-    assert!(said.contains("of 8 held-out runs worse than no compensation"), "{said}");
-    assert!(said.contains("left worse than without compensation:") && said.contains("of 8 runs ("), "{said}");
+    assert!(!is_good && said.contains("z.toml is not written: with the model, "), "{said}");
+    assert!(said.contains("of 8 held-out runs are worse than without compensation"), "{said}");
+    assert!(said.contains("worse than without compensation:") && said.contains("of 8 runs ("), "{said}");
     assert!(!home.path().join("z.toml").exists());
     let (said, is_good) = identify(home.path(), &bench(), &logs, &["--write", "z.toml", "--force"]);
     assert!(is_good, "{said}");
     let block = std::fs::read_to_string(home.path().join("z.toml")).unwrap();
-    assert!(block.contains("of 8 held-out runs worse than uncompensated: "), "{block}");
+    assert!(block.contains("of 8 held-out runs are worse than uncompensated: "), "{block}");
     let (said, is_good) = identify(home.path(), &bench(), &logs, &["--force"]);
     assert!(!is_good && said.contains("--write"), "there is nothing to force: {said}");
 }
@@ -47,7 +47,8 @@ fn a_probe_that_hides_what_a_model_does_makes_no_block_written() {
     let arguments = ["--probe", "10min", "--write", "z.toml"];
     let (said, is_good) = identify(home.path(), &bench(), &contradicting(5, 3), &arguments);
     assert!(
-        !is_good && said.contains("of 8 held-out runs worse than no compensation (without the probe)"),
+        !is_good
+            && said.contains("of 8 held-out runs are worse than without compensation (without the probe)"),
         "{said}"
     );
     assert!(!home.path().join("z.toml").exists());
@@ -58,7 +59,10 @@ fn with_fewer_than_six_runs_it_warns_and_is_written() {
     let home = tempfile::tempdir().unwrap();
     let (said, is_good) = identify(home.path(), &bench(), &contradicting(3, 2), &["--write", "z.toml"]);
     assert!(is_good, "{said}");
-    assert!(said.contains("note: the model leaves") && said.contains("from 6 held-out runs on"), "{said}");
+    assert!(
+        said.contains("note: with the model, ") && said.contains("with 6 or more held-out runs"),
+        "{said}"
+    );
     assert!(home.path().join("z.toml").exists());
 }
 
@@ -69,7 +73,7 @@ fn a_model_that_makes_no_run_worse_says_so() {
     let bench = rig::profile_with(4, rig::NO_MODEL);
     let (said, is_good) = identify(home.path(), &bench, &logs, &["--write", "z.toml"]);
     assert!(is_good, "{said}");
-    assert!(said.contains("left worse than without compensation: none of 6 runs"), "{said}");
+    assert!(said.contains("worse than without compensation: none of 6 runs"), "{said}");
 }
 
 #[test]
@@ -84,10 +88,13 @@ fn days_that_are_alike_are_noted_beside_a_day_that_is_not() {
     }
     let told = |days: &[Day]| found(4, &whitened::logs(days), &Settings::default()).notes.remarks.join("; ");
     let remarks = told(&days);
-    assert!(remarks.contains("the other runs are alike beside day4: the error spans"), "{remarks}");
-    assert_eq!(remarks.matches("are alike beside").count(), 1, "{remarks}");
+    assert!(
+        remarks.contains("the other runs differ little compared with day4: the error spans"),
+        "{remarks}"
+    );
+    assert_eq!(remarks.matches("differ little compared").count(), 1, "{remarks}");
     let other = told(&whitened::days(5, 11, 0.1));
-    assert!(!other.contains("are alike beside"), "{other}");
+    assert!(!other.contains("differ little compared"), "{other}");
 }
 
 #[test]
@@ -99,8 +106,8 @@ fn a_speed_that_the_other_days_never_came_near_is_noted() {
     }
     let logs: Vec<String> = days.iter().map(|day| speed::log(day, |_| false)).collect();
     let remarks = speed::found(&logs).notes.remarks.join("; ");
-    let line = "rpm spans 9000.0 rpm there and 1000.0 rpm in all of them together";
-    assert!(remarks.contains("are alike beside day4: ") && remarks.contains(line), "{remarks}");
+    let line = "rpm spans 9000.0 rpm in this run and 1000.0 rpm in all other runs together";
+    assert!(remarks.contains("differ little compared with day4: ") && remarks.contains(line), "{remarks}");
 }
 
 #[test]

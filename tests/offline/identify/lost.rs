@@ -84,7 +84,8 @@ fn each_stretch_in_which_a_sensor_stood_still_is_mended_and_one_that_is_kept_is_
     assert!(frozen.iter().all(|fault| fault.starts_with("frozen from ")), "{frozen:?}");
     let kept = ready_with(&Choice { keep: vec!["s0".to_owned()], ..rig::choice() });
     assert_eq!(kept.repaired, []);
-    let told = kept.notes.remarks.iter().filter(|remark| remark.starts_with("s0 stays in as asked: frozen"));
+    let told =
+        kept.notes.remarks.iter().filter(|remark| remark.starts_with("s0 is kept as requested: frozen"));
     assert_eq!(told.count(), 2, "{:?}", kept.notes.remarks);
 }
 
@@ -94,6 +95,6 @@ fn of_fewer_than_four_runs_it_is_told_that_nothing_was_tested_for_standing_still
         let dataset = dataset(&logs(&days(count, 23, 0.2))).unwrap();
         ready(&rig::profile(4), &dataset, &rig::choice()).unwrap().notes.remarks.join("; ")
     };
-    assert!(remarks(3).contains("no sensor was tested"), "{}", remarks(3));
-    assert!(!remarks(4).contains("no sensor was tested"), "{}", remarks(4));
+    assert!(remarks(3).contains("sensors were not tested"), "{}", remarks(3));
+    assert!(!remarks(4).contains("sensors were not tested"), "{}", remarks(4));
 }

@@ -105,7 +105,7 @@ fn a_speed_that_one_run_lacks_is_no_input_and_no_run_loses_its_rows() {
     let found = found(&logs);
     assert!(found.terms.iter().all(|term| term.signal != "rpm"), "{:?}", found.terms);
     let told = found.notes.remarks.join("; ");
-    assert!(told.contains("rpm is no input, as it is missing in 100 % of the rows in day2"), "{told}");
+    assert!(told.contains("rpm is no input, because it is missing in 100 % of the rows in day2"), "{told}");
 }
 
 #[test]
@@ -113,7 +113,7 @@ fn inputs_that_are_named_leave_a_speed_out_and_say_so() {
     let inputs = vec!["s0".to_owned(), "s2".to_owned()];
     let found = chosen(&logs(3), &Choice { speeds: true, inputs, ..rig::choice() }, &Settings::default());
     let told = found.notes.remarks.join("; ");
-    assert!(told.contains("rpm is no input, as --inputs does not name it"), "{told}");
+    assert!(told.contains("rpm is no input, because --inputs does not name it"), "{told}");
 }
 
 #[test]
@@ -131,9 +131,9 @@ fn of_one_run_a_model_without_the_speed_is_written_too() {
     let found = found(&logs(1));
     assert_eq!(found.fallbacks.iter().map(|own| own.without.as_str()).collect::<Vec<_>>(), ["rpm"]);
     assert!(found.means.worst_range_um.is_nan() && found.fallbacks[0].means.worst_range_um.is_nan());
-    assert!(found.notes.remarks.iter().any(|told| told.contains("nothing stands in for a sensor")));
+    assert!(found.notes.remarks.iter().any(|told| told.contains("no sensor that fails can be replaced")));
     let block = written(&found, "z", Outside::Agree);
-    assert!(block.block.contains("\n# Where rpm is lost.\n"), "{}", block.block);
+    assert!(block.block.contains("\n# Used while rpm is lost.\n"), "{}", block.block);
     rig::pasted(&profile_with(&block.block), &block.files);
 }
 

@@ -68,9 +68,12 @@ fn minutes_that_are_called_seconds_and_seconds_that_are_called_minutes_are_repor
 fn an_error_that_stands_still_or_is_in_millimetres_is_reported() {
     says(
         &refused(2, &each(|log| cells(log, 3, |_| 0.25)), &choice()),
-        &["z_error_um stands still in every run"],
+        &["z_error_um is constant in every run"],
     );
-    says(&refused(2, &each(|log| cells(log, 3, |um| um / 1000.0)), &choice()), &["looks like mm; write µm"]);
+    says(
+        &refused(2, &each(|log| cells(log, 3, |um| um / 1000.0)), &choice()),
+        &["these are probably mm; write µm"],
+    );
 }
 
 #[test]
@@ -88,7 +91,7 @@ fn cells_that_are_no_numbers_are_reported_with_file_line_and_column_all_at_once(
     logs[2] = logs[2].replace("\n180,", "\nnoon,");
     let reported = refused(2, &logs, &choice());
     says(&reported, &["day0.csv, line 7, column s0: `oops", "is no number; leave the cell empty"]);
-    says(&reported, &["day1.csv, line 1: the column s0 is there twice"]);
+    says(&reported, &["day1.csv, line 1: the column s0 occurs twice"]);
     says(&reported, &["day2.csv, line 5, column time: `noon` is no time"]);
 }
 
@@ -131,5 +134,5 @@ fn fewer_rows_than_terms_are_reported_with_what_to_do() {
         ..Default::default()
     };
     let reported = isotherm_identify::identify(&ready, &settings, None, false, &|_, _| {}).unwrap_err();
-    says(&reported, &["12 terms cannot be learnt from 5 rows", "--inputs", "--method sparse-lag"]);
+    says(&reported, &["12 terms cannot be learnt from the 5 rows", "--inputs", "--method sparse-lag"]);
 }

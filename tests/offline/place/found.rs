@@ -170,7 +170,7 @@ fn its_model_is_taken_by_a_profile_and_its_report_is_one_file() {
     assert_eq!(checked.status.code(), Some(0), "{said}");
     assert!(String::from_utf8_lossy(&checked.stdout).contains("column.matrix.json"));
     let page = std::fs::read_to_string(home.path().join("sensors.html")).unwrap();
-    for wanted in ["<svg", "What is left of each case", "How many sensors are worth it", "BLK8"] {
+    for wanted in ["<svg", "Residual error of each case", "Error by number of sensors", "BLK8"] {
         assert!(page.contains(wanted), "`{wanted}` is not in the report");
     }
     for outside in ["<script", "src=", "href=", "http"] {

@@ -35,7 +35,7 @@ fn a_cut_that_is_none_is_reported_with_what_would_be_one() {
     let home = home();
     refused(home.path(), &["air.inp", "--cut", "height=3"], &["is no cut", "z=450"]);
     refused(home.path(), &["air.inp", "--cut", "y=3,5"], &["is no cut"]);
-    refused(home.path(), &["air.inp", "--cut", "y=9000"], &["goes through nothing", "from 0 to 1500 mm"]);
+    refused(home.path(), &["air.inp", "--cut", "y=9000"], &["divides no block", "from 0 to 1500 mm"]);
     refused(home.path(), &["air.inp", "--cut", "y=700:BLK9"], &["no such block", "BLK1, BLK2"]);
 }
 
@@ -57,7 +57,7 @@ fn blocks_that_overlap_or_leave_nodes_out_are_reported_by_their_nodes() {
         let line = line(&text);
         text.replace(&format!("*NSET, NSET=BLK1\n{line}\n"), "*NSET, NSET=BLK1\n")
     });
-    refused(home.path(), &["air.inp"], &["10 nodes (", "lie in no block (BLK1, ", "they belong to"]);
+    refused(home.path(), &["air.inp"], &["10 nodes (", "are in no block (BLK1, ", "to their block"]);
 }
 
 #[test]
@@ -82,9 +82,9 @@ fn files_of_other_structures_or_of_one_name_are_reported() {
     refused(
         home.path(),
         &["air.inp", "other.inp"],
-        &["air and other are not one structure", "materials differ"],
+        &["air and other are not the same structure", "materials differ"],
     );
-    refused(home.path(), &["air.inp", "air.inp"], &["a second load case called air"]);
+    refused(home.path(), &["air.inp", "air.inp"], &["a second load case with the name air"]);
     refused(
         home.path(),
         &["air.inp", "--method", "patent", "--case", "night"],
@@ -101,7 +101,7 @@ fn a_rider_and_a_plant_that_are_none_are_reported() {
     refused(home.path(), &["air.inp", "--plant", "air.inp"], &["--modes"]);
     refused(home.path(), &["--example", "there", "air.inp"], &["--example"]);
     file(home.path(), "motor.inp", "*HEADING\nmine\n");
-    refused(home.path(), &["--example", "."], &["motor.inp is there already", "name another directory"]);
+    refused(home.path(), &["--example", "."], &["motor.inp exists already", "name another directory"]);
     assert!(!home.path().join("mesh.inp").exists(), "all of it or nothing");
     refused(home.path(), &[], &["CASE.inp"]);
     let other = home.path().join("air.inp");
@@ -110,7 +110,7 @@ fn a_rider_and_a_plant_that_are_none_are_reported() {
     let mesh = std::fs::read_to_string(home.path().join("structure.inc")).unwrap();
     file(home.path(), "other.inc", &mesh.replace("110000", "210000"));
     let asked = ["air.inp", "--plant", "plant.inp", "--modes", "modes.json"];
-    refused(home.path(), &asked, &["air and plant are not one structure", "their materials differ"]);
+    refused(home.path(), &asked, &["air and plant are not the same structure", "their materials differ"]);
     let engine = ["air.inp", "--plant", "air.inp", "--modes", "modes.json", "--engine", "ccx"];
     refused(
         home.path(),

@@ -31,15 +31,12 @@ fn what_is_wrong_with_a_parquet_file_is_said_in_a_sentence() {
     let _home = Home::new();
     for (name, words) in [
         ("corpus/parquet/negative_length.parquet", ["column", "negative"]),
-        ("corpus/parquet/no_dictionary.parquet", ["column", "a page has no head, or one that is damaged"]),
+        ("corpus/parquet/no_dictionary.parquet", ["column", "a page has no header, or a damaged header"]),
         // Its pages look valid, but the reader panics on their content.
-        (
-            "corpus/parquet/reader_panics.parquet",
-            ["it is not a readable Parquet file", "its reader failed on it"],
-        ),
+        ("corpus/parquet/reader_panics.parquet", ["it is not a readable Parquet file", "the reader failed"]),
         ("security/bombs/many_rows.parquet", ["20000000 rows", "are read"]),
-        ("security/bombs/huge_page.parquet", ["takes 80000", "at most 48000000"]),
-        ("security/bombs/more_than_it_says.parquet", ["holds more than", "that it says it has"]),
+        ("security/bombs/huge_page.parquet", ["has 80000", "at most 48000000"]),
+        ("security/bombs/more_than_it_says.parquet", ["contains more than", "that its header gives"]),
     ] {
         let path = there().join(name);
         isotherm(&["report"], &path).is_refused(size(&path), &[&[name], &words[..]].concat());

@@ -73,8 +73,8 @@ fn since_cold(cold: &[Touch], touch: &Touch, along: usize) -> Result<Option<Move
     let by = [0, 1, 2].map(|direction| 1000.0 * (touch.at_mm[direction] - mean(direction)));
     if let Some(far) = (0..3).find(|direction| by[*direction].abs() > NO_DRIFT) {
         return Err(format!(
-            "ball {} is {:.3} mm from its cold place along {}, which is no drift: are the balls numbered as in the first \
-             round, and the coordinates in mm?",
+            "ball {} is {:.3} mm from its cold place along {}, too far for a drift. Are the balls numbered \
+             as in the first round, and the coordinates in mm?",
             touch.ball,
             by[far] / 1000.0,
             DIRECTIONS[far]

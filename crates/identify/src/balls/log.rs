@@ -50,7 +50,7 @@ fn beside<'a>(
     names: &[&str],
 ) -> Result<(Vec<&'a str>, Vec<Row>), BadLog> {
     let [run] = recorded.runs.as_slice() else {
-        return Err(one("what was recorded is one run: give the one log that was running meanwhile"));
+        return Err(one("--recorded must be one run: give the log that was recorded during the rounds"));
     };
     let mut at = Vec::new();
     for round in &terms.rounds {
@@ -58,8 +58,8 @@ fn beside<'a>(
         let nearest = (0..run.times.len()).min_by_key(apart).filter(|row| apart(row) <= NEAR);
         at.push(nearest.ok_or_else(|| {
             one(&format!(
-                "no row of {} is within ten minutes of the round at {:.2} h: both files need the same clock, and \
-                 the log must run from the cold round to the last",
+                "no row of {} is within ten minutes of the round at {:.2} h. Both files need the same clock, \
+                 and the log must run from the cold round to the last",
                 run.file.display(),
                 round.hours
             ))

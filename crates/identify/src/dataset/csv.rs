@@ -79,8 +79,8 @@ pub(super) fn from_text(
     }
     if let Some((line, cells, lines)) = uneven {
         let hint = match cells > width {
-            true => "where these are decimal commas, write points; a comma stands between columns only",
-            false => "an empty cell has its comma, too",
+            true => "if these are decimal commas, write points; a comma only separates columns",
+            false => "an empty cell also needs its comma",
         };
         let more = if lines > 1 { format!(", and {} lines more like it", lines - 1) } else { String::new() };
         rows.refuse(line, None, format!("{cells} cells under {width} column names{more}: {hint}"));
@@ -97,7 +97,7 @@ fn check_header(names: &[String]) -> Result<(), String> {
     }
     let mut seen = std::collections::HashSet::new();
     match names.iter().find(|name| !name.is_empty() && !seen.insert(name.as_str())) {
-        Some(twice) => Err(format!("the column {} is there twice; rename one", quoted(twice))),
+        Some(twice) => Err(format!("the column {} occurs twice; rename one", quoted(twice))),
         None => Ok(()),
     }
 }

@@ -16,8 +16,8 @@ pub(super) fn logs(named: &[PathBuf], wrong: &mut Vec<String>) -> Vec<PathBuf> {
     for name in named {
         if is_of_outputs(name) {
             wrong.push(format!(
-                "{} tells what outputs did, and nothing that was measured: name the log beside it, whose name ends with .csv \
-                 alone",
+                "{} is a log of outputs, without measured values: name the log in the same directory whose \
+                 name ends with .csv only",
                 name.display()
             ));
             continue;
@@ -27,7 +27,8 @@ pub(super) fn logs(named: &[PathBuf], wrong: &mut Vec<String>) -> Vec<PathBuf> {
             let path = file.canonicalize().ok();
             if path.is_some() && files.iter().any(|known| known.canonicalize().ok() == path) {
                 wrong.push(format!(
-                    "{} is named twice: a run would be judged by a model that had seen it; name each log once",
+                    "{} is named twice: a run would be judged with a model that was learnt from it; name \
+                     each log once",
                     file.display()
                 ));
             } else {

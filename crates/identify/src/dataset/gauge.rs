@@ -24,14 +24,14 @@ pub(super) fn add(
     let gauge = read_table(file, &Split { zone, ..Split::default() }, &every_column)?;
     let columns: Vec<&str> = gauge.names_of_numbers().collect();
     let [column] = columns.as_slice() else {
-        let there = if columns.is_empty() { "none of numbers".to_owned() } else { columns.join(", ") };
-        let why = "a gauge's file has two columns, time and error; here are beside the time:";
+        let there = if columns.is_empty() { "no column of numbers".to_owned() } else { columns.join(", ") };
+        let why = "a gauge's file has two columns, time and error; besides the time, this file has:";
         return Err(refused(format!("{why} {there}")));
     };
     if let Some((one, other)) = overlapping(&dataset.runs) {
         return Err(refused(format!(
-            "{one} and {other} are of the same time, so that a reading could be of either: name one of them, or logs \
-             with dates"
+            "{one} and {other} overlap in time, so a reading could belong to either: name one of them, or \
+             logs with dates"
         )));
     }
     let per_unit = if column.ends_with("_mm") { 1000.0 } else { 1.0 };
@@ -54,14 +54,14 @@ pub(super) fn add(
         let [of_gauge, of_logs] =
             [span(&mut gauge.times.iter()), span(&mut dataset.runs.iter().flat_map(|run| &run.times))];
         return Err(refused(format!(
-            "no row of the logs within {shown} of any reading: the gauge's times are {of_gauge}, the logs' {of_logs}; is \
-             the zone right (--zone), and the clock?"
+            "no row of the logs is within {shown} of a reading: the gauge's times are {of_gauge}, those of \
+             the logs {of_logs}. Are the zone (--zone) and the clock right?"
         )));
     }
     if let Some(first) = far.first() {
         let remark = format!(
-            "{}: {} of {read} readings have no row within {shown}, the first in line {first}; they are left out \
-             (--within takes more)",
+            "{}: {} of {read} readings have no row within {shown}, the first in line {first}; they are left \
+             out (--within allows a larger distance)",
             file.display(),
             far.len()
         );

@@ -41,7 +41,7 @@ pub(super) fn read(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, 
     let refused = |why: String| BadLog(vec![format!("{}: {why}", file.display())]);
     beyond(|| from_file(file, opened, split, uses)).unwrap_or_else(|_| {
         Err(refused(
-            "it is not a readable Parquet file: its reader failed on it; write it again, or as CSV"
+            "it is not a readable Parquet file: the reader failed; write the file again, or write it as CSV"
                 .to_owned(),
         ))
     })
@@ -122,15 +122,15 @@ impl Opened {
         let rows = self.groups().iter().try_fold(0u64, |rows, group| {
             u64::try_from(group.num_rows()).ok().and_then(|more| rows.checked_add(more))
         });
-        let rows = rows.ok_or("it says that it has a negative number of rows")?;
+        let rows = rows.ok_or("its number of rows is negative")?;
         let columns = 1 + table.kept() as u64;
         let (needed, limit) =
             (rows.saturating_mul(8 * columns), AT_LEAST.saturating_add(self.length.saturating_mul(PER_BYTE)));
         if needed > limit {
             let million = |bytes: u64| bytes.div_ceil(1_000_000);
             return Err(format!(
-                "{rows} rows of {columns} columns take {} MB, and of a file of {} MB at most {} MB are read: write fewer rows or \
-                 columns into it, or CSV",
+                "{rows} rows of {columns} columns take {} MB, but of a file of {} MB at most {} MB are read. \
+                 Write fewer rows or columns, or write CSV",
                 million(needed),
                 million(self.length),
                 million(limit)
@@ -144,7 +144,7 @@ impl Opened {
         let is_time = place == table.time_at();
         if !is_plain(column) {
             if is_time {
-                return Err(Stopped::Wrong("one value in each row is wanted".to_owned()));
+                return Err(Stopped::Wrong("it needs one value in each row".to_owned()));
             }
             table.is_text(place);
             return Ok(());
@@ -157,11 +157,12 @@ impl Opened {
             let chunk = metadata
                 .columns()
                 .get(place)
-                .ok_or_else(|| Stopped::Wrong("a row group lacks it".to_owned()))?;
+                .ok_or_else(|| Stopped::Wrong("it is missing in a row group".to_owned()))?;
             let looked = pages::look(&self.again, self.length, chunk).map_err(Stopped::Wrong)?;
             if looked.has_deltas_of_texts && column.physical_type() == Type::BYTE_ARRAY {
                 if is_time || table.needs_words(place) {
-                    let why = "its texts are packed as differences, which is not read: write them plain or with a dictionary";
+                    let why = "its texts are stored as differences, which is not supported: write them plain \
+                               or with a dictionary";
                     return Err(Stopped::Wrong(why.to_owned()));
                 }
                 table.is_text(place);

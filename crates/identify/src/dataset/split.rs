@@ -53,8 +53,8 @@ fn of_table(mut table: Table, names: &[String], split: &Split) -> Result<Vec<Run
         let back = (rows.start + 1..rows.end).find(|row| table.times[*row] < table.times[row - 1]);
         if let Some(back) = back {
             wrong.push(format!(
-                "{}, line {}: time runs back; sort the rows, give each run its own file, or name the column that tells \
-                 runs apart with --run-column",
+                "{}, line {}: time runs back; sort the rows, give each run its own file, or name the column \
+                 that distinguishes runs with --run-column",
                 table.file.display(),
                 table.lines.of(back)
             ));
@@ -77,7 +77,7 @@ fn parts(table: &Table, labels: Option<&Labels<'_>>, split: &Split) -> Result<Ve
     for end in (1..rows).filter(ends).chain([rows]) {
         if parts.len() == MOST_RUNS {
             return Err(BadLog(vec![format!(
-                "{}, line {}: more than {MOST_RUNS} runs: does --run-column, or --gap, tell them apart?",
+                "{}, line {}: more than {MOST_RUNS} runs: is --run-column or --gap right?",
                 table.file.display(),
                 table.lines.of(first)
             )]));

@@ -308,7 +308,7 @@ impl Reader {
             let name = std::mem::take(&mut column.name);
             self.columns[place] = Column { is_over: true, ..Column::default() };
             let message =
-                format!("more than {MOST_WORDS} different texts: nothing can be told apart by them");
+                format!("more than {MOST_WORDS} different texts: this column cannot distinguish runs");
             self.refuse(number, Some(&name), message);
         }
     }
@@ -338,8 +338,8 @@ impl Reader {
         }
         if self.listed.is_empty() {
             for column in acted::keep_what_acted(&mut self.table) {
-                let message = "no row in which what stood in the register was verified: what acted is not known; leave \
-                               this log out";
+                let message = "no row has a verified register value, so the Cz that acted is not known: \
+                               leave this log out";
                 self.refuse_at(&format!("every {}", self.row), Some(&column), message);
             }
         }
@@ -386,7 +386,7 @@ fn minutes(dialect: &mut Dialect, text: &str, _: Option<Moment>) -> Result<Momen
     }
     // A minute is sixty seconds, computed exactly in nanoseconds.
     let nanos = read.as_nanos().checked_mul(60);
-    nanos.map(Moment::from_nanos).ok_or_else(|| format!("`{text}` minutes is beyond the end of time"))
+    nanos.map(Moment::from_nanos).ok_or_else(|| format!("`{text}` minutes is too large"))
 }
 
 /// Parses a cell as a number; NaN if it is empty; `None` if it is not a number.

@@ -82,18 +82,22 @@ pub(super) fn likeness<'a>(
     let others: Vec<&str> = active.iter().filter(is_other).map(|other| other.name.as_str()).collect();
     if !others.is_empty() {
         remarks.push(match (test, others.join(", ")) {
-            (Test::Etve, others) => format!("{others} moved: what that warmed is in these figures"),
-            (_, others) => format!("{others} moved as well: what each of them warmed cannot be told apart"),
+            (Test::Etve, others) => {
+                format!("{others} moved: these figures include the heat of this movement")
+            }
+            (_, others) => {
+                format!("{others} moved as well: the effects of these movements cannot be separated")
+            }
         });
     }
     let because = match (asked, mover) {
         (None, Some(mover)) if mover.is_speed => format!("{} is not always zero", mover.name),
         (None, Some(mover)) => format!("{} moves", mover.name),
         (None, None) => "no column of a speed or a position moves".to_owned(),
-        (Some(_), _) => "that was asked for".to_owned(),
+        (Some(_), _) => "as requested".to_owned(),
     };
     if mover.is_none() && test != Test::Etve {
-        remarks.push("no column says what turned or moved: the stages are not known".to_owned());
+        remarks.push("no column shows what turned or moved: the stages are not known".to_owned());
     }
     (test, mover, because)
 }

@@ -154,9 +154,7 @@ fn settled(fault: &Fault, masks: &mut [Vec<bool>], done: Done) -> (Damage, Done)
         masks[run] = mask;
     }
     match (done, is_masked) {
-        (Some(done), true) => {
-            (Damage::Frozen, Some(format!("these rows were masked, and for its lags {done}")))
-        }
+        (Some(done), true) => (Damage::Frozen, Some(format!("these rows were masked; for the lags, {done}"))),
         (Some(done), false) => (Damage::Rebuilt, Some(done)),
         (None, true) => {
             (Damage::Missing, Some("these rows were masked: nothing is learnt from them".to_owned()))

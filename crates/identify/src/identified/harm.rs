@@ -16,8 +16,8 @@ impl Identified {
         let is_refused = self.is_judged() && is_harmful(&means) && !self.learned.inputs().is_empty();
         is_refused.then(|| {
             format!(
-                "{}; a third is the most: find out what was different on them and record more such days, or leave inputs out with \
-                 --without; --force writes it all the same",
+                "{}; at most a third is allowed. Find out what was different on these days and record more \
+                 such days, or leave inputs out with --without. --force writes the block anyway",
                 self.leaves_worse("the model", &means)
             )
         })
@@ -33,7 +33,7 @@ impl Identified {
         let harmful = self.fallbacks.iter().filter(|fallback| is_harmful(&fallback.means));
         let sentence = |fallback: &Fallback| {
             let model = format!("the model without {}", fallback.without);
-            format!("{}: it is not written", self.leaves_worse(&model, &fallback.means))
+            format!("{}: this model is not written", self.leaves_worse(&model, &fallback.means))
         };
         let sentences: Vec<String> = harmful.map(sentence).collect();
         self.fallbacks.retain(|fallback| !is_harmful(&fallback.means));
@@ -53,7 +53,7 @@ impl Identified {
         let harmful = own.into_iter().chain(fallbacks).filter(|(_, means)| is_harmful(means));
         let warning = |(model, means): (String, &Means)| {
             format!(
-                "{}; from {ENOUGH_RUNS} held-out runs on no such model is written",
+                "{}; with {ENOUGH_RUNS} or more held-out runs, such a model is not written",
                 self.leaves_worse(&model, means)
             )
         };
@@ -75,7 +75,7 @@ impl Identified {
         let runs = self.runs.len();
         let probe = if self.probe_s.is_some() { " (without the probe)" } else { "" };
         format!(
-            "{model} leaves {:.0} % of {runs} held-out runs worse than no compensation{probe}",
+            "with {model}, {:.0} % of {runs} held-out runs are worse than without compensation{probe}",
             100.0 * means.worse_share
         )
     }

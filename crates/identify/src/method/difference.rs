@@ -19,7 +19,9 @@ pub(super) fn fit(gram: &Gram, columns: &[usize]) -> Result<Gains, String> {
             }
         }
     }
-    let (_, gain, a, b) = best
-        .ok_or("a difference wants two sensors that do not move alike: name them, --inputs bed,wheelhead")?;
+    let (_, gain, a, b) = best.ok_or(
+        "a difference needs two sensors whose temperatures do not change alike: name them, --inputs \
+         bed,wheelhead",
+    )?;
     Ok(vec![(a, gain), (b, -gain)])
 }

@@ -8,7 +8,7 @@ use crate::statistics::count;
 pub(super) fn fit(gram: &Gram, columns: &[usize]) -> Result<Gains, String> {
     if gram.rows < count(columns.len()) {
         return Err(format!(
-            "{} rows cannot carry {} terms: record longer runs, or name fewer sensors with --inputs",
+            "{} rows are too few for {} terms: record longer runs, or name fewer sensors with --inputs",
             gram.rows,
             columns.len()
         ));

@@ -27,12 +27,12 @@ pub(super) fn fit(grams: &[Gram], runs: &[usize], columns: &[usize], terms: Opti
 /// Bank with every input through every lag, and each of these multiplied by the distance from the reference position.
 pub(super) fn bank(campaign: &Campaign<'_>, lags: &[Option<Duration>]) -> Result<Bank, String> {
     let Some(position) = &campaign.position else {
-        return Err("position wants the signal that says where the axis was: --position scale_z".to_owned());
+        return Err("position needs the signal with the position of the axis: --position scale_z".to_owned());
     };
     let places = campaign.dataset.runs.iter().flat_map(|run| &run.values[position.input.column]);
     if range(places) < 1.0 {
         return Err(format!(
-            "{} stays at one place: a slope wants errors measured at several positions of the axis",
+            "{} is constant: a slope needs errors measured at several positions of the axis",
             position.input.name
         ));
     }
@@ -59,7 +59,8 @@ fn returns(campaign: &Campaign<'_>, name: &str) -> Result<(), String> {
         return Ok(());
     }
     Err(format!(
-        "{name} hardly ever returns to a place ({once} of {rows} rows are first visits): an error counts from its place's \
-         first visit, to a millimetre; measure at the same few positions again and again, from the cold machine on"
+        "{name} rarely returns to a position ({once} of {rows} rows are first visits). An error counts from \
+         the first visit of its position, to a millimetre. Measure repeatedly at the same few positions, \
+         from the cold machine on"
     ))
 }

@@ -103,7 +103,8 @@ impl Trained {
     pub(super) fn new(campaign: &Campaign<'_>, settings: &Settings, shape: Shape) -> Result<Trained, String> {
         if let Some(speed) = campaign.inputs.iter().find(|input| input.is_speed()) {
             return Err(format!(
-                "{} takes temperatures, as rises since the start, and {} is a speed: leave it out of --inputs",
+                "{} accepts only temperatures, as rises since the start, and {} is a speed: leave the speed \
+                 out of --inputs",
                 settings.method, speed.name
             ));
         }
@@ -121,8 +122,8 @@ impl Trained {
             bank.candidates.iter().enumerate().filter(may).map(|(place, _)| place).collect();
         if columns.len() > WIDEST {
             return Err(format!(
-                "{} inputs through {} lags are {} numbers, and a network takes {WIDEST}: name fewer sensors with --inputs, or \
-                 fewer --lags",
+                "{} inputs through {} lags are {} numbers, but a network accepts at most {WIDEST}: name \
+                 fewer sensors with --inputs, or fewer --lags",
                 campaign.inputs.len(),
                 lags.len(),
                 columns.len()

@@ -20,7 +20,8 @@ impl TwoSource {
         let waiting = places("--waiting", "run", &settings.waiting, &runs)?;
         if waiting.len() < 2 || waiting.len() == runs.len() {
             return Err(format!(
-                "two-source wants at least two runs in which the spindle waits, and others: --waiting RUN,RUN of {}",
+                "two-source needs at least two runs in which the spindle waits, and other runs: --waiting \
+                 RUN,RUN of {}",
                 runs.join(", ")
             ));
         }
@@ -39,7 +40,9 @@ impl TwoSource {
         let (waiting, working): (Vec<usize>, Vec<usize>) =
             runs.iter().copied().partition(|run| self.waiting.contains(run));
         if waiting.is_empty() || working.is_empty() {
-            return Err("two-source needs another run of each kind, with and without the spindle".to_owned());
+            return Err(
+                "two-source needs another run of each kind, with and without a turning spindle".to_owned()
+            );
         }
         let by_first = ridge(&Gram::sum(grams, &waiting), &first, 0.0);
         let mut rest = Gram::sum(grams, &working);
@@ -61,7 +64,7 @@ impl TwoSource {
 
 fn places(option: &str, what: &str, names: &[String], known: &[&str]) -> Result<Vec<usize>, String> {
     if names.is_empty() {
-        return Err(format!("two-source wants {option}: one {what} or more of {}", known.join(", ")));
+        return Err(format!("two-source needs {option}: one {what} or more of {}", known.join(", ")));
     }
     let place = |name: &String| {
         let found = known.iter().position(|other| other == name);

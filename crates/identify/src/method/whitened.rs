@@ -81,8 +81,8 @@ fn known(campaign: &Campaign<'_>, prior: &[PriorTerm]) -> Result<Vec<(Candidate,
     foreign.dedup();
     if !foreign.is_empty() {
         return Err(format!(
-            "the model of --prior has terms of {}, of which there is no input here: give the signals their names in it, or take \
-             these terms out of it",
+            "the model of --prior has terms of {}, but there is no input with this name. In that model, use \
+             the signal names of the profile, or remove these terms",
             foreign.join(", ")
         ));
     }

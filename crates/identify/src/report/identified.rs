@@ -39,7 +39,7 @@ pub fn identified(subject: &Subject<'_>) -> String {
     let repaired = |mended: &Repaired| html! { strong { (mended.signal) } " " (mended.fault) " in " (mended.run) ": " (mended.done) };
     let omitted = |omission: &Omission| {
         html! {
-            "Without " strong { (omission.signal) } " held-out runs are left " (number(omission.without_um)) " µm RMS, with it "
+            "Without " strong { (omission.signal) } " the error of held-out runs is " (number(omission.without_um)) " µm RMS, with it "
             (number(omission.with_um)) " µm"
         }
     };

@@ -63,11 +63,11 @@ pub(super) fn cross_validation(runs: &[RunScore], means: &Means, uncompensated: 
     html! {
         h2 { "Cross-validation" }
         p {
-            "Each run was held out in turn: the model was found from all the others, and judged on the one that it never saw. \
+            "Each run was held out in turn: the model was found from all the others, and judged on that run. \
              The range is the largest minus the smallest error of a run."
         }
         p { (worse(runs)) }
-        ul .keys { li .filled { "range left, µm" } li .hollow { "without compensation, µm" } }
+        ul .keys { li .filled { "residual range, µm" } li .hollow { "without compensation, µm" } }
         (chart::bars("range of each run, held out and without compensation", &all))
         (table(&["run", "range, µm", "without", "cut by", "RMS, µm", "without", "95 % within ±, µm"], &rows))
     }
@@ -77,9 +77,9 @@ pub(super) fn cross_validation(runs: &[RunScore], means: &Means, uncompensated: 
 fn worse(runs: &[RunScore]) -> String {
     let worse: Vec<&str> = runs.iter().filter(|run| run.is_worse()).map(|run| run.name.as_str()).collect();
     match worse.len() {
-        0 => "No run was left with a larger range than it has without compensation.".to_owned(),
+        0 => "No run has a larger range with the model than without compensation.".to_owned(),
         some => format!(
-            "{some} of {} were left with a larger range than without compensation: {}.",
+            "{some} of {} have a larger range with the model than without compensation: {}.",
             counted(runs.len(), "run"),
             worse.join(", ")
         ),
@@ -96,11 +96,11 @@ pub(super) fn pictures(found: &Identified) -> Markup {
         least_and_most(found.held_out.iter().flat_map(values).chain([0.0])).unwrap_or((0.0, 0.0));
     let room = (0.05 * (high - low)).max(0.1);
     html! {
-        h2 { "Measured, predicted, left over" }
+        h2 { "Measured error, prediction, residual error" }
         ul .keys {
             li { "measured error" }
             li .dashed { "predicted by the model from the other runs" }
-            li .filled { "left over" @if found.probe_s.is_some() { " after probing" } }
+            li .filled { "residual error" @if found.probe_s.is_some() { " after probing" } }
         }
         div .gallery {
             @for held in &found.held_out { (of_run(held, found.probe_s, (low - room, high + room))) }
@@ -117,7 +117,7 @@ fn of_run(held: &HeldOut, probe: Option<f64>, within: (f64, f64)) -> Markup {
         Line::new(Look::Dashed, hours().zip(held.cz.iter().map(|cz| -cz))),
     ];
     let score = &held.score;
-    let says = format!("measured, predicted and left over in {}", score.name);
+    let says = format!("measured, predicted and residual error in {}", score.name);
     let caption = format!(
         "range {} µm, without compensation {} µm",
         number(score.range_um),
@@ -141,8 +141,10 @@ fn against(found: &Identified) -> Markup {
         div .gallery style="margin-top: 1.2rem" {
             (figure("Predicted against measured", &chart::scatter("µm predicted, over µm measured", "predicted against measured error", &pairs),
                 "Every run held out; on the line both are equal."))
-            (figure("How much is left over, how often", &chart::bars("share of the rows by what is left over", &histogram),
-                "Share of the rows of all runs, by what is left over in µm."))
+            (figure(
+                "Distribution of the residual \
+                 error", &chart::bars("share of the rows by residual error", &histogram),
+                "Share of the rows of all runs, by the residual error in µm."))
         }
     }
 }

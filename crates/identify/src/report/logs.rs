@@ -156,10 +156,11 @@ pub(super) fn alike(campaign: &Campaign<'_>) -> Markup {
         order.iter().map(|one| order.iter().map(|other| between[*one][*other]).collect()).collect();
     let width = decimals(count(names.len()) * 1.9 + 7.0, 1);
     html! {
-        h2 { "Which sensors say the same" }
+        h2 { "Sensors with similar values" }
         p {
-            "Correlations in hundredths: of the rises of the sensors since the start of a run, with each other and with the \
-             measured error, over the rows of all runs. The darker, the stronger; below zero one falls as the other rises."
+            "Correlations in hundredths, over the rows of all runs. They are those of the rises of the \
+             sensors since the start of a run, and of the measured error. The darker, the stronger. Below \
+             zero, one falls as the other rises."
         }
         // The map has a fixed minimum width, so that its figures remain legible.
         div .scroll tabindex="0" {

@@ -89,8 +89,12 @@ fn by_count(found: &Selected) -> Markup {
     };
     html! {
         h2 { "How many points" }
-        p { "For each run the points were chosen from all the others, and judged on that run: how much is left, by how many are kept." }
-        ul .keys { li { "held out, over the number of points; a ring: recommended" } li .dashed { "with every point" } }
+        p {
+            "For each run, the points were chosen from all the others, and judged on that run. The curves \
+             show the residual error by the number of points." }
+        ul .keys { li {
+            "held out, over the number of points; a ring marks the recommended \
+             number" } li .dashed { "with every point" } }
         div .gallery {
             (figure("Mean range of a run", &of(|row| row.means.mean_range_um), ""))
             (figure("Mean RMS of a run", &of(|row| row.means.mean_rmse_um), ""))
@@ -111,17 +115,20 @@ fn points(found: &Selected) -> Markup {
         h2 { "Each point alone" }
         div .gallery {
             (figure("Correlation with the error", &bars("correlation of each point with the error", |point| point.correlation),
-                "Over the rows of all runs, rises since the start of a run; below zero it falls as the error rises."))
+                "Over the rows of all runs, of rises since the start of a run. Below zero, the point falls \
+                 as the error rises."))
             (figure("Grey relational grade", &bars("grey relational grade of each point", |point| point.grey_grade),
-                "After Deng, ζ = 0.5: 1 where the course of a point is that of the error."))
+                "After Deng, ζ = 0.5: 1 if the course of a point is that of the error."))
         }
     }
 }
 
 fn groups(found: &Selected) -> Markup {
     html! {
-        h2 { "Points that say the same" }
-        p { "Every two points of a group are correlated at least so. The first of each is most correlated with the error: it can stand for the others." }
+        h2 { "Points with similar values" }
+        p {
+            "Every two points of a group have at least this correlation. The first point of a group has the \
+             highest correlation with the error, and can represent the others." }
         @for grouped in &found.groups {
             h3 { "by " (chart::tick(grouped.correlation)) " or more" }
             ol { @for group in &grouped.groups { li { (group.join(", ")) } } }
@@ -148,7 +155,8 @@ fn stepwise(found: &Selected) -> Markup {
         h2 { "Stepwise, by partial F tests" }
         p {
             "In the order in which points come in, on rises without lags, counting " (decimals(found.stepwise.samples, 0))
-            " independent samples. The chance is that of such an F where the point has nothing to do with the error."
+            " independent samples. The chance is the probability of such an F if the point has nothing to do \
+             with the error."
         }
         (table(&["point", "step:", "partial F", "chance"], &rows))
     }

@@ -25,7 +25,7 @@ pub(super) fn terms(found: &Identified) -> Markup {
         return html! {
             h2 { "The model" }
             p {
-                "A " (found.network.as_deref().unwrap_or("network")) ": its weights lie in a file beside the profile. It has "
+                "A " (found.network.as_deref().unwrap_or("network")) ": its weights are in a file next to the profile. It has "
                 "no terms to be listed."
             }
         };
@@ -64,9 +64,10 @@ pub(super) fn terms(found: &Identified) -> Markup {
     html! {
         h2 { "The model" }
         p {
-            "Cz = −e is the sum of these: each the rise of a sensor since the start of the run, or a speed or its square, in its \
-             unit, through a lag with this time constant, times its gain. Those that come to most in µm are first. The whisker is \
-             one standard error to either side."
+            "Cz = −e is the sum of these terms. A term is a gain times an input, through a lag with this \
+             time constant. The input is the rise of a sensor since the start of the run, or a speed or its \
+             square, in its unit. The largest terms in µm are first. The whisker is one standard error to \
+             either side."
         }
         div .gallery {
             @for (title, bars) in units.iter().map(of_unit) {
@@ -83,7 +84,7 @@ pub(super) fn terms(found: &Identified) -> Markup {
             p {
                 "Condition number " (three_digits(condition)) ": "
                 @if condition < 30.0 { "the terms can be told apart." }
-                @else { "terms resemble each other, so single gains mean little; only their sum does." }
+                @else { "terms are similar, so only the sum of their gains is meaningful." }
             }
         }
     }
@@ -131,7 +132,7 @@ fn at_rest(terms: &[TermFound]) -> Markup {
             (figure(
                 "Each sensor at rest",
                 &chart::bars("sum of the gains of each sensor", &bars),
-                "The sum of a sensor's gains: what one unit of it does in the end, all its lags over.",
+                "The sum of a sensor's gains: the effect of one unit after all lags.",
             ))
         }
     }
@@ -171,18 +172,20 @@ pub(super) fn stand_ins(found: &Identified) -> Markup {
     html! {
         h2 { "Without one of its sensors" }
         p {
-            "Where a sensor is frozen or breaks, what the others say of it takes its place, or a model that does without it, \
-             whichever leaves less. Held out, with the sensor lost from the beginning of each run"
+            "If a sensor is frozen or fails, its value from the others replaces it, or a model without it, \
+             whichever has the smaller error. Held out, with the sensor lost from the beginning of each run"
             @if found.probe_s.is_some() { ", without the probe" }
             ":"
         }
         @for signal in &found.irreplaceable {
-            p { strong { (signal) } ": no other sensor can stand in for it. Keep a spare." }
+            p { strong { (signal) } ": no other sensor can replace it. Keep a spare sensor." }
         }
-        (table(&["lost", "mean range, µm", "worst run, µm", "mean RMS, µm", "runs left worse", "what takes its place"], &rows))
+        (table(&["lost", "mean range, µm", "worst run, µm", "mean RMS, µm",
+            "worse runs", "what replaces it"], &rows))
         @if !found.stand_ins.is_empty() {
             p .quiet {
-                "A sensor counts as frozen once its reading stands still while the others say that it should have moved by more than: "
+                "A sensor counts as frozen if its reading is constant while the others indicate a change of \
+                 more than: "
                 (found.stand_ins.iter().map(|own| format!("{} {} °C", own.signal, decimals(own.threshold, 2))).collect::<Vec<_>>().join(", ")) "."
             }
         }
@@ -209,9 +212,13 @@ pub(super) fn by_sensors(counted: &[Counted]) -> Markup {
     let says = "held-out range by the number of sensors";
     html! {
         h2 { "How many sensors" }
-        p { "What a sensor more is worth: for each run the sensors were chosen from all the others, and judged on that run." }
+        p {
+            "The value of one more sensor: for each run, the sensors were chosen from all the others, and \
+             judged on that run." }
         div .gallery {
-            (figure("Mean range of a run", &chart::curve("µm", says, &ranges, few, ranges[0]), "Over the number of sensors; dashed: with none. A ring: the fewest that are within a tenth of the best."))
+            (figure("Mean range of a run", &chart::curve("µm", says, &ranges, few, ranges[0]),
+                "Over the number of sensors; dashed: without sensors. A ring marks the smallest number that \
+                 is within a tenth of the best."))
         }
         (table(&["sensors", "mean range, µm", "worst run, µm", "comes in (on all runs):"], &rows))
     }
@@ -228,18 +235,21 @@ pub(super) fn expected(found: &Identified) -> Markup {
     };
     let shares = found.runs.iter().filter_map(|run| Some((run, run.expected_um?)));
     html! {
-        h2 { "How far off it may be" }
+        h2 { "Expected error" }
         p {
-            "Expected within (one standard deviation), as the runs that were held out show it. It grows with the time since the datum, or \
-             since a probe last touched. Two rows of three should lie inside one time this, 19 of 20 inside two times."
+            "Standard deviation of the residual error, from the held-out runs. It grows with the time since \
+             the datum, or since the last touch of a probe. Two rows of three should be within one standard \
+             deviation, 19 of 20 within two."
         }
         (table(&["after", "since the datum", "since a touch"], &rows))
         p .quiet {
-            "Inside one and two times what the other runs let expect: "
+            "Within one and two standard deviations that the other runs predict: "
             (shares.map(|(run, inside)| format!("{} {} and {} %", run.name, decimals(100.0 * inside.inside_1, 0), decimals(100.0 * inside.inside_2, 0))).collect::<Vec<_>>().join("; ")) "."
         }
         @if let Some(q) = found.probe_q {
-            p { "What it leaves wanders by " (three_digits(q)) " µm² an hour: " code { "q = " (three_digits(q)) } " belongs to the axis's probe, if it has one." }
+            p {
+                "The residual error drifts randomly, by " (three_digits(q)) " µm² an hour: "
+                code { "q = " (three_digits(q)) } " is for the probe of the axis, if it has one." }
         }
     }
 }
@@ -249,7 +259,7 @@ pub(super) fn envelope(region: Option<&Region>) -> Markup {
     let Some(region) = region else {
         return html! {
             h2 { "Envelope" }
-            p { "None is written: the model has too many inputs for one, or one that never moved." }
+            p { "No envelope is written: the model has too many inputs, or an input that never changed." }
         };
     };
     let rows = html! {
@@ -259,7 +269,9 @@ pub(super) fn envelope(region: Option<&Region>) -> Markup {
     };
     html! {
         h2 { "Envelope" }
-        p { "The model was identified on these rises since the start of a run. Outside them it is asked for what nobody measured, and the axis says so." }
+        p {
+            "The model was identified on these rises since the start of a run. Outside this range nothing \
+             was measured, and the axis reports this." }
         (table(&["sensor", "least, °C", "mean, °C", "most, °C"], &rows))
     }
 }

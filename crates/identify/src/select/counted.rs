@@ -102,16 +102,17 @@ impl Counts {
         let most = self.path.len();
         let why = if k == 0 {
             format!(
-                "no choice of up to {most} points is clearly better on a run that was held out than no compensation: a mean \
-                 range of {:.2} µm at best, {:.2} µm uncompensated; record more runs, or points nearer to the heat",
+                "no choice of up to {most} points is clearly better than no compensation on held-out runs. \
+                 The mean range is {:.2} µm at best, {:.2} µm uncompensated. Record more runs, or points \
+                 nearer to the heat sources",
                 range(best),
                 range(0)
             )
         } else {
             let points = if k == 1 { "1 point leaves".to_owned() } else { format!("{k} points leave") };
             format!(
-                "{points} a mean range of {:.2} µm on runs that were held out, {:.2} µm without compensation; no more \
-                 than a tenth is to be had from up to {most} points, and a tenth means nothing: runs are few",
+                "{points} a mean range of {:.2} µm on held-out runs, {:.2} µm without compensation. Up to \
+                 {most} points improve this by a tenth at most, which is not significant with few runs",
                 range(k),
                 range(0)
             )

@@ -145,7 +145,7 @@ fn a_frozen_point_stays_in_and_its_rows_are_masked_unless_it_is_kept() {
     assert!(!masked.campaign.masked(1).contains(&true));
     let kept = points(&week, &Choice { keep: vec!["bearing".to_owned()], ..choice() }).unwrap();
     assert!(kept.notes.excluded.is_empty());
-    assert!(kept.notes.remarks[0].contains("stays in as asked: frozen from"), "{:?}", kept.notes.remarks);
+    assert!(kept.notes.remarks[0].contains("is kept as requested: frozen from"), "{:?}", kept.notes.remarks);
     assert!(!kept.campaign.masked(2).contains(&true));
 }
 
@@ -178,5 +178,5 @@ fn wrong_choices_are_reported_all_at_once_with_what_to_do() {
     let mut one = week.clone();
     one.runs.truncate(1);
     let reported = points(&one, &choice()).unwrap_err().to_string();
-    assert!(reported.contains("one run only") && reported.contains("--gap"), "{reported}");
+    assert!(reported.contains("only one run") && reported.contains("--gap"), "{reported}");
 }

@@ -55,7 +55,7 @@ pub(super) fn examine<'a>(
         let reasons = excluded.iter().map(|faulty| format!("{}: {}", faulty.signal, faulty.reason));
         let reasons: Vec<String> = reasons.collect();
         return Err(BadLog(vec![format!(
-            "no sensor is left to learn from: {}; --keep NAME keeps one in all the same",
+            "no sensor is left to learn from: {}; --keep NAME keeps a sensor anyway",
             reasons.join("; ")
         )]));
     }
@@ -75,7 +75,7 @@ pub(super) fn examine<'a>(
             let mended = mend(dataset, &stay, &frozen);
             (excluded, repaired) = (mended.excluded, mended.repaired);
             let own = frozen.iter().filter(|frozen| gone.contains(&frozen.column));
-            let more = ", without which less is left on held-out runs,";
+            let more = ", without which the error of held-out runs is smaller,";
             excluded.extend(own.map(|frozen| Fault::frozen(dataset, frozen).finding(dataset, more)));
             campaign = campaign_of(&excluded, mended.mending);
         }

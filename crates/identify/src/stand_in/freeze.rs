@@ -57,11 +57,10 @@ pub(crate) fn untested(campaign: &Campaign<'_>) -> Option<String> {
     }
     match campaign.dataset.runs.len() {
         runs if runs >= ENOUGH_RUNS => None,
-        runs if runs >= FEWEST_RUNS => Some(
-            "fewer than four runs: no sensor was tested for having stood still for less than an hour"
-                .to_owned(),
-        ),
-        _ => Some("fewer than three runs: no sensor was tested for having stood still".to_owned()),
+        runs if runs >= FEWEST_RUNS => {
+            Some("fewer than four runs: sensors were not tested for freezes of less than an hour".to_owned())
+        }
+        _ => Some("fewer than three runs: sensors were not tested for freezes".to_owned()),
     }
 }
 

@@ -128,7 +128,7 @@ impl Card {
             self.parameters.iter().filter(|(name, _)| !known.split(' ').any(|known| known == name))
         {
             let here = match known {
-                "" => "it takes none".to_owned(),
+                "" => "it has no parameters".to_owned(),
                 known => format!("known here: {}", known.replace(' ', ", ")),
             };
             faults.push(self.fault(format!("the parameter {name} is not understood ({here})")));
@@ -249,7 +249,7 @@ pub(super) const INCLUDED: &str = "INCLUDED";
 
 /// Adds a data line to the last card.
 fn data(text: &str, mut at: Location, cards: &mut [Card]) -> Result<(), Fault> {
-    let card = cards.last_mut().ok_or_else(|| at.fault("this line stands before any card"))?;
+    let card = cards.last_mut().ok_or_else(|| at.fault("this line is before the first card"))?;
     at.card = Rc::clone(&card.at.card);
     if card.key == INCLUDED {
         return Err(at.fault("this line follows an include: which card it belongs to is not clear"));

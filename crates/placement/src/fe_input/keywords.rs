@@ -144,8 +144,8 @@ fn known<'a>(cards: &'a [Card], faults: &mut Faults) -> Vec<(Stage, &'a Card, Re
 const REFUSED: [(&str, &str); 14] = [
     (
         "RADIATE",
-        "radiation is not linear; put it into the film coefficient: *FILM with 4·ε·σ·T³ more, about 0.005 mW/(mm²·K) \
-         at room temperature",
+        "radiation is not linear; add it to the film coefficient: *FILM with 4·ε·σ·T³ more, about 0.005 \
+         mW/(mm²·K) at room temperature",
     ),
     (
         "STATIC",
@@ -174,7 +174,7 @@ const REFUSED: [(&str, &str); 14] = [
     ),
     ("ORIENTATION", "materials are the same in all directions"),
     ("TRANSFORM", "coordinates and directions are those of the mesh"),
-    ("PLASTIC CREEP HYPERELASTIC", "materials are linear: for warming by some kelvin that is what they are"),
+    ("PLASTIC CREEP HYPERELASTIC", "materials are linear, which is accurate for some kelvin"),
     ("CONTROLS", "the equations are linear: there is nothing to control"),
     ("RESTART", "each file is computed from its beginning"),
 ];
@@ -189,7 +189,9 @@ fn why_refused(key: &str) -> String {
     let distances = known.map(|name| (strsim::damerau_levenshtein(&plain(name), key), name));
     match distances.min_by_key(|(distance, _)| *distance) {
         Some((0..=2, near)) => format!("no such card; did you mean *{near}?"),
-        _ => "this card is not understood, and none is passed over: take it out if it does not bear on the temperatures"
-            .to_owned(),
+        _ => {
+            "this card is not known, and no card is ignored: remove it if it does not affect the temperatures"
+                .to_owned()
+        }
     }
 }

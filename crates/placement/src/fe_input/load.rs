@@ -17,8 +17,8 @@ pub(super) fn heat_transfer(reader: &mut Reader, card: &Card) -> Result<(), Faul
     reader.case = Some(*case.as_ref().unwrap_or(&Case::Steady));
     if let Some(solver) = card.value("SOLVER").filter(|solver| solver != "SPOOLES") {
         return Err(card.fault(format!(
-            "SOLVER={solver}: which solver is taken is not for the file to say, and not everyone has this one: leave \
-             SOLVER out"
+            "SOLVER={solver}: the file cannot choose the solver, because this one is not available \
+             everywhere: leave SOLVER out"
         )));
     }
     case.map(drop)
@@ -30,7 +30,7 @@ const MOST_STEPS: f64 = 100_000.0;
 fn transient(card: &Card) -> Result<Case, Fault> {
     let [line] = &card.lines[..] else {
         return Err(
-            card.fault("a transient step needs one line: step in s, period in s (or say STEADY STATE)")
+            card.fault("a transient step needs one line: step in s, period in s (or write STEADY STATE)")
         );
     };
     let names = ["step in s", "period in s", "shortest step", "longest step"];
@@ -40,10 +40,10 @@ fn transient(card: &Card) -> Result<Case, Fault> {
         return Err(line.fault("the shortest step is longer than the longest"));
     }
     if !(step > 0.0 && period >= step) {
-        return Err(line.fault(format!("a step of {step} s does not lead through a period of {period} s")));
+        return Err(line.fault(format!("a step of {step} s does not fit into a period of {period} s")));
     }
     if period / step > MOST_STEPS {
-        return Err(line.fault(format!("more than {MOST_STEPS} steps: take a longer one")));
+        return Err(line.fault(format!("more than {MOST_STEPS} steps: use a longer step")));
     }
     Ok(Case::Transient { step, period })
 }
@@ -73,7 +73,7 @@ pub(super) fn films(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
         let sink = line.number(2, "sink temperature")?;
         let coefficient = line.number(3, "film coefficient")?;
         if coefficient <= 0.0 {
-            let message = format!("the film coefficient is {coefficient}; it is more than nothing");
+            let message = format!("the film coefficient is {coefficient}; it must be above 0");
             return Err(line.fault(message));
         }
         for face in reader.faces(line, side, "F") {
@@ -147,7 +147,7 @@ pub(super) fn boundary(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
             return Err(line.fault("the temperature is missing"));
         }
         if !heat && value.abs() > 0.0 {
-            return Err(line.fault("a structure is held where it stands: the value is 0"));
+            return Err(line.fault("a structure can only be held at its place: the value must be 0"));
         }
         for node in reader.nodes(line.text(0), &line.at) {
             if heat {
@@ -222,7 +222,7 @@ pub(super) fn finish(path: &Path, reader: &mut Reader) -> Option<(LoadCase, Surf
         reader.faults.push(Fault::of_file(path, message));
     }
     if reader.case.is_none() && reader.faults.is_empty() {
-        let message = "the step has no *HEAT TRANSFER: nothing says how the structure warms";
+        let message = "the step has no *HEAT TRANSFER: the file does not say how the structure warms";
         reader.faults.push(Fault::of_file(path, message));
     }
     let load = LoadCase {

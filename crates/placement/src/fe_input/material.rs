@@ -50,7 +50,7 @@ pub(super) fn material(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
 
 pub(super) fn property(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     let values = values(card);
-    let material = reader.materials.last_mut().ok_or_else(|| card.fault("belongs under a *MATERIAL"))?;
+    let material = reader.materials.last_mut().ok_or_else(|| card.fault("belongs after a *MATERIAL"))?;
     material.is_spoiled |= values.is_err();
     for (name, value) in values? {
         if material.properties.insert(name, value).is_some() {
@@ -81,8 +81,8 @@ fn values(card: &Card) -> Result<Vec<(&'static str, f64)>, Fault> {
     };
     if line.len() == names.len() + 1 {
         return Err(line.fault(format!(
-            "{} values where {} belong ({}): a decimal comma makes two values of one (write 1.5, not 1,5), and a \
-             temperature does not belong here, since {CONSTANT}",
+            "{} values where {} belong ({}): a decimal comma makes two values of one (write 1.5, not 1,5). A \
+             temperature does not belong here: {CONSTANT}",
             line.len(),
             names.len(),
             names.join(", ")
@@ -113,7 +113,7 @@ pub(super) fn section(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     // PrePoMax writes a thickness of 1 under a solid section.
     let is_thick = |line: &&Line| line.values().any(|text| !text.trim_matches(['1', '.', ' ']).is_empty());
     if let Some(line) = card.lines.iter().find(is_thick) {
-        return Err(line.fault("a solid has no thickness: take this line out"));
+        return Err(line.fault("a solid has no thickness: remove this line"));
     }
     let number = reader.materials.iter().position(|known| known.name == material);
     let number = number.ok_or_else(|| card.fault(format!("material {material} is not defined")))?;

@@ -105,7 +105,8 @@ fn solid(reader: &mut Reader, element: Element, at: Location) {
         reader.faults.push(at.fault(format!("element {id} names a node twice")));
     } else if worst_determinant(element.kind, &reader.mesh.corners(&element)) <= 0.0 {
         reader.faults.push(at.fault(format!(
-            "element {id} is numbered inside out or folded: its volume is not positive; mesh it again"
+            "element {id} is numbered inside out or folded: its volume is not positive; mesh the structure \
+             again"
         )));
     }
     reader.mesh.elements.push(element);
@@ -192,7 +193,7 @@ fn range(line: &Line) -> Result<(u32, u32, u32), Fault> {
     }
     let (first, last) = (line.id(line.text(0), "first number")?, line.id(line.text(1), "last number")?);
     if last < first {
-        return Err(line.fault(format!("from {first} to {last} there is nothing")));
+        return Err(line.fault(format!("there is no number from {first} to {last}")));
     }
     Ok((first, last, by))
 }

@@ -110,7 +110,7 @@ impl Reader {
     /// Rejects a value that is set a second time.
     pub(super) fn once(&mut self, line: &Line, key: (u8, usize, usize), what: impl Fn() -> String) {
         if let Some(first) = self.once.insert(key, line.at.line) {
-            self.faults.push(line.fault(format!("{} already (line {first}); which one counts?", what())));
+            self.faults.push(line.fault(format!("{} already (line {first}); remove one of them", what())));
         }
     }
 

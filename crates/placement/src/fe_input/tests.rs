@@ -211,7 +211,7 @@ fn what_is_wrong_is_said_with_line_card_and_remedy() {
         (
             "*DFLUX",
             "1, F1, 26, 0.1\n*DFLUX",
-            "side F1 of element 1 has a film already (line 29); which one counts?",
+            "side F1 of element 1 has a film already (line 29); remove one of them",
         ),
         ("BODY, S2", "TOP, S, 1\nBODY, S2", "*DFLUX: surface set TOP is not defined (there is none)"),
         ("4, 11, 100", "4, 1, 100", "*CFLUX: `1`: heat enters at a node in direction 11"),
@@ -219,13 +219,13 @@ fn what_is_wrong_is_said_with_line_card_and_remedy() {
         (
             steady,
             "*HEAT TRANSFER",
-            "a transient step needs one line: step in s, period in s (or say STEADY STATE)",
+            "a transient step needs one line: step in s, period in s (or write STEADY STATE)",
         ),
         (steady, "*HEAT TRANSFER\n1e-9, 3600", "*HEAT TRANSFER: more than 100000 steps"),
         (
             steady,
             "*HEAT TRANSFER, STEADY STATE, SOLVER=PARDISO",
-            "SOLVER=PARDISO: which solver is taken is not for the file",
+            "SOLVER=PARDISO: the file cannot choose the solver",
         ),
         (steady, "", "*FILM: belongs after *HEAT TRANSFER"),
         ("*HEADING", "*INCLUDE, INPUT=nomesh.inc\n*HEADING", "case.inp:1: *INCLUDE: cannot read"),
@@ -234,7 +234,7 @@ fn what_is_wrong_is_said_with_line_card_and_remedy() {
             "*INCLUDE, INPUT=case.inp\n*HEADING",
             "case.inp is included more than 2 times: does it include itself?",
         ),
-        ("*HEADING", "1, 2\n*HEADING", "case.inp:1: this line stands before any card"),
+        ("*HEADING", "1, 2\n*HEADING", "case.inp:1: this line is before the first card"),
     ] {
         let said = with(from, to);
         assert!(said.contains(wanted), "{to}: wanted: {wanted}\nsaid: {said}");
@@ -275,7 +275,7 @@ fn everything_that_is_wrong_is_said_at_once_and_the_same_only_once() {
         .replace("*EXPANSION", "*EXPANSON");
     let said = said(&input);
     assert!(said.contains("case.inp:4: *NODE: 5 values where 4 belong"), "{said}");
-    assert!(said.contains("(and so in 1 more lines)"), "{said}");
+    assert!(said.contains("(also in 1 more lines)"), "{said}");
     assert!(said.contains("*EXPANSON: no such card"), "{said}");
     assert_eq!(said.lines().count(), 2, "{said}");
 }

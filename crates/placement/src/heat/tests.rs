@@ -136,7 +136,7 @@ fn a_steady_case_without_a_way_out_for_heat_is_refused() {
     let mesh = block(Kind::Tet4);
     let load = calm(&mesh, Case::Steady);
     let why = temperatures(&mesh, &iron(&mesh), &load, SILENT).unwrap_err().to_string();
-    assert!(why.contains("nothing holds the temperature of the part with node 1"), "{why}");
+    assert!(why.contains("nothing determines the temperature of the part with node 1"), "{why}");
 }
 
 #[test]

@@ -48,13 +48,15 @@ pub(super) fn look(file: &File, length: u64, chunk: &ColumnChunkMetaData) -> Res
     let begin = chunk
         .dictionary_page_offset()
         .map_or(chunk.data_page_offset(), |dictionary| dictionary.min(chunk.data_page_offset()));
-    let place = |number: i64| u64::try_from(number).map_err(|_| "it lies at a negative place".to_owned());
+    let place =
+        |number: i64| u64::try_from(number).map_err(|_| "its position in the file is negative".to_owned());
     let (begin, size) = (place(begin)?, place(chunk.compressed_size())?);
     let end = begin.checked_add(size).filter(|end| *end <= length);
-    let end = end.ok_or("it goes on behind the end of the file: was it copied whole?")?;
+    let end = end.ok_or("it continues after the end of the file: was the file copied completely?")?;
     if matches!(chunk.compression(), Compression::LZ4) {
         return Err(
-            "it is packed with the LZ4 of Hadoop, which is not read: write it with Snappy or Zstd".to_owned()
+            "it is compressed with the LZ4 of Hadoop, which is not supported: write it with Snappy or Zstd"
+                .to_owned(),
         );
     }
     let mut window = Window { file, at: begin, end, bytes: Vec::new() };
@@ -65,13 +67,13 @@ pub(super) fn look(file: &File, length: u64, chunk: &ColumnChunkMetaData) -> Res
         looked.has_deltas_of_texts |= DELTAS_OF_TEXTS.contains(&head.encoding) && head.kind != DICTIONARY;
         let packed = place(head.packed)?;
         if window.at.checked_add(packed).is_none_or(|behind| behind > end) {
-            return Err("a page goes on behind its column".to_owned());
+            return Err("a page continues after the end of its column".to_owned());
         }
         if matches!(chunk.compression(), Compression::GZIP(_)) {
             let claimed = place(head.unpacked)?;
             let holds_more = window.unpacks_to_more(packed, claimed).map_err(|why| why.to_string())?;
             if holds_more {
-                return Err(format!("a page holds more than the {claimed} bytes that it says it has"));
+                return Err(format!("a page contains more than the {claimed} bytes that its header gives"));
             }
         }
         window.skip(packed);
@@ -103,14 +105,14 @@ impl Head {
                 // An entry of a dictionary takes at least one byte, in most cases four or eight.
                 if is_dictionary && values > unpacked {
                     return Err(format!(
-                        "a dictionary of {unpacked} bytes says that it has {values} entries"
+                        "the header of a dictionary of {unpacked} bytes gives {values} entries"
                     ));
                 }
                 Ok(())
             }
             (Ok(unpacked), Ok(_), Ok(_)) => Err(format!(
-                "{what} takes {unpacked} bytes when it is unpacked, and at most {largest} are: write smaller pages or row \
-                 groups"
+                "{what} has {unpacked} bytes when it is decompressed, and at most {largest} are allowed: \
+                 write smaller pages or row groups"
             )),
             _ => Err(format!("{what} has a negative length")),
         }
@@ -134,7 +136,7 @@ impl Window<'_> {
             self.fill().map_err(|why| why.to_string())?;
         }
         let shown = &self.bytes[..self.bytes.len().min(LONGEST_HEAD)];
-        let (head, length) = Head::of(shown).ok_or("a page has no head, or one that is damaged")?;
+        let (head, length) = Head::of(shown).ok_or("a page has no header, or a damaged header")?;
         self.skip(length as u64);
         Ok(head)
     }
