@@ -52,8 +52,8 @@ const fn state_name(state: CanState) -> &'static str {
     match state {
         CanState::ErrorActive => "well",
         CanState::ErrorWarning => "warning: many errors",
-        CanState::ErrorPassive => "passive: so many errors that it is not believed any more",
-        CanState::BusOff => "bus-off: it has taken itself off the bus",
+        CanState::ErrorPassive => "passive: too many errors",
+        CanState::BusOff => "bus-off: it has disconnected itself from the bus",
         CanState::Stopped => "stopped",
         CanState::Sleeping => "asleep",
     }

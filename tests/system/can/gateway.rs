@@ -354,7 +354,7 @@ fn error_frames_are_reported_when_they_begin_and_counted() {
             cell.interface.send("20000008#0000801900000000");
         }
         let status = wait_until(source, "it is told", |status| count(status, "bus-trouble") == 1);
-        reported(&status, "nobody acknowledges");
+        reported(&status, "no node acknowledges");
         cell.interface.send("20000040#0000000000000000");
         let status = wait_until(source, "it is worse", |status| count(status, "bus-trouble") == 2);
         reported(&status, "bus-off");
