@@ -27,9 +27,7 @@ pub enum Fault {
     #[error("the server answers {0}")]
     Status(Status),
     /// The server has written some of the nodes of one call, and refuses another with this status.
-    #[error(
-        "the server answers {status} to node {place} of those that are written together, and has written others"
-    )]
+    #[error("the server has written only some nodes of one call: it answers {status} to node {place}")]
     Part {
         /// Status of the first node that was not written.
         status: Status,
@@ -37,7 +35,7 @@ pub enum Fault {
         place: u16,
     },
     /// One of the nodes that are read together has no valid value.
-    #[error("node {place} of those that are read together: {fault}", fault = Fault::of_a_node(*.reason))]
+    #[error("node {place} of the nodes that are read together: {fault}", fault = Fault::of_a_node(*.reason))]
     Unreadable {
         /// Reason why the value is not valid.
         reason: Reason,
@@ -59,16 +57,20 @@ pub enum CallerFault {
     #[error("function code not allowed by the profile")]
     Function,
     /// Another value of the same frame is not known yet.
-    #[error("another value in the same frame is not known yet; sent as soon as it is")]
+    #[error("another value in the same frame is not known yet; the frame is sent when it is known")]
     Incomplete,
     /// The answer to an earlier request may still arrive, and could not be distinguished from the answer to this one.
-    #[error("waits: the answer to a question before it may still come, and would look like its own")]
+    #[error(
+        "waits: the answer to an earlier request may still arrive, and would look like the answer to this one"
+    )]
     Owed,
     /// Values on which the request depends became too old before it was sent.
-    #[error("too late: what it rests on is too old by now")]
+    #[error("too late: the values on which the request depends are too old")]
     TooLate,
     /// The request has more nodes than the server accepts in one call, and they must be written together.
-    #[error("the server takes {0} in one call (MaxNodesPerWrite), and a set is written in one or not at all")]
+    #[error(
+        "the server accepts {0} nodes in one call (MaxNodesPerWrite), and a set must be written in one call"
+    )]
     TooManyNodes(u32),
 }
 
@@ -97,10 +99,10 @@ pub enum LinkFault {
     #[error("no permission for the serial port")]
     Forbidden,
     /// Another program uses the serial port.
-    #[error("another program has the serial port")]
+    #[error("another program uses the serial port")]
     Busy,
     /// The port is no serial port, or does not support these settings.
-    #[error("no serial port, or one that cannot do these settings")]
+    #[error("no serial port, or one that does not support these settings")]
     Unsuited,
     /// The connection was closed before its first answer.
     #[error("closed before the first answer")]
@@ -121,7 +123,7 @@ pub enum LinkFault {
     #[error("no connection")]
     Down,
     /// Nothing was sent: another device may answer now, so its checks must pass first.
-    #[error("the checks of the device come first: its connection was lost, and another device may answer")]
+    #[error("waits for the checks of the device: its connection was lost, and another device may answer")]
     Unverified,
 }
 
@@ -173,18 +175,16 @@ pub enum PeerFault {
     #[error("the node has another type than the profile says")]
     Type,
     /// Reply that violates the protocol.
-    #[error("reply is none that the protocol knows")]
+    #[error("the reply violates the protocol")]
     Malformed,
     /// Subscription without data and without keep-alive messages.
-    #[error(
-        "its subscription is silent: the server sends neither values nor a sign of life as often as it promised"
-    )]
+    #[error("the subscription is silent: the server sends neither values nor keep-alive messages in time")]
     Silent,
     /// Reply without a request.
-    #[error("it sends what nobody asked for")]
+    #[error("data arrived without a request")]
     Unasked,
     /// Reply of a gateway to an earlier request.
-    #[error("out of order: a question got the answer to the question before it")]
+    #[error("out of order: a request received the answer to the request before it")]
     OutOfOrder,
 }
 

@@ -17,54 +17,62 @@ use crate::tls::TlsFault;
 pub const fn remedy(fault: Fault) -> Option<&'static str> {
     Some(match fault {
         Fault::Timeout => {
-            "is the unit number right (`isotherm scan` finds it), is the device powered? On a serial line also baud rate \
-             and parity, A and B exchanged, termination. Some devices answer nothing at all for a register they do not have"
+            "is the unit number right (`isotherm scan` finds it), is the device powered? On a serial line \
+             also check baud rate, parity, termination, and whether A and B are exchanged. Some devices do \
+             not answer at all if they do not have the register"
         }
         Fault::Exception(1) => {
             "the device does not know this function: is the register in another table (input, holding)?"
         }
         Fault::Exception(2) => {
-            "the device has no such register: is the number in its manual one-based? Then it is one less here"
+            "the device has no such register: is the register number in its manual one-based? Then subtract \
+             1 from it"
         }
-        Fault::Exception(3) => "the device does not take this value, or not so many registers at once",
-        Fault::Exception(4) => "the device could not do it: its own display or log says why",
-        Fault::Exception(5) => "the device has taken it and needs long for it: ask again later",
-        Fault::Exception(6) => "the device is busy with something else: ask again later, or less often",
+        Fault::Exception(3) => {
+            "the device does not accept this value, or not so many registers in one request"
+        }
+        Fault::Exception(4) => "the device could not execute the request: its own display or log says why",
+        Fault::Exception(5) => {
+            "the device has accepted the request and needs more time for it: try again later"
+        }
+        Fault::Exception(6) => "the device is busy: try again later, or poll it less often",
         Fault::Exception(8) => "the device's memory is faulty: switch it off and on, then have it repaired",
         Fault::Exception(10 | 11) => {
-            "the gateway answers, but not the device behind it: is the unit number right (`isotherm scan` finds it), is it \
-             powered, are baud rate and wiring behind the gateway right?"
+            "the Modbus gateway answers, but not the device behind it. Is the unit number right \
+             (`isotherm scan` finds it)? Is the device powered? Are baud rate and wiring behind the Modbus \
+             gateway right?"
         }
-        Fault::Exception(_) => "the device's manual says what it means",
+        Fault::Exception(_) => "the device's manual says what this exception code means",
         Fault::Link(LinkFault::Refused) => {
-            "is the port right (Modbus TCP has 502, OPC UA 4840), is it switched on in the device, is another master holding \
-             its only connection?"
+            "is the port right (Modbus TCP: 502, OPC UA: 4840)? Is the protocol switched on in the device? \
+             Does another master use the only connection of the device?"
         }
         Fault::Link(LinkFault::Unresolved) => {
-            "is it written right, and does this computer know it (`getent hosts NAME`)? An address such as 192.168.0.10 \
-             needs no name"
+            "is the host name written right, and does this computer know it (`getent hosts NAME`)? An \
+             address such as 192.168.0.10 needs no host name"
         }
         Fault::Link(LinkFault::Unreachable) => {
-            "is the address right, is the device powered and on this network, is a firewall between?"
+            "is the address right, is the device powered and on this network, does a firewall block the \
+             connection?"
         }
         Fault::Link(LinkFault::Broken) => {
-            "many devices take one client at a time: is another master connected? Some close it for a unit number that is \
-             not theirs"
+            "many devices accept one client at a time: is another master connected? Some devices close the \
+             connection if the unit number is not theirs"
         }
         Fault::Link(LinkFault::Absent) => {
-            "is the adapter plugged in? Its lasting name is below /dev/serial/by-id"
+            "is the adapter plugged in? Its permanent name is below /dev/serial/by-id"
         }
-        Fault::Link(LinkFault::Forbidden) => "the user must be in its group, often `dialout`",
+        Fault::Link(LinkFault::Forbidden) => "the user must be in the group of the port, often `dialout`",
         Fault::Link(LinkFault::Busy) => {
-            "end it, a gateway that is running included (`isotherm status` shows it)"
+            "end the other program. It may be a gateway that is running (`isotherm status` shows it)"
         }
-        Fault::Link(LinkFault::Unsuited) => "does the adapter know this speed?",
+        Fault::Link(LinkFault::Unsuited) => "does the adapter support this baud rate?",
         Fault::Link(LinkFault::TurnedAway) => {
-            "it accepts one client perhaps: does another master have its connection?"
+            "the device may accept one client only: is another master connected?"
         }
         Fault::Link(LinkFault::Contested) => {
-            "it accepts one client perhaps: does another master take it? This one waits longer each time \
-             (quirks.close_after_each leaves room for both)"
+            "the device may accept one client only: does another master use the connection? The gateway \
+             waits longer each time. With quirks.close_after_each both masters can use the device"
         }
         Fault::Link(LinkFault::Can(fault)) => return remedy_of_an_interface(fault),
         Fault::Link(LinkFault::Tls(fault)) => return remedy_inside_tls(fault),
@@ -74,31 +82,38 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
         Fault::Peer(PeerFault::Foreign) => "is another master on the line?",
         Fault::Peer(PeerFault::Unasked) => "is it a late reply, or another master on the same line?",
         Fault::Peer(PeerFault::OutOfOrder) => {
-            "does the gateway before the unit keep late answers? Set it to discard them, and restart it"
+            "does the Modbus gateway in front of the device keep late answers? Set the Modbus gateway to \
+             discard them, and restart it"
         }
-        Fault::Peer(PeerFault::Silent) => "`read = \"poll\"` asks for the nodes instead",
-        Fault::Caller(CallerFault::TooManyNodes(_)) => "let it take more, or make the set smaller",
+        Fault::Peer(PeerFault::Silent) => {
+            "write read = \"poll\" at the device: the gateway then polls the nodes"
+        }
+        Fault::Caller(CallerFault::TooManyNodes(_)) => {
+            "set the server to accept more nodes in one call, or make the set smaller"
+        }
         Fault::Peer(PeerFault::Type) => {
-            "write the node's own `type`; of a signal it may be left out, and any number is taken"
+            "write the node's own `type`. Without `type`, a signal accepts any number"
         }
         Fault::Status(status) if status.is(Status::ACCESS_DENIED) => {
-            "the user of the line lacks the right: give it that at the server, or write another `user`"
+            "the user of the line lacks the permission: grant it at the server, or write another `user`"
         }
         Fault::Status(status) if status.is(Status::NOT_WRITABLE) => {
-            "the server lets nobody write it: is it the right node, is writing switched on there?"
+            "the server lets no client write this node: is it the right node, is writing switched on at the \
+             server?"
         }
         Fault::Status(status) if status.is(Status::WRITE_NOT_SUPPORTED) => {
-            "the server does not let this node be written as it is sent, the value alone without a time and a quality: is it \
-             the right node, is writing it over OPC UA switched on at the server?"
+            "the server does not let this node be written with a value alone, without a time and a quality. \
+             Is it the right node? Is writing it over OPC UA switched on at the server?"
         }
         Fault::Status(status) if status.is(Status::TYPE_MISMATCH) => {
-            "the node has another type: write its own at the output; a browser of the server shows it"
+            "the node has another type: write the node's own `type` at the output. An OPC UA browser shows it"
         }
         Fault::Status(status) if status.is(Status::NO_SUCH_NODE) => {
             "there is no such node: is its name right, is its namespace still the same after an update of the server (`isotherm read --browse` shows the namespaces)?"
         }
         Fault::Status(status) if status.is(Status::OUT_OF_RANGE) => {
-            "the server takes no such value there: is the scale right, are the axis's limit and the node's range?"
+            "the server does not accept this value for the node: are `scale`, the axis's `limit` and the \
+             node's range right?"
         }
         Fault::Status(_) => "the server's own log or display says why",
         Fault::Part { status, .. } => return remedy(Fault::Status(status)),
@@ -110,52 +125,60 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
 /// Returns what to do about a fault of a CAN interface.
 const fn remedy_of_an_interface(fault: CanFault) -> Option<&'static str> {
     Some(match fault {
-        CanFault::NoInterface => "is the adapter plugged in? (`ip -details link` lists them)",
-        CanFault::NotCan => "`ip -details link show type can` lists those that are",
-        CanFault::NoKernel => "`modprobe can-raw` as root",
+        CanFault::NoInterface => "is the adapter plugged in? (`ip -details link` lists the interfaces)",
+        CanFault::NotCan => "`ip -details link show type can` lists the CAN interfaces",
+        CanFault::NoKernel => "run `modprobe can-raw` as root",
         CanFault::Forbidden => "run the gateway as a user who may open raw sockets of CAN",
         CanFault::Down => "`ip link set … up` as root brings it up",
-        CanFault::Full => "does anybody on the bus acknowledge? Else its txqueuelen is too small",
-        CanFault::TooLong => "CAN FD wants its mtu to be 72",
+        CanFault::Full => {
+            "does another node on the bus acknowledge? If yes, `txqueuelen` of the interface is too small"
+        }
+        CanFault::TooLong => "CAN FD needs an interface with mtu 72",
     })
 }
 
 /// Returns what to do about a reading that is not good.
 pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
     match reason {
-        Reason::OpenCircuit => "look for a broken wire, or a plug that is out",
+        Reason::OpenCircuit => "look for a broken wire or an unplugged connector",
         Reason::ShortCircuit => "look for a short at the sensor, its cable and its plug",
         Reason::Sentinel | Reason::SensorFault | Reason::NotAvailable | Reason::FaultBit => {
-            "the device says so itself: look at the sensor, and at the display or manual of the device"
+            "the device itself reports this: look at the sensor, and at the display or manual of the device"
         }
         Reason::SwitchedOff => "switch the channel on in the device, or take the signal out of the profile",
         Reason::AboveRange | Reason::BelowRange | Reason::OutOfRange => {
             "is the sensor broken, or are `range`, `scale` or `word_order` wrong?"
         }
-        Reason::TooFast => "is a contact loose, does a drive disturb it? Else `max_rate` is too small",
+        Reason::TooFast => {
+            "is a contact loose, does a drive disturb the signal? If not, `max_rate` is too small"
+        }
         Reason::Jumped => {
             "is it the same device with the same settings? If so: `isotherm confirm PROFILE DEVICE`"
         }
-        Reason::ShortFrame => "the node sends less than the profile reads: is it another variant of it?",
+        Reason::ShortFrame => {
+            "the node sends fewer bytes than the profile reads: is it another variant of the node?"
+        }
         Reason::NotANumber => "are `type` and `word_order` those of the device?",
         Reason::WrongType => "write the node's own `type`",
-        Reason::SourceClock => "set the clock of the server right, or that of this computer",
+        Reason::SourceClock => "correct the clock of the server, or the clock of this computer",
         Reason::NotFound | Reason::SeveralFound => {
-            "write the name by which `isotherm scan` finds it; is it plugged in?"
+            "is the sensor plugged in? Write its name as `isotherm scan` shows it"
         }
-        Reason::Unreadable => "`dmesg` says more; may the user of the gateway read it?",
-        Reason::Checksum => "look at the cable: its length, its shield, the pull-up",
+        Reason::Unreadable => {
+            "`dmesg` says more. Does the gateway's user have permission to read the sensor?"
+        }
+        Reason::Checksum => "check the cable: its length, its shield, and the pull-up resistor",
         Reason::PowerOnValue | Reason::AllZero => {
             "is the sensor's supply steady, are all its wires connected?"
         }
         Reason::Stale => "is the device slow, is its line full? `isotherm check` shows the load",
         Reason::Refused | Reason::Status(_) | Reason::Exception(_) => {
-            "its server's or device's own log or display says why"
+            "the log or display of the server or device says why"
         }
         Reason::NeverRead | Reason::Timeout | Reason::LinkDown | Reason::BadReply | Reason::NotInLog => {
-            "look at its device and its line"
+            "check the device and the line of the signal"
         }
-        Reason::NotAsExpected => "the alarm of its device says what to set",
+        Reason::NotAsExpected => "the alarm of the signal's device says which setting to correct",
     }
 }
 
@@ -163,20 +186,24 @@ pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
 const fn remedy_inside_tls(fault: TlsFault) -> Option<&'static str> {
     Some(match fault {
         TlsFault::OtherName => {
-            "put the one it has into `tls.name`, or the certificate itself into the file of `tls.ca`"
+            "write the name in the device's certificate into `tls.name`, or put the certificate itself into \
+             the file of `tls.ca`"
         }
-        TlsFault::UnknownAuthority => "put whoever has into the file of `tls.ca`",
+        TlsFault::UnknownAuthority => {
+            "put the certificate of the authority that signed it into the file of `tls.ca`"
+        }
         TlsFault::BadCertificate => {
-            "one that a device has signed itself is trusted by putting that very certificate into the file of `tls.ca`"
+            "if the device has signed its certificate itself, put this certificate into the file of `tls.ca`"
         }
-        TlsFault::OursExpired => "renew the one in `tls.cert`",
+        TlsFault::OursExpired => "renew the certificate in `tls.cert`",
         TlsFault::OursMissing | TlsFault::OursRefused => {
-            "does it know who signed the one in `tls.cert`, and its role?"
+            "does the device know the authority that signed the certificate in `tls.cert`, and the role in \
+             it?"
         }
-        TlsFault::NoTls => "its secured port is usually 802",
-        TlsFault::Silent => "does it speak TLS, and does it let in another client?",
+        TlsFault::NoTls => "the port of the device for Modbus inside TLS is usually 802",
+        TlsFault::Silent => "does the device support TLS, and does it accept another client?",
         TlsFault::TurnedAway => {
-            "does it take the certificate in `tls.cert`, and does it let in another client?"
+            "does the device accept the certificate in `tls.cert`, and does it accept another client?"
         }
         TlsFault::OurFiles => "`isotherm check` says why",
         TlsFault::Expired | TlsFault::NotYetValid | TlsFault::NothingInCommon | TlsFault::Refused => {
@@ -189,25 +216,28 @@ const fn remedy_inside_tls(fault: TlsFault) -> Option<&'static str> {
 const fn remedy_at_a_server(fault: Fault) -> Option<&'static str> {
     Some(match fault {
         Fault::Timeout => {
-            "is the server busy, or its computer? Then a longer `timeout` of the bus helps, or fewer nodes, less often. Is the \
-             control powered, is the way to it cut?"
+            "is the server busy, or its computer? Then write a longer `timeout` of the bus, or read fewer \
+             nodes less often. Is the control powered and connected to the network?"
         }
         Fault::Link(LinkFault::Refused) => {
             "is the port right (OPC UA has usually 4840), is the control's OPC UA server switched on, and does it run?"
         }
         Fault::Link(LinkFault::Broken) => {
-            "the server or something on the way has closed it: was the server restarted? Its own log says why"
+            "the server or a network device has closed the connection: was the server restarted? The \
+             server's own log says why"
         }
         Fault::Peer(PeerFault::Malformed) => {
-            "it is no answer of OPC UA: is something between that changes it? The server's own log may say more"
+            "the answer is not OPC UA: does a network device change it? The server's own log may say more"
         }
         _ => return remedy(fault),
     })
 }
 
 /// Remedy for the sensors of this computer, where only the drivers as a whole can fail.
-const AT_THIS_COMPUTER: &str = "their driver does not come back: is an adapter or a cable unplugged, does a 1-Wire sensor answer with a wrong \
-                                checksum, which the kernel repeats for seconds? `dmesg` says more; each is asked again once it is back";
+const AT_THIS_COMPUTER: &str = "the kernel driver of the sensors does not return. Is an adapter or a cable \
+                                unplugged? Does a 1-Wire sensor answer with a wrong checksum, so that the \
+                                kernel repeats the reading for seconds? `dmesg` says more. The gateway reads \
+                                each sensor again when its driver has returned";
 
 /// Returns cause and remedy of a fault in one sentence.
 pub fn explain(fault: Fault) -> String {
@@ -240,19 +270,20 @@ pub fn explain_system(error: &Error) -> Explained {
     match error.kind() {
         _ if error.get_ref().is_some() => without_numbers(&error.to_string()).into(),
         ErrorKind::PermissionDenied => Explained::new(
-            "this user may not",
-            "take another directory (`--state`), port or user, or let its owner give access",
+            "this user has no permission",
+            "use another directory (`--state`), port or user, or have the owner give access",
         ),
         ErrorKind::AddrInUse => Explained::new(
             "another program has this port, perhaps a gateway that is running",
-            "end it, or choose another (`ss -ltnp` shows who has it)",
+            "end that program, or choose another port (`ss -ltnp` shows which program has the port)",
         ),
-        ErrorKind::AddrNotAvailable => {
-            Explained::new("this computer has no such address", "`ip address` lists its own")
-        }
+        ErrorKind::AddrNotAvailable => Explained::new(
+            "this computer has no such address",
+            "`ip address` lists the addresses of this computer",
+        ),
         ErrorKind::StorageFull => "the disk is full".into(),
         ErrorKind::ReadOnlyFilesystem => {
-            Explained::new("the disk is read-only", "take another directory (`--state`)")
+            Explained::new("the disk is read-only", "use another directory (`--state`)")
         }
         _ => without_numbers(&error.to_string()).into(),
     }

@@ -18,6 +18,6 @@ use super::opcua::wrong;
 
 #[cfg(not(feature = "opcua"))]
 fn wrong(line: &isotherm_profile::OpcUa) -> Vec<ProfileError> {
-    let help = "take a packaged program, or build it in: `cargo build --release --features opcua`";
+    let help = "use a packaged program, or build one with OPC UA: `cargo build --release --features opcua`";
     vec![line.wrong_type("this program was built without OPC UA", help)]
 }

@@ -5,22 +5,23 @@
 pub enum OpcUaFault {
     /// This program was built without OPC UA.
     #[error(
-        "this program was built without OPC UA: the packages have it, and `cargo build --release --features opcua` \
-         builds it in"
+        "this program was built without OPC UA: use a packaged program, or build one with \
+         `cargo build --release --features opcua`"
     )]
     NotBuiltIn,
     /// The program at this port does not support OPC UA.
-    #[error("whoever listens there does not speak OPC UA: is the port right (usually 4840)?")]
+    #[error("the program at this port does not speak OPC UA: is the port right (usually 4840)?")]
     NoServer,
     /// The server has no endpoint that fits the profile.
     #[error(
-        "the server offers no such security with this kind of user: `security` and `user` must be among what it has \
-         switched on"
+        "the server offers no endpoint with this `security` and this kind of `user`: write what is switched \
+         on at the server"
     )]
     NoEndpoint,
     /// The server's certificate is not in the directory of trusted certificates.
     #[error(
-        "the server's certificate is not among those in `trusted`: `isotherm opcua trust PROFILE` shows it, and puts it there"
+        "the server's certificate is not in the directory `trusted`: `isotherm opcua trust PROFILE` shows \
+         it, and adds it"
     )]
     NotTrusted,
     /// The server's certificate has expired.
@@ -32,11 +33,15 @@ pub enum OpcUaFault {
     #[error("the server's certificate is not valid yet, or this computer's clock is wrong")]
     NotYetValid,
     /// The server does not prove that it has the key of its certificate.
-    #[error("the server does not prove that its certificate is its own: is something between?")]
+    #[error(
+        "the server does not prove that it has the key of its certificate: does another device answer in its \
+         place?"
+    )]
     NotProven,
     /// The signed list of endpoints is stronger than the one before the login.
     #[error(
-        "the server offers stronger security than whoever answered before the login said: is something between?"
+        "the server offers stronger security after the login than before it: does a network device change \
+         the messages?"
     )]
     Weakened,
     /// The gateway's certificate has expired.
@@ -46,23 +51,28 @@ pub enum OpcUaFault {
     )]
     OursExpired,
     /// The server rejects the gateway's certificate.
-    #[error("the server does not trust the gateway's certificate in `cert`: put it among those it trusts")]
+    #[error(
+        "the server does not trust the gateway's certificate in `cert`: add it to the trusted certificates \
+         of the server"
+    )]
     OursRefused,
     /// The files that the profile names are unusable.
-    #[error("the files of this line are of no use: `isotherm check` says why")]
+    #[error("the files of this line cannot be used: `isotherm check` says why")]
     OurFiles,
     /// The server rejects the user.
     #[error(
-        "the server does not let this user in: name, password or certificate are wrong, or it lacks the right"
+        "the server rejects this user: name, password or certificate are wrong, or the user lacks the \
+         permission"
     )]
     UserRefused,
     /// The server has no session left.
     #[error(
-        "the server has no session left: close another client, or wait until a session that was lost has expired there"
+        "the server has no session left: close another client, or wait until a lost session has expired at \
+         the server"
     )]
     NoSession,
     /// The clocks differ too much.
-    #[error("the server finds this computer's clock wrong, or its own is")]
+    #[error("the clocks of the server and of this computer differ too much: correct the clock that is wrong")]
     Clock,
     /// The server refuses for another reason.
     #[error("the server opens no session: {0}")]

@@ -86,7 +86,7 @@ impl Tap {
     pub fn listen(&self, device: Option<DeviceId>) -> Result<Listening, String> {
         let mut listeners = locked(&self.0.listeners);
         if listeners.len() >= MOST_LISTENERS {
-            return Err(format!("{MOST_LISTENERS} others listen to this line already; end one of them"));
+            return Err(format!("{MOST_LISTENERS} clients listen to this line already; end one of them"));
         }
         let (to, heard) = mpsc::channel(UNHEARD);
         let dropped = Arc::new(AtomicU64::new(0));

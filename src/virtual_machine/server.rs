@@ -179,7 +179,8 @@ impl Strangers {
         match std::mem::take(&mut self.untold) {
             _ if is_first => {
                 format!(
-                    "closed a connection{last}: this is no Modbus TCP; more of them are counted, and told once a minute"
+                    "closed a connection{last}: this is no Modbus TCP; further ones are counted, and logged \
+                     once a minute"
                 )
             }
             count => {

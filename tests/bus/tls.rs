@@ -205,7 +205,7 @@ async fn a_plain_server_is_no_secured_one() {
     let profile = secured(&address, "", &authority.cert, &ours).unwrap();
     let fault = asked(&profile).await.unwrap_err();
     assert_eq!(fault, Fault::Link(LinkFault::Tls(TlsFault::Silent)));
-    assert!(explain(fault).contains("does it speak TLS"), "{fault}");
+    assert!(explain(fault).contains("does the device support TLS"), "{fault}");
 }
 
 #[test]
@@ -295,7 +295,7 @@ async fn a_device_that_asks_for_no_certificate_is_warned_of_once() {
         drop(guard);
         let said = String::from_utf8(log.0.lock().unwrap().clone()).unwrap();
         assert_eq!(
-            said.matches("127.0.0.1 asks for no certificate").count(),
+            said.matches("127.0.0.1 requests no certificate").count(),
             warnings,
             "{version:?}: {said}"
         );

@@ -206,7 +206,7 @@ async fn a_server_whom_nobody_trusts_gets_no_message_and_it_is_said_why() {
             token_file: None,
             ca: None,
         },
-        Err("this computer trusts nobody".to_owned()),
+        Err("this computer has no trusted authorities".to_owned()),
     );
     let none = server.reached(Duration::from_secs(1)).await.unwrap_err();
     assert!(matches!(none, Failure::Tls(_) | Failure::Refused), "{none}");

@@ -140,7 +140,7 @@ fn keys_of_one_kind_of_line_are_refused_on_the_other() {
         "word_order = \"msw-first\"",
         "word_order = \"msw-first\"\nread_back = \"6004:00\"",
         "output.cnc_x.read_back",
-        &["hangs on a Modbus line"],
+        &["is on a Modbus line"],
     );
     wrong(
         "position = \"scale_x\"",
@@ -152,7 +152,7 @@ fn keys_of_one_kind_of_line_are_refused_on_the_other() {
         "[device.cnc]",
         "[heartbeat]\ndevice = \"axtc\"\nregister = \"holding:1\"\nevery = \"1s\"\n\n[device.cnc]",
         "heartbeat.device",
-        &["is a register"],
+        &["is written to a register"],
     );
 }
 
@@ -183,7 +183,7 @@ fn what_only_a_node_has_needs_a_node_number() {
         "value = 500,",
         "value = 1500,",
         "device.axtc.heartbeat",
-        &["one every 1s 500ms", "twice in that time"],
+        &["one every 1s 500ms", "at least two heartbeats in this time"],
     );
     wrong("value = 100,", "value = 70000,", "device.axtc.setup[1].value", &["u16 never holds 70000"]);
     wrong("\"1800:05\"", "\"1800.5\"", "device.axtc.setup[1].sdo", &["as \"7130:01\""]);
@@ -225,12 +225,12 @@ fn a_field_that_no_frame_holds_is_reported_with_how_many_bytes_it_needs() {
         "signal.column.bad[1].means",
         &["did you mean `open circuit`?"],
     );
-    wrong("type   = \"u8\"\n", "", "signal.column_status.type", &["in its object"]);
+    wrong("type   = \"u8\"\n", "", "signal.column_status.type", &["does the object have"]);
     wrong(
         "dbc    = \"Top.TL_Temp\"",
         "dbc    = \"Top.TL_Temp\"\ntype = \"i16\"",
         "signal.wheelhead.type",
-        &["the DBC file says how many bits"],
+        &["the DBC file defines the bits"],
     );
 }
 
@@ -255,7 +255,7 @@ fn what_a_dbc_file_does_not_have_is_reported_with_the_nearest_word() {
 #[test]
 fn the_units_and_scales_of_a_dbc_file_are_not_half_replaced() {
     let temp = "dbc    = \"Top.TL_Temp\"";
-    wrong(temp, &format!("{temp}\nunit = \"mm\""), "signal.wheelhead.unit", &["has it in \"degC\""]);
+    wrong(temp, &format!("{temp}\nunit = \"mm\""), "signal.wheelhead.unit", &["has this signal in \"degC\""]);
     wrong(temp, &format!("{temp}\nscale = 0.01"), "signal.wheelhead.scale", &["write `offset` as well"]);
     let own = format!("{temp}\nscale = 0.0078125\noffset = -16110.85\nunit = \"K\"");
     let loaded = lathe(&changed(temp, &own)).unwrap();
@@ -358,16 +358,17 @@ fn a_can_line_is_explained_in_words_and_figures() {
         "    frame 0x002: wheelhead (22 bits from 18 up (Intel), unsigned), wheelhead_status (2 bits from 16 up (Intel), unsigned)",
         "  axtc: CANopen node 5",
         "    node 5 is started by NMT at the beginning and after each boot-up",
-        "    its heartbeat is missed after 2s, never seen counts as missed",
+        "    its heartbeat counts as missing after 2s, also if it was never seen",
         "    before each start writes 1800:05 = 100 (u16): TPDO1 every 100 ms",
         "    object 6150:01, u8, every 1s: column_status",
         "    before arming and every 1m object 6110:01 must read 3: sensor type of channel 1",
         "    emergency 0xff01: open thermocouple",
         "    sends 0x20c, 8 bytes, 00 00 00 00 00 00 01 00 before the values: shown_x",
-        "  column: 0x185, 16 bits from 0 up (Intel), signed, from axtc, 0.0625 °C per count; rejected at raw -1 or -512 (open circuit)",
+        "  column: 0x185, 16 bits from 0 up (Intel), signed, from axtc, 0.0625 °C per count; rejected at raw \
+         -1 or -512 (open circuit)",
         "  coolant: 0x100, 16 bits from 7 down (Motorola), signed, from canmod, 0.1 °C per count",
         "  shown_x: 0x20c, 32 bits from 0 up (Intel), signed, to display, 0.001 mm per count\n",
-        "    believed as soon as it is sent: shown, not verified, nothing reads it back",
+        "    accepted as soon as it is sent: it is only displayed, and not verified",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }

@@ -29,12 +29,12 @@ fn one_number_names_one_node_and_one_identifier_one_sender() {
     );
     wrong("cob_id = 0x185", "cob_id = 0x6E5", "signal.column.pdo.cob_id", &["reserved by CiA 301"]);
     wrong("id = 0x100", "id = 0x085", "signal.coolant.frame.id", &["the emergency message of node 5"]);
-    wrong("id = 0x100", "id = 0", "signal.coolant.frame.id", &["started and stopped"]);
+    wrong("id = 0x100", "id = 0", "signal.coolant.frame.id", &["starts and stops"]);
     wrong(
         "cob_id = 0x20C",
         "cob_id = 0x18C",
         "output.shown_x.pdo.cob_id",
-        &["which sends it itself", "0x200"],
+        &["which the node itself sends", "0x200"],
     );
     wrong("cob_id = 0x20C", "cob_id = 0x205", "output.shown_x.pdo.cob_id", &["RPDO1 of node 5, `axtc`"]);
     wrong(
@@ -59,14 +59,14 @@ fn an_offset_over_can_is_read_back_and_a_display_need_not_be() {
         display,
         offset,
         "output.shown_x.read_back",
-        &["must be read back", "a display of a corrected position"],
+        &["an offset must be read back", "a display of a corrected position"],
     );
     let text = changed(display, &format!("{offset}\nread_back = \"2000:01\""));
     let loaded = lathe(&text).unwrap();
     let Verify::ReadBackAt(object) = loaded.profile.outputs[1].verify else { panic!("read back") };
     assert_eq!((object.to_string().as_str(), object.data_type.name()), ("2000:01", "i32"));
     let reported = "verify   = \"echo\"\nwrites   = \"corrected\"\nposition = \"scale_x\"";
-    wrong(display, reported, "output.shown_x.verify", &["nothing answers a frame"]);
+    wrong(display, reported, "output.shown_x.verify", &["a frame has no answer"]);
     let by_object = changed(
         "pdo      = { cob_id = 0x20C, start = 0, length = 32, signed = true, fill = \"00 00 00 00 00 00 01 00\" }",
         "sdo      = \"2000:01\"\ntype     = \"i32\"",
@@ -89,12 +89,16 @@ fn several_outputs_share_a_frame_but_no_bit_and_no_object() {
         found[0].to_string()
     };
     assert!(
-        one("{ cob_id = 0x20C, start = 24, length = 24, signed = true }").contains("one bit has one writer")
+        one("{ cob_id = 0x20C, start = 24, length = 24, signed = true }")
+            .contains("a bit must have one writer")
     );
     let other =
         one("{ cob_id = 0x20C, start = 32, length = 16, signed = true, fill = \"01 00 00 00 00 00 01 00\" }");
-    assert!(other.contains("write `fill` once"), "{other}");
-    assert!(one("{ cob_id = 0x30C, start = 0, length = 16, fill = \"0\" }").contains("`0` is no frame"));
+    assert!(other.contains("write `fill` at one output"), "{other}");
+    assert!(
+        one("{ cob_id = 0x30C, start = 0, length = 16, fill = \"0\" }")
+            .contains("`0` is not the content of a frame")
+    );
     assert!(one("{ cob_id = 0x30C, start = 0, length = 16, fill = \"00\" }").contains("needs 2 bytes"));
     let objects = LATHE.replace(
         "pdo      = { cob_id = 0x20C, start = 0, length = 32, signed = true, fill = \"00 00 00 00 00 00 01 00\" }",

@@ -91,7 +91,7 @@ fn figures_that_contradict_each_other_are_reported_with_both() {
         "max_age = \"1s\"",
         "signal.wheelhead.max_age",
         "\"1s\"",
-        &["always go stale"],
+        &["always become stale"],
     );
     refused("every = \"10s\"", "every = \"0s\"", "axis.z.every", "\"0s\"", &["zero"]);
     refused("unit = \"mm\"", "unit = \"um\"", "output.readout_z.position", "\"scale_z\"", &["in mm"]);
@@ -123,7 +123,7 @@ fn figures_that_contradict_each_other_are_reported_with_both() {
         "action = \"hold\"",
         "axis.z.on_fault.after",
         "\"60s\"",
-        &["only a ramp waits"],
+        &["only action = \"ramp\" has `after`"],
     );
 }
 
@@ -197,7 +197,7 @@ fn a_page_for_the_network_wants_a_token() {
         "token_file = \"/etc/token\"\nviewer_token_file = \"/etc/token\"",
         "web.viewer_token_file",
         "\"/etc/token\"",
-        &["whoever looks could command"],
+        &["every viewer could give commands"],
     );
     for (other, whose) in [("token_file", "operator's"), ("viewer_token_file", "viewer's")] {
         refused(
@@ -205,7 +205,7 @@ fn a_page_for_the_network_wants_a_token() {
             &format!("{other} = \"/etc/token\"\nscrape_token_file = \"/etc/token\""),
             "web.scrape_token_file",
             "\"/etc/token\"",
-            &[whose, "/metrics alone"],
+            &[whose, "only read /metrics"],
         );
     }
 }
@@ -224,7 +224,7 @@ fn a_page_for_the_network_wants_tls_or_that_somebody_says_it_may_be_plain() {
     let warned: Vec<String> = plain.warnings.iter().map(ToString::to_string).collect();
     assert!(plain.profile.web.unwrap().plain);
     assert!(
-        warned.iter().any(|warning| warning.contains("web.plain") && warning.contains("reads the token")),
+        warned.iter().any(|warning| warning.contains("web.plain") && warning.contains("can read the token")),
         "{warned:?}"
     );
     let secured = to("tls = { cert = \"page.pem\", key = \"/etc/page.key\" }").unwrap();
@@ -248,7 +248,7 @@ fn who_may_command_the_page_is_a_word_and_everybody_on_this_computer_is_warned_o
     let listen = "listen = \"127.0.0.1:0\"";
     let loaded = with(listen, "commands = \"local\"").unwrap();
     let warned = &loaded.warnings[0];
-    assert!(warned.message.contains("everybody on this computer may arm"), "{warned}");
+    assert!(warned.message.contains("every user of this computer can arm"), "{warned}");
     assert!(warned.help.as_deref().is_some_and(|help| help.contains("isotherm token --out")), "{warned}");
     assert_eq!(with(listen, "commands = \"token\"").unwrap().warnings, []);
     refused(listen, "commands = \"all\"", "web.commands", "\"all\"", &["token", "local"]);
@@ -294,7 +294,7 @@ fn a_timeout_as_long_as_anything_is_due_on_its_line_is_one_warning_whatever_that
                 let is_right = |doubt: &String| {
                     doubt.contains(says)
                         && doubt.contains(".timeout")
-                        && doubt.contains("make it shorter than")
+                        && doubt.contains("write a `timeout` shorter than")
                 };
                 if !matches!(&doubts[..], [doubt] if is_right(doubt)) {
                     wrong.push(format!("{says}: {doubts:#?}"));
@@ -370,13 +370,13 @@ fn a_share_of_an_operators_register_needs_whole_counts_that_can_be_read() {
     assert!(fine.to_string().contains("two counts"), "{fine}");
     let echo = shared(ledger, "share = \"ledger\"\nverify = \"echo\"");
     let echo = only_error(&echo, "output.cnc_z.verify", "\"echo\"");
-    assert!(echo.to_string().contains("known only from what is read"), "{echo}");
+    assert!(echo.to_string().contains("known only if the register is read"), "{echo}");
     let float = shared(
         "type = \"i32\"\nword_order = \"msw-first\"\nscale = 0.1",
         "type = \"f32\"\nword_order = \"msw-first\"",
     );
     let float = only_error(&float, "output.cnc_z.share", "\"ledger\"");
-    assert!(float.to_string().contains("whole counts"), "{float}");
+    assert!(float.to_string().contains("integer types"), "{float}");
     let corrected =
         GRINDER.replacen("writes = \"corrected\"", "writes = \"corrected\"\nshare = \"ledger\"", 1);
     let corrected = only_error(&corrected, "output.readout_z.share", "\"ledger\"");
@@ -395,8 +395,8 @@ fn what_a_control_applies_is_read_elsewhere_and_of_a_whole_offset_alone() {
     assert_eq!((applied.address.to_string(), applied.settle.as_millis()), ("input:112".to_owned(), 500));
     assert_eq!(applied.encoding.scale, output.encoding.scale, "as the output's, where nothing else is said");
     let reported = |text: &str| parse(text).unwrap_err().to_string();
-    assert!(reported(&with("\"6004:00\"")).contains("on CAN"));
-    assert!(reported(&with("{ register = \"coil:3\" }")).contains("no offset"));
+    assert!(reported(&with("\"6004:00\"")).contains("belongs to CAN"));
+    assert!(reported(&with("{ register = \"coil:3\" }")).contains("cannot hold an offset"));
     assert!(reported(&with("{ tolerance = 0.2 }")).contains("`register` is missing"));
     assert!(
         reported(&with(table).replacen("share = \"whole\"", "share = \"ledger\"", 1)).contains("the sum")
@@ -428,7 +428,7 @@ fn two_questions_in_one_go_have_no_pause_between_them() {
         let key = format!("device.{}.quirks", name.split(']').next().unwrap());
         let of_device = only_error(&plain.replacen(device, &quirks, 1), &key, "{");
         for error in [of_bus, of_device] {
-            assert!(error.to_string().contains("neither a pause nor a connection"), "{error}");
+            assert!(error.to_string().contains("two requests at a time are not possible"), "{error}");
         }
     }
 }

@@ -64,6 +64,6 @@ fn a_counter_that_goes_round_between_two_readings_is_refused_with_the_times() {
         short,
         "signal.scale_z.counter.max_speed",
         "500",
-        &["half way round after 32ms", "32-bit"],
+        &["passes half of its range in 32ms", "32-bit"],
     );
 }

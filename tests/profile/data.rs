@@ -67,7 +67,7 @@ fn a_matrix_becomes_gains_of_cz_along_the_guideway() {
     }
     let reported = reported(&loaded);
     for words in [
-        "Cz = P·ΔT µm at scale_z, P of c.json from 0 to 400 mm (beyond them as at the end)",
+        "Cz = P·ΔT µm at scale_z, P of c.json from 0 to 400 mm (beyond the ends as at the end)",
         "over (bed − 20), (wheelhead − its value at machine start)",
         "when bed rises by 1 °C (at scale_z = 200 mm), Cz changes by −2 µm",
     ] {
@@ -90,11 +90,11 @@ fn a_matrix_that_does_not_fit_is_refused_with_the_names_of_both() {
         ),
         (with("[\"base\", \"head\"]", "[\"wheelhead\", \"bed\"]"), &["in another order: bed, wheelhead"]),
         (with("[0, 400]", "[400, 0]"), &["must ascend"]),
-        (with("[0, 400]", "[0, 400, 800]"), &["P has 6 rows; 3 points in guide_mm want 9"]),
+        (with("[0, 400]", "[0, 400, 800]"), &["P has 6 rows; 3 points in guide_mm need 9 rows"]),
         (with("\"guide_nodes\"", "\"guide_node\""), &["unknown field `guide_node`"]),
         (with("\"version\": 1", "\"version\": 2"), &["version is 2"]),
         (with("isotherm-matrix", "isotherm-network"), &["its format is \"isotherm-network\""]),
-        (MATRIX[..100].to_owned(), &["no JSON of ours"]),
+        (MATRIX[..100].to_owned(), &["no JSON of isotherm"]),
         (with("0.001", "1e999"), &["out of range"]),
     ] {
         refused_at(MATRIX_KEYS, &[("c.json", file.as_bytes())], ".file", &[&["c.json: "], words].concat());
@@ -137,7 +137,7 @@ fn a_datum_taken_at_zero_wants_no_input_taken_at_zero() {
             let found = errors(found);
             assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
             assert_eq!(found[0].key, "axis.z.datum");
-            assert!(found[0].message.contains("an input's reference is taken at zero"), "{}", found[0]);
+            assert!(found[0].message.contains("an input already has the reference \"zero\""), "{}", found[0]);
         } else {
             assert!(found.is_ok(), "{keys}");
         }
@@ -208,14 +208,19 @@ fn an_input_may_lag_behind_its_signal_and_begins_at_rest_on_its_reference() {
     let loaded = machine(&later, &[("c.json", MATRIX.as_bytes())]).unwrap();
     assert!(self::reported(&loaded).contains(words), "{}", self::reported(&loaded));
     for (rest, key, words) in [
-        ("lag = \"12min\"", ".inputs[1].reference", "begins at rest on it"),
+        ("lag = \"12min\"", ".inputs[1].reference", "begins at its reference"),
         ("reference = 20, lag = \"30d\"", ".inputs[1].lag", "longer than a week"),
-        ("reference = 20, lag = \"0s\"", ".inputs[1].lag", "zero makes no sense"),
+        ("reference = 20, lag = \"0s\"", ".inputs[1].lag", "zero is not allowed"),
     ] {
         refused_at(&lagged(rest), n, key, &[words]);
     }
     let bare = later.replace("reference = 20\n", "");
-    refused_at(&bare, &[("c.json", MATRIX.as_bytes())], ".reference", &["a matrix is about rises"]);
+    refused_at(
+        &bare,
+        &[("c.json", MATRIX.as_bytes())],
+        ".reference",
+        &["a matrix needs the reference of each rise"],
+    );
 }
 
 #[cfg(feature = "onnx")]
@@ -255,10 +260,10 @@ fn an_envelope_belongs_to_any_model_and_says_what_happens_outside() {
     assert_eq!((envelope.outside(), envelope.inputs().len()), (Outside::Shrink, 2));
     let reported = reported(&loaded);
     let words = "identified on bed 20 … 30 °C, (wheelhead − its value at machine start) 0 … 9 °C, within 3.0";
-    assert!(reported.contains(words) && reported.contains("Cz is taken down"), "{reported}");
+    assert!(reported.contains(words) && reported.contains("Cz is reduced"), "{reported}");
     for (from, to, words) in [
         ("[[4, 1], [1, 4]]", "[[4, 4], [4, 4]]", "not positive definite: wheelhead"),
-        ("[[4, 1], [1, 4]]", "[[4]]", "1 rows of 1 columns; 2 inputs want as many of each"),
+        ("[[4, 1], [1, 4]]", "[[4]]", "1 rows of 1 columns; 2 inputs need as many rows and columns"),
         ("[[4, 1], [1, 4]]", "[[4, 1], [2, 4]]", "not symmetric: bed with wheelhead"),
         ("\"mean\": 24", "\"mean\": 34", "bed: its mean must lie between"),
         ("\"bed\"", "\"scale_z\"", "the model does not read `scale_z`"),
@@ -268,7 +273,7 @@ fn an_envelope_belongs_to_any_model_and_says_what_happens_outside() {
         refused_at(linear, &[("e.json", file.as_bytes())], ".envelope", &["e.json: ", words]);
     }
     let file: &[File<'_>] = &[("e.json", ENVELOPE.as_bytes())];
-    refused_at(&linear.replace("envelope = \"e.json\"", ""), file, ".outside", &["no envelope"]);
+    refused_at(&linear.replace("envelope = \"e.json\"", ""), file, ".outside", &["needs `envelope`"]);
     refused_at(&linear.replace("shrink", "stop"), file, ".outside", &["allowed: agree, warn, hold, shrink"]);
 }
 
@@ -287,10 +292,7 @@ fn outside_its_envelope_a_model_with_halves_agrees_with_itself_and_one_without_o
     };
     let (found, apart, reported) = outside(HALVED);
     assert_eq!((found, apart), (Outside::Agree, 2));
-    assert!(
-        reported.contains("outside Cz is taken as far as the two halves of the model agree"),
-        "{reported}"
-    );
+    assert!(reported.contains("outside, Cz follows the model as far as its two halves agree"), "{reported}");
     assert_eq!(outside(&format!("{HALVED}\noutside = \"agree\"")).0, Outside::Agree);
     assert_eq!(outside(&format!("{HALVED}\noutside = \"hold\"")).0, Outside::Hold);
     let without = HALVED.replace("halves = \"h.json\"", "");
@@ -304,17 +306,18 @@ fn halves_of_another_model_are_refused_with_the_term() {
         (
             "2.8",
             "2.9",
-            "another model: its term 1 is bed with a gain of 2.4, and the mean of the halves is 2.45 here",
+            "another model: term 1 of the model is bed with a gain of 2.4, but the mean of the halves is \
+             2.45",
         ),
-        ("360", "0", "another model: its term 1 is bed with a lag of 6m, and bed with 0 s here"),
+        ("360", "0", "another model: term 1 of the model is bed with a lag of 6m, in the file bed with 0 s"),
         ("wheelhead", "scale_z", "its term 2 is wheelhead with a lag of 0s, and scale_z with 0 s here"),
         (
             ", { \"signal\": \"wheelhead\", \"lag_s\": 0, \"ridge\": 1, \"net\": 1 }",
             "",
-            "1 terms here, 2 there",
+            "they have 1 terms, the model has 2",
         ),
         ("\"version\": 1", "\"version\": 2", "this program reads version 1"),
-        ("isotherm-halves", "isotherm-envelope", "\"isotherm-halves\" is wanted here"),
+        ("isotherm-halves", "isotherm-envelope", "\"isotherm-halves\" is required"),
         ("\"net\": 1", "\"net\": 1, \"other\": 1", "unknown field `other`"),
     ] {
         assert!(HALVES.contains(from), "{from}");
@@ -323,7 +326,7 @@ fn halves_of_another_model_are_refused_with_the_term() {
         refused_at(HALVED, &files, ".halves", &["h.json: ", words]);
     }
     let files: [File<'_>; 2] = [("e.json", ENVELOPE.as_bytes()), ("h.json", HALVES.as_bytes())];
-    refused_at(&HALVED.replace("envelope = \"e.json\"", ""), &files, ".halves", &["no envelope"]);
+    refused_at(&HALVED.replace("envelope = \"e.json\"", ""), &files, ".halves", &["needs `envelope`"]);
     let slope = "slope = { position = \"scale_z\", reference = 0.0, terms = [ { signal = \"bed\", gain = 0.01, reference = 0.0 } ] }";
     refused_at(&format!("{HALVED}\n{slope}"), &files, ".halves", &["only a linear model without a slope"]);
 }
@@ -339,12 +342,8 @@ fn stand_ins_say_who_is_watched_and_for_whom_others_stand_in() {
     let watched = |text: &str| machine(WATCHED, &[("s.json", text.as_bytes())]).unwrap();
     let loaded = watched(STAND_INS);
     let of = |loaded: &Loaded| loaded.profile.axes[0].settings.models[0].stand_ins.clone().unwrap();
-    assert_eq!(
-        of(&loaded).watched().map(|(_, replaces)| replaces).collect::<Vec<_>>(),
-        [Replaces::FrozenOrLost, Replaces::Nothing]
-    );
-    let words =
-        "2 sensors are watched for frozen readings; other sensors replace bed; they do not replace wheelhead";
+    assert_eq!(of(&loaded).watched().map(|(_, stands_in)| stands_in).collect::<Vec<_>>(), [true, false]);
+    let words = "2 sensors are checked for frozen readings; other sensors replace bed; not wheelhead";
     assert!(reported(&loaded).contains(words), "{}", reported(&loaded));
     let one = watched(&STAND_INS.replace(", { \"signal\": \"scale_z\", \"lag_s\": 0, \"gain\": 0.001 }", ""));
     let mut uses = of(&one).watched().map(|(_, replaces)| replaces);
@@ -362,14 +361,14 @@ fn stand_ins_say_who_is_watched_and_for_whom_others_stand_in() {
             "\"wheelhed\", \"lag_s\": 360",
             "no signal `wheelhed`; did you mean `wheelhead`?",
         ),
-        ("\"wheelhead\", \"lag_s\": 360", "\"bed\", \"lag_s\": 360", "bed: it cannot stand in for itself"),
-        ("\"wheelhead\", \"threshold\"", "\"bed\", \"threshold\"", "bed is in it twice"),
+        ("\"wheelhead\", \"lag_s\": 360", "\"bed\", \"lag_s\": 360", "bed: a sensor cannot replace itself"),
+        ("\"wheelhead\", \"threshold\"", "\"bed\", \"threshold\"", "bed is listed twice"),
         ("0.31", "0", "bed: its threshold must be above 0 °C"),
         ("360", "-1", "bed: a lag of -1 s is not between 0 and a week"),
         ("360", "1e9", "is not between 0 and a week"),
         ("[{ \"signal\": \"bed\", \"lag_s\": 0, \"gain\": 1.1 }]", "[]", "wheelhead: it has 0 terms"),
         ("\"gain\": 1.1", "\"gain\": \"1.1\"", "invalid type"),
-        ("isotherm-stand-ins", "isotherm-halves", "\"isotherm-stand-ins\" is wanted here"),
+        ("isotherm-stand-ins", "isotherm-halves", "\"isotherm-stand-ins\" is required"),
         ("\"version\": 1", "\"version\": 2", "this program reads version 1"),
     ] {
         assert!(STAND_INS.contains(from), "{from}");
@@ -401,7 +400,11 @@ fn to_agree_without_halves_is_warned_of_where_it_is_asked_for() {
     let doubts = |outside: &str| {
         let model = HALVED.replace("halves = \"h.json\"", outside);
         let loaded = machine(&model, &[("e.json", ENVELOPE.as_bytes())]).unwrap();
-        loaded.warnings.iter().filter(|warning| warning.message.contains("nothing that could agree")).count()
+        loaded
+            .warnings
+            .iter()
+            .filter(|warning| warning.message.contains("= \"agree\" needs `halves`"))
+            .count()
     };
     assert!(HALVED.contains("halves = \"h.json\""), "{HALVED}");
     assert_eq!((doubts(""), doubts("outside = \"agree\""), doubts("outside = \"warn\"")), (0, 1, 0));

@@ -23,7 +23,7 @@ fn doubted(text: &str, key: &str, words: &[&str]) {
 
 #[test]
 fn a_model_that_asks_for_more_than_the_limit_at_20_degrees_all_over_is_doubted() {
-    let words = ["20 °C all over", "48 µm", "limit of 40 µm", "reference"];
+    let words = ["all temperatures at 20 °C", "48 µm", "limit of 40 µm", "reference"];
     doubt("gain = 2.4, reference = 20.0", "gain = 2.4, reference = 0.0", "axis.z.model[0]", &words);
     doubt("c = 23.4", "c = 0.0", "axis.z.model[1]", &["`bed only`", "48 µm"]);
     // A datum at zero subtracts the value again.
@@ -63,7 +63,11 @@ fn limits_and_gains_of_another_unit_are_doubted() {
 fn a_start_that_nothing_tells_is_doubted() {
     let without = GRINDER.replacen("on = \"hydraulics\"\n", "", 1);
     // The formula's `t` is counted from the start too. There is one warning for the whole machine.
-    doubted(&without, "machine", &["first good reading", "for good", "on = ", "`difference`"]);
+    doubted(
+        &without,
+        "machine",
+        &["first good reading", "even if the machine is warm", "on = ", "`difference`"],
+    );
     let of_t = without.replacen("reference = \"start\"", "reference = 20.0", 1);
     doubted(&of_t, "machine", &["`bed only`", "first good reading"]);
     let fixed = of_t.replacen("b*t + c", "b + c", 1);

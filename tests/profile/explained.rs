@@ -60,7 +60,7 @@ fn a_label_that_is_none_and_a_language_that_the_page_does_not_speak_are_refused(
     refuse("\"  \"", &["empty", "remove `label`"]);
     refuse(&format!("\"{}\"", "床".repeat(61)), &["61 characters", "up to 60"]);
     for unseen in ["\\n", "\\u202E", "\\u0007"] {
-        refuse(&format!("\"a{unseen}b\""), &["not seen"]);
+        refuse(&format!("\"a{unseen}b\""), &["invisible"]);
     }
     let listen = "listen = \"127.0.0.1:0\"";
     let web = |language: &str| with(listen, &format!("{listen}\nlanguage = \"{language}\""));
@@ -93,7 +93,7 @@ fn a_good_profile_is_explained_in_words_and_figures() {
         "Cz = Kz * (A - (b*t + c)) µm, over bed",
         "a positive Cz makes the commanded or displayed position larger",
         "±40 µm",
-        "keeps the last Cz for 1m, then takes it to zero at 0.5 µm/s",
+        "keeps the last Cz for 1m, then moves Cz to zero at 0.5 µm/s",
         "cnc_z: holding:104 (40105) of cnc, i32 msw-first, 0.1 µm per count; function 16, 2 registers",
         "counts -400 to 400",
         "only when cnc_on == 1",
@@ -110,8 +110,8 @@ fn an_operators_register_is_explained_as_his() {
     let machine = with("share = \"whole\"", "share = \"ledger\"").unwrap().profile;
     let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
     for words in [
-        "the operator offset stays; the gateway share is added to it",
-        "counts -400 to 400, and the operator's part",
+        "the operator offset in the register stays; the gateway share is added to it",
+        "counts -400 to 400, plus the operator offset",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
@@ -144,7 +144,7 @@ fn of_several_lags_of_one_signal_the_sum_is_reported_because_one_may_point_the_o
     for words in [
         "when bed rises by 1 °C, Cz changes by +3.5 µm",
         "when bed rises by 1 °C (63 % of it 1h after bed has risen), Cz changes by −1.1 µm",
-        "when bed rises by 1 °C for good (its 2 terms added up), Cz changes by +2.4 µm",
+        "when bed rises by 1 °C permanently (its 2 terms added up), Cz changes by +2.4 µm",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }

@@ -53,11 +53,19 @@ fn what_no_late_write_can_be_is_refused_with_what_to_write() {
         (
             TCP,
             "\"299ms\"",
-            vec!["299ms is shorter than the 300ms", "write 300ms or more", "leave it out: 30s"],
+            vec![
+                "299ms is shorter than `timeout`, which is 300ms",
+                "write 300ms or more",
+                "remove `late` (default 30s)",
+            ],
         ),
-        (PORT, "\"100ms\"", vec!["shorter than the 300ms", "leave it out: 600ms"]),
+        (PORT, "\"100ms\"", vec!["shorter than `timeout`, which is 300ms", "remove `late` (default 600ms)"]),
         (TCP, "\"0s\"", vec!["a duration of zero"]),
-        (TCP, "\"601s\"", vec!["10m 1s is longer than 10m", "write 10m or less", "leave it out: 30s"]),
+        (
+            TCP,
+            "\"601s\"",
+            vec!["10m 1s is longer than 10m", "write 10m or less", "remove `late` (default 30s)"],
+        ),
         (TCP, "\"1day\"", vec!["1 day is longer than 10m"]),
         (TCP, "\"30\"", vec!["is no duration"]),
         (TCP, "30", vec!["a duration in quotes"]),

@@ -100,12 +100,12 @@ fn a_variable_or_a_flag_that_means_nothing_is_an_error_with_its_name() {
             &[("ISOTHERM__AXIS__Z__LIMIT", "forty")],
             &[],
             "environment ISOTHERM__AXIS__Z__LIMIT",
-            "a number is wanted",
+            "expected a number",
         ),
         (&[], &[("axis.z.limt", "3")], "--set axis.z.limt", "`limit`"),
         (&[], &[("axis.z.limit", "nan")], "--set axis.z.limit", "finite"),
         (&[], &[("axis.z.model[0].name", "x")], "--set axis.z.model[0].name", "`model`"),
-        (&[], &[("bus.cell", "x")], "--set bus.cell", "a table is wanted"),
+        (&[], &[("bus.cell", "x")], "--set bus.cell", "expected a table"),
     ];
     for (environment, settings, file, words) in cases {
         let found = errors(layered(environment, settings));
@@ -128,7 +128,7 @@ fn a_layer_above_the_profile_tightens_a_guard_and_never_loosens_it() {
         ("axis.z.on_fault.after", "60s", "61s", "\"61s\" is not the \"60s\" of the profile"),
         ("axis.z.on_fault.action", "ramp", "hold", "\"hold\" is not the \"ramp\" of the profile"),
         ("axis.z.on_fault", "{ action = \"ramp\" }", "{ action = \"zero\" }", "\"zero\" is not the \"ramp\""),
-        ("machine.arm", "manual", "auto", "the profile says \"manual\""),
+        ("machine.arm", "manual", "auto", "the profile has arm = \"manual\""),
     ] {
         let with = |value: &str, allow: &str| {
             let text = match key {
@@ -199,7 +199,7 @@ fn only_the_profile_itself_says_what_may_be_loosened_and_only_guards_can_be_name
     let found =
         errors(layered(&[], &[("machine.allow_override", "[\"axis.z.limit\"]"), ("axis.z.limit", "50")]));
     assert_eq!(found.len(), 2, "{}", Errors(found.clone()));
-    assert!(found[0].message.contains("by the profile itself"), "{}", found[0]);
+    assert!(found[0].message.contains("only the profile itself"), "{}", found[0]);
     for (entry, nearest) in
         [("axis.z.limt", "axis.z.limit"), ("axis.x.rate", "axis.z.rate"), ("machine.am", "machine.arm")]
     {

@@ -135,8 +135,14 @@ fn sixty_axes_with_a_ledger_each_beside_their_sensors_are_too_much_each_second_a
             40.0,
             "load 25 % (polls 1 %, writes 24 %), up to 25 exchanges a second at 10 ms an answer",
         ),
-        ("3s", 81.0, Verdict::Tight, 12.346, "note: that leaves little room for lost answers"),
-        ("1s", 241.0, Verdict::Full, 4.149, "at 10 ms an answer; full where it takes longer than 4.1 ms\n"),
+        ("3s", 81.0, Verdict::Tight, 12.346, "note: there is little time left for lost answers"),
+        (
+            "1s",
+            241.0,
+            Verdict::Full,
+            4.149,
+            "at 10 ms an answer; full if an answer takes longer than 4.1 ms\n",
+        ),
     ];
     for (every, percent, verdict, full_at, words) in cases {
         let machine = parse(&ledger(every)).unwrap().profile;

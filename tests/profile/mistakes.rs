@@ -45,14 +45,14 @@ fn nothing_is_coerced() {
         "limit = \"40\"",
         "axis.z.limit",
         "\"40\"",
-        &["a number is wanted here", "the text \"40\""],
+        &["expected a number", "the text \"40\""],
     );
     refused("unit = 3", "unit = 3.7", "device.readout.unit", "3.7", &["a whole number", "3.7"]);
-    refused("unit = 3", "unit = true", "device.readout.unit", "true", &["a whole number", "not true"]);
+    refused("unit = 3", "unit = true", "device.readout.unit", "true", &["a whole number", "found true"]);
     refused("unit = 3", "unit = 300", "device.readout.unit", "300", &["0 to 255"]);
     refused("timeout = \"300ms\"", "timeout = 300", "bus.cell.timeout", "300", &["a duration in quotes"]);
     refused("timeout = \"300ms\"", "timeout = \"300\"", "bus.cell.timeout", "\"300\"", &["is no duration"]);
-    refused("gain = 2.4", "gain = true", "axis.z.model[0].terms[0].gain", "true", &["a number is wanted"]);
+    refused("gain = 2.4", "gain = true", "axis.z.model[0].terms[0].gain", "true", &["expected a number"]);
     refused("range = [-10.0, 80.0]", "range = [-10.0]", "signal.wheelhead.range", "[-10.0]", &["2 values"]);
 }
 
@@ -152,7 +152,7 @@ fn an_error_in_a_condition_or_a_formula_points_into_its_text() {
         "fault_when = \"wheelhead > 1\"",
         "signal.wheelhead.fault_when",
         "\"wheelhead > 1",
-        &["judge itself"],
+        &["in its own condition"],
     );
 }
 
@@ -223,7 +223,7 @@ fn a_machines_name_is_no_longer_than_its_files_may_be() {
 
 #[test]
 fn texts_and_names_that_end_a_line_or_steer_a_terminal_are_refused_at_their_place() {
-    let words = &["not seen, or end a line"];
+    let words = &["invisible characters, or a line break"];
     refused("\"Surface grinder\"", "\"a\\u001b[2J\"", "machine.description", "\"a", words);
     refused("\"Surface grinder\"", "\"a\\nb\"", "machine.description", "\"a", words);
     refused("name = \"bed only\"", "name = \"bed\\u202eonly\"", "axis.z.model[1].name", "\"bed", words);

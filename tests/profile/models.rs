@@ -35,10 +35,10 @@ fn a_lag_a_slope_levels_and_a_datum_are_taken() {
         "Cz = 2.4·(bed − 20) lagged by 30m + 3.45·(wheelhead − its value at machine start) + 0 µm \
          + (0.007·(bed − 20) lagged by 2h) µm/mm·(scale_z − -50 mm)",
         "when bed rises by 1 °C (63 % of it 30m after bed has risen), Cz changes by +2.4 µm",
-        "when bed rises by 1 °C and scale_z stands 100 mm above -50 mm (63 % of it 2h after bed has risen), \
-         Cz changes by +0.7 µm",
-        "beyond ±30 µm it warns",
-        "more than ±60 µm switches the axis off until it is armed",
+        "when bed rises by 1 °C and scale_z is 100 mm above -50 mm (63 % of it 2h after bed has risen), Cz \
+         changes by +0.7 µm",
+        "beyond ±30 µm the gateway warns",
+        "a model value beyond ±60 µm switches the axis off until it is armed",
         "measured from its value at the last zero",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
@@ -49,7 +49,7 @@ fn a_lag_a_slope_levels_and_a_datum_are_taken() {
 fn a_lag_is_a_duration_above_zero_with_a_reference() {
     let at = "axis.z.model[0].terms[0].lag";
     refused("gain = 2.4", "gain = 2.4, lag = 30", at, "30", &["a duration"]);
-    refused("gain = 2.4", "gain = 2.4, lag = \"0s\"", at, "\"0s\"", &["zero makes no sense"]);
+    refused("gain = 2.4", "gain = 2.4, lag = \"0s\"", at, "\"0s\"", &["zero is not allowed"]);
     refused("gain = 2.4", "gain = 2.4, lag = \"30d\"", at, "\"30d\"", &["longer than a week"]);
 }
 
@@ -88,7 +88,7 @@ fn a_slope_has_a_position_in_mm_a_reference_and_terms_in_um_per_mm() {
             "gain = 0.007",
             "expansion = 11.5e-6, length = 300",
             "slope.terms[0].expansion",
-            "no length that expands",
+            "neither `expansion` nor `length`",
         ),
     ] {
         let found = errors(slope(from, to));
@@ -147,7 +147,8 @@ fn a_control_that_applies_the_line_itself_is_given_its_parts() {
     let reported = isotherm_profile::preview::Preview::of(&loaded.profile).to_string();
     for words in [
         "K0, Cz at the reference position: +1 µm is +10 counts",
-        "tanβ, which the control multiplies by the distance from the reference position: +0.001 µm/mm is +10 counts",
+        "tanβ, which the control multiplies by the distance from the reference position. +0.001 µm/mm is +10 \
+         counts",
         "which is ±40 µm at 300 mm",
         "P0, the reference position: always -50 mm",
     ] {
@@ -158,7 +159,7 @@ fn a_control_that_applies_the_line_itself_is_given_its_parts() {
 #[test]
 fn a_line_that_cannot_be_applied_is_refused() {
     for (from, to, key, words) in [
-        ("travel = [-350.0, 0.0], ", "", "axis.z.model[0].slope.travel", "it bounds what a slope"),
+        ("travel = [-350.0, 0.0], ", "", "axis.z.model[0].slope.travel", "it limits the effect of the slope"),
         ("writes = \"reference\"", "writes = \"offset\"", "output.p0.writes", "act twice"),
         ("writes = \"intercept\"", "writes = \"slope\"", "axis.z", "writes its intercept (K0)"),
         ("rate = 0.5", "rate = 0.5\ndiameter = true", "axis.z.diameter", "to the radius"),
@@ -213,7 +214,7 @@ fn a_term_may_take_the_square_of_its_signal_and_no_other_power() {
     let plain = with("gain = 2.4", "gain = 2.4, power = 1").unwrap();
     assert_eq!(plain.profile.axes, with("gain = 2.4", "gain = 2.4").unwrap().profile.axes);
     let at = "axis.z.model[0].terms[0].power";
-    refused("gain = 2.4", "gain = 2.4, power = 3", at, "3", &["a power of 3", "power = 2"]);
-    refused("gain = 2.4", "gain = 2.4, power = 0", at, "0", &["a power of 0"]);
+    refused("gain = 2.4", "gain = 2.4, power = 3", at, "3", &["the power 3", "power = 2"]);
+    refused("gain = 2.4", "gain = 2.4, power = 0", at, "0", &["the power 0"]);
     refused("gain = 2.4", "gain = 2.4, power = 1.5", at, "1.5", &["number"]);
 }

@@ -31,7 +31,8 @@ fn where_what_is_posted_is_shown_without_what_may_be_secret() {
     assert_eq!(profile.notify[0].url.target(None).as_deref(), Some("/in/hidden?key=hidden"));
     let said = Preview::of(&profile).to_string();
     for line in [
-        "  notify[0] to https://hooks.example, trusting whom this computer trusts: alarm, device-lost\n",
+        "  notify[0] to https://hooks.example, trusting the authorities of this computer: alarm, \
+         device-lost\n",
         "  notify[1] to http://127.0.0.1:8065, with the token in notify.token, in plain text: axis-off\n",
     ] {
         assert!(said.contains(line), "{said}");
@@ -55,7 +56,7 @@ fn a_token_in_the_address_has_a_file_and_the_address_is_shown_without_both() {
     let line = "  notify[0] to https://hooks.example, with the token in hook.token as a part of the address, trusting";
     assert!(said.contains(line), "{said}");
     let error = only_error(&posts(&within), "notify[0].url", "\"https");
-    assert!(error.to_string().contains("a token belongs into it, and there is none"), "{error}");
+    assert!(error.to_string().contains("the address has a place for a token"), "{error}");
     assert!(error.help.unwrap().contains("`token_file`"));
 }
 
@@ -81,7 +82,7 @@ fn how_long_a_stop_takes_is_said_with_whoever_is_told_of_it_and_without() {
 
 #[test]
 fn a_word_that_is_no_event_is_refused_with_the_nearest_and_all_that_there_are() {
-    let words = ["`device-lots` is not a word known here", "did you mean `device-lost`?", "command-dropped"];
+    let words = ["`device-lots` is not allowed here", "did you mean `device-lost`?", "command-dropped"];
     is_refused("device-lost", "device-lots", "notify[0].on[1]", "\"device-lots", &words);
     let error =
         only_error(&posts(&TABLE.replace("device-lost", "hydraulics")), "notify[0].on[1]", "\"hydraulics");
@@ -93,10 +94,10 @@ fn a_word_that_is_no_event_is_refused_with_the_nearest_and_all_that_there_are() 
 fn what_is_wrong_with_an_address_is_said_and_what_is_secret_of_it_is_not() {
     let url = "https://hooks.example/in/hidden?key=hidden";
     for (to, words) in [
-        ("https://me:hidden@hooks.example/", "names no user and no password"),
+        ("https://me:hidden@hooks.example/", "must not have a user or a password"),
         ("ftp://me:hidden@hooks.example/?hidden", "does not begin with https:// or http://"),
-        ("https://hooks.example:0/?hidden", "no port that is one"),
-        ("https://hooks.example/?hidden#x", "behind `#`"),
+        ("https://hooks.example:0/?hidden", "no port that is valid"),
+        ("https://hooks.example/?hidden#x", "after `#`"),
     ] {
         is_refused(url, to, "notify[0].url", "\"", &[words]);
         let said = errors(parse(&posts(&TABLE.replace(url, to))))[0].to_string();
@@ -110,7 +111,7 @@ fn what_is_wrong_with_an_address_is_said_and_what_is_secret_of_it_is_not() {
 
 #[test]
 fn what_makes_no_sense_together_is_refused_or_warned_of() {
-    is_refused("[\"alarm\", \"device-lost\"]", "[]", "notify[0].on", "[]", &["nothing would ever be posted"]);
+    is_refused("[\"alarm\", \"device-lost\"]", "[]", "notify[0].on", "[]", &["nothing would be posted"]);
     let plain = TABLE.replace("https:", "http:");
     let with_ca = posts(&format!("{plain}ca = \"ca.pem\"\n"));
     let found = errors(isotherm_profile::parse_with(

@@ -89,13 +89,13 @@ fn check_says_what_is_asked_and_written_and_how_the_messages_are_protected() {
     let text = isotherm_profile::preview::Preview::of(&profile).to_string();
     for said in [
         "bus control: OPC UA at opc.tcp://192.168.214.241:4840",
-        "messages are neither signed nor encrypted; speaks as nobody (anonymous)",
+        "messages are neither signed nor encrypted; logs in as the anonymous user",
         "cnc: every 1s: 1 request touching 2 nodes for 2 signals",
-        "a reading is as old as the time that the server stamps it with",
+        "the age of a reading is counted from the server's time stamp",
         "bed: node ns=2;s=/Plc/DB100.DBD4 of cnc, the node's own type, 1 °C per unit",
         "scale_z: node ns=3;i=1005 of cnc, i32, 0.0005 mm per count",
         "k0: node ns=2;s=/Sinumerik/SEA/offset of cnc, f64, 1 µm per unit",
-        "believed once the node reads back what was written",
+        "accepted once the node reads back what was written",
     ] {
         assert!(text.contains(said), "`{said}` is not in:\n{text}");
     }
@@ -117,12 +117,12 @@ fn a_subscription_is_told_and_wants_readings_that_may_be_four_periods_old() {
     );
     assert!(!sent.by_stamp);
     let said = isotherm_profile::preview::Preview::of(&profile).to_string();
-    assert!(said.contains("the server sends what has changed (a subscription)"), "{said}");
+    assert!(said.contains("the server sends changed values (a subscription)"), "{said}");
     assert!(said.contains("subscribe to 2 nodes"), "{said}");
     let young = text.replacen("max_age = \"10s\"", "max_age = \"3s\"", 1);
     let error = only_error(&young, "signal.bed.max_age", "\"3s");
     assert!(error.to_string().contains("4 periods old"), "{error}");
-    assert!(error.to_string().contains("allow \"5s\""), "{error}");
+    assert!(error.to_string().contains("write max_age = \"5s\""), "{error}");
 }
 
 #[test]
@@ -137,7 +137,7 @@ fn what_is_wrong_with_a_server_is_told_at_its_key() {
     no_server("opc.tcp://", "http://", "bus.control.address", "\"http", &["opc.tcp://192.168.214.241"]);
     for (address, words) in [
         ("opc.tcp://::1", "\"opc.tcp://[::1]:4840\""),
-        ("opc.tcp://ho st", "a blank"),
+        ("opc.tcp://ho st", "contains a space"),
         (" opc.tcp://nck", "\"opc.tcp://nck\""),
         ("opc.tcp://nck:x", "no host and port"),
     ] {
@@ -145,7 +145,7 @@ fn what_is_wrong_with_a_server_is_told_at_its_key() {
     }
     let v6 = parse(&SERVER.replace("192.168.214.241", "[::1]")).unwrap_or_else(|errors| panic!("{errors}"));
     assert_eq!(v6.profile.buses[0].address, "opc.tcp://[::1]:4840");
-    no_server("opc.tcp://", "opc.tcp://user@", "bus.control.address", "\"opc", &["names no user"]);
+    no_server("opc.tcp://", "opc.tcp://user@", "bus.control.address", "\"opc", &["must not name a user"]);
     no_server(
         "\"none\"\n",
         "\"none\"\ncert = \"own.der\"\n",
@@ -173,7 +173,8 @@ fn the_words_of_opc_ua_and_of_other_programs_are_answered_with_those_of_a_profil
         "\"Basic256Sha256\"",
         "bus.control.security",
         "\"Basic",
-        &["that is a policy: write \"sign-and-encrypt\", the strongest policy that both ends know is taken"],
+        &["this is a policy: write \"sign-and-encrypt\"; the strongest policy that both ends support is \
+           used"],
     );
     no_server("ns=3;i=1005", "nsu=urn:50%;i=1005", "signal.scale_z.node", "\"nsu", &["is written %25"]);
     let by_uri = parse(&SERVER.replace("ns=3;i=1005", "nsu=urn:nck;i=1005")).unwrap().profile;
@@ -186,11 +187,11 @@ fn the_words_of_opc_ua_and_of_other_programs_are_answered_with_those_of_a_profil
         verify,
         "device.cnc.verify[0].type",
         "{",
-        &["it is compared in the node's own type"],
+        &["the value is compared in the node's own type"],
     );
     let secured = "\"sign\"\ncert = \"own.der\"\nkey = \"own.pem\"\n";
     let said = parse(&SERVER.replacen("\"none\"\n", secured, 1)).unwrap_err().to_string();
-    assert!(said.contains("`isotherm opcua trust PROFILE` makes it, and fills it"), "{said}");
+    assert!(said.contains("`isotherm opcua trust PROFILE` makes and fills the directory"), "{said}");
 }
 
 #[test]
@@ -222,7 +223,7 @@ fn what_is_wrong_with_a_node_is_told_at_its_key() {
         "type = \"f64\"\nshare = \"ledger\"\n",
         "output.k0.share",
         "\"ledger",
-        &["no exact sum of two parts"],
+        &["cannot hold an exact sum"],
     );
 }
 
@@ -321,10 +322,11 @@ fn a_set_in_nodes_is_one_call_with_each_value_in_its_node_s_own_type() {
     assert_eq!(nodes, expected.map(|(node, kind)| (node.to_owned(), kind)));
     let text = isotherm_profile::preview::Preview::of(profile).to_string();
     for said in [
-        "set line: k0, y0 land together in cnc",
-        "one request: one call that writes 5 nodes, in an order of the server's: ns=2;s=/Sinumerik/SEA/offset (f64), ",
+        "set line: k0, y0 are written together to cnc",
+        "one request: one call that writes 5 nodes, in the order that the server chooses: \
+         ns=2;s=/Sinumerik/SEA/offset (f64), ",
         "heartbeat node ns=2;s=beat: counts up with every write",
-        "then strobe node ns=2;s=strobe up, acknowledge node ns=2;s=taken up within 1s, strobe down",
+        "then: strobe node ns=2;s=strobe on, acknowledge node ns=2;s=taken on within 1s, strobe off",
         "heartbeat: node ns=2;s=life of cnc, u16, counts every 500ms",
         "node ns=2;s=boots changes",
     ] {
@@ -358,13 +360,13 @@ fn a_set_in_nodes_has_no_word_that_would_have_to_come_last() {
 #[test]
 fn what_is_wrong_with_the_words_of_a_set_in_nodes_is_told_at_their_keys() {
     let beat = "{ node = \"ns=2;s=beat\", type = \"i16\" }";
-    no_set(beat, "\"holding:100\"", "set.line.heartbeat", "\"holding", &["this is an OPC UA server"]);
+    no_set(beat, "\"holding:100\"", "set.line.heartbeat", "\"holding", &["this device is an OPC UA server"]);
     let untyped = "{ node = \"ns=2;s=beat\" }";
     no_set(beat, untyped, "set.line.heartbeat.type", "heartbeat", &["`type` is missing"]);
     let at_type = "set.line.heartbeat.type";
     let small = beat.replace("i16", "u8");
     no_set(beat, &small, at_type, "\"u8\"", &["u8 does not hold 32767"]);
-    no_set(beat, &beat.replace("i16", "f64"), at_type, "\"f64\"", &["no type for whole numbers"]);
+    no_set(beat, &beat.replace("i16", "f64"), at_type, "\"f64\"", &["no integer type"]);
     no_set(
         "type = \"u32\", value = 17",
         "type = \"u8\", value = 4711",
@@ -399,7 +401,7 @@ fn what_is_wrong_with_the_words_of_a_set_in_nodes_is_told_at_their_keys() {
         "\"holding:98\"",
         "output.k0.restart.boot_counter",
         "\"holding",
-        &["this is an OPC UA server"],
+        &["this device is an OPC UA server"],
     );
 }
 

@@ -49,9 +49,10 @@ fn a_probe_becomes_final_types_and_is_explained_in_words() {
     assert_eq!((input.signal.0, input.trigger.map(|id| id.0), input.micron), (7, Some(8), 1000.0));
     let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
     for words in [
-        "probe: measured errors (actual minus commanded, with Cz acting) come from probe_z, each time probed changes",
-        "a positive one lowers the model's Cz by 0.5 of it, in all by at most 10 µm",
-        "beyond ±5 µm it warns; the gains of linear models learn by up to ±20.000 % each",
+        "probe: measured errors (actual minus commanded, with Cz active) come from probe_z, each time probed \
+         changes",
+        "A positive error lowers the model's Cz by 0.5 of the error, in all by at most 10 µm",
+        "beyond ±5 µm the gateway warns; the gains of linear models learn by up to ±20.000 % each",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
@@ -63,15 +64,11 @@ fn a_probing_is_weighed_unless_the_profile_names_a_share() {
         (
             "",
             Filter::Weighed { repeat: 0.5, walk: 4.0 },
-            "each probing by ±0.5 µm, the correction by 4 µm² more each hour",
+            "each probing ±0.5 µm, the correction 4 µm² more each hour",
         ),
-        ("repeat = 0.2\n", Filter::Weighed { repeat: 0.2, walk: 4.0 }, "each probing by ±0.2 µm"),
-        (
-            "q = 0.81\n",
-            Filter::Weighed { repeat: 0.5, walk: 0.81 },
-            "the correction by 0.81 µm² more each hour",
-        ),
-        ("filter = 1.0\n", Filter::Share(1.0), "by 1 of it"),
+        ("repeat = 0.2\n", Filter::Weighed { repeat: 0.2, walk: 4.0 }, "each probing ±0.2 µm"),
+        ("q = 0.81\n", Filter::Weighed { repeat: 0.5, walk: 0.81 }, "the correction 0.81 µm² more each hour"),
+        ("filter = 1.0\n", Filter::Share(1.0), "by 1 of the error"),
     ] {
         let text = probed(&WHOLE.replacen("filter = 0.5\n", written, 1));
         let machine = parse(&text).unwrap_or_else(|errors| panic!("{errors}")).profile;
@@ -117,9 +114,9 @@ fn each_mistake_is_reported_at_its_place() {
         ("limit = 10.0", "limit = 0.0", "limit", "0.0", "not above zero"),
         ("filter = 0.5", "filter = 1.5", "filter", "1.5", "above 0 and up to 1"),
         ("filter = 0.5", "filter = 0.0", "filter", "0.0", "above 0 and up to 1"),
-        ("filter = 0.5", "filter = \"half\"", "filter", "\"half\"", "a number is wanted here"),
+        ("filter = 0.5", "filter = \"half\"", "filter", "\"half\"", "expected a number"),
         ("filter = 0.5", "repeat = 0.0", "repeat", "0.0", "not above zero"),
-        ("filter = 0.5", "repeat = \"1 um\"", "repeat", "\"1 um\"", "a number is wanted here"),
+        ("filter = 0.5", "repeat = \"1 um\"", "repeat", "\"1 um\"", "expected a number"),
         ("filter = 0.5", "q = -4.0", "q", "-4.0", "not above zero"),
         ("filter = 0.5", "filter = 0.5\nrepeat = 0.3", "repeat", "repeat", "remove `filter`"),
         ("filter = 0.5", "filter = 0.5\nq = 0.3", "q", "q", "remove `filter`"),

@@ -73,7 +73,7 @@ fn a_port_that_is_numbered_in_the_order_of_plugging_is_warned_of() {
 
 #[test]
 fn an_rtu_line_has_no_unit_for_all_and_none_that_is_reserved() {
-    for (unit, words) in [("0", "speaks to all devices"), ("250", "reserved")] {
+    for (unit, words) in [("0", "addresses all devices"), ("250", "reserved")] {
         let text = on(&format!("{PORT}\nbaud = 19200")).replacen("unit = 3", &format!("unit = {unit}"), 1);
         let error = only_error(&text, "device.readout.unit", unit);
         assert!(error.to_string().contains(words), "{error}");
@@ -115,7 +115,7 @@ fn a_serial_line_is_explained_with_its_settings_and_the_time_that_its_polls_take
         // Two registers, then one bit: 8 + 9 and 8 + 6 bytes of 1.0417 ms, four silences of 4.01 ms, two pauses of 5
         // ms.
         "module: 31 bytes take 58 ms of every 1000 ms",
-        "% of the line; writes and the devices' own time to answer come on top",
+        "% of the line's time, without writes and without the answer times of the devices",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
@@ -142,8 +142,8 @@ fn a_gateway_is_taken_for_there_if_units_share_a_connection_unless_a_quirk_says_
     assert_eq!(behind(&none.replacen(device, "quirks = { gateway = true }", 1)), [false, false, true, false]);
     let shown =
         |text: &str| isotherm_profile::preview::Preview::of(&parse(text).unwrap().profile).to_string();
-    assert!(shown(GRINDER).contains("as behind a gateway to a serial line (`quirks.gateway`): "));
-    assert!(!shown(&none).contains("behind a gateway"));
+    assert!(shown(GRINDER).contains("as behind a Modbus gateway to a serial line (`quirks.gateway`): "));
+    assert!(!shown(&none).contains("behind a Modbus gateway"));
 }
 
 #[test]
@@ -155,5 +155,5 @@ fn a_line_of_rtu_frames_has_no_gateway_that_stamps_transactions() {
     let line = GRINDER.replacen("type = \"modbus-tcp\"", "type = \"modbus-rtu-over-tcp\"", 1);
     let line = line.replacen("quirks = { max_gap = 0 }", "quirks = { gateway = false }", 1);
     let error = only_error(&line, "device.counter.quirks.gateway", "gateway");
-    assert!(error.to_string().contains("waits for late answers by itself"), "{error}");
+    assert!(error.to_string().contains("always waits for late answers"), "{error}");
 }

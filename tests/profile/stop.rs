@@ -19,8 +19,8 @@ fn stop_of(text: &str) -> (String, serde_json::Value) {
 fn check_says_how_long_a_stop_takes_at_most_and_how_much_a_late_write_adds() {
     // 40 µm at 0.5 µm/s, two steps of 2 s more; six timeouts of 300 ms, and 2 s at the end.
     let (line, json) = stop_of(GRINDER);
-    let whole = "the fault actions run, without their waiting time: at most 1m 28s, and 30s more where a write that was not \
-                 answered may still arrive";
+    let whole = "the fault actions run, without their waiting time: at most 1m 28s, and 30s more if a write \
+                 without an answer may still arrive";
     assert_eq!(line, whole);
     assert_eq!(json, serde_json::json!({ "on_stop": "fault-action", "longest_s": 88, "late_s": 30 }));
 }
@@ -47,7 +47,7 @@ fn a_profile_of_another_version_is_refused_with_what_to_do() {
     assert!(parse(&of("1")).is_ok());
     let error = only_error(&of("2"), "machine.version", "2").to_string();
     assert!(
-        error.contains("this isotherm knows version 1") && error.contains("install the isotherm"),
+        error.contains("this isotherm supports version 1") && error.contains("install the isotherm version"),
         "{error}"
     );
     only_error(&of("\"1\""), "machine.version", "\"1\"");

@@ -64,10 +64,12 @@ fn check_says_which_sensor_is_read_and_where_it_is_looked_for() {
     let text = isotherm_profile::preview::Preview::of(&profile).to_string();
     for said in [
         "bus pc: sensors of this computer at /sys, timeout 2s",
-        "only read; all sensors of a device at once; one that hangs is not asked again until it is back",
+        "only read; all sensors of a device at the same time; a sensor that does not answer is read again \
+         when it has returned",
         "probes: every 5s: 1 request touching 3 sensors for 3 signals",
         "read 3 sensors at once: bed, cabinet, column",
-        "bed: sensor w1:28-0316a2794f01 of probes, plus -0.25; rejected where its checksum is wrong or it reads all zero, at exactly 85 °C",
+        "bed: sensor w1:28-0316a2794f01 of probes, plus -0.25; rejected with a wrong checksum, or with all \
+         bits zero, at exactly 85 °C",
         "read in /sys/bus/w1/devices/28-0316a2794f01/w1_slave",
         "read in /sys/class/hwmon, the chip with the name `lm75` that is the device `1-0048`, its temperature `temp1`",
         "column: sensor iio:mcp9808 of probes, times 1.01",
@@ -104,8 +106,8 @@ fn what_is_wrong_with_a_sensor_is_told_at_its_key() {
         &["sensors of this computer"],
     );
     no_pc("every = \"5s\"", "every = \"5s\"\nunit = 1", "device.probes.unit", "unit", &["a Modbus device"]);
-    no_pc("\"sysfs\"", "\"sysfs\"\nlate = \"5s\"", "bus.pc.late", "late", &["on which something is written"]);
-    no_pc("\"sysfs\"", "\"sysfs\"\naddress = \"sys\"", "bus.pc.address", "\"sys\"", &["no whole path"]);
+    no_pc("\"sysfs\"", "\"sysfs\"\nlate = \"5s\"", "bus.pc.late", "late", &["with writes"]);
+    no_pc("\"sysfs\"", "\"sysfs\"\naddress = \"sys\"", "bus.pc.address", "\"sys\"", &["no absolute path"]);
     no_pc(
         "\"sysfs\"",
         "\"sysfs\"\naddress = \"/sys/class/hwmon\"",
@@ -139,7 +141,7 @@ fn a_1_wire_sensor_is_given_the_time_that_it_takes() {
         loaded.warnings.iter().map(ToString::to_string).collect::<String>()
     };
     let short = warned("\"sysfs\"", "\"sysfs\"\ntimeout = \"500ms\"");
-    assert!(short.contains("measures for up to 750 ms (12 bits), and is waited for 500ms"), "{short}");
+    assert!(short.contains("measures for up to 750 ms (12 bits), but `timeout` is 500ms"), "{short}");
     let often = warned("every = \"5s\"", "every = \"200ms\"");
-    assert!(often.contains("and is read every 200ms"), "{often}");
+    assert!(often.contains("but is read every 200ms"), "{often}");
 }

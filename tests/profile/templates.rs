@@ -75,7 +75,7 @@ fn what_the_profile_spells_out_wins_over_the_template() {
     );
     assert!((signal.encoding.scale.get() - 0.01).abs() < 1e-12);
     let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
-    let words = "channel 0 of icp-das-m7019r; the profile itself says bad, register, scale";
+    let words = "channel 0 of icp-das-m7019r; the profile itself sets bad, register, scale";
     assert!(reported.contains(words), "{reported}");
 }
 
@@ -83,7 +83,7 @@ fn what_the_profile_spells_out_wins_over_the_template() {
 fn what_a_template_fills_in_leaves_unverified_and_checks_is_explained() {
     let reported = isotherm_profile::preview::Preview::of(&parse(MACHINE).unwrap().profile).to_string();
     for words in [
-        "template icp-das-m7019r: ICP DAS I-7019R and M-7019R, 8 thermocouples; after ICP DAS",
+        "template icp-das-m7019r: ICP DAS I-7019R and M-7019R, 8 thermocouples; source: ICP DAS",
         "not verified: the scale of 0.1 °C per count of the channels",
         "not checked before arming: type code: write expect = { type_code = … } at the device",
         "before arming and every 1m coil:268 (00269) must read 1: data format: engineering units",
@@ -131,7 +131,7 @@ fn channels_variants_bases_and_expectations_must_fit_the_template() {
     let at = "signal.bed.channel";
     wrong("channel = 0", "channel = 8", at, "8", &["has no channel `8`", "range_7", "6, 7"]);
     wrong("channel = 0", "channel = \"cjk\"", at, "\"cjk", &["did you mean `cjc`?"]);
-    wrong("channel = 0", "channel = 0.5", at, "0.5", &["a whole number or a text in quotes is wanted here"]);
+    wrong("channel = 0", "channel = 0.5", at, "0.5", &["expected a whole number or a text in quotes"]);
     wrong(
         "channel = \"z\"",
         "channel = \"echo_z\"",
@@ -145,7 +145,7 @@ fn channels_variants_bases_and_expectations_must_fit_the_template() {
         "template = \"icp-das-m7019r\"\nbase = 3",
         "device.module.base",
         "3",
-        &["where its maker put them"],
+        &["have fixed addresses"],
     );
     let adam = "template = \"advantech-adam-6018\"";
     wrong(
@@ -181,7 +181,7 @@ fn channels_variants_bases_and_expectations_must_fit_the_template() {
 fn what_only_the_user_can_know_is_asked_for() {
     let moxa = "template = \"moxa-iologik-e1262\"";
     let words = [
-        "`word_order` is missing: template `moxa-iologik-e1262` leaves it to you",
+        "`word_order` is missing: template `moxa-iologik-e1262` does not set it",
         "read a known temperature",
     ];
     wrong("template = \"icp-das-m7019r\"", moxa, "signal.bed.word_order", "bed]", &words);
@@ -213,12 +213,12 @@ fn a_control_that_follows_only_so_fast_bounds_step_and_period_of_its_axis() {
         found.iter().map(|error| (error.key.as_str(), error.message.as_str())).collect();
     assert_eq!(
         reported[0],
-        ("axis.z.step", "a step of 2 µm is more than `cnc` follows at once, 1 µm"),
+        ("axis.z.step", "a step of 2 µm is larger than `cnc` can follow at once, 1 µm"),
         "{reported:?}"
     );
     assert_eq!(
         reported[1],
-        ("axis.z.every", "`cnc` follows one update in 1s, not one in 800ms"),
+        ("axis.z.every", "`cnc` can follow one update in 1s, but the axis makes one in 800ms"),
         "{reported:?}"
     );
 }
@@ -236,7 +236,7 @@ fn a_template_of_ones_own_beside_the_profile_wins_and_is_checked_like_a_profile(
     let machine = isotherm_profile::load(&path, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile;
     assert_eq!(machine.signals[0].address.to_string(), "input:40 (30041)");
     let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
-    assert!(reported.contains("icp-das-m7019r.toml, not from the shipped ones"), "{reported}");
+    assert!(reported.contains("icp-das-m7019r.toml, not from the shipped templates"), "{reported}");
     std::fs::write(&own, text.replace("scale =", "scal =")).unwrap();
     let found = errors(isotherm_profile::load(&path, &[], &[]));
     assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
@@ -267,7 +267,13 @@ fn registers_of_a_device_without_a_template_are_checked_before_arming_as_well() 
         &["`register` is missing"],
     );
     let float = "unit = 4\nverify = [ { register = \"input:1\", type = \"f32\", equals = 1 } ]";
-    refused("unit = 4", float, "device.cnc.verify[0].type", "\"f32\"", &["never quite equal"]);
+    refused(
+        "unit = 4",
+        float,
+        "device.cnc.verify[0].type",
+        "\"f32\"",
+        &["cannot compare floating-point values"],
+    );
     refused(
         "unit = 4",
         "unit = 4\nvariant = \"T\"",
@@ -289,7 +295,7 @@ fn words_beside_a_value_belong_to_a_display_of_a_position() {
     assert!(taken.is_ok(), "{}", taken.unwrap_err());
     let at = "output.readout_z.beside[0]";
     let none = display("beside = [ { register = \"holding:40\" } ]");
-    refused("position = \"scale_z\"", &none, at, "{", &["one way to say", "decimals = 256"]);
+    refused("position = \"scale_z\"", &none, at, "{", &["exactly one way", "decimals = 256"]);
     let same = display("beside = [ { register = \"holding:11\", value = 1 } ]");
     let found = errors(with("position = \"scale_z\"", &same));
     assert!(
@@ -320,11 +326,7 @@ fn what_changed_in_a_template_is_told_key_by_key() {
     let before = "title = \"a\"\n[channel.tc]\nscale = 0.1\nbad = [1, 2]\nold = 1\n";
     let now = "# a comment\ntitle = \"a\"\n[channel.tc]\nbad = [1]\nscale = 0.1\nnew = true\n";
     let changes = isotherm_profile::template::changes(before, now);
-    let said = [
-        "channel.tc.bad: [1, 2] → [1]",
-        "channel.tc.new: true, which is new",
-        "channel.tc.old: 1, which is gone",
-    ];
+    let said = ["channel.tc.bad: [1, 2] → [1]", "channel.tc.new: true (new)", "channel.tc.old: 1 (removed)"];
     assert_eq!(changes, said);
     assert!(isotherm_profile::template::changes(before, before).is_empty());
 }

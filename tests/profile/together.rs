@@ -93,9 +93,13 @@ fn what_cannot_be_exchanged_is_refused() {
     let text = GRINDER.replacen(readout, &format!("{readout}\n{HANDSHAKE}"), 1);
     let found = errors(parse(&text));
     assert_eq!(found[0].key, "output.readout_z.handshake", "{}", found[0]);
-    assert!(found[0].message.contains("scale's own pace"), "{}", found[0]);
+    assert!(found[0].message.contains("at each reading of the scale"), "{}", found[0]);
     let ledger = errors(parse(&shaken().replacen("\"whole\"", "\"ledger\"", 1)));
-    assert!(ledger.iter().any(|error| error.message.contains("has no handshake")), "{}", Errors(ledger));
+    assert!(
+        ledger.iter().any(|error| error.message.contains("and handshake exclude each other")),
+        "{}",
+        Errors(ledger)
+    );
 }
 
 #[test]
@@ -115,7 +119,12 @@ fn a_set_must_be_whole() {
     let elsewhere = PLC.replacen("\n[signal.bed]", device, 1);
     let at = elsewhere.rfind("device = \"plc\"").unwrap();
     let elsewhere = format!("{}device = \"other\"{}", &elsewhere[..at], &elsewhere[at + 14..]);
-    reported(&elsewhere, "output.plc_z.device", "\"other\"", &["set `block` is at `plc`", "two devices"]);
+    reported(
+        &elsewhere,
+        "output.plc_z.device",
+        "\"other\"",
+        &["set `block` is written to `plc`", "two devices"],
+    );
     let twice = format!("set = \"block\"\n{}", HANDSHAKE.replace("800ms", "400ms"));
     plc_refused("set = \"block\"", &twice, "output.plc_x.handshake", "handshake", &["at the set"]);
 }
@@ -129,7 +138,7 @@ fn an_acknowledge_answers_one_strobe() {
     for (output, strobe) in [("plc_x", "coil:20"), ("plc_y", "coil:21")] {
         text = text.replacen(&format!("[output.{output}]"), &format!("[output.{output}]\n{}", of(strobe)), 1);
     }
-    reported(&text, "output.plc_y.handshake.acknowledge", "\"discrete", &["output plc_x waits for the same"]);
+    reported(&text, "output.plc_y.handshake.acknowledge", "\"discrete", &["output plc_x uses the same"]);
     let same = text.replace("coil:21", "coil:20").replacen("discrete:20", "discrete:19", 1);
     reported(&same, "output.plc_y.handshake.strobe", "\"coil:20", &["writes the same registers"]);
 }
@@ -159,7 +168,12 @@ fn a_boot_counter_is_one_register_that_can_be_read() {
         &format!("{corrected}\nrestart = {{ boot_counter = \"holding:98\" }}"),
         1,
     );
-    reported(&text, "output.readout_z.restart.boot_counter", "boot_counter", &["again with each position"]);
+    reported(
+        &text,
+        "output.readout_z.restart.boot_counter",
+        "boot_counter",
+        &["at each reading of the position"],
+    );
 }
 
 #[test]
@@ -171,9 +185,10 @@ fn what_lands_together_and_how_it_is_taken_is_explained() {
     let restart = format!("{SHARE}\nrestart = {{ boot_counter = \"holding:98\" }}");
     let cnc = explained(&shaken().replacen(SHARE, &restart, 1)).to_string();
     for words in [
-        "output cnc_z: taken by cnc with a handshake",
+        "output cnc_z: accepted by cnc with a handshake",
         "one request: holding:104..105 (40105..40106), 2 registers, function 16",
-        "then strobe coil:20 (00021) up (function 05), acknowledge discrete:20 (10021) up within 800ms, strobe down",
+        "then: strobe coil:20 (00021) on (function 05), acknowledge discrete:20 (10021) on within 800ms, \
+         strobe off",
         "read again, and Cz resumes from the value read, when holding:98 (40099) changes, or hydraulics rises",
         "cnc.boot_counter",
     ] {
@@ -182,10 +197,10 @@ fn what_lands_together_and_how_it_is_taken_is_explained() {
     let plc = explained(PLC);
     let reported = plc.to_string();
     for words in [
-        "set block: plc_x, plc_y, plc_z land together in plc",
+        "set block: plc_x, plc_y, plc_z are written together to plc",
         "one request: holding:103..110 (40104..40111), 8 registers, function 16",
-        "sequence holding:103 (40104): counts up with every whole set",
-        "complement holding:110 (40111): all its other words summed",
+        "sequence holding:103 (40104): counts up with every complete set",
+        "complement holding:110 (40111): sum of all other words of the set",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }

@@ -63,7 +63,7 @@ fn the_page_speaks_tls_alone_and_shows_what_lies_in_its_files_now() {
     let page: SocketAddr = said.rsplit('/').next().unwrap().parse().unwrap();
     until("its key is warned of", || {
         let said = machine.gateway.so_far().join("\n");
-        if said.contains("anybody on this computer may read") { Ok(()) } else { Err(said) }
+        if said.contains("every user of this computer can read") { Ok(()) } else { Err(said) }
     });
     let _on_time = machine.on_time();
     let silent = TcpStream::connect(page).unwrap();

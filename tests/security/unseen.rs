@@ -119,11 +119,11 @@ fn a_profile_s_own_name_and_texts_steer_no_terminal() {
     for (text, words) in [
         (
             MACHINE.replace(name, &format!("{name}\ndescription = \"a\\u001b[2J\"")),
-            "are not seen, or end a line",
+            "has invisible characters, or a line break",
         ),
         (
             MACHINE.replace(name, &format!("{name}\ndescription = \"a\\n{FORGED}\"")),
-            "are not seen, or end a line",
+            "has invisible characters, or a line break",
         ),
         (MACHINE.replace("[axis.z]", &format!("[axis.z]\n\"a\\u001b\\n{FORGED}\" = 1")), "unknown key"),
         (MACHINE.replace("[axis.z]", "[axis.z]\n# \u{1b}[2J"), "machine.toml:"),

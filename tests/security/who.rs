@@ -77,7 +77,7 @@ fn what_a_proxy_has_sent_on_is_never_local() {
     let (_, warned) = site.verb(&["status"]);
     let checked = isotherm(site.home.path()).arg("check").arg(&site.profile).output().unwrap();
     let said = String::from_utf8(checked.stderr).unwrap();
-    for words in ["everybody on this computer may arm the axes", "ssh -L"] {
+    for words in ["every user of this computer can arm the axes", "ssh -L"] {
         assert!(said.contains(words), "{said} {warned}");
     }
 }

@@ -85,14 +85,14 @@ fn a_port_that_nothing_listens_on_is_the_same_to_all() {
     let home = tempfile::tempdir().unwrap();
     let address = format!("127.0.0.1:{}", free_port());
     let verbs = verbs(home.path(), &profile(&tcp(&address), ""), &format!("tcp://{address}"));
-    all_say(&verbs, "nothing listens there: is the port right (Modbus TCP has 502, OPC UA 4840)");
+    all_say(&verbs, "nothing listens there: is the port right (Modbus TCP: 502, OPC UA: 4840)");
 }
 
 #[test]
 fn a_name_that_does_not_resolve_is_no_host_that_cannot_be_reached() {
     let home = tempfile::tempdir().unwrap();
     let verbs = verbs(home.path(), &profile(&tcp("module.invalid:502"), ""), "tcp://module.invalid:502");
-    all_say(&verbs, "no such host name: is it written right");
+    all_say(&verbs, "no such host name: is the host name written right");
 }
 
 #[test]
@@ -107,7 +107,10 @@ fn a_serial_port_that_another_program_has_is_the_same_to_all() {
     let bus =
         format!("type = \"modbus-rtu\"\nport = \"{path}\"\nbaud = 9600\nparity = \"none\"\nstop_bits = 1");
     let verbs = verbs(home.path(), &profile(&bus, ""), &format!("rtu://{path}?baud=9600&parity=none"));
-    all_say(&verbs, "another program has the serial port; end it, a gateway that is running included");
+    all_say(
+        &verbs,
+        "another program uses the serial port; end the other program. It may be a gateway that is running",
+    );
 }
 
 #[test]
@@ -123,7 +126,7 @@ fn an_exception_has_its_code_and_its_words_and_a_device_behind_a_gateway_that_sa
     let asked: Vec<_> = all.into_iter().filter(|(verb, _)| *verb != "scan").collect();
     all_say(
         &asked,
-        "exception 11 (gateway target does not respond): the gateway answers, but not the device",
+        "exception 11 (gateway target does not respond): the Modbus gateway answers, but not the device",
     );
     assert!(!asked[0].1.contains("module: ok"), "{}", asked[0].1);
 }
@@ -139,11 +142,11 @@ fn a_fault_of_the_running_gateway_is_explained_as_the_other_verbs_explain_it() {
     let home = tempfile::tempdir().unwrap();
     let closed = format!("127.0.0.1:{}", free_port()).parse().unwrap();
     for (index, (address, words)) in [
-        (closed, "nothing listens there: is the port right (Modbus TCP has 502, OPC UA 4840)"),
+        (closed, "nothing listens there: is the port right (Modbus TCP: 502, OPC UA: 4840)"),
         (answers(&[0x84, 2]), "exception 2 (illegal data address): the device has no such register"),
         (
             answers(&[0x84, 11]),
-            "exception 11 (gateway target does not respond): the gateway answers, but not the device",
+            "exception 11 (gateway target does not respond): the Modbus gateway answers, but not the device",
         ),
     ]
     .into_iter()

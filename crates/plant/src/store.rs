@@ -150,7 +150,7 @@ impl Store {
         let bytes = FRAME + u64::try_from(record.0.len()).unwrap_or(u64::MAX - FRAME);
         if record.0.len() > LONGEST || Segment::on_disk(HEADER + bytes) > self.most_bytes {
             self.dropped += 1;
-            return Err(io::Error::new(io::ErrorKind::InvalidInput, "longer than a record may be"));
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, "the record is longer than allowed"));
         }
         let added = self.add(record, bytes);
         if added.is_err() {

@@ -12,7 +12,7 @@ use isotherm_core::codec::{BitField, BitKind, ByteOrder, CanId, CanMatch, Field,
 
 /// Error for a file on which the parser panicked.
 fn failed() -> Wrong {
-    let message = "this is not a readable DBC file: its parser failed on it".to_owned();
+    let message = "this is not a readable DBC file: the parser failed".to_owned();
     Wrong { at: None, message, help: "open and save it with an editor for DBC files".to_owned() }
 }
 
@@ -177,7 +177,7 @@ impl DbcFile {
         let (start, length) = (u16::try_from(signal.start_bit).ok(), u16::try_from(signal.size).ok());
         let bits = start.zip(length).and_then(|(start, length)| BitField::new(start, length, order, kind));
         bits.ok_or_else(|| {
-            let what = format!("`{}` has bits that no frame has", signal.name);
+            let what = format!("the bits of `{}` do not fit into a frame", signal.name);
             self.at(&format!("SG_ {} ", signal.name), Some(&message.name.as_str()), what)
         })
     }
@@ -206,7 +206,7 @@ impl DbcFile {
             (None, MultiplexIndicator::Multiplexor | MultiplexIndicator::Plain) => return Ok(Vec::new()),
         };
         let (Some(multiplexer), Some(deep)) = (multiplexer, deep.checked_sub(1)) else {
-            let what = format!("nothing in its message says when a frame holds `{}`", signal.name);
+            let what = format!("no multiplexer in the message says when a frame contains `{}`", signal.name);
             return Err(self.at(&format!("SG_ {} ", signal.name), Some(&message.name.as_str()), what));
         };
         let mut selectors = self.selectors(message, multiplexer, deep)?;

@@ -219,7 +219,8 @@ impl Guards<'_> {
         let Some(own) = profile else { return self.absent(Rule::Less, (path, key), path) };
         let is_smaller = own.as_f64().zip(value.as_f64()).is_some_and(|(own, new)| new <= own);
         if !is_smaller {
-            let why = format!("{value} is more than the {own} of the profile, and may only be less here");
+            let why =
+                format!("{value} is more than the {own} of the profile; a layer may only reduce this value");
             self.refuse((path, key), path, why, &format!("write at most {own}"));
         }
     }
@@ -237,7 +238,7 @@ impl Guards<'_> {
             (Some(own), value) => {
                 let why = match rule {
                     Rule::Arrives => "and it changes what arrives at the machine",
-                    _ => "which alone says what a fault does",
+                    _ => "and only the profile may set the action on a fault",
                 };
                 let why = format!("{} is not the {} of the profile, {why}", short(value), short(own));
                 self.refuse(guard, path, why, "remove it here");
@@ -252,12 +253,11 @@ impl Guards<'_> {
         "machine".clone_into(&mut self.kind);
         self.name.clear();
         if is(layer, "auto") && profile.is_some_and(|profile| is(profile, "manual")) {
-            let why = "the profile says \"manual\": no layer above it lets axes arm by themselves".to_owned();
+            let why = "the profile has arm = \"manual\": a layer above it must not write \"auto\"".to_owned();
             self.refuse((ARM, "arm"), ARM, why, "remove it here");
         }
         if layer.get("allow_override").is_some() {
-            let why =
-                "the keys that a layer may change are named by the profile itself, by no layer above it";
+            let why = "only the profile itself names the keys that a layer may change";
             let help = "write it into the profile, or remove it here".to_owned();
             let error = self.spans.at_key("machine.allow_override", why, Some(help));
             self.push("allow_override", error, Vec::new());
@@ -269,7 +269,7 @@ impl Guards<'_> {
         if self.spans.rank(path).0 > 0 {
             let why = match rule {
                 Rule::Arrives => "and it changes what arrives at the machine",
-                _ => "and a guard that is not there cannot be tightened",
+                _ => "and a layer can only tighten a guard that the profile has",
             };
             let why = format!("the profile has no `{path}`, {why}");
             self.refuse(guard, path, why, "write it into the profile");

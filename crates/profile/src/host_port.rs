@@ -38,7 +38,7 @@ impl NoPlace {
             NoPlace::PortTooLarge { .. } => {
                 format!("the port is above 65535: write one from 1 to 65535, as {meant}")
             }
-            _ => format!("an IPv6 address stands in brackets: write {meant}"),
+            _ => format!("an IPv6 address needs brackets: write {meant}"),
         })
     }
 }
@@ -125,7 +125,7 @@ mod tests {
             ("1:2:3:4:5:6:7:8", "[1:2:3:4:5:6:7:8]:502"),
         ] {
             let said = help(text).unwrap();
-            assert_eq!(said, format!("an IPv6 address stands in brackets: write {meant}"), "{text}");
+            assert_eq!(said, format!("an IPv6 address needs brackets: write {meant}"), "{text}");
         }
         for text in ["", ":502", "plc:", "plc:http", "a:b:c", "[plc]:502", "[::1", "[::1]502", "plc:-1"] {
             assert_eq!(help(text), None, "{text}");

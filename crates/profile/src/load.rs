@@ -180,9 +180,10 @@ fn strangers(environment: &[(String, String)]) -> Option<ProfileError> {
     };
     let listed = names.iter().take(NAMED).copied().collect::<Vec<_>>().join(", ");
     let help = format!(
-        "a key of the profile has two underscores between its names, as {PREFIX}BUS__CELL__ADDRESS; what is logged is {LOG}"
+        "a key of the profile has two underscores between its names, as {PREFIX}BUS__CELL__ADDRESS; the \
+         level of the log is {LOG}"
     );
-    let message = format!("not used, because it is no setting: {listed}{more}");
+    let message = format!("not used, because they are no settings: {listed}{more}");
     (!names.is_empty()).then(|| ProfileError::about("environment", message, Some(help)))
 }
 
@@ -191,7 +192,7 @@ fn unreadable(name: &str, why: &std::io::Error) -> ProfileError {
         std::io::ErrorKind::NotFound => "give the path of a profile, as `profiles/surface-grinder.toml`",
         std::io::ErrorKind::InvalidData => "a profile is a TOML file in UTF-8",
         std::io::ErrorKind::FileTooLarge => "is it a profile?",
-        _ => "is it a file, and may this user read it?",
+        _ => "is it a file, and does this user have permission to read it?",
     };
     ProfileError::about(
         name,
@@ -390,7 +391,7 @@ impl Loader<'_> {
             return Ok(Loaded { profile, warnings: warnings.listed(&self.spans), files: Vec::new() });
         }
         if self.errors.is_empty() {
-            let message = "the profile cannot be resolved, and no key can be blamed for it";
+            let message = "the profile cannot be resolved, but no key is wrong";
             self.errors.push(ProfileError::about("the layers", message, None));
         }
         Err(Errors(self.errors.listed(&self.spans)))

@@ -71,8 +71,9 @@ impl Preview {
         if !unidentified.is_empty() {
             let names = unidentified.join(", ");
             section.line(format!(
-                "without checks: {names}. Another device in the place of one of them is not noticed; give each a `verify` of its serial number, type \
-                 code or data format (CANopen: object 1018:04)"
+                "without checks: {names}. If another device replaces one of them, this is not detected. Give \
+                 each device a `verify` of its serial number, type code or data format (CANopen: object \
+                 1018:04)"
             ));
         }
         section.entry("without_checks", unidentified);

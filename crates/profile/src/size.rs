@@ -34,7 +34,7 @@ impl JsonSchema for Size {
 
     fn json_schema(_: &mut schemars::SchemaGenerator) -> Schema {
         schemars::json_schema!({
-            "description": "A size on the disk with its unit, as \"500MB\" or \"2GB\".",
+            "description": "A size on disk with its unit, as \"500MB\" or \"2GB\".",
             "type": "string",
             "pattern": "^\\s*\\d+\\s*(MB|GB|TB)\\s*$",
             "examples": ["500MB", "2GB"],

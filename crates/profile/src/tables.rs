@@ -301,7 +301,7 @@ impl Check<'_> {
             let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-');
             if name.is_empty() || !name.bytes().all(is_plain) {
                 let help =
-                    "a name is made of letters a to z, digits, `_` and `-`; it goes into logs and metrics";
+                    "allowed: letters a to z, digits, `_` and `-`; the name is used in logs and metrics";
                 self.at(kind).key(name).wrong_key(format!("`{name}` cannot be a name"), help);
             }
         }
@@ -408,8 +408,8 @@ impl<'c> At<'c> {
         if let Some(name) = name.filter(|name| self.check.files.is_open_to_all(name)) {
             let file = self.check.files.path(name);
             let message =
-                format!("anybody on this computer may read {file}, and speak in the gateway's name with it");
-            self.warn(message, format!("take that away: `chmod o= {file}`"));
+                format!("every user of this computer can read {file}, and act as the gateway with it");
+            self.warn(message, format!("remove the permission of other users: `chmod o= {file}`"));
         }
     }
 
@@ -463,7 +463,7 @@ impl<'c> At<'c> {
     fn duration(&self, raw: Option<Timespan>) -> Option<Duration> {
         let Timespan(span) = raw?;
         if span.is_zero() {
-            self.wrong("a duration of zero makes no sense here", "write a longer one, as \"1s\"");
+            self.wrong("a duration of zero is not allowed here", "write a longer one, as \"1s\"");
             return None;
         }
         Some(span)
@@ -475,7 +475,7 @@ impl<'c> At<'c> {
         if span < SHORTEST_PERIOD {
             let (short, shortest) = (shown(span), shown(SHORTEST_PERIOD));
             let message = format!("every {short} is too often: {shortest} is the shortest period");
-            self.wrong(message, "no device answers so fast; write \"10ms\" or longer");
+            self.wrong(message, "no device answers this fast; write \"10ms\" or longer");
             return None;
         }
         Some(span)

@@ -62,10 +62,10 @@ impl Template {
     pub(crate) fn preview(&self) -> Section {
         let variant = self.variant.as_ref().map_or(String::new(), |variant| format!(", variant {variant}"));
         let mut section = Section::default();
-        section.line(format!("    template {}{variant}: {}; after {}", self.name, self.title, self.source));
+        section.line(format!("    template {}{variant}: {}; source: {}", self.name, self.title, self.source));
         section.lines(
             "      ",
-            self.own_file.iter().map(|file| format!("taken from {file}, not from the shipped ones")),
+            self.own_file.iter().map(|file| format!("read from {file}, not from the shipped templates")),
         );
         let sha256 = sha256(self.text.as_bytes());
         section.line(format!("      sha256 = \"{sha256}\""));

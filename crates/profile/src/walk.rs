@@ -131,9 +131,7 @@ impl Walk<'_> {
             (DeValue::Float(number), "number") => {
                 match number.as_str().parse::<f64>().ok().filter(|number| number.is_finite()) {
                     Some(number) => return Some(Value::from(number)),
-                    None => {
-                        (format!("`{number}` is no number"), Some("a finite number is wanted".to_owned()))
-                    }
+                    None => (format!("`{number}` is no number"), Some("write a finite number".to_owned())),
                 }
             }
             (found, _) => {
@@ -176,7 +174,7 @@ impl Walk<'_> {
         match exact.filter(|exact| usize::try_from(*exact) != Ok(right.len())) {
             _ if right.len() < written => None,
             Some(exact) => {
-                self.error(at, path, format!("{exact} values are wanted here, not {}", right.len()), None);
+                self.error(at, path, format!("expected {exact} values, but found {}", right.len()), None);
                 None
             }
             None => Some(Value::Array(right)),
@@ -243,8 +241,8 @@ impl Walk<'_> {
 }
 
 /// Invisible characters could control a terminal or end a line, and so falsify what follows on a screen or in a log.
-const UNSEEN: &str = "has characters that are not seen, or end a line";
-const SEEN: &str = "write it in one line, of characters that are seen";
+const UNSEEN: &str = "has invisible characters, or a line break";
+const SEEN: &str = "write it in one line, with visible characters only";
 
 /// Returns the mistake in a text and its remedy. `None` if the text is allowed.
 fn wrong_text(schema: &Value, is_duration: bool, text: &str, beside: Scaling) -> Option<(String, String)> {
@@ -258,7 +256,7 @@ fn wrong_text(schema: &Value, is_duration: bool, text: &str, beside: Scaling) ->
             true => Unit::help(text, beside),
             false => meant(text, &words).unwrap_or_else(|| allowed(text, words)),
         };
-        return Some((format!("`{text}` is not a word known here"), help));
+        return Some((format!("`{text}` is not allowed here"), help));
     }
     let why = humantime::parse_duration(text).err().filter(|_| is_duration)?;
     let help = "write a number with its unit, as \"300ms\", \"10s\", \"3min\", \"2h\" or \"90d\"";
@@ -289,7 +287,7 @@ fn meant(text: &str, words: &[&str]) -> Option<String> {
     let name = text.rsplit('#').next().unwrap_or(text);
     let is_policy = POLICIES.iter().any(|policy| policy.eq_ignore_ascii_case(name));
     Some("sign-and-encrypt").filter(|_| is_policy).filter(known).map(|word| {
-        format!("that is a policy: write \"{word}\", the strongest policy that both ends know is taken")
+        format!("this is a policy: write \"{word}\"; the strongest policy that both ends support is used")
     })
 }
 
@@ -368,7 +366,7 @@ fn wrong_type(wanted: &[&str], found: &DeValue<'_>, is_duration: bool) -> String
         DeValue::Table(_) => "a table".to_owned(),
     };
     let wanted = wanted.iter().map(|kind| match *kind {
-        "string" if is_duration => "a duration in quotes, as \"10s\",",
+        "string" if is_duration => "a duration in quotes, as \"10s\"",
         "string" => "a text in quotes",
         "integer" => "a whole number",
         "number" => "a number",
@@ -376,5 +374,5 @@ fn wrong_type(wanted: &[&str], found: &DeValue<'_>, is_duration: bool) -> String
         "array" => "a list in [ ]",
         _ => "a table",
     });
-    format!("{} is wanted here, not {found}", wanted.collect::<Vec<_>>().join(" or "))
+    format!("expected {}, but found {found}", wanted.collect::<Vec<_>>().join(" or "))
 }

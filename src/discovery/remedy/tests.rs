@@ -17,7 +17,7 @@ fn every_fault_is_reported_with_what_to_do() {
         (Fault::Exception(2), "40101", &["holding:100 (40101): exception 2", "try holding:99"]),
         (Fault::Exception(2), "holding:0", &["holding:0 (40001): exception 2"]),
         (Fault::Exception(3), "holding:0", &["smaller --count"]),
-        (Fault::Exception(6), "holding:0", &["busy", "ask again later"]),
+        (Fault::Exception(6), "holding:0", &["busy", "try again later"]),
         (Fault::Exception(11), "holding:0", &["unit 3: exception 11", "not the device behind it"]),
         (Fault::Link(LinkFault::Refused), "holding:0", &["tcp://10.0.0.7:502: nothing listens there"]),
         (Fault::Link(LinkFault::Broken), "holding:0", &["one client at a time"]),

@@ -67,9 +67,9 @@ impl fmt::Display for Trouble {
 
 fn tell(cause: &ErrorCause, f: &mut fmt::Formatter<'_>) -> fmt::Result {
     match cause {
-        ErrorCause::BusOff => f.write_str("bus-off: the controller has taken itself off the bus"),
+        ErrorCause::BusOff => f.write_str("bus-off: the controller has disconnected itself from the bus"),
         ErrorCause::NoAck | ErrorCause::Protocol { location: Location::AckSlot, .. } => {
-            f.write_str("nobody acknowledges: is another node there, at this bitrate?")
+            f.write_str("no node acknowledges: is another node on the bus, with this bit rate?")
         }
         ErrorCause::TransmitTimeout => f.write_str("a frame could not be sent in time"),
         ErrorCause::BusError => f.write_str("bus error"),
@@ -77,7 +77,7 @@ fn tell(cause: &ErrorCause, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         ErrorCause::Transceiver { .. } => write!(f, "{cause}: look at the cable"),
         ErrorCause::Protocol { .. } => write!(f, "{cause}: look at bitrate, cable and termination"),
         ErrorCause::Controller(problems) if problems.contains(ControllerProblems::ACTIVE) => {
-            f.write_str("the controller is well again")
+            f.write_str("the controller has recovered")
         }
         ErrorCause::Controller(problems) if problems.intersects(PASSIVE) => {
             write!(f, "the controller is error-passive ({problems}): look at bitrate, cable and termination")
@@ -99,11 +99,11 @@ mod tests {
         for (class, data, gravity, words) in [
             (0x040, [0; 8], Gravity::BusOff, "bus-off"),
             (0x100, [0; 8], Gravity::Over, "back on the bus"),
-            (0x020, [0; 8], Gravity::Error, "nobody acknowledges"),
-            (0x008, [0, 0, 0x80, 0x19, 0, 0, 0, 0], Gravity::Error, "nobody acknowledges"),
+            (0x020, [0; 8], Gravity::Error, "no node acknowledges"),
+            (0x008, [0, 0, 0x80, 0x19, 0, 0, 0, 0], Gravity::Error, "no node acknowledges"),
             (0x008, [0, 0, 0x04, 0x08, 0, 0, 0, 0], Gravity::Error, "termination"),
             (0x204, [0, 0x30, 0, 0, 0, 0, 0x80, 0], Gravity::Passive, "error-passive"),
-            (0x204, [0, 0x40, 0, 0, 0, 0, 0, 0], Gravity::Over, "well again"),
+            (0x204, [0, 0x40, 0, 0, 0, 0, 0, 0], Gravity::Over, "recovered"),
             (0x010, [0, 0, 0, 0, 0x04, 0, 0, 0], Gravity::Error, "cable"),
             (0x200, [0, 0, 0, 0, 0, 0, 3, 9], Gravity::Over, "counted"),
         ] {

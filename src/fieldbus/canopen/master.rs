@@ -234,15 +234,15 @@ impl fmt::Display for NodeEvent {
             NodeEvent::BootedUp { again: false } => write!(f, "has booted up"),
             NodeEvent::BootedUp { again: true } => write!(f, "was reset: it has booted up again"),
             NodeEvent::FellBack => write!(f, "has gone back to pre-operational by itself"),
-            NodeEvent::Stopped => write!(f, "was stopped by somebody else"),
+            NodeEvent::Stopped => write!(f, "was stopped, but not by this gateway"),
             NodeEvent::Lost { never_seen: true, after } => {
-                write!(f, "was never heard of: no heartbeat for {}", duration_text(*after))
+                write!(f, "was never seen: no heartbeat for {}", duration_text(*after))
             }
             NodeEvent::Lost { never_seen: false, after } => {
                 write!(f, "is silent: no heartbeat for {}", duration_text(*after))
             }
             NodeEvent::Back { after } => {
-                write!(f, "is heard of again after {:.1} s", after.as_secs_f64())
+                write!(f, "is back after {:.1} s", after.as_secs_f64())
             }
             NodeEvent::Emergency(emergency) => write!(f, "emergency {emergency}"),
         }

@@ -49,7 +49,7 @@ impl fmt::Display for NodeState {
             NodeState::Stopped => write!(f, "stopped"),
             NodeState::Operational => write!(f, "operational"),
             NodeState::PreOperational => write!(f, "pre-operational"),
-            NodeState::Unknown(byte) => write!(f, "in a state that does not exist ({byte:02X}h)"),
+            NodeState::Unknown(byte) => write!(f, "in an undefined state ({byte:02X}h)"),
         }
     }
 }

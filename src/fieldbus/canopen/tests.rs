@@ -38,7 +38,7 @@ fn a_heartbeat_tells_the_state_whatever_its_top_bit() {
         (0x85, NodeState::Operational, "operational"),
         (0x7f, NodeState::PreOperational, "pre-operational"),
         (0xff, NodeState::PreOperational, "pre-operational"),
-        (0x11, NodeState::Unknown(0x11), "in a state that does not exist (11h)"),
+        (0x11, NodeState::Unknown(0x11), "in an undefined state (11h)"),
     ] {
         assert_eq!(NodeState::of(&frame(0x705, &[byte])), Some((node(5), state)));
         assert_eq!(state.to_string(), words);
@@ -75,5 +75,5 @@ fn an_emergency_is_reported_with_what_stands() {
 fn an_abort_is_reported_in_words_and_with_its_code() {
     assert_eq!(AbortCode(0x0602_0000).to_string(), "there is no such object (abort 0602 0000h)");
     assert_eq!(AbortCode(0x0609_0030).to_string(), "the value is not allowed (abort 0609 0030h)");
-    assert_eq!(AbortCode(0x1234_5678).to_string(), "a reason of the maker's own (abort 1234 5678h)");
+    assert_eq!(AbortCode(0x1234_5678).to_string(), "a manufacturer-specific reason (abort 1234 5678h)");
 }

@@ -466,7 +466,7 @@ async fn a_device_that_hangs_up_before_its_first_answer_is_said_to_have_another_
     let fault = line.ask(0, READ, 0).await.unwrap_err();
     assert_eq!(fault, Fault::Link(LinkFault::TurnedAway));
     let said = crate::fieldbus::explain::explain(fault);
-    assert!(said.contains("does another master have its connection?"), "{said}");
+    assert!(said.contains("is another master connected?"), "{said}");
     assert!(line.is_resting(0, 700), "it is not asked again at once");
     assert_eq!(line.ask(0, READ, 1100).await, Ok(good()));
 }

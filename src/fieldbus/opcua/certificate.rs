@@ -111,7 +111,8 @@ impl Certificate {
         };
         if known.is_empty() || !digits.chars().all(|c| c.is_ascii_hexdigit()) {
             return Err(format!(
-                "`{text}` is no thumbprint: it has {SHA1_DIGITS} hexadecimal digits (SHA-1), or {SHA256_DIGITS} (SHA-256)"
+                "`{text}` is no thumbprint: a thumbprint has {SHA1_DIGITS} hexadecimal digits (SHA-1), or \
+                 {SHA256_DIGITS} (SHA-256)"
             ));
         }
         Ok(known.replace(':', "").eq_ignore_ascii_case(&digits))

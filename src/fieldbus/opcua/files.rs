@@ -36,16 +36,16 @@ impl Files {
     pub(super) fn read(line: &OpcUa) -> Result<Files, Vec<ProfileError>> {
         let mut wrong = Vec::new();
         let own = line.own.as_ref().and_then(|(cert, key)| pair(cert, key, &mut wrong));
-        let application =
-            match line.own.as_ref().zip(own.as_ref()) {
-                None => APPLICATION.to_owned(),
-                Some(((cert, _), (parsed, _))) => application(parsed).unwrap_or_else(|| {
-                    wrong.push(cert.wrong(
-                        "it names no application: its subjectAltName needs a URI, as servers compare it",
-                    ));
-                    String::new()
-                }),
-            };
+        let application = match line.own.as_ref().zip(own.as_ref()) {
+            None => APPLICATION.to_owned(),
+            Some(((cert, _), (parsed, _))) => application(parsed).unwrap_or_else(|| {
+                wrong.push(cert.wrong(
+                    "it names no application: its subjectAltName needs a URI, because servers compare the \
+                     URI",
+                ));
+                String::new()
+            }),
+        };
         let user = match &line.user {
             User::Anonymous => Some(IdentityToken::Anonymous),
             User::Named { name, password } => match std::str::from_utf8(&password.bytes) {
@@ -53,7 +53,7 @@ impl Files {
                     Some(IdentityToken::new_user_name(name.as_str(), text.trim_end_matches(['\r', '\n'])))
                 }
                 Err(_) => {
-                    wrong.push(password.wrong("it is no text"));
+                    wrong.push(password.wrong("it is no text in UTF-8"));
                     None
                 }
             },

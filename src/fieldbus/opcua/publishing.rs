@@ -126,8 +126,12 @@ impl Publishing {
 
     fn lost(&mut self, why: Option<StatusCode>) {
         self.news = Some(match why {
-            Some(status) => format!("the server has ended it ({status}); it is created again"),
-            None => "a message of the server is missing; it is created again".to_owned(),
+            Some(status) => {
+                format!("the server has ended the subscription ({status}); the gateway creates it again")
+            }
+            None => {
+                "a message of the server is missing; the gateway creates the subscription again".to_owned()
+            }
         });
     }
 
@@ -207,8 +211,8 @@ impl Publishing {
         let state = match subscribe(link, session, asked, (most, now)).await {
             Ok((_, revised)) if revised.oldest(asked) > asked.max_age => {
                 self.news = Some(format!(
-                    "a value may be {:?} old before the server sends it or says that it still holds, and `max_age` is {:?}: \
-                     its nodes are read instead. Raise `max_age`, or write read = \"poll\"",
+                    "a value of the subscription may become {:?} old, but `max_age` is {:?}. The gateway \
+                     polls the nodes instead. Raise `max_age`, or write read = \"poll\"",
                     revised.oldest(asked),
                     asked.max_age
                 ));
@@ -221,7 +225,7 @@ impl Publishing {
             Err(error) => match call_fault(&error) {
                 Fault::Status(_) => {
                     self.news = Some(format!(
-                        "the server refuses it ({}): its nodes are read instead",
+                        "the server refuses the subscription ({}): the gateway polls the nodes instead",
                         error.status()
                     ));
                     State::Refused

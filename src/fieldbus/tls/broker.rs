@@ -19,7 +19,7 @@ pub fn broker(mqtt: &Mqtt) -> Result<Option<Arc<ClientConfig>>, Vec<ProfileError
     let ca = mqtt.ca.as_ref();
     let builder = trusting(ca.map(|ca| ca.bytes.as_slice())).map_err(|why| {
         vec![ca.map_or_else(
-            || mqtt.wrong(&why, "`ca` belongs into `tls`, as tls = { ca = \"…\" }"),
+            || mqtt.wrong(&why, "write `ca` in `tls`, as tls = { ca = \"…\" }"),
             |ca| ca.wrong(&why),
         )]
     })?;
@@ -35,8 +35,8 @@ pub fn broker(mqtt: &Mqtt) -> Result<Option<Arc<ClientConfig>>, Vec<ProfileError
             Error::InconsistentKeys(InconsistentKeys::KeyMismatch) => {
                 key.wrong("this key does not belong to the certificate in `cert`")
             }
-            Error::InvalidCertificate(_) => cert.wrong(&format!("the certificate is of no use: {error}")),
-            _ => key.wrong(&format!("the key is of no use: {error}")),
+            Error::InvalidCertificate(_) => cert.wrong(&format!("the certificate cannot be used: {error}")),
+            _ => key.wrong(&format!("the key cannot be used: {error}")),
         }]
     });
     config.map(|config| Some(Arc::new(config)))

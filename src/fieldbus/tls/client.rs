@@ -107,7 +107,8 @@ impl Shown {
     fn warn(&self, device: &str) {
         if !self.is_asked.load(Ordering::Relaxed) && !self.is_told.swap(true, Ordering::Relaxed) {
             tracing::warn!(
-                "{device} asks for no certificate: TLS hides what is said to it, and anybody who reaches it may command it; let it accept only the gateway's certificate"
+                "{device} requests no certificate: TLS encrypts the messages, but every client that reaches \
+                 the device can command it. Set the device to accept only the gateway's certificate"
             );
         }
     }
@@ -144,8 +145,10 @@ fn config(
             Error::InconsistentKeys(InconsistentKeys::KeyMismatch) => {
                 tls.key.wrong("this key does not belong to the certificate in `cert`")
             }
-            Error::InvalidCertificate(_) => tls.cert.wrong(&format!("the certificate is of no use: {error}")),
-            _ => tls.key.wrong(&format!("the key is of no use: {error}")),
+            Error::InvalidCertificate(_) => {
+                tls.cert.wrong(&format!("the certificate cannot be used: {error}"))
+            }
+            _ => tls.key.wrong(&format!("the key cannot be used: {error}")),
         })
     })
 }

@@ -27,8 +27,8 @@ pub(super) fn certificates(text: &[u8]) -> Result<Vec<CertificateDer<'static>>, 
 pub(super) fn private_key(text: &[u8]) -> Result<PrivateKeyDer<'static>, String> {
     if text.windows(ENCRYPTED.len()).any(|window| window == ENCRYPTED) {
         return Err(
-            "the key is encrypted, and nobody is there to type its password when the gateway starts; \
-                    write it in clear with `openssl pkey`, readable for the gateway's user only"
+            "the key is encrypted, and the gateway has no password for it. Write the key without encryption \
+             with `openssl pkey`, readable for the gateway's user only"
                 .to_owned(),
         );
     }

@@ -30,7 +30,7 @@ pub fn server(cert: &[u8], key: &[u8]) -> Result<ServerConfig, Wrong> {
         Error::InconsistentKeys(InconsistentKeys::KeyMismatch) => {
             Wrong::Key("this key does not belong to the certificate in `cert`".to_owned())
         }
-        Error::InvalidCertificate(_) => Wrong::Cert(format!("the certificate is of no use: {error}")),
-        _ => Wrong::Key(format!("the key is of no use: {error}")),
+        Error::InvalidCertificate(_) => Wrong::Cert(format!("the certificate cannot be used: {error}")),
+        _ => Wrong::Key(format!("the key cannot be used: {error}")),
     })
 }

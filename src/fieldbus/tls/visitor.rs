@@ -53,7 +53,7 @@ fn of_this_computer<'a>(bundles: impl IntoIterator<Item = &'a Path>) -> Result<R
             return Ok(roots);
         }
     }
-    Err("this computer trusts nobody: install its authorities (`ca-certificates`), or name one with `ca`"
+    Err("this computer has no trusted authorities: install them (`ca-certificates`), or name one with `ca`"
         .to_owned())
 }
 

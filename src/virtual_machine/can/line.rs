@@ -88,8 +88,8 @@ impl Port {
         let socket = Socket::open(interface, &self.wanted).map_err(|fault| {
             io::Error::other(match fault {
                 Fault::Link(LinkFault::Can(CanFault::NoInterface)) => format!(
-                    "there is no such interface; a virtual one is made by: ip link add dev {interface} type vcan && \
-                     ip link set {interface} up"
+                    "there is no such interface; a virtual one is made by: ip link add dev {interface} type \
+                     vcan && ip link set {interface} up"
                 ),
                 Fault::Link(LinkFault::Can(CanFault::NoKernel)) => "this kernel has no CAN".to_owned(),
                 Fault::Link(LinkFault::Can(CanFault::NotCan)) => "this is no CAN interface".to_owned(),
@@ -158,7 +158,10 @@ impl Port {
         match fault {
             Fault::Link(LinkFault::Can(CanFault::Down)) => {}
             Fault::Link(LinkFault::Can(CanFault::TooLong)) => {
-                tracing::warn!(interface = self.interface, "a frame was refused: no CAN FD?");
+                tracing::warn!(
+                    interface = self.interface,
+                    "the interface refused a frame: does it support CAN FD?"
+                );
             }
             _ => {
                 tracing::debug!(interface = self.interface, %fault, "the interface is gone");

@@ -140,7 +140,7 @@ impl FaultFile {
         };
         match (profile.devices[device].can.is_some(), on) {
             (true, Modbus) => {
-                return Err(format!("means nothing on a CAN line; allowed: {}", names(&[Any, Can])));
+                return Err(format!("not possible on a CAN line; allowed: {}", names(&[Any, Can])));
             }
             (false, Can) => return Err(format!("`{}` is no device on a CAN line", self.device)),
             _ => {}
@@ -182,7 +182,7 @@ impl FaultFile {
                 return Err("`every` is 100 µs at least: no bus carries more".to_owned());
             }
             Kind::Can(CanFault::Errors { every: None, .. }) if lasts != Lasts::Ever => {
-                return Err("happens once unless `every` says how often".to_owned());
+                return Err("happens once: write `every`, or remove `for` and `for_time`".to_owned());
             }
             Kind::Acknowledge(_) if self.replies.is_some() => {
                 return Err("an acknowledge is no reply to count; give `for_time`".to_owned());
@@ -191,7 +191,7 @@ impl FaultFile {
                 return Err(format!("no output or set of `{}` has a handshake", self.device));
             }
             Kind::Register { .. } | Kind::Restart if lasts != Lasts::Ever => {
-                return Err("happens once; `for` and `for_time` mean nothing here".to_owned());
+                return Err("happens once: remove `for` and `for_time`".to_owned());
             }
             _ => {}
         }
@@ -260,7 +260,7 @@ impl FaultFile {
         let reads = match self.kind.as_str() {
             "nan" if !matches!(signal.encoding.data_type, DataType::F32 | DataType::F64) => {
                 return Err(format!(
-                    "`{name}` is {}: only f32 and f64 know NaN",
+                    "`{name}` is {}: only f32 and f64 have NaN",
                     signal.encoding.data_type.name()
                 ));
             }
@@ -292,7 +292,7 @@ impl FaultFile {
             ("error", self.error.is_some()),
         ];
         match left.into_iter().find(|(_, is_left)| *is_left) {
-            Some((key, _)) => Err(format!("`{key}` means nothing here")),
+            Some((key, _)) => Err(format!("`{key}` has no effect for this kind of fault")),
             None => Ok(()),
         }
     }

@@ -26,7 +26,7 @@ fn a_script_is_checked_against_the_profile_and_every_error_is_reported() {
 #[test]
 fn what_makes_no_sense_is_refused() {
     for (text, expected) in [
-        (one("cnc", "silent", "delay = \"1s\""), "`delay` means nothing here"),
+        (one("cnc", "silent", "delay = \"1s\""), "`delay` has no effect for this kind of fault"),
         (one("cnc", "silent", "for = 3\nfor_time = \"1s\""), "give `for` (replies) or `for_time`, not both"),
         (one("cnc", "silent", "for = 0"), "`for` must be 1 or more"),
         (one("cnc", "refuse", "for = 3"), "give `for_time`"),
@@ -35,7 +35,7 @@ fn what_makes_no_sense_is_refused() {
             one("cnc", "nan", "signal = \"bed\""),
             "device `cnc` has no signal `bed`; allowed: hydraulics_on, offset_now",
         ),
-        (one("thermocouples", "nan", "signal = \"bed\""), "`bed` is i16: only f32 and f64 know NaN"),
+        (one("thermocouples", "nan", "signal = \"bed\""), "`bed` is i16: only f32 and f64 have NaN"),
         (
             one("counter", "sentinel", "signal = \"scale_z\""),
             "`raw` is missing, and `scale_z` has no `bad` value",

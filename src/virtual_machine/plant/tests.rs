@@ -162,7 +162,10 @@ fn a_wrong_plant_file_says_where_and_what_is_allowed() {
     assert!(error.contains("line 77, column 1") && error.contains("resolutoin"), "{error}");
     let unstable = good.replace("capacity = 4.0e4", "capacity = 40.0");
     let error = PlantSpec::parse(&unstable).unwrap_err().to_string();
-    assert!(error.contains("node.ram: 32 W/K is too much for 40 J/K"), "{error}");
+    assert!(
+        error.contains("node.ram: links of 32 W/K in all are too much for a capacity of 40 J/K"),
+        "{error}"
+    );
 }
 
 /// The electric discharge machine with a ram that expands along a travel.

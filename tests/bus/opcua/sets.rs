@@ -146,9 +146,9 @@ fn a_server_that_takes_fewer_nodes_in_a_call_than_a_set_has_is_written_nothing_a
     let text = in_a_set(port(&server), "");
     let control = server.clone();
     beside(&text, Options::default(), move |source| {
-        let said =
-            "the server takes 2 in one call (MaxNodesPerWrite), and a set is written in one or not at all";
-        wait_until(source, "it is reported", |status| events(status).iter().any(|text| text.contains(said)));
+        let said = "the server accepts 2 nodes in one call (MaxNodesPerWrite), and a set must be written in \
+                    one call";
+        wait_until(source, "it is told", |status| events(status).iter().any(|text| text.contains(said)));
         assert!(!control.lock().unwrap().does("log").contains("write"));
     });
 }

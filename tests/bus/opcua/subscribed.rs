@@ -196,8 +196,8 @@ fn a_gateway_follows_what_is_sent_and_a_server_that_was_killed_and_is_back() {
 #[test]
 fn a_server_that_has_no_subscription_left_or_sends_too_seldom_is_read_and_that_is_told_once() {
     let cases = [
-        (["--subscriptions", "0"], "BadTooManySubscriptions): its nodes are read instead"),
-        (["--interval", "3000"], "`max_age` is 2s: its nodes are read instead"),
+        (["--subscriptions", "0"], "BadTooManySubscriptions): the gateway polls the nodes instead"),
+        (["--interval", "3000"], "`max_age` is 2s. The gateway polls the nodes instead"),
         (["--interval", "300"], "the server sends every 300ms, not every 100ms"),
     ];
     for (arguments, said) in cases {

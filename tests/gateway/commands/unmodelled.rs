@@ -36,7 +36,7 @@ fn an_axis_without_a_model_keeps_none_of_the_others_from_running() {
         .output()
         .unwrap();
     let said = [checked.stdout, checked.stderr].map(|said| String::from_utf8(said).unwrap()).concat();
-    assert!(checked.status.success() && said.contains("`y` has no model yet: it stays off"), "{said}");
+    assert!(checked.status.success() && said.contains("`y` has no model yet: the axis stays off"), "{said}");
 }
 
 #[test]

@@ -116,10 +116,10 @@ fn check_says_what_is_published_and_online_whether_the_broker_is_there() {
     let (fits, said) = check(&[]);
     assert!(fits && said.contains("publishes"), "{said}");
     for line in [
-        "  what has changed at most every 200ms, everything at least every 1m; events once",
+        "  changed values at most every 200ms, all values at least every 1m; each event once",
         "    isotherm/press/signal/bed0 … isotherm/press/signal/bed99 (100)",
         "    isotherm/press/event (not kept by the broker; all others are)",
-        "  takes nothing: no message that arrives is even asked for",
+        "  accepts no commands: the gateway subscribes to no topic",
     ] {
         assert!(said.contains(line), "{line}\n{said}");
     }

@@ -97,7 +97,7 @@ fn an_axiomatic_scanner_is_set_up_watched_checked_and_its_emergencies_have_words
     assert_eq!(can.emergency(0x8130), "life guard error or heartbeat error");
     let unscaled = on_can(device, "[signal.s]\ndevice = \"d\"\nchannel = 1").unwrap_err();
     assert!(
-        unscaled.to_string().contains("`scale` is missing: template `axiomatic-axtc4co` leaves it to you")
+        unscaled.to_string().contains("`scale` is missing: template `axiomatic-axtc4co` does not set it")
     );
     let own = device.to_owned()
         + "\nheartbeat = \"5s\"\nsetup = [{ sdo = \"1800:05\", type = \"u16\", value = 200 }]";

@@ -74,12 +74,12 @@ fn a_sinumerik_is_given_its_line_in_three_nodes_that_the_profile_names() {
     assert_eq!(nodes, targets.map(|name| format!("ns=2;s=/SEA/{name}")), "all three by one call");
     let unnamed = targets.map(|name| target(name, ""));
     let said = on_opcua(device, &format!("{AXIS}{}", unnamed.concat())).unwrap_err().to_string();
-    assert!(said.contains("`node` is missing: template `sinumerik-opcua` leaves it to you"), "{said}");
+    assert!(said.contains("`node` is missing: template `sinumerik-opcua` does not set it"), "{said}");
 }
 
 #[test]
 fn nothing_of_a_heidenhain_can_be_written() {
     let rest = format!("{AXIS}{}", target("offset", "node = \"ns=1;s=x\""));
     let said = on_opcua("template = \"heidenhain-opcua\"", &rest).unwrap_err().to_string();
-    assert!(said.contains("nothing of `heidenhain-opcua` can be written"), "{said}");
+    assert!(said.contains("no channel of `heidenhain-opcua` can be written"), "{said}");
 }

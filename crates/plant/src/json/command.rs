@@ -36,10 +36,10 @@ pub(super) fn read(command: &str, payload: &[u8]) -> Outcome {
         Outcome::Refused { command, why }
     };
     if command != "measured" {
-        return refused("nothing but measured errors is taken over the broker".to_owned());
+        return refused("the gateway accepts only measured errors over the broker".to_owned());
     }
     if payload.len() > LONGEST {
-        return refused(format!("{} bytes are no measured error", payload.len()));
+        return refused(format!("{} bytes are too many for a measured error", payload.len()));
     }
     match Measured::command(payload) {
         Ok(command) => Outcome::Asked(command),

@@ -130,15 +130,15 @@ fn nothing_is_asked_for_unless_the_profile_says_so_and_nothing_moves() {
     assert_eq!(named, Outcome::Asked(Command::Measured { axis: "z".into(), report }));
     let long = format!(r#"{{"axis":"{}","error_um":1}}"#, "z".repeat(2000));
     for (topic, payload, why) in [
-        ("plant/press/command/arm", "{}", "nothing but measured errors"),
-        ("plant/press/command/disarm", "z", "nothing but measured errors"),
-        ("elsewhere", "", "nothing but measured errors"),
+        ("plant/press/command/arm", "{}", "accepts only measured errors"),
+        ("plant/press/command/disarm", "z", "accepts only measured errors"),
+        ("elsewhere", "", "accepts only measured errors"),
         ("plant/press/command/measured", "3.5", "send {"),
         ("plant/press/command/measured", r#"{"axis":"z","error_um":"3"}"#, "send {"),
         ("plant/press/command/measured", r#"{"axis":"z","error_um":3,"arm":true}"#, "send {"),
         ("plant/press/command/measured", r#"{"axis":"z","error_um":3,"id":""}"#, "write `id` as"),
         ("plant/press/command/measured", r#"{"axis":"z","error_um":3,"time":"noon"}"#, "write `time` as"),
-        ("plant/press/command/measured", &long, "are no measured error"),
+        ("plant/press/command/measured", &long, "are too many for a measured error"),
     ] {
         let Outcome::Refused { why: said, .. } = outcome(topic, payload) else { panic!("{topic} is taken") };
         assert!(said.contains(why), "{said}");

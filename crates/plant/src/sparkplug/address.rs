@@ -35,14 +35,15 @@ impl Address {
             }
             if let Some(c) = name.chars().find(|c| matches!(c, '+' | '/' | '#') || c.is_control()) {
                 return Err(format!(
-                    "the {what} of Sparkplug B cannot be `{}`: {c:?} means something in topics of MQTT",
+                    "the {what} of Sparkplug B cannot be `{}`: {c:?} has a special meaning in topics of MQTT",
                     name.escape_debug()
                 ));
             }
         }
         if group == "STATE" {
             return Err(
-                "the group of Sparkplug B cannot be `STATE`: hosts say there whether they are on".to_owned()
+                "the group of Sparkplug B cannot be `STATE`: hosts publish their own state under this name"
+                    .to_owned(),
             );
         }
         Ok(Address { group: group.to_owned(), node: node.to_owned() })
@@ -83,11 +84,27 @@ mod tests {
         let table = [
             ("", "n", "the group of Sparkplug B has no name"),
             ("g", "", "the node of Sparkplug B has no name"),
-            ("g/h", "n", "the group of Sparkplug B cannot be `g/h`: '/' means something in topics of MQTT"),
-            ("g", "n+", "the node of Sparkplug B cannot be `n+`: '+' means something in topics of MQTT"),
-            ("g", "#", "the node of Sparkplug B cannot be `#`: '#' means something in topics of MQTT"),
-            ("g", "a\0", "the node of Sparkplug B cannot be `a\\0`: '\\0' means something in topics of MQTT"),
-            ("STATE", "n", "the group of Sparkplug B cannot be `STATE`: hosts say there whether they are on"),
+            (
+                "g/h",
+                "n",
+                "the group of Sparkplug B cannot be `g/h`: '/' has a special meaning in topics of MQTT",
+            ),
+            (
+                "g",
+                "n+",
+                "the node of Sparkplug B cannot be `n+`: '+' has a special meaning in topics of MQTT",
+            ),
+            ("g", "#", "the node of Sparkplug B cannot be `#`: '#' has a special meaning in topics of MQTT"),
+            (
+                "g",
+                "a\0",
+                "the node of Sparkplug B cannot be `a\\0`: '\\0' has a special meaning in topics of MQTT",
+            ),
+            (
+                "STATE",
+                "n",
+                "the group of Sparkplug B cannot be `STATE`: hosts publish their own state under this name",
+            ),
         ];
         for (group, node, why) in table {
             assert_eq!(Address::new(group, node), Err(why.to_owned()), "{group} {node}");

@@ -45,7 +45,7 @@ pub(super) fn hear(
         match (metric.name.as_deref() == Some(REBIRTH), &metric.value) {
             (true, Some(Raw::Boolean(true))) => heard.asks_for_birth = true,
             (true, _) => {
-                let why = "only `true` asks for a birth".to_owned();
+                let why = "only `true` requests a birth".to_owned();
                 heard.outcome.get_or_insert(refused(REBIRTH, why));
             }
             (false, _) => others.push(metric),
@@ -58,7 +58,7 @@ pub(super) fn hear(
             heard.outcome = Some(outcome);
         }
         [first, ..] => {
-            let why = format!("{} values in one message; one at a time is taken", others.len());
+            let why = format!("{} values in one message; send one value in each message", others.len());
             heard.outcome = Some(refused(&spoken(first, born), why));
         }
     }
@@ -75,12 +75,12 @@ fn other(
 ) -> Outcome {
     let command = spoken(metric, born);
     let Some(axis) = born.name_of(metric).and_then(measured_axis) else {
-        let why =
-            "nothing that arrives over MQTT arms, disarms or moves, and this is nothing else that is taken";
+        let why = "the gateway accepts only a measured error or a request for a birth over MQTT; no message \
+                   can arm, disarm or move an axis";
         return refused(&command, why.to_owned());
     };
     if !takes_measured {
-        let why = "the profile does not take it: `[mqtt] commands = [\"measured\"]` would";
+        let why = "the profile does not accept measured errors: write `[mqtt] commands = [\"measured\"]`";
         return refused(&command, why.to_owned());
     }
     if !axes(snapshot).contains(&axis) {
@@ -122,7 +122,7 @@ fn text_of(value: Option<&PropertyRaw>) -> Option<String> {
 
 fn is_of_now(sent: Option<u64>, now: Moment) -> Result<(), String> {
     let Some(sent) = sent else {
-        return Err("it does not say when it was sent".to_owned());
+        return Err("the message has no timestamp".to_owned());
     };
     let apart = Duration::from_millis(milliseconds(now).abs_diff(sent));
     if apart <= HEEDED_FOR {
@@ -131,7 +131,8 @@ fn is_of_now(sent: Option<u64>, now: Moment) -> Result<(), String> {
     let word = if sent < milliseconds(now) { "ago" } else { "from now" };
     let limit = HEEDED_FOR.as_secs();
     Err(format!(
-        "it was sent {} s {word} by its own clock; {limit} s are heeded: it waited somewhere, or a clock is wrong",
+        "it was sent {} s {word} by the sender's clock; the limit is {limit} s: the message was delayed, or \
+         a clock is wrong",
         apart.as_secs()
     ))
 }
@@ -153,7 +154,7 @@ fn error_of(metric: &Metric) -> Option<f64> {
 /// Result for a measured error that repeats the last one.
 pub(super) fn came_twice(command: &Command) -> Outcome {
     let Command::Measured { axis, .. } = command;
-    refused(&measured(axis), "it came a second time, and was taken the first time".to_owned())
+    refused(&measured(axis), "it arrived twice, and was accepted the first time".to_owned())
 }
 
 fn refused(command: &str, why: String) -> Outcome {

@@ -166,7 +166,7 @@ fn a_record_that_is_longer_than_all_may_be_is_refused_and_counted_and_the_disk_i
     store.push(&record(1)).unwrap();
     for length in [25_000, 2_000_000] {
         let error = store.push(&Record(vec![0; length])).unwrap_err();
-        assert_eq!(error.to_string(), "longer than a record may be");
+        assert_eq!(error.to_string(), "the record is longer than allowed");
     }
     assert_eq!((store.dropped(), store.news()), (2, None));
     // A record of exactly the maximum size fits.

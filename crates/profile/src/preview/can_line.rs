@@ -37,8 +37,8 @@ pub(super) fn preview(profile: &Profile, id: BusId) -> Section {
     let mut section = Section::default();
     section.lines("  sends ", &sync);
     section.line(match filters.is_empty() {
-        true => "  the kernel lets nothing through",
-        false => "  the kernel lets through",
+        true => "  the kernel passes no frames",
+        false => "  the kernel passes only",
     });
     section.lines("    ", &filters);
     section.entry("sync", sync);

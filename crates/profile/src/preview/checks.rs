@@ -64,7 +64,8 @@ pub(super) fn preview(profile: &Profile, id: DeviceId, device: &Device) -> (Vec<
         let guard = &axis.settings.guard;
         let moved = (guard.rate.get() * longest.as_secs_f64()).min(2.0 * guard.limit.get());
         format!(
-            "settings that are changed while it runs are found within {}: axis {} moves by at most {:.1} µm until then",
+            "settings that are changed in operation are detected within {}: axis {} moves by at most {:.1} \
+             µm until then",
             shown(longest),
             axis.settings.name,
             moved

@@ -11,9 +11,13 @@ pub(super) fn preview(profile: &Profile, id: BusId) -> Option<Section> {
         return None;
     }
     let mut section = Section::default();
-    section
-        .line(format!("  as behind a gateway to a serial line (`quirks.gateway`): {}", devices.join(", ")));
-    section.line("  after a missed answer a unit is not asked before its late answer has had its time");
+    section.line(format!(
+        "  treated as behind a Modbus gateway to a serial line (`quirks.gateway`): {}",
+        devices.join(", ")
+    ));
+    section.line(
+        "  after a missing answer, the next request to a unit waits until a late answer can no longer arrive",
+    );
     section.entry("devices", &devices);
     Some(section)
 }

@@ -108,7 +108,8 @@ pub fn warnings(profile: &Profile) -> Vec<ProfileError> {
             "update the axes less often (`every`; `refresh` of their outputs), or put the outputs on another line"
         };
         let message =
-            format!("{}: readings get older and corrections later than the profile says", load.asked_of_it());
+            format!("{}: readings will be older, and corrections later, than the profile \
+                     requires", load.asked_of_it());
         let about = ProfileError::about(profile.path.display().to_string(), message, Some(help.to_owned()));
         ProfileError { key: format!("bus.{}", bus.name), ..about }
     });
@@ -158,14 +159,16 @@ impl Load {
 
     pub(super) fn preview(&self) -> Section {
         let full = match self.full_at_answer_ms {
-            Some(full) if full >= self.timeout_ms => "only where it takes longer than the timeout".to_owned(),
-            Some(full) => format!("where it takes longer than {} ms", figure(full)),
-            None => "however quick its devices are".to_owned(),
+            Some(full) if full >= self.timeout_ms => {
+                "only if an answer takes longer than the timeout".to_owned()
+            }
+            Some(full) => format!("if an answer takes longer than {} ms", figure(full)),
+            None => "even if its devices answer at once".to_owned(),
         };
         let mut section = Section::default();
         section.line(format!("  {}; full {full}", self.asked_of_it()));
         if self.verdict == Verdict::Tight {
-            section.line("  note: that leaves little room for lost answers; a longer `every` makes some");
+            section.line("  note: there is little time left for lost answers; a longer `every` leaves more");
         }
         section.entry("exchanges_per_second", self.exchanges_per_second);
         section.entry("polls_percent", self.polls_percent);

@@ -39,7 +39,8 @@ pub(super) fn preview(profile: &Profile, id: BusId, serial: Serial) -> Section {
     section.parts("polls", polls);
     let load = 100.0 * loads.iter().sum::<f64>();
     section.line(format!(
-        "  polls take {load:.0} % of the line; writes and the devices' own time to answer come on top"
+        "  polls take {load:.0} % of the line's time, without writes and without the answer times of the \
+         devices"
     ));
     section.entry("load_percent", load);
     section

@@ -18,7 +18,7 @@ pub(super) fn preview(profile: &Profile) -> Section {
     };
     let (longest, late) = (whole(longest), late.map(whole));
     let after = late.map_or(String::new(), |late| {
-        format!(", and {} more where a write that was not answered may still arrive", duration_text(late))
+        format!(", and {} more if a write without an answer may still arrive", duration_text(late))
     });
     let last = match (&profile.mqtt, profile.notify.is_empty()) {
         (Some(_), true) => "the broker has the last state",

@@ -124,7 +124,8 @@ impl Axis {
         section.line(format!("axis {}", labelled(name, &self.label)));
         if models.is_empty() {
             section.line(
-                "  no model yet: `isotherm record` and `isotherm identify` find one; until then it stays off",
+                "  no model yet: `isotherm record` and `isotherm identify` find one; until then the axis \
+                 stays off",
             );
         }
         section.entry("name", name);
@@ -149,18 +150,15 @@ impl Axis {
             bounds += &format!("; a change of up to {} µm is not made", guard.deadband.get());
         }
         bounds.extend(guard.count.map(|count| format!("; it moves in counts of {} µm", count.get())));
-        bounds.extend(levels.warn.map(|warn| format!("; beyond ±{} µm it warns", warn.get())));
+        bounds.extend(levels.warn.map(|warn| format!("; beyond ±{} µm the gateway warns", warn.get())));
         bounds.extend(levels.error.map(|error| {
-            format!(
-                "; a model that asks for more than ±{} µm switches the axis off until it is armed",
-                error.get()
-            )
+            format!("; a model value beyond ±{} µm switches the axis off until it is armed", error.get())
         }));
         let on_fault = match self.settings.on_fault {
             OnFault::Hold => "keeps the last Cz for as long as the fault lasts".to_owned(),
-            OnFault::Zero => "takes Cz to zero at once, step by step".to_owned(),
+            OnFault::Zero => "moves Cz to zero at once, in steps".to_owned(),
             OnFault::Ramp { after } => {
-                format!("keeps the last Cz for {}, then takes it to zero at {rate} µm/s", shown(after))
+                format!("keeps the last Cz for {}, then moves Cz to zero at {rate} µm/s", shown(after))
             }
         };
         for (key, label, text) in
@@ -209,7 +207,7 @@ impl RawAxis {
         let models = self.model.as_deref().unwrap_or_default();
         for (index, model) in models.iter().enumerate() {
             if models[..index].iter().any(|other| other.name.is_some() && other.name == model.name) {
-                let help = "the log tells models apart by their names";
+                let help = "write another name: the log distinguishes models by their names";
                 list.item(index).key("name").wrong("another model of this axis has this name", help);
             }
         }
@@ -283,7 +281,7 @@ impl RawAxis {
             };
         if let Some((one, all)) = taken {
             let help = format!("remove `datum`, or give the {all} a number or \"start\" as their reference");
-            at.wrong(format!("{one}'s reference is taken at zero already"), help);
+            at.wrong(format!("{one} already has the reference \"zero\""), help);
         }
         Datum::Zero
     }
@@ -294,7 +292,7 @@ impl RawAxis {
         let error = level(&at.key("error"), self.error);
         if let Some(limit) = self.limit.filter(|limit| *limit > 0.0) {
             if let Some(warn) = self.warn.filter(|warn| *warn > limit) {
-                let help = "Cz never gets there: make `warn` smaller, or `limit` larger";
+                let help = "Cz never reaches this level: make `warn` smaller, or `limit` larger";
                 at.key("warn").wrong(format!("warn at {warn} µm lies beyond the limit of {limit} µm"), help);
             }
             if let Some(error) = self.error.filter(|error| *error > 0.0 && *error < limit) {
@@ -311,7 +309,8 @@ impl FaultAction {
     fn resolve(&self, at: &At<'_>) -> Option<OnFault> {
         let action = self.action?;
         if action != FaultActionWord::Ramp && self.after.is_some() {
-            at.key("after").wrong("only a ramp waits", "remove `after`, or write action = \"ramp\"");
+            at.key("after")
+                .wrong("only action = \"ramp\" has `after`", "remove `after`, or write action = \"ramp\"");
         }
         match action {
             FaultActionWord::Hold => Some(OnFault::Hold),
@@ -320,7 +319,8 @@ impl FaultAction {
                 if self.after.is_none() {
                     let help =
                         "write how long the last value is kept before the ramp, as \"60s\" (\"0s\": at once)";
-                    at.key("after").missing("`after` is missing: a ramp begins after a while", help);
+                    at.key("after")
+                        .missing("`after` is missing: a ramp needs the time before it begins", help);
                 }
                 self.after.map(|Timespan(after)| OnFault::Ramp { after })
             }

@@ -29,7 +29,7 @@ const LONGEST_LATE: Duration = Duration::from_mins(10);
 const LONGEST_NAME: usize = 15;
 /// Reason why `pipeline = 2` is not possible with some quirks.
 pub(super) const APART: &str =
-    "two questions in one go have neither a pause nor a connection of their own between them";
+    "two requests at a time are not possible with `pause_between_requests` or `close_after_each`";
 /// Default port of Modbus TCP.
 const USUAL: u16 = 502;
 /// Example of host and port.
@@ -236,7 +236,9 @@ impl Bus {
         section.line(format!("bus {name}: {kind} at {address}, timeout {timeout}"));
         section.line(match self.transport {
             Transport::Sysfs => {
-                "  only read; all sensors of a device at once; one that hangs is not asked again until it is back".to_owned()
+                "  only read; all sensors of a device at the same time; a sensor that does not answer is \
+                 read again when it has returned"
+                    .to_owned()
             }
             _ => format!("  a write that is not answered may still arrive for {late}"),
         });
@@ -248,7 +250,7 @@ impl Bus {
         section.entry("timeout", timeout);
         section.entry("late", late);
         if self.pipeline > 1 {
-            section.line("  two questions at a time, where a corrected position is written");
+            section.line("  two requests at a time, when a corrected position is written");
             section.entry("pipeline", self.pipeline);
         }
         section.part("serial", serial);
@@ -343,17 +345,15 @@ impl RawBus {
 
     fn late(&self, at: &At<'_>, timeout: Duration, default: Duration) -> Duration {
         let Some(late) = at.duration(self.late) else { return default };
-        let left_out = format!("or leave it out: {}", shown(default));
+        let left_out = format!("or remove `late` (default {})", shown(default));
         if late < timeout {
             let (late, timeout) = (shown(late), shown(timeout));
-            let message =
-                format!("{late} is shorter than the {timeout} that an answer is waited for (`timeout`)");
+            let message = format!("{late} is shorter than `timeout`, which is {timeout}");
             at.wrong(message, format!("write {timeout} or more, {left_out}"));
         } else if late > LONGEST_LATE {
             let (late, longest) = (shown(late), shown(LONGEST_LATE));
-            let message = format!(
-                "{late} is longer than {longest}, and for that long a lost answer may keep an axis where it is"
-            );
+            let message =
+                format!("{late} is longer than {longest}: a lost answer could stop an axis for this time");
             at.wrong(message, format!("write {longest} or less, {left_out}"));
         }
         late
@@ -373,7 +373,7 @@ impl RawBus {
                 Ok((host, None)) => format!("{host}:{USUAL}"),
                 Err(why) => why.meant(USUAL).unwrap_or_else(|| EXAMPLE.to_owned()),
             };
-            let help = format!("write host and port alone, as \"{host}\"; `type` says what the line speaks");
+            let help = format!("write host and port alone, as \"{host}\"; `type` sets the protocol");
             at.wrong(format!("`{address}` is a URL (`{scheme}`), and no host and port"), help);
             return None;
         }
@@ -408,7 +408,8 @@ impl RawBus {
         };
         let is_plain = |c: char| c != '/' && !c.is_whitespace();
         if name.is_empty() || name.len() > LONGEST_NAME || !name.chars().all(is_plain) {
-            let help = "write its name, as \"can0\": up to 15 characters; `ip link` shows which there are";
+            let help = "write the name of the interface, as \"can0\": up to 15 characters; `ip link` shows \
+                        which there are";
             at.wrong(format!("`{name}` cannot be a network interface"), help);
             return None;
         }
@@ -423,7 +424,7 @@ fn foreign_keys(at: &At<'_>, kind: BusType) {
     let written = [modbus.as_slice(), &[BusType::Can, BusType::OpcUa]].concat();
     let owners: [(&[&str], &str, &[BusType]); 7] = [
         (&["address"], "a TCP line", &by_address),
-        (&["late"], "a line on which something is written", &written),
+        (&["late"], "a line with writes", &written),
         (&["port", "baud", "parity", "stop_bits"], "a modbus-rtu line", &[BusType::ModbusRtu]),
         (&["tls", "pipeline"], "a modbus-tcp line", &[BusType::ModbusTcp]),
         (&["interface", "sync"], "a can line", &[BusType::Can]),
@@ -451,10 +452,10 @@ pub(super) fn none_waits_for_a_period(check: &Check<'_>) {
         let shortest = shown(*shortest);
         let due: Vec<String> =
             due.into_iter().map(|(what, every)| format!("{what} {}", shown(*every))).collect();
-        let message = format!("a lost answer is waited for {}, and {}", shown(timeout), due.join(", "));
+        let message = format!("`timeout` is {}, but {}", shown(timeout), due.join(", "));
         let help = format!(
-            "make it shorter than {shortest}, or leave it out (then it is half the shortest period, at most {}): what is due \
-             meanwhile is left out",
+            "write a `timeout` shorter than {shortest}, or remove it (default: half the shortest period, at \
+             most {}). During the wait for a lost answer, due reads and writes are skipped",
             shown(TIMEOUT)
         );
         at.warn(message, help);

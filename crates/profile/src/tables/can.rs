@@ -117,13 +117,13 @@ impl RawPdo {
                 let node = at.check.at("device").key(device).key("node");
                 if !node.is_written() {
                     let help = format!("write node = 5 at device `{device}`, or `cob_id` here");
-                    at.key("number").wrong("the usual identifiers are those of a CANopen node", help);
+                    at.key("number").wrong("`number` needs a CANopen node", help);
                 }
                 let node = at.check.raw.device.get(device)?.node?;
                 CanId::standard(sender.usual_identifier(number, node))
             }
             (Some(_), Some(_)) => {
-                let message = "`cob_id` and `number` both say which frame it is";
+                let message = "`cob_id` and `number` exclude each other: both name the frame";
                 at.key("number").wrong_key(message, "keep one of them");
                 None
             }
@@ -218,7 +218,7 @@ fn bits(
         _ => (matches!(length, 1..=64), "allowed: 1 to 64"),
     };
     if !fits_kind {
-        at.key("length").wrong(format!("no such value has {length} bits"), allowed);
+        at.key("length").wrong(format!("a value cannot have {length} bits"), allowed);
         return None;
     }
     let field = BitField::new(start, length, order, kind);
@@ -276,7 +276,7 @@ pub(super) fn object(
     needs_node(&at.key("sdo"), device);
     let entry = entry(&at.key("sdo"), sdo);
     if kind.is_none() {
-        at.key("type").missing("`type` is missing: how does the value lie in its object?", types);
+        at.key("type").missing("`type` is missing: which type does the object have?", types);
     }
     let data_type = object_type(&at.key("type"), kind?)?;
     Some(Address::Object(Object { entry: entry?, data_type }))
@@ -286,6 +286,6 @@ pub(super) fn object(
 pub(super) fn needs_node(at: &At<'_>, device: &str) {
     if !at.check.at("device").key(device).key("node").is_written() {
         let help = format!("write node = 5 at device `{device}`, the node number set there");
-        at.wrong(format!("an object is read of a CANopen node, and `{device}` has no `node`"), help);
+        at.wrong(format!("an object belongs to a CANopen node, and `{device}` has no `node`"), help);
     }
 }

@@ -147,11 +147,12 @@ fn collision(earlier: &Claim<'_>, later: &Claim<'_>) {
         return;
     }
     let (verb, help) = if both_write {
-        ("writes the same registers as", "one register has one writer: give each its own")
+        ("writes the same registers as", "a register must have one writer: give each its own register")
     } else {
         (
             "overlaps",
-            "two names for one value need the same register and the same type; else one of the two addresses is wrong",
+            "two names for one value need the same register and the same type; otherwise one of the \
+             addresses is wrong",
         )
     };
     let message = format!("{} {verb} {} at {}", later.shown(), earlier.shown(), earlier.at.line());
@@ -172,7 +173,7 @@ fn runaway(check: &Check<'_>, claims: &[Claim<'_>]) {
         {
             let message =
                 format!("the corrected position would overwrite {}, from which it is computed", read.shown());
-            written.at.wrong(message, "read the scale's own register; write another");
+            written.at.wrong(message, "read the register of the scale, and write another register");
         }
     }
 }
@@ -196,7 +197,7 @@ pub(super) fn one_writer_each(check: &Check<'_>, heartbeat: Option<&Heartbeat>) 
         let is_same = |first: &&Written<'_>| (&first.server, &first.node) == (&later.server, &later.node);
         if let Some(first) = written[..place].iter().find(is_same) {
             let message = format!("{} writes this node already", first.what);
-            later.at.wrong(message, "one node has one writer: give each a node of its own");
+            later.at.wrong(message, "a node must have one writer: give each its own node");
         }
     }
 }

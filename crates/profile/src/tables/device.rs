@@ -189,15 +189,16 @@ impl Device {
         });
         can.iter().for_each(|can| section.lines_of(can));
         let stamped = self.source_time.map(|source_time| match source_time {
-            SourceTime::Sampled => "a reading is as old as the time that the server stamps it with",
+            SourceTime::Sampled => "the age of a reading is counted from the server's time stamp",
             SourceTime::Changed => {
-                "the server's time stamps say when a value changed: they make no reading older"
+                "the server's time stamps give the time of the last change: they do not affect the age of a \
+                 reading"
             }
         });
         section.lines("    ", stamped);
         section.entry("source_time", stamped);
         let sent = (self.read == ReadBy::Subscription)
-            .then_some("the server sends what has changed (a subscription); nothing is asked for");
+            .then_some("the server sends changed values (a subscription); the gateway does not poll");
         section.lines("    ", sent);
         section.entry("read", sent);
         section.entry("name", name);
@@ -222,7 +223,7 @@ impl Device {
         let used = template.uses.iter().find(|used| used.name == user)?;
         let own = match used.overridden.as_slice() {
             [] => String::new(),
-            keys => format!("; the profile itself says {}", keys.join(", ")),
+            keys => format!("; the profile itself sets {}", keys.join(", ")),
         };
         Some(format!("channel {} of {}{own}", used.channel, template.name))
     }
@@ -258,8 +259,8 @@ impl Device {
 
     /// Reports functions that the device does not allow.
     pub(super) fn lacks(&self, at: &At<'_>, needs: &str, functions: &str) {
-        let help = format!("add {functions} to `functions` of the device, if the device can do it");
-        at.wrong(format!("{needs}, which `{}` may not be sent", self.name), help);
+        let help = format!("add {functions} to `functions` of the device, if the device supports it");
+        at.wrong(format!("{needs}, which is not among the `functions` of `{}`", self.name), help);
     }
 }
 
@@ -272,8 +273,9 @@ impl RawDevice {
         }
         let every = at.key("every").period(self.every).unwrap_or(EVERY);
         if self.functions.as_ref().is_some_and(Vec::is_empty) {
-            let help = "name what it may be sent, as [\"read-holding\", \"write-multiple\"], or leave the key out: all";
-            at.key("functions").wrong("a device that may be sent nothing is of no use", help);
+            let help = "name the allowed functions, as [\"read-holding\", \"write-multiple\"], or remove the \
+                        key to allow all";
+            at.key("functions").wrong("a device without an allowed function cannot be used", help);
         }
         let functions = self.functions.as_deref().map_or(Functions::ALL, Functions::of);
         let bus = at.key("bus").named(&check.buses, self.bus.as_ref());
@@ -293,9 +295,9 @@ impl RawDevice {
             let help = "remove it: an OPC UA server has nodes";
             at.foreign(&["unit", "functions", "quirks", "base"], "a Modbus device", help);
         } else if on_sysfs {
-            let help = "remove it: it is sensors of this computer, which are named at their signals";
+            let help = "remove it: the sensors of this computer are named at their signals";
             at.foreign(&["unit", "functions", "quirks", "template"], "a Modbus device", help);
-            at.foreign(&["verify"], "a device that can be set otherwise", help);
+            at.foreign(&["verify"], "a device with settings that can change", help);
         }
         if kind.is_some() && !on_opcua {
             let help = "remove it, or put the device on an opcua line";
@@ -347,13 +349,14 @@ impl RawDevice {
     fn unit(&self, at: &At<'_>, transport: Option<Transport>) -> Option<u8> {
         let at = at.key("unit");
         if self.unit.is_none() {
-            let help = "write the unit identifier of the device, 0 to 255; one that is alone at its address often has 1 or 255";
+            let help = "write the unit identifier of the device, 0 to 255; a device that is alone at its \
+                        address often has 1 or 255";
             at.missing("`unit` is missing", help);
         }
         let over_rtu = matches!(transport, Some(Transport::Serial(_) | Transport::RtuOverTcp));
         if let Some(unit) = self.unit.filter(|unit| over_rtu && !(1..=247).contains(unit)) {
             let message = if unit == 0 {
-                "unit 0 speaks to all devices of an RTU line at once, and none of them answers".to_owned()
+                "unit 0 addresses all devices of an RTU line at once, and none of them answers".to_owned()
             } else {
                 format!("an RTU line has no unit {unit}: 248 to 255 are reserved")
             };

@@ -20,8 +20,8 @@ pub(super) fn condition(at: &At<'_>, text: Option<&String>, of: Option<&str>) ->
                 at.check.used.borrow_mut()[id.0] = true;
                 if of.is_some_and(|of| signals.names[id.0] == of) {
                     let help =
-                        "name the status bit of the device; for the value itself there are `range` and `bad`";
-                    at.wrong("the signal would judge itself", help);
+                        "name the status bit of the device; for the value itself write `range` or `bad`";
+                    at.wrong("the signal must not be in its own condition", help);
                 }
             }
             Some(condition)
@@ -52,7 +52,7 @@ pub(super) fn formula(
         let at = at.key("constants").key(name);
         check_symbol(&at, name);
         if symbols.insert(name.as_str(), Symbol::Constant(*number)).is_some() {
-            at.wrong_key(format!("`{name}` is an input, too"), "give one of them another name");
+            at.wrong_key(format!("`{name}` is also an input"), "give one of them another name");
         }
     }
     symbols.entry("t").or_insert(Symbol::Time);
@@ -90,8 +90,8 @@ fn check_symbol(at: &At<'_>, name: &str) {
     let begins = name.chars().next().is_some_and(|first| first.is_alphabetic() || first == '_');
     let is_plain = name.chars().all(|c| c.is_alphanumeric() || c == '_');
     if !begins || !is_plain || WORDS.contains(&name) {
-        let help = "a name begins with a letter and goes on with letters, digits and `_`";
-        at.wrong_key(format!("`{name}` cannot stand in a formula"), help);
+        let help = "a name begins with a letter and contains letters, digits and `_`";
+        at.wrong_key(format!("`{name}` cannot be a name in a formula"), help);
     }
 }
 

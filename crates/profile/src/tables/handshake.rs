@@ -64,8 +64,8 @@ impl Handshake {
         let by = if function == 0 { String::new() } else { format!(" (function {function:02})") };
         let mut section = Section::default();
         section.line(format!(
-            "    then strobe {strobe} up{by}, acknowledge {acknowledge} up within {timeout}, strobe down, acknowledge down \
-             within {timeout}"
+            "    then: strobe {strobe} on{by}, acknowledge {acknowledge} on within {timeout}, strobe off, \
+             acknowledge off within {timeout}"
         ));
         section.json("strobe", strobe);
         section.entry("function", function);
@@ -107,9 +107,11 @@ impl RawHandshake {
         }
         if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
             if strobe.address.table == Table::Coil && !device.functions.write_coil {
-                let message =
-                    format!("writing this needs write-coil, which `{}` may not be sent", device.name);
-                let help = "add \"write-coil\" to `functions` of the device, or take a holding register";
+                let message = format!(
+                    "writing this needs write-coil, which is not among the `functions` of `{}`",
+                    device.name
+                );
+                let help = "add \"write-coil\" to `functions` of the device, or use a holding register";
                 at_strobe.wrong(message, help);
             }
             if strobe.address.table == Table::Holding {
@@ -155,8 +157,8 @@ impl fmt::Display for Bit {
 }
 
 fn itself(at: &At<'_>, strobe: &impl fmt::Display) {
-    let message = format!("{strobe} is the strobe itself: it would acknowledge at once");
-    at.wrong(message, "name what the control raises when it has taken the value");
+    let message = format!("{strobe} is the strobe itself, and would acknowledge at once");
+    at.wrong(message, "name the bit that the control sets when it has accepted the value");
 }
 
 fn flag(at: &At<'_>, place: Option<&Place>) -> Option<Flag> {

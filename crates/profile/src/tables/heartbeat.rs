@@ -92,7 +92,8 @@ impl RawHeartbeat {
             Some(LineKind::Can) => {
                 let help =
                     "name a Modbus device; a CANopen node has a heartbeat consumer of its own, object 1016";
-                at.key("device").wrong("the heartbeat is a register, and this device has none", help);
+                at.key("device")
+                    .wrong("the heartbeat is written to a register, and this device has no registers", help);
                 return None;
             }
             Some(LineKind::Sysfs) => {

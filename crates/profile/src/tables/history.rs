@@ -51,7 +51,8 @@ impl RawHistory {
         let max_size = match self.max_size {
             None => MAX_SIZE,
             Some(Size(0)) => {
-                at.key("max_size").wrong("no log fits into nothing", "write a larger size, as \"2GB\"");
+                at.key("max_size")
+                    .wrong("no log fits into a size of zero", "write a larger size, as \"2GB\"");
                 MAX_SIZE
             }
             Some(Size(size)) => size,

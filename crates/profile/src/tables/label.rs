@@ -11,9 +11,9 @@ pub(super) fn resolve(at: &At<'_>, raw: Option<&String>) -> String {
     let Some(label) = raw.map(|label| label.trim()) else { return String::new() };
     let count = label.chars().count();
     if label.is_empty() {
-        at.wrong("the label is empty", "write what people call it, or remove `label`");
+        at.wrong("the label is empty", "write a name to display, or remove `label`");
     } else if count > LONGEST {
-        at.wrong(format!("a label of {count} characters does not fit beside a figure"), "allowed: up to 60");
+        at.wrong(format!("a label of {count} characters is too long for the page"), "allowed: up to 60");
     }
     label.to_owned()
 }

@@ -28,7 +28,8 @@ pub(super) fn check(check: &Check<'_>) {
         };
         let load: f64 = check.devices.resolved.iter().enumerate().filter_map(load).sum();
         let message = format!(
-            "polling needs at least {:.0} % of the line's time at {serial}, without the devices' own",
+            "polling needs at least {:.0} % of the line's time at {serial}, without the answer times of the \
+             devices",
             100.0 * load
         );
         let help = "poll less often (`every`), raise `baud` here and at the devices, or use a second line";

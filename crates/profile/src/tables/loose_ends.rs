@@ -26,8 +26,9 @@ pub(super) fn warn(check: &Check<'_>) {
     for (index, name) in check.axes.names.iter().enumerate() {
         let at = check.at("axis").key(name);
         if lacks_model(check, name) {
-            let message = format!("`{name}` has no model yet: it stays off");
-            let help = "record runs with `isotherm record`, find the model with `isotherm identify`, and put its block here";
+            let message = format!("`{name}` has no model yet: the axis stays off");
+            let help = "record runs with `isotherm record`, find the model with `isotherm identify`, and put \
+                        the block of the model here";
             at.warn_key(message, Some(help));
         }
         if is_complete && !written.contains(&index) {
@@ -58,8 +59,8 @@ fn two_at_a_time(check: &Check<'_>) {
     for (place, name) in check.buses.names.iter().enumerate() {
         let is_two = check.buses.get(place).is_some_and(|bus| bus.pipeline > 1);
         if is_two && !(written.contains(&place) && read.contains(&place)) {
-            let message = "it changes nothing here: only a corrected position that is written on a line on which something is \
-                           read takes the next question along";
+            let message = "`pipeline` changes nothing here: it needs a corrected position that is written \
+                           and a signal that is read on this line";
             check.at("bus").key(name).key("pipeline").warn_key(message, Some("remove it"));
         }
     }

@@ -105,17 +105,16 @@ pub(super) fn resolve(at: &At<'_>, raw: Option<&RawMachine>) -> Machine {
     let name = raw.name.clone().unwrap_or_default();
     let is_plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
     if raw.name.is_some() && (name.is_empty() || !name.bytes().all(is_plain)) {
-        let help =
-            "allowed: small letters a to z, digits and `-`; it goes into topics, metrics and file names";
+        let help = "allowed: small letters a to z, digits and `-`; the name is used in topics, metrics and \
+                    file names";
         at.key("name").wrong(format!("`{name}` cannot be a machine's name"), help);
     } else if name.len() > LONGEST_NAME {
         let message = format!("a machine's name of {} characters does not fit into file names", name.len());
         at.key("name").wrong(message, format!("allowed: up to {LONGEST_NAME}"));
     }
     if let Some(version) = raw.version.filter(|version| *version != FORM) {
-        let message = format!("a profile of version {version}; this isotherm knows version {FORM}");
-        at.key("version")
-            .wrong(message, "install the isotherm that it was written for, or leave the key out");
+        let message = format!("a profile of version {version}; this isotherm supports version {FORM}");
+        at.key("version").wrong(message, "install the isotherm version of this profile, or remove the key");
     }
     let settings = MachineSettings {
         on: at.key("on").signal(raw.on.as_ref()),
@@ -125,7 +124,7 @@ pub(super) fn resolve(at: &At<'_>, raw: Option<&RawMachine>) -> Machine {
     };
     let arm_timeout = at.key("arm_timeout").duration(raw.arm_timeout).unwrap_or(ARM_TIMEOUT);
     if arm_timeout > LONGEST_ARM_TIMEOUT {
-        let message = "a request to arm would wait for more than a day".to_owned();
+        let message = "a request to arm must not wait for more than a day".to_owned();
         at.key("arm_timeout").wrong(message, "write at most \"24h\"");
     }
     if let Some(keys) = &raw.allow_override {
@@ -156,6 +155,6 @@ fn only_guarded(at: &At<'_>, keys: &[String]) {
     ]);
     for (place, key) in keys.iter().enumerate().filter(|(_, key)| !guarded.contains(key)) {
         let help = allowed(key, guarded.iter().map(String::as_str));
-        at.item(place).wrong(format!("`{key}` is no key that layers may not set"), help);
+        at.item(place).wrong(format!("`{key}` is not a key that needs this permission"), help);
     }
 }

@@ -176,23 +176,25 @@ impl RawMqtt {
             Some(tls) => tls.resolve(&at.key("tls")),
         };
         if format == MqttFormat::SparkplugB {
-            let help = "remove it: what there is stands in the birth of a Sparkplug node";
+            let help = "remove it: the birth message of a Sparkplug node lists all values";
             at.foreign(&["home_assistant"], "format = \"json\"", help);
         } else {
-            let help =
-                "remove it: the values of a broker that comes back are the newest; events wait in memory";
+            let help = "remove it: after a lost connection only the newest values are published; events wait \
+                        in memory";
             at.foreign(&["buffer"], "format = \"sparkplug-b\"", help);
         }
         let every = self.every(at);
         let refresh = at.key("refresh").duration(self.refresh).unwrap_or(REFRESH);
         if refresh < every {
-            let help = "write a longer one, or leave it out: one minute";
-            at.key("refresh").wrong("it is shorter than `every`, which is the least", help);
+            let help = "write a longer duration, or remove `refresh` (default one minute)";
+            at.key("refresh").wrong("`refresh` is shorter than `every`", help);
         }
         let buffer = match self.buffer {
             Some(Size(size)) if size < 100_000 => {
-                at.key("buffer")
-                    .wrong("that holds no minute of anything", "write a larger size, as \"100MB\"");
+                at.key("buffer").wrong(
+                    "this size does not hold one minute of values",
+                    "write a larger size, as \"100MB\"",
+                );
                 BUFFER
             }
             size => size.map_or(BUFFER, |Size(size)| size),
@@ -216,8 +218,8 @@ impl RawMqtt {
     fn every(&self, at: &At<'_>) -> Duration {
         let every = at.key("every").duration(self.every).unwrap_or(EVERY);
         if every < SHORTEST {
-            let help = "write \"100ms\" or longer: what happens faster stands in the logs";
-            at.key("every").wrong("that is more often than anything is published", help);
+            let help = "write \"100ms\" or longer: faster changes are in the logs";
+            at.key("every").wrong("no topic is published this often", help);
         }
         every
     }
@@ -238,7 +240,10 @@ impl RawMqtt {
         let is_meant =
             |one: char| one.is_control() || matches!(one, '+' | '#') || (one == '/' && is_sparkplug);
         if is_sparkplug && group == "STATE" {
-            at.wrong("hosts say at `STATE` whether they are there", "give the group another name");
+            at.wrong(
+                "the group `STATE` is reserved: hosts publish their own state there",
+                "give the group another name",
+            );
             return None;
         }
         let is_whole = !group.is_empty() && group.split('/').all(|part| !part.is_empty());
@@ -263,15 +268,16 @@ impl RawMqtt {
         if broker.is_loopback() {
             return;
         }
-        let help = "write mqtts:// in `broker`, where the broker can do it";
+        let help = "write mqtts:// in `broker`, if the broker supports it";
         if self.user.as_ref().is_some_and(|user| user.password_file.is_some()) {
             at.key("broker").warn("the password goes over the network in plain text", help);
         } else {
-            let message = "nothing is encrypted: anybody on that network may read what is published, and publish in this gateway's name";
+            let message = "nothing is encrypted: every computer on the network can read the messages, and \
+                           publish as this gateway";
             at.key("broker").warn(message, help);
         }
         if !self.commands.is_empty() {
-            let message = "whoever is on that network may send measured errors";
+            let message = "every computer on the network can send measured errors";
             at.key("commands").warn(message, help);
         }
     }
@@ -294,8 +300,8 @@ type Files = (Option<Option<NamedFile>>, Option<Option<(NamedFile, NamedFile)>>)
 
 impl RawMqttTls {
     fn resolve(&self, at: &At<'_>) -> Files {
-        let help = "name a PEM file beside the profile with the certificate of the authority that signed the broker's, or with \
-                    the broker's own";
+        let help = "name a PEM file beside the profile with the certificate of the broker, or of the \
+                    authority that signed it";
         let ca = match &self.ca {
             None => Some(None),
             name => file(at, "ca", name.as_ref(), help).map(Some),
@@ -303,7 +309,8 @@ impl RawMqttTls {
         if self.cert.is_none() && self.key.is_none() {
             return (ca, Some(None));
         }
-        let help = "name a PEM file beside the profile with the gateway's certificate, those that lead to its authority after it";
+        let help = "name a PEM file beside the profile with the gateway's certificate, followed by the \
+                    certificates of its authorities";
         let cert = file(at, "cert", self.cert.as_ref(), help);
         let help = "name a PEM file beside the profile with the private key of the certificate in `cert`";
         let key = file(at, "key", self.key.as_ref(), help);

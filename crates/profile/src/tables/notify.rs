@@ -49,24 +49,25 @@ pub const TRIGGERS: [&str; 116] = [
     "command-refused", "command-dropped",
 ];
 
-/// Server to which events are posted.
+/// Server that receives messages about events.
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Notify")]
 pub(crate) struct RawNotify {
-    /// Address: "https://alarms.plant.example/isotherm", or http. It contains no user and no password. `{token}` marks
-    /// the place of the token, if the token belongs in the address.
+    /// Address of the server: "https://alarms.plant.example/isotherm", or http. It must not have a user or a password.
+    /// `{token}` is the place of the token, if the token is a part of the address.
     #[schemars(required)]
     url: Option<String>,
-    /// Events that are posted: kinds of events, "axis-off" (an axis that followed a model does not follow it any more),
-    /// "unverified" (the register value is not the written one, or is unknown), "clock", "alarm" and "alarm-over".
+    /// Kinds of events that are posted, and five further words. "alarm" and "alarm-over": begin and end of an alarm.
+    /// "axis-off": an axis does not follow its model any more. "unverified": a register value is not known, or differs
+    /// from the written value. "clock": the time of this computer was not as expected.
     #[schemars(required)]
     on: Option<Vec<Trigger>>,
-    /// File, next to the profile, with the token that is sent (`Authorization: Bearer …`, or in the place of
-    /// `{token}`). It must not be readable by others. It is read again for every message.
+    /// File next to the profile with the token, not readable by others. The token is sent as `Authorization: Bearer …`,
+    /// or in the place of `{token}`. The file is read again for every message.
     token_file: Option<String>,
-    /// PEM file, next to the profile, with the certificate of the authority that signed the server's, or the server's
-    /// own. Default: the authorities that this computer trusts.
+    /// PEM file next to the profile with the certificate of the authority that signed the server's certificate, or with
+    /// the server's certificate itself. Default: the authorities that this computer trusts.
     ca: Option<String>,
 }
 
@@ -114,8 +115,8 @@ pub struct Notify {
 /// Resolves all servers. Reports every error.
 pub(super) fn resolve(at: &At<'_>, raw: &[RawNotify]) -> Vec<Notify> {
     if raw.len() > MOST {
-        let help = "have one server pass it on to the others";
-        at.wrong_key(format!("{} of them: at most {MOST} are served", raw.len()), help);
+        let help = "let one server pass the messages on to the others";
+        at.wrong_key(format!("{} servers are named; at most {MOST} are allowed", raw.len()), help);
         return Vec::new();
     }
     raw.iter().enumerate().filter_map(|(place, raw)| raw.resolve(&at.item(place), place)).collect()
@@ -134,18 +135,18 @@ impl RawNotify {
         let ca = match &self.ca {
             None => Some(None),
             Some(name) => {
-                let help = "name a PEM file beside the profile with the certificate of the authority that signed the server's, or \
-                            with the server's own";
+                let help = "name a PEM file beside the profile with the certificate of the server, or of the \
+                            authority that signed it";
                 pem_file(&at.key("ca"), name, help).map(Some)
             }
         };
         if self.token_file.is_none() && url.as_ref().is_some_and(Url::has_token) {
             let help = "name the file with the token in `token_file`";
-            at.key("url").wrong("a token belongs into it, and there is none", help);
+            at.key("url").wrong("the address has a place for a token, but there is no `token_file`", help);
         }
         at.key("token_file").secret(self.token_file.as_ref());
         if self.token_file.is_some() && url.as_ref().is_some_and(|url| !url.tls && !url.is_loopback()) {
-            let help = "write https:// in `url`, where the server can do it";
+            let help = "write https:// in `url`, if the server supports it";
             at.key("token_file").warn("the token goes over the network in plain text", help);
         }
         let token_file = self.token_file.as_ref().map(|name| PathBuf::from(at.check.files.path(name)));
@@ -155,14 +156,18 @@ impl RawNotify {
 
 fn triggers(at: &At<'_>, written: &[Trigger]) -> Option<Vec<&'static str>> {
     if written.is_empty() {
-        at.wrong("nothing would ever be posted", format!("write on = [\"{ALARM}\", \"{ALARM_OVER}\"]"));
+        at.wrong(
+            "the list is empty: nothing would be posted",
+            format!("write on = [\"{ALARM}\", \"{ALARM_OVER}\"]"),
+        );
         return None;
     }
     let mut on = Vec::new();
     for (place, Trigger(word)) in written.iter().enumerate() {
         let known = TRIGGERS.into_iter().find(|known| known == word)?;
         if on.contains(&known) {
-            at.item(place).warn(format!("`{known}` is listed twice"), "remove one: it is posted once");
+            at.item(place)
+                .warn(format!("`{known}` is listed twice"), "remove one of them: each event is posted once");
         } else {
             on.push(known);
         }
@@ -183,7 +188,7 @@ impl Notify {
         let trusts = match (&self.ca, self.url.tls) {
             (_, false) => ", in plain text".to_owned(),
             (Some(ca), true) => format!(", trusting {}", ca.name),
-            (None, true) => ", trusting whom this computer trusts".to_owned(),
+            (None, true) => ", trusting the authorities of this computer".to_owned(),
         };
         section.line(format!("  {} to {to}{with}{trusts}: {on}", self.name));
         section.entry("name", &self.name);

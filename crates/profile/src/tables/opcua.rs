@@ -68,7 +68,7 @@ impl Place {
     pub(super) fn is_foreign<T>(&self, at: &At<'_>, is_in_nodes: bool) -> Option<T> {
         match is_in_nodes {
             true => at.wrong(
-                "a register is on Modbus, and this is an OPC UA server",
+                "registers belong to Modbus, and this device is an OPC UA server",
                 "write { node = \"ns=2;s=…\" }, and its type",
             ),
             false => at.wrong("a node belongs to an OPC UA server", "write a register, as \"holding:100\""),
@@ -92,10 +92,12 @@ pub(super) fn holds(at: &At<'_>, node: &Node, most: u16) -> Option<()> {
     let message = match node.taken_as().integer_range() {
         Some((_, highest)) if highest >= i128::from(most) => return Some(()),
         Some(_) => format!("{name} does not hold {most}"),
-        None => format!("{name} is no type for whole numbers"),
+        None => format!("{name} is no integer type"),
     };
-    at.key("type")
-        .wrong(message, "it must be the node's own: name another node, as of type u16, i16, u32 or i32");
+    at.key("type").wrong(
+        message,
+        "the type must be the node's own: name another node, for example of type u16, i16, u32 or i32",
+    );
     None
 }
 
@@ -109,12 +111,13 @@ pub(super) fn one_of(address: &Address) -> &'static str {
 
 /// Types of a node, as named in a profile.
 pub(super) const TYPES: &str =
-    "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64; a browser of the server shows which";
+    "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64; an OPC UA browser shows the node's type";
 
 /// Parses the node at the key `node`.
 pub(super) fn id(at: &At<'_>, text: Option<&String>, what: &str) -> Option<NodeId> {
     let at = at.key("node");
-    let help = "write the server's name for it, as \"ns=2;s=/Nck/State\" or \"nsu=http://plc.example;s=/Nck/State\"; `isotherm read --browse` shows it";
+    let help = "write the server's name of the node, as \"ns=2;s=/Nck/State\" or \
+                \"nsu=http://plc.example;s=/Nck/State\"; `isotherm read --browse` shows it";
     let Some(text) = text else {
         at.missing(format!("`node` is missing: {what}"), help);
         return None;
@@ -142,12 +145,12 @@ pub(super) fn read(at: &At<'_>, text: Option<&String>, kind: Option<TypeWord>) -
 
 /// Resolves the node of an output, which is written in its own type.
 pub(super) fn written(at: &At<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
-    typed(at, text, kind, ("which node is written?", "a server takes a value in the node's own type only"))
+    typed(at, text, kind, ("which node is written?", "a server accepts a value only in the node's own type"))
 }
 
 /// Resolves the node of a check, which is compared in its own type.
 pub(super) fn compared(at: &At<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
-    typed(at, text, kind, ("which node is read?", "it is compared in the node's own type"))
+    typed(at, text, kind, ("which node is read?", "the value is compared in the node's own type"))
 }
 
 fn typed(

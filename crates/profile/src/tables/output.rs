@@ -212,19 +212,20 @@ impl Output {
         section.lines("    ", &channel);
         let is_shared = self.share == Share::Ledger;
         section.line(match counts {
-            Some((low, high)) if is_shared => format!("    counts {low} to {high}, and the operator's part"),
+            Some((low, high)) if is_shared => format!("    counts {low} to {high}, plus the operator offset"),
             Some((low, high)) => format!("    counts {low} to {high}"),
-            None => "    counts are bounded by the register's type alone".to_owned(),
+            None => "    counts are limited only by the register's type".to_owned(),
         });
         let share = is_shared.then_some(
-            "the operator offset stays; the gateway share is added to it, and a ledger on disk stores its size",
+            "the operator offset in the register stays; the gateway share is added to it, and is stored in a \
+             ledger on disk",
         );
         section.lines("    ", share);
         let verify = verify::preview(self, device);
-        section.line(format!("    believed {verify}"));
+        section.line(format!("    accepted {verify}"));
         section.entry("verify", verify);
         let refresh = self.refresh.map(shown);
-        let again = if is_shared { "looked at" } else { "written" };
+        let again = if is_shared { "read" } else { "written" };
         section.lines(&format!("    {again} again every "), &refresh);
         section.entry("refresh", refresh);
         let when = self.when.as_ref().map(|condition| &condition.text);
@@ -233,7 +234,7 @@ impl Output {
         section.lines("    read again, and Cz resumes from the value read, when ", &restart);
         section.entry("restart", restart);
         section.line(match when {
-            Some(when) => format!("    only when {when}, otherwise held"),
+            Some(when) => format!("    written only when {when}; otherwise the register value stays"),
             None => "    no interlock".to_owned(),
         });
         section.entry("share", share);
@@ -274,7 +275,7 @@ impl RawOutput {
         let kind = check.line_kind(self.device.as_ref());
         if kind == Some(LineKind::Sysfs) {
             at.key("device")
-                .wrong(sysfs::ONLY_READ, "name the device of the control that is given the value");
+                .wrong(sysfs::ONLY_READ, "name the device of the control that receives the value");
             return None;
         }
         self.foreign_keys(at, kind);
@@ -284,9 +285,9 @@ impl RawOutput {
             _ => self.in_registers(at, device)?,
         };
         if share == Share::Ledger && refresh.is_some() {
-            let message = "a shared register is not refreshed: to write the same again could only undo what an operator does \
-                           meanwhile";
-            let help = "remove `refresh`: the register is read once in each `every` of its axis all the same";
+            let message = "a shared register is not refreshed: writing the same value again could overwrite \
+                           a change by the operator";
+            let help = "remove `refresh`: the gateway reads the register once in each `every` of its axis";
             at.key("refresh").warn_key(message, Some(help));
         }
         Some(Output {
@@ -316,20 +317,19 @@ impl RawOutput {
         }
         at.foreign(&["node"], "an OPC UA server", "remove it, or put the device on an opcua line");
         if kind == LineKind::Modbus {
-            let help = format!("`{device}` hangs on a Modbus line: write register = \"holding:100\"");
+            let help = format!("`{device}` is on a Modbus line: write register = \"holding:100\"");
             at.foreign(&["pdo", "sdo", "frame"], "a device on a CAN line", &help);
             register::not_smaller_than_a_register(&at.key("type"), self.kind, "take \"u16\" or \"i16\"");
             return;
         }
         let of_modbus = ["register", "word_order", "byte_swap", "beside", "stale", "set", "handshake"];
-        let help =
-            format!("`{device}` hangs on a CAN line: remove it; a value is written by pdo, sdo or frame");
+        let help = format!("`{device}` is on a CAN line: remove it; a value is written by pdo, sdo or frame");
         at.foreign(&of_modbus, "a Modbus device", &help);
         if at.key("restart").has("boot_counter") {
             at.foreign(&["restart"], "a Modbus device", &help);
         }
         if self.share == Some(Share::Ledger) {
-            let message = "a share of an operator's register belongs to a Modbus device";
+            let message = "share = \"ledger\" belongs to a Modbus device";
             at.key("share").wrong_key(message, help);
         }
     }
@@ -359,11 +359,12 @@ impl RawOutput {
         if !["pdo", "sdo", "frame"].into_iter().any(|key| at.has(key)) {
             if self.register.is_none() {
                 let help = "write a holding register, as \"holding:104\" or \"40105\"";
-                at.key("register").missing("`register` is missing: where is it written?", help);
+                at.key("register").missing("`register` is missing: where is the value written?", help);
             }
             if self.kind.is_none() {
                 let help = "allowed: u16, i16, u32, i32, u64, i64, f32, f64; the device's manual says which";
-                at.key("type").missing("`type` is missing: how does the value lie in its registers?", help);
+                at.key("type")
+                    .missing("`type` is missing: which type does the value have in its registers?", help);
             }
         }
         let place = at.key("register");
@@ -414,8 +415,9 @@ impl RawOutput {
         match self.scale {
             Some(scale) => register::scale(at, scale),
             None if is_whole => {
-                let help = "write the value of one count: µm of an offset or intercept, µm/mm of a slope, mm of a position";
-                at.missing("`scale` is missing: what is one count worth?", help);
+                let help = "write the size of one count: µm for an offset or intercept, µm/mm for a slope, \
+                            mm for a position";
+                at.missing("`scale` is missing: what is the size of one count?", help);
                 None
             }
             None => (!at.is_written()).then_some(Scale::ONE),
@@ -425,8 +427,8 @@ impl RawOutput {
     fn bias(&self, at: &At<'_>, data_type: DataType) -> i64 {
         let bias = self.bias.unwrap_or(0);
         if data_type.integer_range().is_none() && bias != 0 {
-            let help = "a floating-point register holds negative values as they are: remove `bias`";
-            at.wrong("a bias belongs to whole counts", help);
+            let help = "remove `bias`: a floating-point register can hold negative values";
+            at.wrong("`bias` belongs to integer types", help);
         }
         bias
     }
@@ -457,7 +459,7 @@ impl RawOutput {
                 let is_wrong = places.into_iter().any(|key| at.key(key).is_written());
                 if !is_wrong && self.register.is_none() {
                     let help = "write pdo = { … }, sdo = \"2000:01\" or frame = { … }";
-                    at.wrong_key("it is not said where the output is written", help);
+                    at.wrong_key("the place to which the output is written is missing", help);
                 }
                 return None;
             }
@@ -470,7 +472,7 @@ impl RawOutput {
         let owner = self.device.as_deref()?;
         if let Some(sdo) = &self.sdo {
             if self.read_back.is_some() {
-                let help = "remove it: the object that is written is read back itself";
+                let help = "remove it: the gateway reads back the object that it has written";
                 at.key("read_back").wrong_key("`read_back` belongs to pdo and frame", help);
             }
             let types = "allowed: u8, i8, u16, i16, u32, i32, u64, i64, f32, f64";
@@ -479,7 +481,7 @@ impl RawOutput {
             return Some((address, verify));
         }
         if self.kind.is_some() {
-            let help = "remove it: `length`, `signed` and `float` say it";
+            let help = "remove it: `length`, `signed` and `float` define the type";
             at.key("type").wrong_key("`type` belongs to registers and objects", help);
         }
         let (place, field, fill) = if let Some(pdo) = &self.pdo {
@@ -491,7 +493,7 @@ impl RawOutput {
             let mut field = frame.resolve(&place)?;
             if !std::mem::take(&mut field.multiplex).is_empty() {
                 let help = "write the multiplexer's bits into `fill`";
-                place.key("multiplex").wrong_key("a frame that is written has no choice", help);
+                place.key("multiplex").wrong_key("`multiplex` belongs to frames that are read", help);
             }
             (place, field, &frame.fill)
         };
@@ -514,13 +516,15 @@ impl RawOutput {
         let device = self.device.as_deref().unwrap_or_default();
         let of_axis = at.check.at("axis").key(name);
         if let Some((most, step)) = most.zip(axis.step).filter(|(most, step)| step > most) {
-            let message = format!("a step of {step} µm is more than `{device}` follows at once, {most} µm");
+            let message =
+                format!("a step of {step} µm is larger than `{device}` can follow at once, {most} µm");
             of_axis.key("step").wrong(message, format!("write step = {most:?} or less"));
         }
         let every = axis.every.map(|Timespan(every)| every);
         if let Some((least, every)) = least.zip(every).filter(|(least, every)| every < least) {
             let (least, every) = (shown(least), shown(every));
-            let message = format!("`{device}` follows one update in {least}, not one in {every}");
+            let message =
+                format!("`{device}` can follow one update in {least}, but the axis makes one in {every}");
             of_axis.key("every").wrong(message, format!("write every = \"{least}\" or longer"));
         }
     }

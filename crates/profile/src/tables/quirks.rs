@@ -10,7 +10,8 @@ use crate::duration::Timespan;
 
 /// Owner of `gateway`, and the hint for it on a line of RTU frames.
 pub(super) const OF_TCP: &str = "a modbus-tcp line";
-pub(super) const WAITS: &str = "remove it: a line of RTU frames waits for late answers by itself";
+pub(super) const WAITS: &str =
+    "remove it: on a line with RTU frames the gateway always waits for late answers";
 
 /// Special requirements of a device.
 #[derive(Debug, Default, Deserialize, JsonSchema)]

@@ -241,7 +241,7 @@ pub(super) fn holding(at: &At<'_>, text: Option<&String>) -> Option<Register> {
         return Some(address);
     }
     let message = if address.table.is_writable() {
-        format!("{address} is one bit; this does not fit into it")
+        format!("{address} is one bit, which cannot hold this value")
     } else {
         format!("{address} cannot be written: {} registers are read-only", address.table.name())
     };
@@ -271,8 +271,9 @@ pub(super) fn word_order(
         None if data_type.registers() == 1 => Some(WordOrder::MswFirst),
         None => {
             let (name, registers) = (data_type.name(), data_type.registers());
-            let message = format!("`word_order` is missing: {name} takes {registers} registers");
-            let help = "write \"msw-first\" (most significant register first) or \"lsw-first\"; devices differ, the manual says which";
+            let message = format!("`word_order` is missing: {name} needs {registers} registers");
+            let help = "write \"msw-first\" (most significant register first) or \"lsw-first\"; the manual \
+                        of the device says which";
             at.missing(message, help);
             None
         }

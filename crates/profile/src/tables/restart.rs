@@ -67,8 +67,8 @@ fn boot_counter(check: &Check<'_>, place: usize, known: &[Known]) -> Option<(Dev
     let output = check.outputs.get(place)?;
     let address = counts_there(&at, counts, output.address.node().is_some())?;
     if output.writes.position().is_some() {
-        let help = "remove `restart`: nothing has to walk in again there";
-        at.wrong_key("a corrected position is written again with each position", help);
+        let help = "remove `restart`: after a restart, a corrected position needs no new start of Cz";
+        at.wrong_key("a corrected position is written at each reading of the position", help);
         return None;
     }
     let device = check.devices.get(output.device.0)?;
@@ -79,7 +79,7 @@ fn boot_counter(check: &Check<'_>, place: usize, known: &[Known]) -> Option<(Dev
     if let Some(Known { address, line, .. }) = other {
         let address = address.register().map_or_else(|| address.to_string(), |register| register.to_string());
         let message = format!("`{}` has its boot counter at {address} already ({line})", device.name);
-        at.wrong(message, "a device is started as a whole: give its outputs the same one");
+        at.wrong(message, "a device restarts as a whole: write the same boot counter at all its outputs");
         return None;
     }
     Some((output.device, address, at.line()))
@@ -94,7 +94,7 @@ fn counts_there(at: &At<'_>, place: &Place, is_in_nodes: bool) -> Option<Address
     };
     let address = register(at, Some(text))?;
     if address.table.is_bits() {
-        let help = "write a holding or input register, as \"holding:98\"; one bit is watched by machine.on";
+        let help = "write a holding or input register, as \"holding:98\"; a single bit belongs in machine.on";
         at.wrong(format!("{address} is one bit: it cannot count"), help);
         return None;
     }

@@ -187,9 +187,9 @@ impl OutputSet {
         let outputs: Vec<&str> = self.members(profile).map(|output| output.name.as_str()).collect();
         let mut section = Section::default();
         if outputs.len() > 1 || self.sequence.is_some() || self.complement.is_some() {
-            section.line(format!("  {what}: {} land together in {device}", outputs.join(", ")));
+            section.line(format!("  {what}: {} are written together to {device}", outputs.join(", ")));
         } else {
-            section.line(format!("  {what}: taken by {device} with a handshake"));
+            section.line(format!("  {what}: accepted by {device} with a handshake"));
         }
         match requests.as_slice() {
             [one] => section.line(format!("    one request: {one}")),
@@ -199,15 +199,18 @@ impl OutputSet {
             }
         }
         if self.zeros {
-            section.line("    registers in it that are nobody's are written as 0");
+            section.line("    unused registers between its words are written as 0");
         }
         let version = self.version.as_ref().map(|(_, number)| format!("always {number}")).unwrap_or_default();
         for (key, meaning) in [
             ("heartbeat", "counts up with every write, 0 to 32767"),
             ("control", "bit 0 armed, 1 hold, 2 fault, 3 fallback model"),
             ("version", &version),
-            ("sequence", "counts up with every whole set, 1 to 65535; take the set when it changes"),
-            ("complement", "all its other words summed to 16 bits, inverted"),
+            (
+                "sequence",
+                "counts up with every complete set, 1 to 65535; the control takes the set when it changes",
+            ),
+            ("complement", "sum of all other words of the set in 16 bits, inverted"),
         ] {
             let at = self.own().find(|(own, _)| *own == key).map(|(_, at)| notation(&at));
             section.lines("", at.map(|at| format!("    {key} {at}: {meaning}")));
@@ -284,8 +287,9 @@ impl OutputSet {
             nodes.iter().map(|node| format!("{node} ({})", node.taken_as().name())).collect();
         let count = listed.len();
         let listed = listed.join(", ");
-        (count > 0)
-            .then(|| format!("one call that writes {count} nodes, in an order of the server's: {listed}"))
+        (count > 0).then(|| {
+            format!("one call that writes {count} nodes, in the order that the server chooses: {listed}")
+        })
     }
 
     /// Outputs of the set.
@@ -338,8 +342,8 @@ pub(super) fn resolve(check: &mut Check<'_>) {
         let Some(raw) = check.raw.output.get(name).and_then(|raw| raw.handshake.as_ref()) else { continue };
         let at = check.at("output").key(name);
         if members.iter().any(|(output, _)| *output == place) {
-            let help = "one strobe announces all of it: write `handshake` at the set";
-            at.key("handshake").wrong_key("its set is written as one", help);
+            let help = "write `handshake` at the set: one strobe announces the whole set";
+            at.key("handshake").wrong_key("the output belongs to a set, which is written as a whole", help);
             continue;
         }
         let Some(output) = check.outputs.get(place) else { continue };
@@ -392,15 +396,15 @@ fn members(check: &Check<'_>) -> Vec<(usize, usize)> {
 /// Reports an output that cannot be in a set or handshake, because its register must be read and not be shared.
 fn can_be_exchanged(at: &At<'_>, key: &str, output: &Output) {
     if output.writes.position().is_some() {
-        let help = format!("remove `{key}`: the readout is written as soon as its scale is read");
-        at.key(key).wrong_key("a corrected position goes at the scale's own pace", help);
+        let help = format!("remove `{key}`: the corrected position is written as soon as its scale is read");
+        at.key(key).wrong_key("a corrected position is written at each reading of the scale", help);
     }
     if at.check.raw.output.get(&output.name).is_some_and(|raw| raw.is_believed_by_its_echo()) {
         let message = format!("with a {key} the register is read before and after each write");
         at.key("verify").wrong(message, "write verify = \"read-back\"");
     }
     if output.share == Share::Ledger {
-        let message = format!("a share of an operator's register has no {key}");
+        let message = format!("share = \"ledger\" and {key} exclude each other");
         at.key("share").wrong(message, format!("remove `{key}`, or write share = \"whole\""));
     }
 }
@@ -437,9 +441,10 @@ impl RawSet {
         let is_wrong = handshake == Some(None);
         for output in of_set.iter().filter(|output| Some(output.device) != id) {
             let there = device.map_or("", |device| device.name.as_str());
-            let message = format!("set `{name}` is at `{there}`: one request cannot reach two devices");
+            let message =
+                format!("set `{name}` is written to `{there}`: one request cannot reach two devices");
             let of_output = check.at("output").key(&output.name);
-            of_output.key("device").wrong(message, "give it a set of its own");
+            of_output.key("device").wrong(message, "use another set for this output");
         }
         let set = OutputSet {
             name: name.to_owned(),
@@ -461,11 +466,11 @@ impl RawSet {
         }
         let requests = set.stretches(of_set.into_iter(), device.longest_request()).len();
         if requests > 1 && set.zeros {
-            let message = format!("with the registers between its words it takes {requests} requests");
-            at.key("zeros").wrong_key(message, "put its words nearer to each other, or remove `zeros`");
+            let message = format!("with the registers between its words, the set needs {requests} requests");
+            at.key("zeros").wrong_key(message, "put the words of the set closer together, or remove `zeros`");
         } else if requests > 1 && self.sequence.is_none() && self.handshake.is_none() {
-            let message = format!("it takes {requests} requests to write: the control could see half of it");
-            let help = "give it a `sequence` or a `handshake`, or registers side by side";
+            let message = format!("the set needs {requests} requests: the control could read half of it");
+            let help = "write a `sequence` or a `handshake`, or use adjacent registers";
             at.wrong_key(message, help);
         }
         (!is_wrong).then_some(set)

@@ -216,7 +216,7 @@ impl Signal {
         let unit = self.unit;
         let mut doubts = Vec::new();
         if let Some(PcSensor::OneWire(_)) = self.address.sensor() {
-            doubts.push("where its checksum is wrong or it reads all zero".to_owned());
+            doubts.push("with a wrong checksum, or with all bits zero".to_owned());
         }
         if self.address.sensor().is_some_and(PcSensor::is_ds18b20) {
             doubts.push("at exactly 85 °C (power-on)".to_owned());
@@ -326,14 +326,15 @@ impl RawSignal {
         let (Some(kind), Some(device)) = (kind, &self.device) else { return };
         if kind == LineKind::Sysfs {
             let help = format!(
-                "`{device}` is sensors of this computer: write sensor = \"w1:28-…\" or \"hwmon:NAME/LABEL\""
+                "`{device}` stands for sensors of this computer: write sensor = \"w1:28-…\" or \
+                 \"hwmon:NAME/LABEL\""
             );
             at.foreign(
                 &["register", "node", "dbc", "pdo", "sdo", "frame", "channel"],
                 "another kind of line",
                 &help,
             );
-            let help = "remove it: the kernel gives a temperature, and says itself when there is none";
+            let help = "remove it: the kernel gives a temperature, and reports itself if there is none";
             at.foreign(
                 &["type", "word_order", "byte_swap", "merge", "bad", "counter"],
                 "another kind of line",
@@ -346,20 +347,21 @@ impl RawSignal {
             let help = format!("`{device}` is an OPC UA server: write node = \"ns=2;s=…\"");
             at.foreign(&["register", "word_order", "byte_swap", "merge"], "a Modbus device", &help);
             at.foreign(&["dbc", "pdo", "sdo", "frame"], "a device on a CAN line", &help);
-            let help = "remove it: a node is read as it stands";
+            let help = "remove it: a node needs no command before a read";
             at.key("counter").foreign(&["capture"], "a Modbus device", help);
             return;
         }
         at.foreign(&["node"], "an OPC UA server", "remove it, or put the device on an opcua line");
         if kind == LineKind::Modbus {
-            let help = format!("`{device}` hangs on a Modbus line: write register = \"input:0\"");
+            let help = format!("`{device}` is on a Modbus line: write register = \"input:0\"");
             at.foreign(&["dbc", "pdo", "sdo", "frame"], "a device on a CAN line", &help);
-            let help = "take \"u16\" or \"i16\", or one bit, as \"input:50.3\"";
+            let help = "use \"u16\" or \"i16\", or one bit, as \"input:50.3\"";
             register::not_smaller_than_a_register(&at.key("type"), self.kind, help);
             return;
         }
         let help = format!(
-            "`{device}` hangs on a CAN line: remove it, and write dbc, pdo, sdo or frame to say where the value is"
+            "`{device}` is on a CAN line: remove it, and write dbc, pdo, sdo or frame for the place of the \
+             value"
         );
         at.foreign(&["register", "word_order", "byte_swap", "merge"], "a Modbus device", &help);
         let help = "remove it: a CAN device sends its count by itself";
@@ -411,8 +413,8 @@ impl RawSignal {
             let most = device.quirks.max_registers_per_request;
             if data_type.registers() > most {
                 let (name, registers) = (data_type.name(), data_type.registers());
-                let message = format!("{name} takes {registers} registers, one request reads {most}");
-                let help = "raise `max_registers_per_request` in the quirks, or take a smaller type";
+                let message = format!("{name} needs {registers} registers, but one request reads {most}");
+                let help = "raise `max_registers_per_request` in the quirks, or use a smaller type";
                 at.key("type").wrong(message, help);
             }
         }
@@ -446,7 +448,7 @@ impl RawSignal {
         if kind.is_none() {
             let help =
                 "allowed: bool, u16, i16, u32, i32, u64, i64, f32, f64; the device's manual says which";
-            at.missing("`type` is missing: how does the value lie in its registers?", help);
+            at.missing("`type` is missing: which type does the value have in its registers?", help);
         }
         kind
     }
@@ -455,7 +457,7 @@ impl RawSignal {
         let device = self.device.as_deref()?;
         let own = (self.scale.unwrap_or(1.0), self.offset.unwrap_or(0.0));
         let (address, (scale, offset), unit) = if let Some(name) = &self.dbc {
-            self.no_type(at, "remove it: the DBC file says how many bits there are, and of which kind");
+            self.no_type(at, "remove it: the DBC file defines the bits and their type");
             let found = dbc::described(&at.key("dbc"), name, device)?;
             let scale = self.scale_over(at, &found)?;
             self.agrees_with_unit(at, found.unit);
@@ -476,7 +478,7 @@ impl RawSignal {
             let is_wrong = ["dbc", "pdo", "sdo", "frame"].into_iter().any(|key| at.key(key).is_written());
             if self.register.is_none() && !is_wrong {
                 let help = "write dbc = \"Message.Signal\", pdo = { … }, sdo = \"7130:01\" or frame = { … }";
-                at.wrong_key("it is not said where the signal is read", help);
+                at.wrong_key("the place from which the signal is read is missing", help);
             }
             return None;
         };
@@ -511,10 +513,10 @@ impl RawSignal {
             return Some((self.scale.unwrap_or(1.0), self.offset.unwrap_or(0.0)));
         }
         let message = format!(
-            "the DBC file has scale {} and offset {}; one of them cannot be replaced alone",
+            "the DBC file has scale {} and offset {}; `scale` and `offset` can only be replaced together",
             found.scale, found.offset
         );
-        at.key(there).wrong(message, format!("write `{missing}` as well, or leave both to the file"));
+        at.key(there).wrong(message, format!("write `{missing}` as well, or remove both"));
         None
     }
 
@@ -523,10 +525,10 @@ impl RawSignal {
         let Some((own, of_file)) = own.zip(of_file).filter(|(own, of_file)| own != of_file) else { return };
         if self.scale.is_none() {
             let help = format!(
-                "write unit = \"{}\", or `scale` and `offset` that make \"{}\" of the raw count",
+                "write unit = \"{}\", or the `scale` and `offset` that convert the raw count to \"{}\"",
                 of_file.0, own.0
             );
-            at.key("unit").wrong(format!("the DBC file has it in \"{}\"", of_file.0), help);
+            at.key("unit").wrong(format!("the DBC file has this signal in \"{}\"", of_file.0), help);
         }
     }
 
@@ -551,15 +553,18 @@ impl RawSignal {
             format!("`max_age` is {}, `{}` is read every {}", shown(age), device.name, shown(every));
         if device.read == ReadBy::Subscription && age < SENT_WITHIN * every {
             let help = format!(
-                "allow \"{}\", or write read = \"poll\" at the device",
+                "write max_age = \"{}\", or write read = \"poll\" at the device",
                 shown((SENT_WITHIN + 1) * every)
             );
-            at.wrong(format!("{figures}: what a subscription brings may be {SENT_WITHIN} periods old"), help);
+            at.wrong(
+                format!("{figures}: a value from a subscription may be {SENT_WITHIN} periods old"),
+                help,
+            );
             return None;
         }
-        let help = format!("allow at least two polls, \"{}\"", shown(2 * every));
+        let help = format!("allow at least two polls: write max_age = \"{}\"", shown(2 * every));
         if age <= every {
-            at.wrong(format!("{figures}: the signal would always go stale"), help);
+            at.wrong(format!("{figures}: the signal would always become stale"), help);
         } else if age < 2 * every {
             at.warn(format!("{figures}: one late answer makes the signal stale"), help);
         }
@@ -571,7 +576,7 @@ impl RawSignal {
 const SENT_WITHIN: u32 = 4;
 
 /// Hint for `type` of a value in frames.
-const OF_BITS: &str = "remove it: `length`, `signed` and `float` say it";
+const OF_BITS: &str = "remove it: `length`, `signed` and `float` define the type";
 
 fn no_fill(at: &At<'_>, is_there: bool) {
     if is_there {

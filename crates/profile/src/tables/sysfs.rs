@@ -22,8 +22,9 @@ pub(super) const ONLY_READ: &str =
 pub(super) fn root(at: &At<'_>, address: Option<&String>) -> Option<String> {
     let Some(address) = address else { return Some(ROOT.to_owned()) };
     if !address.starts_with('/') {
-        let help = "leave it out: \"/sys\"; in a container, where the host's is mounted: \"/host/sys\"";
-        at.key("address").wrong(format!("`{address}` is no whole path of a directory"), help);
+        let help = "remove it (default \"/sys\"); in a container, write the directory where the host's /sys \
+                    is mounted: \"/host/sys\"";
+        at.key("address").wrong(format!("`{address}` is no absolute path of a directory"), help);
         return None;
     }
     if let Some(inside) = ["/class", "/bus/"].iter().find_map(|inside| address.find(inside)) {
@@ -31,7 +32,7 @@ pub(super) fn root(at: &At<'_>, address: Option<&String>) -> Option<String> {
             "write the directory above: \"{}\"; the sensor is named at its signal",
             &address[..inside]
         );
-        at.key("address").wrong(format!("`{address}` lies inside of what the kernel shows"), help);
+        at.key("address").wrong(format!("`{address}` is a directory inside of the kernel's directory"), help);
         return None;
     }
     Some(address.clone())
@@ -46,7 +47,7 @@ pub(super) fn sensor(signal: &At<'_>, text: Option<&String>) -> Option<PcSensor>
         if !is_elsewhere {
             let help = "write \"w1:28-0316a2794f01\", \"hwmon:NAME/LABEL\" or \"iio:NAME/LABEL\"; `isotherm scan --bus /sys` lists \
                         what this computer has";
-            at.missing("`sensor` is missing: which one is read?", help);
+            at.missing("`sensor` is missing: which sensor is read?", help);
         }
         return None;
     };
@@ -76,12 +77,12 @@ pub(super) fn too_quick(check: &Check<'_>) {
         let at = check.at("bus").key(&bus.name).key("timeout");
         if bus.timeout < ONE_WIRE && at.is_written() {
             at.warn(
-                format!("{takes}, and is waited for {}", shown(bus.timeout)),
-                "write \"2s\", or leave it out",
+                format!("{takes}, but `timeout` is {}", shown(bus.timeout)),
+                "write \"2s\", or remove the key",
             );
         } else if device.every < ONE_WIRE {
-            let message = format!("{takes}, and is read every {}", shown(device.every));
-            let help = "write every = \"1s\" or longer at its device; quicker sensors can have a device of their own";
+            let message = format!("{takes}, but is read every {}", shown(device.every));
+            let help = "write every = \"1s\" or longer at its device; faster sensors can have another device";
             check.at("device").key(&device.name).key("every").warn(message, help);
         } else {
             continue;

@@ -126,11 +126,12 @@ pub struct WebTls {
 
 /// Default port of the page.
 const USUAL: u16 = 8080;
-const LISTEN: &str = "write host and port, as \"127.0.0.1:8080\"; port 0 takes any free one";
+const LISTEN: &str = "write host and port, as \"127.0.0.1:8080\"; port 0 selects any free port";
 
 /// Hint for a page that listens beyond loopback without encryption.
-pub const PLAIN: &str = "whoever listens on that network reads the token: give `tls = { cert = …, key = … }` in [web], or \
-    write `plain = true` there, where nobody else is on it";
+pub const PLAIN: &str = "every computer on this network can read the token: write \
+                         `tls = { cert = …, key = … }` in [web]. Write `plain = true` in [web] only if no \
+                         other computer is on the network";
 
 impl RawWeb {
     pub(super) fn resolve(&self, at: &At<'_>) -> Web {
@@ -157,7 +158,7 @@ impl RawWeb {
         for (place, host) in self.hosts.iter().enumerate() {
             if !is_name(host) {
                 let help = "write the name alone, as \"gw7.plant.example\": no scheme, no port, no path";
-                at.key("hosts").item(place).wrong(format!("`{host}` is no name of a computer"), help);
+                at.key("hosts").item(place).wrong(format!("`{host}` is no host name"), help);
             }
         }
         Web {
@@ -176,26 +177,27 @@ impl RawWeb {
     fn without_tls(&self, at: &At<'_>, listen: &str) {
         let what = format!("`{listen}` is open to the network in plain text");
         match self.plain {
-            Some(true) => at.key("plain").warn(format!("{what}, as this says"), PLAIN),
+            Some(true) => at.key("plain").warn(format!("{what}, because of `plain`"), PLAIN),
             _ => at.key("listen").wrong(what, PLAIN),
         }
     }
 
     fn check_tokens(&self, at: &At<'_>) {
         if self.token_file.is_some() && self.token_file == self.viewer_token_file {
-            let help = "give each its own file: whoever looks could command";
-            at.key("viewer_token_file").wrong("it is the operator's token file", help);
+            let help = "use two files: otherwise every viewer could give commands";
+            at.key("viewer_token_file").wrong("this is the operator's token file", help);
         }
         for (other, whose) in [(&self.token_file, "operator's"), (&self.viewer_token_file, "viewer's")] {
             if self.scrape_token_file.is_some() && self.scrape_token_file == *other {
-                let help = "give each its own file: what collects figures is to read /metrics alone";
-                at.key("scrape_token_file").wrong(format!("it is the {whose} token file"), help);
+                let help = "use two files: a collector should only read /metrics";
+                at.key("scrape_token_file").wrong(format!("this is the {whose} token file"), help);
             }
         }
         if self.commands == Some(Commands::Local) {
-            let help = "leave it out, and give `token_file`: a file that `isotherm token --out FILE` makes. What comes over `ssh -L`, \
-                        socat, or a proxy that says nothing of itself looks as if it were from this computer";
-            at.key("commands").warn("everybody on this computer may arm the axes through the page", help);
+            let help = "remove `commands`, and write `token_file`: a file that `isotherm token --out FILE` \
+                        makes. A request through `ssh -L`, socat, or a proxy without a header of its own \
+                        looks as if it came from this computer";
+            at.key("commands").warn("every user of this computer can arm the axes through the page", help);
         }
     }
 }

@@ -21,10 +21,10 @@ pub fn changes(before: &str, now: &str) -> Vec<String> {
         match before.remove(&key) {
             Some(old) if old == value => {}
             Some(old) => changes.push(format!("{key}: {old} → {value}")),
-            None => changes.push(format!("{key}: {value}, which is new")),
+            None => changes.push(format!("{key}: {value} (new)")),
         }
     }
-    changes.extend(before.into_iter().map(|(key, old)| format!("{key}: {old}, which is gone")));
+    changes.extend(before.into_iter().map(|(key, old)| format!("{key}: {old} (removed)")));
     changes
 }
 

@@ -84,7 +84,7 @@ pub(super) fn of_member(object: &str, place: u16, stride: u16) -> Result<String,
     let far = u32::from(place) * u32::from(stride);
     let (index, sub) = object.split_once(':').ok_or_else(|| format!("`{object}` is no CANopen object"))?;
     let sub = u32::from_str_radix(sub, 16).ok().map(|sub| sub + far).and_then(|sub| u8::try_from(sub).ok());
-    let sub = sub.ok_or_else(|| format!("{object} and {far} more is beyond the last subindex, FF"))?;
+    let sub = sub.ok_or_else(|| format!("{object} plus {far} is beyond the last subindex, FF"))?;
     Ok(format!("{index}:{sub:02X}"))
 }
 
@@ -130,7 +130,7 @@ pub(super) fn shifted(register: &str, place: u16, stride: u16, base: u16) -> Res
         None => offset += far,
     }
     flag.address.offset = u16::try_from(offset)
-        .map_err(|_| format!("{register} and {far} registers more is beyond the last register, 65535"))?;
+        .map_err(|_| format!("{register} plus {far} registers is beyond the last register, 65535"))?;
     Ok(flag.to_string())
 }
 

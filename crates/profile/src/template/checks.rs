@@ -17,7 +17,7 @@ impl Filling<'_> {
         let definition = self.known[device].clone();
         let names = || definition.checks.iter().map(|(name, _)| name.as_str());
         for name in expect.keys().filter(|name| !names().any(|known| known == *name)) {
-            let message = format!("template `{}` checks no `{name}`", self.templates[device].name);
+            let message = format!("template `{}` has no check `{name}`", self.templates[device].name);
             let at = child(&child(&path, "expect"), name);
             self.errors.push(self.spans.at_key(&at, message, Some(allowed(name, names()))));
         }
@@ -33,7 +33,7 @@ impl Filling<'_> {
             let what = text(group, "what").unwrap_or(name);
             let equals = match expect.get(name) {
                 Some(Value::String(_)) => {
-                    unchecked.push(format!("{what}: the profile says so"));
+                    unchecked.push(format!("{what}: because of `expect` in the profile"));
                     continue;
                 }
                 Some(number) => number.clone(),
@@ -70,7 +70,13 @@ impl Filling<'_> {
                 };
                 match moved {
                     Ok(moved) => entry.insert(key.to_owned(), Value::from(moved)),
-                    Err(why) => return self.wrong(&child(&path, "template"), why, "correct its file"),
+                    Err(why) => {
+                        return self.wrong(
+                            &child(&path, "template"),
+                            why,
+                            "correct the file of the template",
+                        );
+                    }
                 };
                 let key = if expect.contains_key(name) {
                     child(&child(&path, "expect"), name)

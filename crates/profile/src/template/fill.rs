@@ -173,10 +173,13 @@ impl<'a> Filling<'a> {
         let Some(found) = list.iter().find(|known| known.name == channel).cloned() else {
             let template = &self.templates[&device].name;
             let help = match (list.is_empty(), other.iter().any(|known| known.name == channel)) {
-                (_, true) if is_signal => "it is written, not read: name it at an output".to_owned(),
-                (_, true) => "it is read, not written: name it at a signal".to_owned(),
+                (_, true) if is_signal => "this channel is written, not read: use it at an output".to_owned(),
+                (_, true) => "this channel is read, not written: use it at a signal".to_owned(),
                 (true, _) => {
-                    format!("nothing of `{template}` can be {}", if is_signal { "read" } else { "written" })
+                    format!(
+                        "no channel of `{template}` can be {}",
+                        if is_signal { "read" } else { "written" }
+                    )
                 }
                 _ => allowed(&channel, list.iter().map(|known| known.name.as_str())),
             };
@@ -215,7 +218,7 @@ impl<'a> Filling<'a> {
             if !self.spans.contains(&at) {
                 let template = &self.templates[device].name;
                 let why = definition_text(&self.known[device], &channel.group).unwrap_or_default();
-                let message = format!("`{key}` is missing: template `{template}` leaves it to you");
+                let message = format!("`{key}` is missing: template `{template}` does not set it");
                 let help = if why.is_empty() { "the device's manual says which".to_owned() } else { why };
                 self.errors.push(self.spans.at_key(&at, message, Some(help)));
                 self.spans.fill_in(&at, &child(&path, "channel"), "");
@@ -315,7 +318,8 @@ impl<'a> Filling<'a> {
         for (name, register) in silent.collect::<Vec<_>>() {
             let template = &self.templates[&name].name;
             let message = format!(
-                "`{template}` looks for a heartbeat in {register}, and nothing sends it one: `{name}` would take the gateway for dead"
+                "`{template}` expects a heartbeat in {register}, but the profile sends none: `{name}` would \
+                 detect a failed gateway"
             );
             let help = format!("add [heartbeat] with device = \"{name}\" and every = \"500ms\"");
             self.wrong(&child(&child("device", &name), "template"), message, help);
@@ -351,9 +355,11 @@ fn pinned(template: &str, pin: Option<&str>, text: &str) -> Result<(), Wrong> {
     match pin {
         Some(pin) if !pin.eq_ignore_ascii_case(&found) => Err((
             "sha256",
-            format!("template `{template}` is not the one that this profile was written for: its SHA-256 is {found}"),
-            "look at what it brings now (`check` shows it without this key, and what has changed since the last run); then \
-             write the new one"
+            format!(
+                "template `{template}` is not the one that this profile was written for: its SHA-256 is {found}"
+            ),
+            "read what the template contains now: without this key, `check` shows the template, and its \
+             changes since the last run. Then write the new SHA-256"
                 .to_owned(),
         )),
         _ => Ok(()),

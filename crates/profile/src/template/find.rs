@@ -56,7 +56,8 @@ pub(super) fn find(name: &str, files: &Files<'_>, errors: &mut Found) -> Result<
     let plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
     let file = format!("{DIRECTORY}/{name}.toml");
     let own = if name.bytes().all(plain) { files.text(&file) } else { Ok(None) };
-    let own = own.map_err(|why| ("template", why, "may this user read it?".to_owned()))?;
+    let own =
+        own.map_err(|why| ("template", why, "does this user have permission to read it?".to_owned()))?;
     let own_file = own.is_some().then(|| files.path(&file));
     let Some(text) = own.map(Cow::Owned).or_else(|| shipped::text(name).map(Cow::Borrowed)) else {
         let mut known: Vec<String> = shipped::names().map(str::to_owned).collect();
@@ -64,7 +65,7 @@ pub(super) fn find(name: &str, files: &Files<'_>, errors: &mut Found) -> Result<
         known.sort();
         known.dedup();
         let help = format!(
-            "{}; your own lies in {} beside the profile",
+            "{}; a template of your own must be in {} beside the profile",
             nearest_names(name, &known),
             format_args!("{DIRECTORY}/NAME.toml")
         );
@@ -144,7 +145,7 @@ impl Definition {
         }
         let movable = body.get("movable").and_then(Value::as_bool).unwrap_or(false);
         if base.is_some() && !movable {
-            let message = format!("the registers of template `{name}` are where its maker put them");
+            let message = format!("the registers of template `{name}` have fixed addresses");
             return Err(("base", message, "remove `base`".to_owned()));
         }
         let members = |table: &str| expanded(&body, table, base.unwrap_or(0));
@@ -152,8 +153,9 @@ impl Definition {
             let only = Group::from_iter([("register".to_owned(), body.get(key)?.clone())]);
             of_group(key, &only, base.unwrap_or(0)).ok()?.pop()?.keys.remove("register")
         };
-        let broken =
-            |why: String| ("template", format!("template `{name}`: {why}"), "correct its file".to_owned());
+        let broken = |why: String| {
+            ("template", format!("template `{name}`: {why}"), "correct the file of the template".to_owned())
+        };
         let set = match body.get("set").and_then(Value::as_object) {
             Some(set) => {
                 let set = of_group("set", set, base.unwrap_or(0)).map_err(broken)?.pop();

@@ -75,7 +75,7 @@ fn channels(name: &str, group: &Value) -> Vec<String> {
 }
 
 fn asks(group: &Value) -> Vec<(String, String)> {
-    let why = group.get("unverified").and_then(Value::as_str).unwrap_or("the manual does not say it");
+    let why = group.get("unverified").and_then(Value::as_str).unwrap_or("not stated in the manual");
     let keys = group.get("ask").and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str);
     keys.map(|key| (key.to_owned(), why.to_owned())).collect()
 }

@@ -28,15 +28,15 @@ fn made() -> Value {
         let known = known.into_iter().flatten().filter(|(key, _)| !without.contains(&key.as_str()));
         known.map(|(key, schema)| (key.clone(), schema.clone())).collect::<Map<_, _>>()
     };
-    let channels = groups(keys("Signal", &OF_SIGNAL), "A group of channels that are alike.");
-    let targets = groups(keys("Output", &OF_OUTPUT), "What an output can write.");
+    let channels = groups(keys("Signal", &OF_SIGNAL), "Group of similar channels.");
+    let targets = groups(keys("Output", &OF_OUTPUT), "Values that an output can write.");
     let mut checks = keys("Verify", &[]);
-    checks.insert("of".to_owned(), text("The group of channels of which each that is used is checked."));
-    let checks = groups(checks, "What is read before arming.");
+    checks.insert("of".to_owned(), text("Group of channels. Each used channel of the group is checked."));
+    let checks = groups(checks, "Values that are read before arming.");
     let device = keys("Device", &[]);
     let variant = closed(
         Map::from_iter([
-            ("title".to_owned(), text("What the variant is.")),
+            ("title".to_owned(), text("Name of the variant.")),
             ("channel".to_owned(), channels.clone()),
             ("target".to_owned(), targets.clone()),
             ("check".to_owned(), checks.clone()),
@@ -44,27 +44,30 @@ fn made() -> Value {
         &[],
     );
     let properties = Map::from_iter([
-        ("title".to_owned(), text("Make and kind of the device.")),
-        ("source".to_owned(), text("The manual or the public page that the registers are taken from.")),
-        ("notes".to_owned(), list("What a person should know who uses it.")),
-        ("unverified".to_owned(), list("What nobody has verified against the manual or on the device.")),
+        ("title".to_owned(), text("Manufacturer and type of the device.")),
+        ("source".to_owned(), text("Source of the registers: a manual or a public page.")),
+        ("notes".to_owned(), list("Notes for users of the device.")),
+        ("unverified".to_owned(), list("Facts that are not verified against the manual or on the device.")),
         (
             "movable".to_owned(),
-            json!({ "description": "Its registers begin where `base` of the device says.", "type": "boolean" }),
+            json!({ "description": "Whether `base` of the device moves the registers.", "type": "boolean" }),
         ),
         ("functions".to_owned(), device.get("functions").cloned().unwrap_or_default()),
         ("quirks".to_owned(), device.get("quirks").cloned().unwrap_or_default()),
-        ("dbc".to_owned(), text("CAN: the DBC file that describes its frames, beside the template.")),
+        ("dbc".to_owned(), text("CAN: DBC file that describes the frames, beside the template.")),
         ("node".to_owned(), node(&device)),
         ("channel".to_owned(), channels),
         ("target".to_owned(), targets),
         ("check".to_owned(), checks),
-        ("set".to_owned(), json!({ "$ref": "#/$defs/Set", "description": "How its targets land together." })),
+        (
+            "set".to_owned(),
+            json!({ "$ref": "#/$defs/Set", "description": "Set in which the targets are written together." }),
+        ),
         ("heartbeat".to_owned(), text("The register of `[heartbeat]`.")),
         (
             "variant".to_owned(),
             json!({
-                "description": "Kinds of the device between which the profile chooses.",
+                "description": "Variants of the device. The profile selects one.",
                 "type": "object",
                 "additionalProperties": variant,
             }),
@@ -84,7 +87,7 @@ fn node(device: &Map<String, Value>) -> Value {
     let keys = NODE.map(|key| (key.to_owned(), device.get(key).cloned().unwrap_or_default()));
     let mut table = closed(Map::from_iter(keys), &[]);
     if let Some(table) = table.as_object_mut() {
-        table.insert("description".to_owned(), Value::from("What a CANopen node of this kind is given."));
+        table.insert("description".to_owned(), Value::from("Settings of a CANopen node of this type."));
     }
     table
 }
@@ -95,16 +98,22 @@ fn groups(mut keys: Map<String, Value>, what: &str) -> Value {
         |what: &str| json!({ "description": what, "type": "integer", "minimum": 0, "maximum": 65535 });
     keys.insert(
         "name".to_owned(),
-        text("The members' name; `{n}` is the number. Default: the group's name."),
+        text("Name of the members; `{n}` is the number. Default: the group's name."),
     );
-    keys.insert("count".to_owned(), whole("How many there are. Default 1."));
-    keys.insert("from".to_owned(), whole("The number of the first. Default 0."));
+    keys.insert("count".to_owned(), whole("Number of members. Default 1."));
+    keys.insert("from".to_owned(), whole("Number of the first member. Default 0."));
     keys.insert(
         "stride".to_owned(),
-        whole("Registers, bits of a frame or subindexes from one to the next. Default: as many as a value takes."),
+        whole(
+            "Distance between members in registers, bits of a frame or subindexes. Default: the length of \
+             one value.",
+        ),
     );
-    keys.insert("unverified".to_owned(), text("What of this group nobody has verified."));
-    keys.insert("ask".to_owned(), list("Keys that the profile must give: a wrong guess would move an axis."));
+    keys.insert("unverified".to_owned(), text("Fact about this group that is not verified."));
+    keys.insert(
+        "ask".to_owned(),
+        list("Keys that the profile must set, because a wrong guess would move an axis."),
+    );
     json!({ "description": what, "type": "object", "additionalProperties": closed(keys, &[]) })
 }
 

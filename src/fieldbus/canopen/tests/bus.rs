@@ -237,7 +237,7 @@ fn what_the_node_has_not_or_does_not_let_write_is_refused_in_words() {
     let read_only = "refused: the object can only be read (abort 0601 0002h)";
     assert_eq!(reported(NAME, Some(b"y")), read_only);
     assert_eq!(reported(NAME, Some(b"a longer name")), read_only);
-    let length = "refused: the data has not the length of the object (abort 0607 0010h)";
+    let length = "refused: the data does not have the length of the object (abort 0607 0010h)";
     assert_eq!(reported(SHORT, Some(&[1, 2])), length);
     assert_eq!(reported(SHORT, Some(&[1, 2, 3, 4, 5])), length);
 }

@@ -118,7 +118,7 @@ fn a_missed_heartbeat_and_one_that_never_came_are_reported_once() {
     assert_eq!(led.tick(9), [reported(2, never)]);
     assert_eq!(led.master.due(), None, "there is nobody left to be missed");
     assert_eq!(led.hear(0x701, OPERATIONAL, 11), [reported(1, NodeEvent::Back { after: SECOND * 10 })]);
-    assert_eq!(never.to_string(), "was never heard of: no heartbeat for 5s");
+    assert_eq!(never.to_string(), "was never seen: no heartbeat for 5s");
     assert_eq!(lost.to_string(), "is silent: no heartbeat for 2s");
 }
 

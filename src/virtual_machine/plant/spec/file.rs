@@ -103,7 +103,7 @@ impl PlantFile {
         let mut check = Check { names, errors: Vec::new() };
         for (place, (name, _)) in check.names.clone().iter().enumerate() {
             let twice = check.names[..place].iter().any(|(other, _)| other == name);
-            check.demand(!twice, || format!("`{name}` is both a node and of the structure"));
+            check.demand(!twice, || format!("`{name}` is used twice among the nodes, ports and points"));
         }
         let nodes: Vec<Node> = self.node.into_iter().map(|(name, node)| Node { name, ..node }).collect();
         nodes.iter().for_each(|node| node.check(&mut check));
@@ -169,7 +169,7 @@ impl AmbientSpec {
 impl Node {
     fn check(&self, check: &mut Check) {
         let Node { name, capacity, initial } = self;
-        check.demand(name != AMBIENT, || format!("node.{AMBIENT}: this name belongs to the air"));
+        check.demand(name != AMBIENT, || format!("node.{AMBIENT}: this name is reserved for the air"));
         check.demand(capacity.is_finite() && *capacity > 0.0, || {
             format!("node.{name}.capacity: {capacity} J/K; must be more than 0")
         });
@@ -196,7 +196,7 @@ impl LinkFile {
             }
         };
         check.demand(!matches!(other, Point::Spot(_)), || {
-            format!("{place}: a place where temperature is measured takes no heat; link a port")
+            format!("{place}: a measuring point of the structure cannot be linked; link a port")
         });
         Link { node, other, conductance: self.conductance }
     }
@@ -256,7 +256,10 @@ fn stable(nodes: &[Node], links: &[Link], structure: Option<&Structure>, check: 
         let sinks = sinks.filter(|sink| sink.point == Point::Node(index)).map(|sink| sink.conductance);
         let total = total + sinks.sum::<f64>();
         check.demand(total * STEP.as_secs_f64() < 0.1 * node.capacity, || {
-            format!("node.{}: {total} W/K is too much for {} J/K", node.name, node.capacity)
+            format!(
+                "node.{}: links of {total} W/K in all are too much for a capacity of {} J/K",
+                node.name, node.capacity
+            )
         });
     }
     let ports = structure.map_or(0, |structure| structure.ports.len());
@@ -265,7 +268,10 @@ fn stable(nodes: &[Node], links: &[Link], structure: Option<&Structure>, check: 
         let total: f64 = mine.map(|link| link.conductance).sum();
         let yields = structure.map_or(0.0, |structure| structure.yields(port));
         check.demand(total * yields < 0.1, || {
-            format!("structure: {total} W/K is too much for a port that 1 W warms by {yields} K in a step")
+            format!(
+                "structure: links of {total} W/K in all are too much for a port that 1 W warms by {yields} K \
+                 in a step"
+            )
         });
     }
 }

@@ -114,8 +114,8 @@ fn what_is_wrong_around_a_structure_is_reported_by_name() {
         wrong(&[("foot = \"bed\"", "feet = \"bed\""), ("air_low = \"room\"", "air_low = \"rails_1\"")]);
     for part in [
         "structure.sinks: there is no sink `feet`; there are air_high, air_low, covers, foot, inside",
-        "structure.sinks.foot: is missing: a node, or ambient",
-        "structure.sinks.air_low: `rails_1` is of the structure itself; name a node, or ambient",
+        "structure.sinks.foot: is missing; name a node, or ambient",
+        "structure.sinks.air_low: `rails_1` is a part of the structure; name a node, or ambient",
     ] {
         assert!(reported.contains(part), "{reported}");
     }
@@ -126,14 +126,14 @@ fn what_is_wrong_around_a_structure_is_reported_by_name() {
     );
     let reported = wrong(&[("\"rails_3\", \"head\"", "\"head\", \"column_front_3\"")]);
     assert!(
-        reported.contains("a place where temperature is measured takes no heat; link a port"),
+        reported.contains("a measuring point of the structure cannot be linked; link a port"),
         "{reported}"
     );
     let reported = wrong(&[("\nroom = ", "\nrails_2 = { capacity = 1e5, initial = 20.0 }\nroom = ")]);
-    assert!(reported.contains("`rails_2` is both a node and of the structure"), "{reported}");
+    assert!(reported.contains("`rails_2` is used twice among the nodes, ports and points"), "{reported}");
     let reported = wrong(&[("conductance = 5.0", "conductance = 5.0e5")]);
     assert!(
-        reported.contains("structure: 500000 W/K is too much for a port that 1 W warms by"),
+        reported.contains("structure: links of 500000 W/K in all are too much for a port that 1 W warms by"),
         "{reported}"
     );
     let reported = wrong(&[("position = \"scale_y\"", "position = \"scale_x\"")]);

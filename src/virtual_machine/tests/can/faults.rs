@@ -13,9 +13,9 @@ fn what_makes_no_sense_on_a_can_line_is_refused() {
     for (text, expected) in [
         (
             fault("axtc", "exception", "code = 4"),
-            "means nothing on a CAN line; allowed: silent, late, garbage",
+            "not possible on a CAN line; allowed: silent, late, garbage",
         ),
-        (fault("axtc", "refuse", ""), "means nothing on a CAN line"),
+        (fault("axtc", "refuse", ""), "not possible on a CAN line"),
         (fault("axtc", "emergency", ""), "`code` is missing, for example 0x5030"),
         (fault("axtc", "emergency", "code = 0x10000"), "`code` is from 1 to 0xFFFF"),
         (fault("axtc", "emergency", "code = 1\nfor = 2"), "give `for_time`"),
@@ -23,11 +23,11 @@ fn what_makes_no_sense_on_a_can_line_is_refused() {
         (fault("axtc", "error-frame", "error = \"tired\""), "`error` is one of no-acknowledge"),
         (
             fault("axtc", "error-frame", "error = \"stuff\"\nfor_time = \"1s\""),
-            "unless `every` says how often",
+            "happens once: write `every`, or remove `for`",
         ),
         (fault("axtc", "babbling", "id = 0x20000000"), "`id` is 0x1FFFFFFF at most"),
         (fault("axtc", "babbling", "every = \"1us\""), "100 µs at least"),
-        (fault("axtc", "short-frame", "id = 5"), "`id` means nothing here"),
+        (fault("axtc", "short-frame", "id = 5"), "`id` has no effect for this kind of fault"),
     ] {
         let error = complaint(&text);
         assert!(error.contains(expected), "{error}");

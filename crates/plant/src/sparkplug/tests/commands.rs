@@ -118,7 +118,7 @@ fn a_measured_error_that_a_broker_brings_twice_is_taken_once() {
         node.received(at(5_000), &state, NCMD, &payload).outcome
     };
     assert_eq!(hear(3.2, 10), measured(3.2));
-    let why = "it came a second time, and was taken the first time".to_owned();
+    let why = "it arrived twice, and was accepted the first time".to_owned();
     let refused = Outcome::Refused { command: "axis/z/measured_error_um".to_owned(), why };
     assert_eq!(hear(3.2, 10), Some(refused));
     assert_eq!(hear(3.2, 20), measured(3.2));
@@ -185,10 +185,10 @@ fn everything_else_is_refused_with_its_reason() {
     let error = |raw| named("axis/z/measured_error_um", raw);
     let null = Metric { is_null: Some(true), ..error(Raw::Double(1.0)) };
     let int = Metric { datatype: Some(3), ..error(Raw::Int(3)) };
-    let nothing_else =
-        "nothing that arrives over MQTT arms, disarms or moves, and this is nothing else that is taken";
+    let nothing_else = "the gateway accepts only a measured error or a request for a birth over MQTT; no \
+                        message can arm, disarm or move an axis";
     let no_number = "its value is no number of micrometres (Double or Float)";
-    let waited = "it waited somewhere, or a clock is wrong";
+    let waited = "the message was delayed, or a clock is wrong";
     let now = ms(5_000);
     let table: [(Metric, Option<u64>, &str, String); 15] = [
         (named("axis/z/is_armed", Raw::Boolean(true)), now, "axis/z/is_armed", nothing_else.into()),
@@ -218,23 +218,18 @@ fn everything_else_is_refused_with_its_reason() {
         (error(Raw::Double(f64::NAN)), now, "axis/z/measured_error_um", no_number.into()),
         (null, now, "axis/z/measured_error_um", no_number.into()),
         (int, now, "axis/z/measured_error_um", no_number.into()),
-        (
-            error(Raw::Double(1.0)),
-            None,
-            "axis/z/measured_error_um",
-            "it does not say when it was sent".into(),
-        ),
+        (error(Raw::Double(1.0)), None, "axis/z/measured_error_um", "the message has no timestamp".into()),
         (
             error(Raw::Double(1.0)),
             Some(ms(0).unwrap() - 3_595_000),
             "axis/z/measured_error_um",
-            format!("it was sent 3600 s ago by its own clock; 60 s are heeded: {waited}"),
+            format!("it was sent 3600 s ago by the sender's clock; the limit is 60 s: {waited}"),
         ),
         (
             error(Raw::Double(1.0)),
             ms(66_000),
             "axis/z/measured_error_um",
-            format!("it was sent 61 s from now by its own clock; 60 s are heeded: {waited}"),
+            format!("it was sent 61 s from now by the sender's clock; the limit is 60 s: {waited}"),
         ),
     ];
     for (metric, sent, name, why) in table {
@@ -249,7 +244,7 @@ fn a_measured_error_that_the_profile_does_not_take_is_refused_with_the_key_that_
         outcome_of(&command(&[named("axis/z/measured_error_um", Raw::Double(1.0))], ms(0)), false);
     let Some(Outcome::Refused { command, why }) = outcome else { panic!("{outcome:?}") };
     assert_eq!((told, command.as_str()), (0, "axis/z/measured_error_um"));
-    assert_eq!(why, "the profile does not take it: `[mqtt] commands = [\"measured\"]` would");
+    assert_eq!(why, "the profile does not accept measured errors: write `[mqtt] commands = [\"measured\"]`");
 }
 
 #[test]
@@ -260,14 +255,14 @@ fn of_several_things_in_one_message_only_the_birth_is_done() {
         named("axis/z/measured_error_um", Raw::Double(2.0)),
     ];
     let (births, outcome) = outcome_of(&command(&many, ms(0)), true);
-    let why = "2 values in one message; one at a time is taken".to_owned();
+    let why = "2 values in one message; send one value in each message".to_owned();
     assert_eq!(
         (births, outcome),
         (1, Some(Outcome::Refused { command: "axis/z/measured_error_um".to_owned(), why }))
     );
     let (births, outcome) =
         outcome_of(&command(&[named("Node Control/Rebirth", Raw::Boolean(false))], ms(0)), true);
-    let why = "only `true` asks for a birth".to_owned();
+    let why = "only `true` requests a birth".to_owned();
     assert_eq!(
         (births, outcome),
         (0, Some(Outcome::Refused { command: "Node Control/Rebirth".to_owned(), why }))

@@ -20,8 +20,10 @@ pub(in crate::tables) fn warn(check: &Check<'_>, profile: &Profile) {
         if limit > LARGE_LIMIT {
             let message =
                 format!("a limit of {} µm is more than half a millimetre", document::figure(limit, 3));
-            at.key("limit")
-                .warn(message, "it is in µm: write what the machine grows by at most, with a little room");
+            at.key("limit").warn(
+                message,
+                "`limit` is in µm: write the largest growth of the machine, with a small margin",
+            );
         }
         for (place, model) in settings.models.iter().enumerate() {
             if all_over.counts_from_start(model) {
@@ -34,22 +36,23 @@ pub(in crate::tables) fn warn(check: &Check<'_>, profile: &Profile) {
                 format!(" with {} at {} mm", profile.signal(signal).name, document::figure(place, 3))
             });
             let message = format!(
-                "with {WORKSHOP} °C all over `{}` asks for {} µm{}, beyond the limit of {} µm",
+                "with all temperatures at {WORKSHOP} °C model `{}` gives {} µm{}, beyond the limit of {} µm",
                 model.name,
                 signed(asked.cz),
                 position.unwrap_or_default(),
                 document::figure(limit, 3)
             );
-            let help = "check the unit and sign of its numbers, its offset, and from what each rise is measured: its \
-                        `reference`";
+            let help = "check the unit and sign of the model's numbers, its `offset`, and the `reference` of \
+                        each rise";
             at.key("model").item(place).warn(message, help);
         }
     }
     if profile.machine.on.is_none() && !from_start.is_empty() {
         let names = from_start.join(" and ");
         let message = format!(
-            "a start counts in {names}, and nothing tells when it is: the first good reading of the first run \
-             is taken for it, for good, over restarts too, however warm the machine is then"
+            "the reference of {names} is \"start\", but no signal shows when the machine is switched on. The \
+             gateway then keeps the first good reading of the first run as the reference, also over \
+             restarts, even if the machine is warm"
         );
         let help = "name in [machine] the signal that rises when the machine is switched on: on = \"…\"; or write the \
                     references as numbers or \"zero\"";

@@ -29,7 +29,8 @@ fn of_control(check: &Check<'_>, axis: &Axis, outputs: &[&Output]) -> Option<Int
     let at = check.at("axis").key(name);
     if axis.diameter {
         let help = "remove `diameter` and write the gains for the diameter";
-        at.key("diameter").wrong_key("a control applies its own line to the radius", help);
+        at.key("diameter")
+            .wrong_key("a control that calculates K0 + tanβ·(P − P0) applies the result to the radius", help);
     }
     for output in outputs.iter().filter(|output| !output.writes.is_apart()) {
         let message = "the slope would act twice: in this value and in the control";
@@ -39,7 +40,9 @@ fn of_control(check: &Check<'_>, axis: &Axis, outputs: &[&Output]) -> Option<Int
     for (writes, what) in [(Writes::Intercept, "K0"), (Writes::Slope, "tanβ"), (Writes::Reference, "P0")] {
         if !outputs.iter().any(|output| output.writes == writes) {
             let word = writes.name();
-            let message = format!("no output of `{name}` writes its {word} ({what}): a line needs all three");
+            let message = format!(
+                "no output of `{name}` writes its {word} ({what}): the control needs K0, tanβ and P0"
+            );
             let help = format!("add an output with axis = \"{name}\" and writes = \"{word}\"");
             at.wrong_key(message, help);
         }
@@ -55,7 +58,7 @@ fn reach(axis: &Axis, list: &At<'_>) -> Option<InterceptSlope> {
         let Some(Slope { reference, travel, .. }) = linear.slope else { continue };
         let at = list.item(place).key("slope");
         let Some((from, to)) = travel else {
-            let message = "`travel` is missing: it bounds what a slope that is written comes to";
+            let message = "`travel` is missing: it limits the effect of the slope that is written";
             at.key("travel").missing(message, "write the ends of the axis's travel in mm, as [-300.0, 0.0]");
             return None;
         };
@@ -63,8 +66,10 @@ fn reach(axis: &Axis, list: &At<'_>) -> Option<InterceptSlope> {
         match &mut line {
             None => line = Some(InterceptSlope { reference, reach, count: None }),
             Some(first) if first.reference != reference => {
-                let message = format!("another model's slope is measured from {} mm", first.reference.get());
-                let help = "the control knows one reference position: give both slopes the same";
+                let message =
+                    format!("the slope of another model has the reference {} mm", first.reference.get());
+                let help =
+                    "the control has one reference position: write the same `reference` in both slopes";
                 at.key("reference").wrong(message, help);
             }
             Some(first) => first.reach = longer(first.reach, reach),

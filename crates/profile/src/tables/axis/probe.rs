@@ -15,31 +15,31 @@ use isotherm_core::reading::SignalId;
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Probe")]
 pub(super) struct RawProbe {
-    /// Signal with the measured error, in um or mm: actual minus commanded position while the compensation acts.
-    /// Without it, errors come by command only.
+    /// Signal with the measured error, in um or mm: actual minus commanded, while the compensation acts. Without it,
+    /// measured errors are only given by command.
     signal: Option<String>,
-    /// Signal that reports a new measured error: a flag or a counter. Each change to a value other than 0 counts.
-    /// Default: each change of the error itself.
+    /// Signal that shows a new measured error: a flag or a counter. Each change to a value other than 0 is a probing.
+    /// Default: each change of the measured error.
     trigger: Option<String>,
     /// Largest correction of a model's Cz, µm; at most the axis's `limit`.
     #[schemars(required)]
     limit: Option<f64>,
-    /// Standard deviation of a probing, µm: how much two in a row differ. Default 0.5.
+    /// Standard deviation of a probing, µm: the repeatability of two probings in a row. Default 0.5.
     repeat: Option<f64>,
-    /// Increase of the variance of a model's correction in each hour, µm²/h; `identify` determines it. Default 4.
+    /// Growth of the uncertainty of a model's correction, as a variance, µm²/h. `identify` finds it. Default 4.
     q: Option<f64>,
-    /// Replaces `repeat` and `q`: constant share of each measured residual that is added to the correction, above 0 and
-    /// up to 1.
+    /// Alternative to `repeat` and `q`: part of each measured residual that is added to the correction, above 0 and up
+    /// to 1.
     filter: Option<f64>,
-    /// Largest plausible error of the model, µm. A probing that shows a larger one is rejected.
+    /// Largest error of the model that a probing may show, µm. A probing that shows a larger error is refused.
     #[schemars(required)]
     max_error: Option<f64>,
-    /// Residual beyond which an aged model is reported, µm. At most `max_error`.
+    /// Level of a residual for a warning that the model ages, µm; at most `max_error`.
     warn: Option<f64>,
-    /// Learn the gains of linear models as well, by recursive least squares.
+    /// Learning of the gains of linear models, by recursive least squares. Default: the gains do not change.
     gains: Option<RawGains>,
-    /// Reaction while the last touches leave more error with the model than without compensation. warn: an alarm
-    /// (default). ramp: an alarm, and Cz goes to zero at `rate` until they show that the model is better.
+    /// Action while the last probings show that the model is worse than no compensation. "warn": an alarm (default).
+    /// "ramp": an alarm, and Cz goes to zero at `rate` until the model is better again.
     worse: Option<WorseWord>,
 }
 
@@ -51,15 +51,15 @@ enum WorseWord {
     Ramp,
 }
 
-/// Settings for learning gains.
+/// Settings for the learning of gains.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "ProbeGains")]
 struct RawGains {
-    /// Weight of earlier probings at the next one, above 0 and up to 1; 1 forgets nothing.
+    /// Weight of a probing at the next one, above 0 and up to 1. With 1, no probing loses weight.
     #[schemars(required)]
     forgetting: Option<f64>,
-    /// Largest change of a gain as a share of it, above 0 and below 1.
+    /// Largest change of a gain as a part of the gain, above 0 and below 1.
     #[schemars(required)]
     limit: Option<f64>,
 }
@@ -82,14 +82,17 @@ impl RawProbe {
         let most = axis.limit.filter(|most| *most > 0.0);
         if let Some((limit, most)) = limit.zip(most).filter(|(limit, most)| limit > most) {
             let message = format!("a correction of {limit} µm is larger than the axis's limit of {most} µm");
-            at.key("limit").wrong(message, "make it smaller: it trims the model, it does not replace it");
+            at.key("limit").wrong(
+                message,
+                "make `limit` smaller: probing trims the model, it does not replace the model",
+            );
         }
         let filter = self.filter(at);
         let max_error = at.key("max_error").positive(self.max_error);
         let warn = level(&at.key("warn"), self.warn);
         if let Some((warn, most)) = self.warn.zip(max_error).filter(|(warn, most)| warn > most) {
             let message = format!("warn at {warn} µm lies beyond the max_error of {most} µm");
-            at.key("warn").wrong(message, "such a probing is refused: make `warn` smaller");
+            at.key("warn").wrong(message, "a probing beyond `max_error` is refused: make `warn` smaller");
         }
         let gains = match &self.gains {
             Some(gains) => gains.resolve(&at.key("gains"), axis).map(Some),
@@ -116,8 +119,9 @@ impl RawProbe {
         if let Some(filter) = self.filter {
             for (key, _) in own.iter().filter(|(_, number)| number.is_some()) {
                 let message =
-                    format!("`{key}` weighs each probing, and `filter` gives all of them the same share");
-                let help = format!("remove `filter`: `{key}` is the better way; or remove `{key}`");
+                    format!("`{key}` weighs each probing, but `filter` gives all of them the same weight");
+                let help =
+                    format!("remove `filter` (recommended: `{key}` is more accurate), or remove `{key}`");
                 at.key(key).wrong_key(message, help);
             }
             return share(&at.key("filter"), Some(filter)).map(Filter::Share);
@@ -137,13 +141,15 @@ impl RawProbe {
         let Some(name) = &self.signal else {
             if self.trigger.is_some() {
                 let help = "write `signal`, where the measured error is read, or remove `trigger`";
-                at.key("signal").missing("`signal` is missing: a trigger alone tells no error", help);
+                at.key("signal")
+                    .missing("`signal` is missing: a trigger alone gives no measured error", help);
             }
             return Some(None);
         };
         let signal = signal?;
         if self.trigger.is_some() && trigger? == signal {
-            let help = "remove `trigger`: each change of the error counts then; or name a flag or a counter";
+            let help =
+                "remove `trigger`: then each change of the error is a probing; or name a flag or a counter";
             at.key("trigger").wrong("the error cannot be its own trigger", help);
         }
         let of_unit = match at.check.signals.get(signal.0)?.unit.0 {
@@ -171,8 +177,8 @@ impl RawGains {
         }
         let limit = at.key("limit").positive(self.limit);
         if let Some(limit) = limit.filter(|limit| *limit >= 1.0) {
-            let help = "write a share below 1, as 0.2: a gain never changes its sign";
-            at.key("limit").wrong(format!("{limit} would let a gain vanish"), help);
+            let help = "write a number below 1, as 0.2: a gain never changes its sign";
+            at.key("limit").wrong(format!("with {limit} a gain could become zero"), help);
         }
         let forgetting = share(&at.key("forgetting"), self.forgetting);
         Some(GainSettings { forgetting: forgetting?, limit: limit? })
@@ -193,20 +199,21 @@ pub(super) fn preview(profile: &Profile, axis: &Axis, settings: &ProbeSettings) 
     };
     let diameter = if axis.diameter { ", on the diameter" } else { "" };
     let share = match settings.filter {
-        Filter::Share(share) => format!("{share} of it"),
+        Filter::Share(share) => format!("{share} of the error"),
         Filter::Weighed { repeat, walk } => format!(
-            "the more of it the less certain the correction is (each probing by ±{repeat} µm, the correction by {walk} µm² \
-             more each hour)"
+            "a part of the error that grows with the uncertainty of the correction (each probing ±{repeat} \
+             µm, the correction {walk} µm² more each hour)"
         ),
     };
     let mut text = format!(
-        "measured errors (actual minus commanded{diameter}, with Cz acting) come from {from}; a positive one lowers the \
-         model's Cz by {share}, in all by at most {} µm; one by which the model would be wrong by more than {} µm is refused",
+        "measured errors (actual minus commanded{diameter}, with Cz active) come from {from}. A positive \
+         error lowers the model's Cz by {share}, in all by at most {} µm. An error that shows a model error \
+         of more than {} µm is refused",
         settings.limit.get(),
         settings.max_error.get()
     );
     if let Some(warn) = settings.warn {
-        text.push_str(&format!("; beyond ±{} µm it warns", warn.get()));
+        text.push_str(&format!("; beyond ±{} µm the gateway warns", warn.get()));
     }
     if let Some(gains) = settings.gains {
         let percent = 100.0 * gains.limit;
@@ -224,6 +231,6 @@ fn share(at: &At<'_>, number: Option<f64>) -> Option<f64> {
     if number > 0.0 && number <= 1.0 {
         return Some(number);
     }
-    at.wrong(format!("{number} is no share"), "write a number above 0 and up to 1");
+    at.wrong(format!("{number} is outside of the allowed range"), "write a number above 0 and up to 1");
     None
 }

@@ -145,16 +145,19 @@ impl OpcUa {
             Security::SignAndEncrypt => "signed and encrypted",
         };
         let user = match &self.user {
-            User::Anonymous => "nobody (anonymous)".to_owned(),
+            User::Anonymous => "the anonymous user".to_owned(),
             User::Named { name, .. } => format!("user {name}, by password"),
             User::Certified { cert, .. } => format!("the user of the certificate {}", cert.name),
         };
         let mut section = Section::default();
-        section.line(format!("  messages are {security}; speaks as {user}"));
+        section.line(format!("  messages are {security}; logs in as {user}"));
         let trusted: Vec<&str> = self.trusted.iter().map(|file| file.name.as_str()).collect();
         if let (Some((cert, _)), Some(directory)) = (&self.own, &self.trusted_in) {
-            let known = if trusted.is_empty() { "none is there yet".to_owned() } else { trusted.join(", ") };
-            section.line(format!("  shows {}; trusts the certificates in {directory}: {known}", cert.name));
+            let known = if trusted.is_empty() { "none yet".to_owned() } else { trusted.join(", ") };
+            section.line(format!(
+                "  own certificate {}; trusts the certificates in {directory}: {known}",
+                cert.name
+            ));
         }
         section.entry("security", security);
         section.entry("user", user);
@@ -168,7 +171,7 @@ impl OpcUa {
 pub(super) fn address(raw: &RawBus, at: &At<'_>) -> Option<String> {
     let at = at.key("address");
     let Some(address) = &raw.address else {
-        let help = format!("write its URL, as \"{SCHEME}192.168.214.241:{PORT}\"");
+        let help = format!("write the URL of the server, as \"{SCHEME}192.168.214.241:{PORT}\"");
         at.missing("`address` is missing: where is the server?", help);
         return None;
     };
@@ -188,14 +191,14 @@ pub fn server_url(text: &str) -> Result<String, (String, String)> {
     };
     if text.contains(char::is_whitespace) {
         return Err((
-            format!("`{text}` has a blank in it"),
-            format!("a URL has none: write it as {example}"),
+            format!("`{text}` contains a space"),
+            format!("a URL has no spaces: write it as {example}"),
         ));
     }
     let (place, path) = rest.split_once('/').unwrap_or((rest, ""));
     if place.contains('@') {
-        let help = "remove what stands before `@`, and write `user`";
-        return Err(("a URL in a profile names no user".to_owned(), help.to_owned()));
+        let help = "remove the part before `@`, and write `user`";
+        return Err(("a URL in a profile must not name a user".to_owned(), help.to_owned()));
     }
     let path = if path.is_empty() { String::new() } else { format!("/{path}") };
     let found = host_and_port(place);
@@ -220,8 +223,7 @@ fn is_host(host: &str) -> bool {
 /// Resolves the OPC UA settings of a line.
 pub(super) fn resolve(raw: &RawBus, at: &At<'_>) -> Option<OpcUa> {
     if raw.security.is_none() {
-        let help =
-            "write \"sign-and-encrypt\", or \"sign\", or \"none\" on a network that only the machine is on";
+        let help = "write \"sign-and-encrypt\", or \"sign\", or \"none\" on a network of this machine only";
         at.key("security").missing("`security` is missing: what protects the messages?", help);
     }
     let user = match &raw.user {
@@ -234,8 +236,9 @@ pub(super) fn resolve(raw: &RawBus, at: &At<'_>) -> Option<OpcUa> {
         let help = "remove it, or write security = \"sign-and-encrypt\"";
         at.foreign(&["cert", "key", "trusted"], "a secured line", help);
         if let Some(User::Named { .. }) = user {
-            let message = "nothing is encrypted: anybody on the network may read the password, and change what is sent in this user's name";
-            at.key("security").warn(message, "write \"sign-and-encrypt\", if the server can do it");
+            let message = "nothing is encrypted: every computer on the network can read the password, and \
+                           change the messages of this user";
+            at.key("security").warn(message, "write \"sign-and-encrypt\", if the server supports it");
         }
         return Some(OpcUa { user: user?, type_at, ..OpcUa::plain() });
     }
@@ -301,11 +304,11 @@ pub(in crate::tables) fn file(
 /// Reads the certificates in the named directory.
 fn trusted(at: &At<'_>, directory: Option<&String>) -> Option<Vec<NamedFile>> {
     let at = at.key("trusted");
-    let help = "name a directory with the certificates of the servers that are trusted, each in a file of its own that \
-                ends in .der, .crt or .pem";
+    let help = "name a directory with the certificates of the trusted servers, one in each file, with the \
+                ending .der, .crt or .pem";
     let Some(directory) = directory else {
-        let help = format!("{help}; `isotherm opcua trust PROFILE` makes it, and fills it");
-        at.missing("`trusted` is missing: whose certificates are taken?", help);
+        let help = format!("{help}; `isotherm opcua trust PROFILE` makes and fills the directory");
+        at.missing("`trusted` is missing: which certificates are accepted?", help);
         return None;
     };
     let mut found = Vec::new();
@@ -318,7 +321,7 @@ fn trusted(at: &At<'_>, directory: Option<&String>) -> Option<Vec<NamedFile>> {
         }
     }
     if found.is_empty() {
-        let help = format!("{help}; `isotherm opcua trust PROFILE` fetches one");
+        let help = format!("{help}; `isotherm opcua trust PROFILE` fetches a certificate");
         at.warn(format!("there is no certificate in {directory}: no server is trusted"), help);
     }
     Some(found)

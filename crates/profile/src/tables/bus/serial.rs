@@ -103,7 +103,7 @@ impl fmt::Display for Serial {
 /// Resolves the settings of a modbus-rtu line.
 pub(super) fn settings(raw: &RawBus, at: &At<'_>) -> Option<Serial> {
     if raw.baud.is_none() {
-        let help = "write what the devices are set to: 9600 and 19200 are usual";
+        let help = "write the baud rate that is set at the devices: 9600 and 19200 are usual";
         at.key("baud").missing("`baud` is missing: how fast is the line?", help);
     }
     let (parity, stop_bits) = (raw.parity.unwrap_or_default(), raw.stop_bits.unwrap_or(1));
@@ -114,8 +114,8 @@ pub(super) fn settings(raw: &RawBus, at: &At<'_>) -> Option<Serial> {
 pub(super) fn port(raw: &RawBus, at: &At<'_>) -> Option<String> {
     let at = at.key("port");
     let Some(port) = &raw.port else {
-        let help =
-            "write the port's path; `ls /dev/serial/by-id` shows those that keep their name when replugged";
+        let help = "write the port's path; `ls /dev/serial/by-id` shows the names that do not change when an \
+                    adapter is replugged";
         at.missing("`port` is missing: where is the line?", help);
         return None;
     };

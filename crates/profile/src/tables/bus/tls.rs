@@ -65,7 +65,8 @@ impl Tls {
         let (name, trusts, shows) = (&self.name, &self.ca.name, &self.cert.name);
         let mut section = Section::default();
         section.line(format!(
-            "  trusts a certificate for {name} signed by one in {trusts}, or one in there; shows {shows}"
+            "  trusts a certificate for {name} that is in {trusts}, or is signed by one in this file; own \
+             certificate {shows}"
         ));
         section.entry("name", name);
         section.entry("trusts", trusts);
@@ -75,7 +76,7 @@ impl Tls {
 
     /// Creates an error about a name that no certificate can have.
     pub fn wrong_name(&self) -> ProfileError {
-        let message = format!("no certificate can be for the name `{}`", self.name);
+        let message = format!("`{}` cannot be the name in a certificate", self.name);
         ProfileError { message, ..self.name_at.clone() }
     }
 }
@@ -108,14 +109,15 @@ impl RawTls {
             at,
             "ca",
             self.ca.as_ref(),
-            "name a PEM file beside the profile with the certificate of the authority that signed the device's, or \
-             with the device's own",
+            "name a PEM file beside the profile with the certificate of the device, or of the authority that \
+             signed it",
         );
         let cert = pem(
             at,
             "cert",
             self.cert.as_ref(),
-            "name a PEM file beside the profile with the gateway's certificate, those that lead to its authority after it",
+            "name a PEM file beside the profile with the gateway's certificate, followed by the certificates \
+             of its authorities",
         );
         let key = pem(
             at,

@@ -90,7 +90,8 @@ fn written_identifiers(check: &Check<'_>, bus: usize, nodes: &[Node]) {
             let there = other.at(check).line();
             let message =
                 format!("output `{}` of another device at {there} writes {id} already", other.output);
-            let help = "one frame belongs to one device: put both outputs there, or correct the identifier";
+            let help = "a frame belongs to one device: write the same `device` at both outputs, or correct \
+                        the identifier";
             at.wrong(message, help);
         }
         for signal in check.signals.right().filter(|signal| here(signal.device.0)) {
@@ -113,13 +114,16 @@ fn objects_written(check: &Check<'_>) {
         let at = sdo(&output.name);
         if let Some((_, first)) = known.iter().find(|(other, _)| *other == own) {
             let message = format!("output `{first}` at {} writes the same object", sdo(first).line());
-            at.wrong(message, "one object has one writer: give each its own");
+            at.wrong(message, "an object must have one writer: give each output its own object");
         }
         known.push((own, &output.name));
         let can = check.devices.get(output.device.0).and_then(|device| device.can.as_ref());
         if can.is_some_and(|can| can.setup.iter().any(|setup| setup.object.entry == entry)) {
             let message = "`setup` of its device writes this object before each start";
-            at.wrong(message, "remove it from `setup`: a node that restarts would make a step");
+            at.wrong(
+                message,
+                "remove the object from `setup`: the value would jump at each restart of the node",
+            );
         }
         let Some(position) = output.writes.position() else { continue };
         let signal = check.signals.get(position.0).filter(|signal| signal.device == output.device);
@@ -129,7 +133,7 @@ fn objects_written(check: &Check<'_>) {
                 "the corrected position would overwrite signal `{}`, from which it is computed",
                 signal.name
             );
-            at.wrong(message, "read the encoder's own object; write another");
+            at.wrong(message, "read the object of the encoder, and write another object");
         }
     }
 }
@@ -152,7 +156,7 @@ fn taken(id: CanId, sync: Option<CanId>, nodes: &[Node], is_pdo: bool) -> Option
     let of_node = |what: &str| owner.map(|device| (format!("{what} of node {number}, `{device}`"), CORRECT));
     match raw {
         0 if is_pdo || !nodes.is_empty() => {
-            Some(("the identifier by which CANopen nodes are started and stopped".to_owned(), CORRECT))
+            Some(("the identifier that starts and stops CANopen nodes".to_owned(), CORRECT))
         }
         0x081..=0x0ff => of_node("the emergency message"),
         0x581..=0x5ff => of_node("the SDO answer"),
@@ -165,7 +169,8 @@ fn taken(id: CanId, sync: Option<CanId>, nodes: &[Node], is_pdo: bool) -> Option
             raw,
             0x001..=0x07f | 0x101..=0x180 | 0x581..=0x5ff | 0x601..=0x67f | 0x6e0..=0x6ff | 0x701..=0x7ff
         );
-        (is_pdo && is_restricted).then(|| ("reserved by CiA 301, and no process data".to_owned(), CORRECT))
+        (is_pdo && is_restricted)
+            .then(|| ("reserved by CiA 301, and not for process data".to_owned(), CORRECT))
     })
 }
 
@@ -189,18 +194,19 @@ fn sent_by_another(id: CanId, nodes: &[Node], device: usize, name: &str) -> Opti
     let message = format!("TPDO{number} of node {}, `{}`, and not of `{name}`", node.number, node.device);
     // Two devices with one number have been reported.
     let is_own = nodes.iter().any(|other| (other.number, other.index) == (node.number, device));
-    (!is_own).then_some((message, "name that device here, or correct the identifier"))
+    (!is_own).then_some((message, "write this device in `device`, or correct the identifier"))
 }
 
 fn sent_by_a_node(id: CanId, nodes: &[Node]) -> Option<Blame> {
     let (number, node, is_sent) = usual(id, nodes)?;
-    let message = format!("TPDO{number} of node {}, `{}`, which sends it itself", node.number, node.device);
-    is_sent.then_some((message, "what a node receives is at 0x200, 0x300, 0x400 or 0x500 + its number"))
+    let message =
+        format!("TPDO{number} of node {}, `{}`, which the node itself sends", node.number, node.device);
+    is_sent.then_some((message, "a node receives at 0x200, 0x300, 0x400 or 0x500 + its number"))
 }
 
 fn received_by_another(id: CanId, nodes: &[Node], device: usize) -> Option<Blame> {
     let (number, node, is_sent) = usual(id, nodes)?;
     let message = format!("RPDO{number} of node {}, `{}`", node.number, node.device);
     (!is_sent && node.index != device)
-        .then_some((message, "name that device here, or correct the identifier"))
+        .then_some((message, "write this device in `device`, or correct the identifier"))
 }

@@ -56,7 +56,7 @@ pub(in crate::tables) fn fill(at: &At<'_>, text: &str, field: &Field) -> Option<
     let bytes: Option<Vec<u8>> = if is_hex { (0..digits.len() / 2).map(byte).collect() } else { None };
     let Some(bytes) = bytes.filter(|bytes| !bytes.is_empty()) else {
         let help = "write the bytes of the frame in hexadecimal, as \"00 00 00 00 00 00 01 00\"";
-        at.wrong(format!("`{text}` is no frame"), help);
+        at.wrong(format!("`{text}` is not the content of a frame"), help);
         return None;
     };
     let (fits, help) = if field.is_fd {
@@ -66,7 +66,7 @@ pub(in crate::tables) fn fill(at: &At<'_>, text: &str, field: &Field) -> Option<
         (bytes.len() <= 8, "a frame has at most 8 bytes; write fd = true if it is a CAN FD frame")
     };
     if !fits {
-        at.wrong(format!("no such frame has {} bytes", bytes.len()), help);
+        at.wrong(format!("a frame cannot have {} bytes", bytes.len()), help);
         return None;
     }
     let needed = field.bits.bytes();
@@ -109,21 +109,21 @@ fn share_a_frame(check: &Check<'_>, earlier: &Written, later: &Written) {
     let (output, id) = (&earlier.output, later.id());
     if earlier.field.bits.overlaps(&later.field.bits) {
         let message = format!("output `{output}` at {there} writes some of these bits of {id} as well");
-        at.key("start").wrong(message, "one bit has one writer: correct `start` or `length`");
+        at.key("start").wrong(message, "a bit must have one writer: correct `start` or `length`");
     }
     if earlier.field.is_fd != later.field.is_fd {
-        let message = format!("output `{output}` at {there} writes {id} as a frame of the other kind");
-        at.wrong(message, "write `fd` alike at both");
+        let message = format!("output `{output}` at {there} has another `fd` for {id}");
+        at.wrong(message, "write the same `fd` at both outputs");
     }
     match (&earlier.fill, &later.fill) {
         (Some(one), Some(other)) if one != other => {
-            let message = format!("output `{output}` at {there} fills {id} otherwise");
-            at.key("fill").wrong(message, "write `fill` once, or alike at both");
+            let message = format!("output `{output}` at {there} has another `fill` for {id}");
+            at.key("fill").wrong(message, "write `fill` at one output, or the same `fill` at both");
         }
         (Some(fill), None) if later.bytes() > fill.len() => {
             let message =
-                format!("{id} has the {} bytes of `fill` of output `{output}` at {there}", fill.len());
-            at.key("length").wrong(message, "write more bytes there");
+                format!("{id} has only the {} bytes of `fill` of output `{output}` at {there}", fill.len());
+            at.key("length").wrong(message, "write more bytes in this `fill`");
         }
         (None, Some(fill)) if earlier.bytes() > fill.len() => {
             let message = format!("output `{output}` at {there} needs {} bytes of {id}", earlier.bytes());

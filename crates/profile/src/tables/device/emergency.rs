@@ -43,10 +43,10 @@ const GENERIC: [(u16, u16, &str); 34] = [
     (0x8210, 0xffff, "PDO not processed: length error"),
     (0x8220, 0xffff, "PDO longer than mapped"),
     (0x8240, 0xffff, "unexpected length of SYNC"),
-    (0x8250, 0xffff, "RPDO did not come in time"),
+    (0x8250, 0xffff, "RPDO did not arrive in time"),
     (0x9000, 0xff00, "external error"),
     (0xf000, 0xff00, "additional functions"),
-    (0xff00, 0xff00, "error of the device's own kind"),
+    (0xff00, 0xff00, "device-specific error"),
 ];
 
 impl Emergency {
@@ -62,7 +62,7 @@ impl Emergency {
         let exact = GENERIC.iter().rev().find(fits);
         exact
             .or_else(|| GENERIC.iter().find(class))
-            .map_or("code that CiA 301 does not know", |known| known.2)
+            .map_or("code that CiA 301 does not define", |known| known.2)
     }
 }
 
@@ -80,8 +80,8 @@ mod tests {
             (0x4233, "device temperature"),
             (0x4900, "temperature"),
             (0x0000, "no error, or error gone"),
-            (0xff07, "error of the device's own kind"),
-            (0xb000, "code that CiA 301 does not know"),
+            (0xff07, "device-specific error"),
+            (0xb000, "code that CiA 301 does not define"),
         ] {
             assert_eq!(Emergency::generic(code), meaning, "{code:#06x}");
         }

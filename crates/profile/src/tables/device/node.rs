@@ -87,12 +87,13 @@ impl CanDevice {
                 true => format!("node {node} is started by NMT at the beginning and after each boot-up"),
                 false => {
                     format!(
-                        "node {node} is not started by NMT: it starts by itself, or another master starts it"
+                        "node {node} is not started by the gateway: it starts by itself, or another master \
+                         starts it"
                     )
                 }
             };
-            let heartbeat = self.heartbeat.map_or("its heartbeat is not watched".to_owned(), |span| {
-                format!("its heartbeat is missed after {}, never seen counts as missed", shown(span))
+            let heartbeat = self.heartbeat.map_or("its heartbeat is not monitored".to_owned(), |span| {
+                format!("its heartbeat counts as missing after {}, also if it was never seen", shown(span))
             });
             [started, heartbeat]
         });
@@ -174,8 +175,8 @@ impl RawSetup {
         let data_type = can::object_type(&at.key("type"), self.kind?);
         let (entry, data_type, value) = (entry?, data_type?, self.value?);
         let Some((low, high)) = data_type.integer_range() else {
-            let help = "take an integer type: u8, u16, i16, u32, i32, …";
-            at.key("type").wrong("a floating-point object cannot be set up", help);
+            let help = "use an integer type: u8, u16, i16, u32, i32, …";
+            at.key("type").wrong("`setup` cannot write a floating-point object", help);
             return None;
         };
         if !(low..=high).contains(&i128::from(value)) {
@@ -193,7 +194,8 @@ impl RawSetup {
 /// Resolves the settings of a device on a CAN line. `None` on any other line.
 pub(super) fn resolve(raw: &RawDevice, at: &At<'_>, on_can: Option<bool>) -> Option<CanDevice> {
     if on_can? {
-        let help = "remove it; a CANopen device has a `node`, and others are known by their frames";
+        let help =
+            "remove it; a CANopen device has a `node`, and other devices are identified by their frames";
         at.foreign(&["unit", "functions", "quirks"], "a Modbus device", help);
     } else {
         let keys = ["dbc", "source_address", "node", "start", "heartbeat", "setup", "emergency"];
@@ -241,8 +243,10 @@ pub(super) fn heartbeat_produced(at: &At<'_>, can: &CanDevice) {
     if every.is_zero() || every * 2 > heartbeat {
         let pace = if every.is_zero() { "none".to_owned() } else { format!("one every {}", shown(every)) };
         let heartbeat = shown(heartbeat);
-        let message = format!("`heartbeat` is {heartbeat}, and 1017:00 in `setup` has the node send {pace}");
-        let help = "have it sent at least twice in that time: a lost one is no fault";
+        let message =
+            format!("`heartbeat` is {heartbeat}, but with 1017:00 in `setup` the node sends {pace}");
+        let help =
+            "let the node send at least two heartbeats in this time, so that one lost heartbeat is no fault";
         at.key("heartbeat").wrong(message, help);
     }
 }

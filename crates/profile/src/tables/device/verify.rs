@@ -137,7 +137,7 @@ impl RawVerify {
                 cell.address,
                 table.name()
             );
-            place.wrong(message, "add it, if the device can do it, or remove the check");
+            place.wrong(message, "add this function, if the device supports it, or remove the check");
         }
         let data_type = match (self.kind, cell.bit) {
             (_, Some(bit)) => DataType::Bit(bit),
@@ -181,8 +181,8 @@ impl RawVerify {
     /// Returns the expected value, after checking that the type can hold it.
     fn equal(&self, at: &At<'_>, data_type: DataType) -> Option<i64> {
         let Some((low, high)) = data_type.integer_range() else {
-            let help = "take an integer type: u16, i16, u32, i32, …";
-            at.key("type").wrong("a floating-point value is never quite equal", help);
+            let help = "use an integer type: u16, i16, u32, i32, …";
+            at.key("type").wrong("a check cannot compare floating-point values exactly", help);
             return None;
         };
         let equals = self.equals?;

@@ -42,9 +42,9 @@ impl BrokerUrl {
         };
         if place.contains('@') {
             let help =
-                "remove what stands before `@`, and write `user = { name = \"…\", password_file = \"…\" }`";
+                "remove the part before `@`, and write `user = { name = \"…\", password_file = \"…\" }`";
             return Err((
-                "the address of a broker names no user and no password".to_owned(),
+                "the address of a broker must not have a user or a password".to_owned(),
                 help.to_owned(),
             ));
         }
@@ -94,7 +94,7 @@ mod tests {
         for (text, why) in [
             ("broker:1883", "does not begin with"),
             ("tcp://broker:1883", "does not begin with"),
-            ("mqtt://me:secret@broker", "names no user"),
+            ("mqtt://me:secret@broker", "must not have a user"),
             ("mqtt://:1883", "no host and port"),
             ("mqtt://broker:0", "no host and port"),
             ("mqtt://broker/path", "no host and port"),

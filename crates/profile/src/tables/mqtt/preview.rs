@@ -11,31 +11,33 @@ impl Mqtt {
         let mut section = Section::default();
         let (broker, machine) = (self.broker.to_string(), &profile.name);
         let user = self.user.as_ref().map(|user| user.name.as_str());
-        let speaks = user.map_or("as nobody".to_owned(), |user| format!("as user {user}"));
+        let speaks = user.map_or("as the anonymous user".to_owned(), |user| format!("as user {user}"));
         let trusts = match (&self.ca, self.broker.tls) {
             (_, false) => "in plain text".to_owned(),
             (Some(ca), true) => format!("trusting {}", ca.name),
-            (None, true) => "trusting whom this computer trusts".to_owned(),
+            (None, true) => "trusting the authorities of this computer".to_owned(),
         };
         let shows = self.own.as_ref().map(|(cert, _)| cert.name.as_str());
-        let with = shows.map_or(String::new(), |cert| format!(", showing {cert}"));
+        let with = shows.map_or(String::new(), |cert| format!(", own certificate {cert}"));
         section.line(format!("  to {broker}, {speaks}, {trusts}{with}"));
         let topics = self.topics(profile);
         let (every, refresh) = (shown(self.every), shown(self.refresh));
         section.line(format!(
-            "  what has changed at most every {every}, everything at least every {refresh}; events once"
+            "  changed values at most every {every}, all values at least every {refresh}; each event once"
         ));
         section.lines("    ", &topics);
         let asked = self.asked(machine);
-        let measured = "measured errors of axes that learn from them";
+        let measured = "measured errors of axes with `probe`";
         section.line(match (&asked, self.format) {
-            (None, _) => "  takes nothing: no message that arrives is even asked for".to_owned(),
+            (None, _) => "  accepts no commands: the gateway subscribes to no topic".to_owned(),
             (Some(topic), MqttFormat::Json) => {
-                format!("  takes {measured} at {topic}; refuses everything else")
+                format!("  accepts {measured} at {topic}; refuses everything else")
             }
             (Some(topic), MqttFormat::SparkplugB) => {
                 let measured = if self.takes_measured { format!(", {measured}") } else { String::new() };
-                format!("  takes a host's wish for a new birth{measured} at {topic}; refuses everything else")
+                format!(
+                    "  accepts a host's request for a new birth{measured} at {topic}; refuses everything else"
+                )
             }
         });
         section.entry("broker", broker);

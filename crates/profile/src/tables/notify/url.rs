@@ -61,22 +61,22 @@ impl Url {
         let (authority, target) = rest.split_at(end);
         if !is_of_an_address(authority) || !target.split(TOKEN).all(is_of_an_address) {
             return wrong(
-                "it has characters that no address has",
-                "write them as % and two digits (a space is %20), a name with other letters as its registry has it (xn--…), and \
-                 `{token}` once where the token belongs",
+                "the address has characters that are not allowed",
+                "write these characters as % and two digits (a space is %20). Write a host name with special \
+                 letters in its xn-- form. Write `{token}` once, in the place of the token",
             );
         }
         if target.matches(TOKEN).count() > 1 {
-            return wrong("the token stands in it more than once", "write `{token}` once");
+            return wrong("the address contains the token more than once", "write `{token}` once");
         }
         if authority.contains('@') {
             return wrong(
-                "a URL in a profile names no user and no password",
-                "remove what stands before `@`, and put a token into a file that `token_file` names",
+                "a URL in a profile must not have a user or a password",
+                "remove the part before `@`, and write a token into the file of `token_file`",
             );
         }
         if target.contains('#') {
-            return wrong("it has a part behind `#`, which is never sent", "remove it");
+            return wrong("the address has a part after `#`, which is never sent", "remove it");
         }
         let found = host_and_port(authority);
         let Some((host, port)) = found.as_ref().ok().filter(|(host, port)| is_host(host) && *port != Some(0))
@@ -84,11 +84,11 @@ impl Url {
             let help = match found {
                 Err(NoPlace::PortTooLarge { .. }) => "the port is above 65535: write one from 1 to 65535",
                 Err(NoPlace::Unbracketed { .. }) => {
-                    "an IPv6 address stands in brackets: write it as \"https://[::1]:8443/isotherm\""
+                    "an IPv6 address needs brackets: write it as \"https://[::1]:8443/isotherm\""
                 }
                 _ => WRITE,
             };
-            return wrong("it has no host, or no port that is one", help);
+            return wrong("the address has no host, or no port that is valid", help);
         };
         let (host, port) = (host.trim_matches(['[', ']']), port.unwrap_or_else(|| usual(tls)));
         let slash = if target.starts_with('/') { "" } else { "/" };
@@ -176,17 +176,17 @@ mod tests {
         for (text, why) in [
             ("alarms.secret.example", "does not begin with"),
             ("ftp://secret/", "does not begin with"),
-            ("https://user:secret@host/", "names no user"),
+            ("https://user:secret@host/", "must not have a user"),
             ("https:///secret", "no host"),
             ("https://host:0/secret", "no port"),
             ("https://host:99999/secret", "no port"),
             ("https://[::secret]/", "no host"),
-            ("https://host/secret#x", "behind `#`"),
-            ("https://host/se cret", "characters that no address has"),
-            ("https://hüst/secret", "characters that no address has"),
-            ("https://host/secret\r\nX: y", "characters that no address has"),
-            ("https://host/{secret}", "characters that no address has"),
-            ("https://{token}/secret", "characters that no address has"),
+            ("https://host/secret#x", "after `#`"),
+            ("https://host/se cret", "characters that are not allowed"),
+            ("https://hüst/secret", "characters that are not allowed"),
+            ("https://host/secret\r\nX: y", "characters that are not allowed"),
+            ("https://host/{secret}", "characters that are not allowed"),
+            ("https://{token}/secret", "characters that are not allowed"),
             ("https://host/{token}/secret/{token}", "more than once"),
         ] {
             let (message, help) = Url::parse(text).unwrap_err();

@@ -74,35 +74,36 @@ pub(super) fn resolve(
     let table = match raw.read_back.as_ref()? {
         ReadBackValue::Register(table) => table,
         ReadBackValue::Object(_) => {
-            let help = "write read_back = { register = \"input:12\" }, or leave it away: what is written is read back there";
+            let help = "write read_back = { register = \"input:12\" }, or remove it: the gateway reads back \
+                        the register that it writes";
             let device = raw.device.as_deref().unwrap_or_default();
-            at.wrong(format!("`{device}` hangs on a Modbus line, and an object is on CAN"), help);
+            at.wrong(format!("`{device}` is on a Modbus line, and an object belongs to CAN"), help);
             return None;
         }
     };
     if share == Share::Ledger {
         let message =
-            "what the control applies is the sum: it does not say how much of a shared register is ours";
+            "the control applies the sum: the gateway share of a shared register cannot be read there";
         at.wrong(message, "remove `read_back`, or write share = \"whole\"");
     }
     if raw.is_no_offset() {
-        let message = "only of an offset a control says what it applies";
+        let message = "`read_back` belongs to an offset";
         at.wrong(message, "remove `read_back`, or write writes = \"offset\"");
     }
     let place = at.key("register");
     if table.register.is_none() {
-        let message = "`register` is missing: where does the control say what it applies?";
+        let message = "`register` is missing: in which register does the control report the applied value?";
         place.missing(message, "write register = \"input:12\"");
     }
     let address = register::register(&place, table.register.as_ref())?;
     let (own, encoding) = written;
     if address.table.is_bits() {
-        place.wrong("a bit holds no offset", "name an input or a holding register");
+        place.wrong("a bit cannot hold an offset", "name an input or a holding register");
         return None;
     }
     if address == own {
-        let message = "it is the register that is written: that is read back without being told to";
-        place.wrong(message, "remove `read_back`, or name the register of what is applied");
+        let message = "this is the register that is written: the gateway reads it back in any case";
+        place.wrong(message, "remove `read_back`, or name the register of the applied value");
     }
     let data_type = table.kind.map_or(encoding.data_type, |TypeWord(kind)| kind);
     let word_order = match (table.kind, table.word_order) {
@@ -115,7 +116,7 @@ pub(super) fn resolve(
     }
     let scale = match table.scale {
         Some(scale) if scale == 0.0 || !scale.is_finite() => {
-            at.key("scale").wrong("a count worth nothing says nothing", "write µm per count, as 0.1");
+            at.key("scale").wrong("a scale of zero is not allowed", "write µm per count, as 0.1");
             return None;
         }
         Some(scale) => Scale::of(scale),
@@ -123,7 +124,7 @@ pub(super) fn resolve(
     };
     let tolerance = match table.tolerance {
         Some(tolerance) if !(tolerance.is_finite() && tolerance > 0.0) => {
-            at.key("tolerance").wrong("a tolerance is more than zero", "write µm, as 0.2");
+            at.key("tolerance").wrong("a tolerance must be more than zero", "write µm, as 0.2");
             return None;
         }
         given => given.unwrap_or_else(|| encoding.scale.get().abs().max(scale.get().abs())),

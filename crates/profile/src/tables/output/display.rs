@@ -122,15 +122,16 @@ impl Display {
             let Beside { register, good, degraded, fault } = word;
             let register = at(*register);
             if good == fault {
-                return format!("with it {register}: always {good:#06x}");
+                return format!("also {register}: always {good:#06x}");
             }
             format!(
-                "with it {register}: {good:#06x}; {degraded:#06x} by a fallback model, {fault:#06x} by none"
+                "also {register}: {good:#06x}; {degraded:#06x} with a fallback model, {fault:#06x} without a \
+                 model"
             )
         });
         let stale = self.stale.iter().map(|Stale { text, register, .. }| {
             let register = at(*register);
-            format!("without a position, and while the axis is off: \"{text}\" in {register} and after it")
+            format!("without a position, and while the axis is off: \"{text}\" from {register} on")
         });
         beside.chain(stale).collect()
     }
@@ -147,7 +148,7 @@ impl Display {
 pub(super) fn resolve(raw: &RawOutput, at: &At<'_>, device: Option<usize>) -> Display {
     for key in ["beside", "stale"].into_iter().filter(|key| at.has(key) && raw.is_written_as_cz()) {
         let help = "remove it, or write writes = \"corrected\"";
-        at.key(key).wrong_key("only a display of a corrected position has this", help);
+        at.key(key).wrong_key("this key belongs to a display of a corrected position", help);
     }
     let list = at.key("beside");
     let beside = raw.beside.iter().flatten().enumerate();
@@ -172,7 +173,7 @@ fn decimals(at: &At<'_>, scale: f64) -> Option<u8> {
     let found = (0..=MOST_DECIMALS).find(is_near);
     if found.is_none() {
         let help = "write `scale` as 1.0, 0.1, 0.01, 0.001, 0.0001 or 0.00001 mm";
-        at.wrong(format!("{scale} is no digit of a display"), help);
+        at.wrong(format!("{scale} is not the value of a digit of a display"), help);
     }
     found
 }
@@ -187,7 +188,7 @@ impl RawBeside {
         let ways = [self.value.is_some(), self.decimals.is_some(), by_state.is_some()];
         if ways.into_iter().filter(|is_there| *is_there).count() != 1 {
             let help = "write one of: value = 0; decimals = 256; good = 1, degraded = 2, fault = 3";
-            at.wrong_key("it takes one way to say which word this is", help);
+            at.wrong_key("exactly one way to give the value of the register is required", help);
             return None;
         }
         if let Some((good, fault)) = by_state {

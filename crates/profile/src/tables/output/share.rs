@@ -38,14 +38,15 @@ pub(super) fn resolve(raw: &RawOutput, at: &At<'_>, data_type: DataType, device:
     }
     let place = at.key("share");
     if raw.is_believed_by_its_echo() {
-        let message =
-            "a share is known only from what is read: verify = \"echo\" does not do for share = \"ledger\"";
+        let message = "the gateway share is known only if the register is read: verify = \"echo\" is not \
+                       enough for share = \"ledger\"";
         at.key("verify").wrong(message, "remove `verify`, or write verify = \"read-back\"");
         // Otherwise the check of the read-back reports it.
         let device = device.and_then(|device| at.check.devices.get(device));
         if device.is_some_and(|device| !device.functions.reads(Table::Holding)) {
-            let message = "a share is known only from what is read, and the device cannot be read";
-            let help = "add \"read-holding\" to `functions` of the device, if the device can do it";
+            let message = "the gateway share is known only if the register is read, and `functions` of the \
+                           device does not allow this";
+            let help = "add \"read-holding\" to `functions` of the device, if the device supports it";
             place.wrong(message, help);
         }
     }
@@ -55,10 +56,10 @@ pub(super) fn resolve(raw: &RawOutput, at: &At<'_>, data_type: DataType, device:
     }
     if !matches!(data_type, DataType::I16 | DataType::U16 | DataType::I32 | DataType::U32) {
         let message = format!(
-            "{} holds no exact sum of two parts: a share is counted in whole counts of at most 32 bits",
+            "{} cannot hold an exact sum: share = \"ledger\" needs an integer type of at most 32 bits",
             data_type.name()
         );
-        let help = "take type = \"i16\", \"u16\", \"i32\" or \"u32\", or share = \"whole\"";
+        let help = "use type = \"i16\", \"u16\", \"i32\" or \"u32\", or share = \"whole\"";
         place.wrong(message, help);
     }
     share

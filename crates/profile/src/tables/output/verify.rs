@@ -45,20 +45,22 @@ pub(super) fn of_a_frame(raw: &RawOutput, at: &At<'_>, data_type: DataType, owne
     let kept = |verify: &VerifyWord| *verify == VerifyWord::ReadBack && raw.read_back.is_some();
     if let Some(verify) = raw.verify.filter(|verify| !kept(verify)) {
         let word = if verify == VerifyWord::Echo { "echo" } else { "read-back" };
-        let message = format!("nothing answers a frame: verify = \"{word}\" cannot be kept");
-        let help = "remove it, and write read_back = \"6004:00\", the object that reads what was written";
+        let message = format!("a frame has no answer: verify = \"{word}\" is not possible");
+        let help =
+            "remove it, and write read_back = \"6004:00\", the CANopen object that returns the written value";
         at.key("verify").wrong(message, help);
     }
     let text = match &raw.read_back {
         Some(ReadBackValue::Object(text)) => text,
         Some(ReadBackValue::Register(_)) => {
-            let help = "write read_back = \"6004:00\", the CANopen object that reads what was written";
-            place.wrong("a register is on Modbus: on CAN an object is read back", help);
+            let help = "write read_back = \"6004:00\", the CANopen object that returns the written value";
+            place.wrong("registers belong to Modbus: on CAN an object is read back", help);
             return None;
         }
         None if raw.is_written_as_cz() => {
-            let message = "`read_back` is missing: an offset must be read back before it is verified";
-            let help = "write read_back = \"6004:00\", the CANopen object that reads what was written; without one only a display of a corrected position is written";
+            let message = "`read_back` is missing: an offset must be read back";
+            let help = "write read_back = \"6004:00\", the CANopen object that returns the written value. \
+                        Without `read_back`, only a display of a corrected position can be written";
             place.missing(message, help);
             return None;
         }
@@ -81,22 +83,22 @@ pub(super) fn preview(output: &Output, device: &Device) -> String {
     if let Some(Applied { address, tolerance, settle, .. }) = &output.applied {
         let (register, settle) = (Notation::from(*address), shown(*settle));
         return format!(
-            "once {register} says that it is applied, within {tolerance} µm after {settle} at most; the register itself \
-             is compared as well"
+            "once {register} reports the value as applied, within {tolerance} µm after {settle} at most; the \
+             written register is also compared"
         );
     }
     let believed = match output.verify {
         Verify::Echo if output.is_single_offset() && device.functions.reads_at(&output.reads_at()) => {
-            "once it is read back: what can be read is read before and after, whatever the answer says"
+            "once it is read back: the register is read before and after each write, whatever the answer is"
         }
         Verify::ReadBack if is_node => "once the node reads back what was written",
         Verify::Echo if is_node => "once the server has answered Good; the node is not read back",
         Verify::ReadBack if is_object => "once the object reads back what was written",
-        Verify::Echo if is_object => "once the node has taken it; the object is not read back",
+        Verify::Echo if is_object => "once the node has accepted it; the object is not read back",
         Verify::ReadBack => "once the register reads back what was written",
         Verify::Echo => "once the answer repeats what was written; the register is not read back",
         Verify::ReadBackAt(object) => return format!("once object {object} reads back what was written"),
-        Verify::Shown => "as soon as it is sent: shown, not verified, nothing reads it back",
+        Verify::Shown => "as soon as it is sent: it is only displayed, and not verified",
     };
     believed.to_owned()
 }

@@ -102,7 +102,7 @@ pub(super) fn resolve(raw: &RawOutput, at: &At<'_>) -> Option<Writes> {
         WritesWord::Reference => Writes::Reference,
         WritesWord::Corrected => {
             if raw.position.is_none() {
-                let help = "name the scale's signal, in mm: position + Cz is written";
+                let help = "name the signal of the scale, in mm: the gateway writes position + Cz";
                 place.missing("`position` is missing: which scale is corrected?", help);
             }
             return Some(Writes::Corrected { position: place.position(raw.position.as_ref())? });
@@ -110,7 +110,7 @@ pub(super) fn resolve(raw: &RawOutput, at: &At<'_>) -> Option<Writes> {
     };
     if raw.position.is_some() {
         let help = "remove it, or write writes = \"corrected\"";
-        place.wrong_key("only a corrected position has a position", help);
+        place.wrong_key("`position` belongs to a corrected position", help);
     }
     Some(writes)
 }
@@ -131,8 +131,8 @@ pub(super) fn meaning(output: &Output, axis: &Axis, profile: &Profile) -> String
             let limit = axis.settings.guard.limit.get() * axis.factor();
             let reach = line.map_or(f64::INFINITY, |line| line.reach.get());
             format!(
-                "tanβ, which the control multiplies by the distance from the reference position: +0.001 µm/mm is {} \
-                 counts; at most ±{} µm/mm, which is ±{limit} µm at {reach} mm",
+                "tanβ, which the control multiplies by the distance from the reference position. +0.001 \
+                 µm/mm is {} counts; at most ±{} µm/mm, which is ±{limit} µm at {reach} mm",
                 signed(0.001 / per_count),
                 signed(limit / reach).trim_start_matches('+'),
             )
@@ -188,11 +188,12 @@ pub(super) fn can_move(at: &At<'_>, output: &Output, axis: &Axis) {
     {
         let (unit, name) = (output.writes.unit(), encoding.data_type.name());
         let message = format!(
-            "{from} to {to} {unit} do not fit {name} at {} {unit} per count with bias {}: it holds {low} to {high} counts",
+            "{from} to {to} {unit} do not fit {name} at {} {unit} per count with bias {}: {name} holds {low} \
+             to {high} counts",
             encoding.scale.get(),
             encoding.bias
         );
-        let help = "take a wider type, a coarser `scale`, a `bias`, or a smaller `limit`";
+        let help = "use a wider type, a coarser `scale`, a `bias`, or a smaller `limit`";
         at.key("type").wrong(message, help);
     }
     let count = encoding.scale.get().abs();
@@ -205,11 +206,10 @@ pub(super) fn can_move(at: &At<'_>, output: &Output, axis: &Axis) {
     if step < f64::from(output.share.counts_of_a_step()) * count * (1.0 - 1e-9) {
         let axis = &axis.settings.name;
         let (follows, at_least) = match output.share {
-            Share::Whole => ("it could never move", "one count"),
-            Share::Ledger => (
-                "beside an operator's part it takes two counts, because their sum is never made zero",
-                "two counts",
-            ),
+            Share::Whole => ("the value could never change", "one count"),
+            Share::Ledger => {
+                ("a shared register needs two counts, because its sum must never become zero", "two counts")
+            }
         };
         let message = format!("one count is {count} µm, one step of axis `{axis}` is {step} µm: {follows}");
         at.key("scale").wrong(message, format!("make `step` of axis `{axis}` at least {at_least}"));

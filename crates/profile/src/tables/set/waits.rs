@@ -11,9 +11,10 @@ pub(super) fn has_time(check: &Check<'_>, set: &OutputSet) {
     let bus = check.devices.get(set.device.0).and_then(|device| check.bus_of(device));
     if let Some(bus) = bus.filter(|bus| handshake.timeout <= bus.timeout) {
         let (name, timeout) = (&bus.name, shown(bus.timeout));
-        let message =
-            format!("the bus `{name}` waits {timeout} for an answer: no time to ask for the acknowledge");
-        at.wrong(message, "make it longer than `timeout` of the bus");
+        let message = format!(
+            "the bus `{name}` waits {timeout} for an answer: there is no time to read the acknowledge"
+        );
+        at.wrong(message, "write a duration longer than `timeout` of the bus");
     }
     let whole = handshake.timeout * 2;
     for output in set.outputs.iter().filter_map(|id| check.outputs.get(id.0)) {
@@ -23,11 +24,11 @@ pub(super) fn has_time(check: &Check<'_>, set: &OutputSet) {
             output.refresh.map(|refresh| (format!("`refresh` of output `{}`", output.name), refresh));
         for (what, every) in called.into_iter().chain(refreshed).filter(|(_, every)| *every <= whole) {
             let message = format!(
-                "two waits of {} (for the acknowledge to come and to drop) are as long as {what}, {}",
+                "two waits of {} (for acknowledge on and acknowledge off) are as long as {what}, {}",
                 shown(handshake.timeout),
                 shown(every)
             );
-            at.wrong(message, "shorten it, or lengthen that");
+            at.wrong(message, "shorten this timeout, or lengthen the period");
         }
     }
 }
@@ -41,8 +42,8 @@ pub(super) fn acknowledges_apart(check: &Check<'_>, sets: &[Option<OutputSet>]) 
         let Some(set) = set else { continue };
         let is_same = |other: &&OutputSet| answers(other).is_some() && answers(other) == answers(set);
         if let Some(other) = sets.iter().take(place).flatten().find(is_same) {
-            let message = format!("{} waits for the same acknowledge", other.label());
-            let help = "give each its own, or put the outputs into one set";
+            let message = format!("{} uses the same acknowledge", other.label());
+            let help = "use another acknowledge for each, or put the outputs into one set";
             set.at(check).key("handshake").key("acknowledge").wrong(message, help);
         }
     }

@@ -42,7 +42,7 @@ impl RawVersion {
         let place = at.key("register");
         if self.register.is_none() {
             place.missing(
-                "`register` is missing: where is the number written?",
+                "`register` is missing: where is the version number written?",
                 "write a holding register, as \"holding:100\"",
             );
         }
@@ -54,10 +54,11 @@ impl RawVersion {
 /// server, so no word is last.
 pub(super) fn foreign_to_nodes(at: &At<'_>) {
     for key in ["sequence", "complement"].into_iter().filter(|key| at.has(key)) {
-        let message =
-            format!("`{key}` says nothing over OPC UA: a server may write the nodes of a call in any order");
-        let help = "take a `handshake`: its strobe rises after all of the set was read back";
+        let message = format!(
+            "`{key}` has no meaning over OPC UA: a server may write the nodes of a call in any order"
+        );
+        let help = "use a `handshake`: its strobe is set after the whole set was read back";
         at.key(key).wrong_key(message, help);
     }
-    at.foreign(&["zeros"], "registers", "remove it: between nodes there is nothing");
+    at.foreign(&["zeros"], "registers", "remove it: there are no unused registers between nodes");
 }

@@ -60,18 +60,20 @@ impl RawCounter {
             at.wrong_key(format!("{} is no counter", encoding.data_type.name()), help);
         }
         if has_max_rate {
-            let help = "keep `max_speed`: beyond it a step is a new reference, and no fault for ever";
-            at.wrong_key("`max_rate` and `counter.max_speed` both say how fast it may change", help);
+            let help = "keep `max_speed`: a step faster than `max_speed` is a new reference, and not a \
+                        lasting fault";
+            at.wrong_key("`max_rate` and `counter.max_speed` both limit the rate of change", help);
         }
         let Some(max_speed) = at.key("max_speed").positive(self.max_speed) else { return (None, capture) };
         let counter = Counter { max_speed, slack: every };
         if let Some(half) = counter.half_way(encoding).filter(|half| *half <= every * 2) {
             let message = format!(
-                "at {max_speed} per second the counter is half way round after {}, and it is read every {}",
+                "at {max_speed} per second the counter passes half of its range in {}, and it is read every \
+                 {}",
                 shown(half),
                 shown(every)
             );
-            let help = "read it at least twice in that time, or take the counter's 32-bit registers";
+            let help = "read the counter at least twice in that time, or use its 32-bit registers";
             at.key("max_speed").wrong(message, help);
         }
         (Some(counter), capture)

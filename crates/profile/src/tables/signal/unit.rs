@@ -141,15 +141,15 @@ impl Other {
                 _ => String::new(),
             };
             return format!(
-                "{begin}, {part} times the scale (1 if none is written), and {part} times the offset (0 if none is \
-                 written){less}; `range` and `max_rate` are in {known} then"
+                "{begin}, {part} times the scale (default 1), and {part} times the offset (default 0){less}; \
+                 `range` and `max_rate` are then in {known}"
             );
         }
         let scale = figures(beside.scale.unwrap_or(1.0) * factor);
         let offset = beside.offset.unwrap_or(0.0) * factor + shift;
         let offset =
             if offset.abs() > 0.0 { format!(" and offset = {}", figures(offset)) } else { String::new() };
-        format!("{begin} with scale = {scale}{offset}; `range` and `max_rate` are in {known} then")
+        format!("{begin} with scale = {scale}{offset}; `range` and `max_rate` are then in {known}")
     }
 }
 

@@ -52,7 +52,7 @@ impl Check {
             point @ (Point::Node(_) | Point::Ambient) => point,
             _ => {
                 self.demand(false, || {
-                    format!("{place}: `{name}` is of the structure itself; name a node, or {AMBIENT}")
+                    format!("{place}: `{name}` is a part of the structure; name a node, or {AMBIENT}")
                 });
                 Point::Ambient
             }

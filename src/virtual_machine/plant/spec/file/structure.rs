@@ -84,7 +84,7 @@ impl StructureFile {
             let point = match self.sinks.get(&name) {
                 Some(around) => check.surroundings(&place, around),
                 None => {
-                    check.demand(false, || format!("{place}: is missing: a node, or ambient"));
+                    check.demand(false, || format!("{place}: is missing; name a node, or ambient"));
                     Point::Ambient
                 }
             };
@@ -118,7 +118,7 @@ impl ModesFile {
         let mut wrong = Vec::new();
         if self.format != "isotherm-modes" || self.version != 1 {
             wrong.push(format!(
-                "format {:?}, version {}: isotherm-modes, 1 is read",
+                "format {:?}, version {}: this program reads isotherm-modes, version 1",
                 self.format, self.version
             ));
         }

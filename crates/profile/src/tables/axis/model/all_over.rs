@@ -126,8 +126,9 @@ pub(super) fn preview(section: &mut Section, profile: &Profile, model: &Model, s
         .map(|asked| asked.as_ref().map_or_else(|| "no value".to_owned(), |asked| signed(asked.cz)));
     let figures = figures.collect::<Vec<String>>().join(", ");
     let position = asked.iter().flatten().find_map(|asked| asked.position);
-    let position =
-        position.map(|(signal, _)| format!(", where {} asks for most", profile.signal(signal).name));
+    let position = position.map(|(signal, _)| {
+        format!(", at the value of {} with the largest |Cz|", profile.signal(signal).name)
+    });
     let position = position.unwrap_or_default();
     section.line(format!("     everything at {} °C: Cz = {figures} µm{position}", temperatures.join(", ")));
     let document = shown.iter().zip(&asked).map(|(all_over, asked)| {

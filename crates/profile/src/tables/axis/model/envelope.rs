@@ -62,7 +62,7 @@ impl EnvelopeFile {
         match wrong {
             BadEnvelope::Count => format!("it has {} inputs; 1 to {MOST} are allowed", self.inputs.len()),
             BadEnvelope::Size => format!(
-                "its covariance has {} rows of {} columns; {} inputs want as many of each",
+                "its covariance has {} rows of {} columns; {} inputs need as many rows and columns",
                 self.covariance.len(),
                 self.covariance.first().map_or(0, Vec::len),
                 self.inputs.len()
@@ -78,7 +78,8 @@ impl EnvelopeFile {
                 name(first)
             ),
             BadEnvelope::NotPositiveDefinite(place) => format!(
-                "its covariance is not positive definite: {} does not vary, or is made of the inputs before it",
+                "its covariance is not positive definite: {} does not vary, or depends on the inputs before \
+                 it",
                 name(place)
             ),
             BadEnvelope::Reach => "its reach must be above zero".to_owned(),
@@ -93,7 +94,7 @@ pub(super) fn resolve(raw: &RawModel, at: &At<'_>, model: Option<&Model>) -> Opt
         let of_it = [("outside", raw.outside.is_some()), ("halves", raw.halves.is_some())];
         for (key, _) in of_it.into_iter().filter(|(_, named)| *named && !place.is_written()) {
             let help = format!("name the file with `envelope`, or remove `{key}`");
-            at.key(key).wrong_key("there is no envelope to be outside of", help);
+            at.key(key).wrong_key("this key needs `envelope`, which is missing", help);
         }
         return Some(None);
     };
@@ -116,8 +117,8 @@ pub(super) fn resolve(raw: &RawModel, at: &At<'_>, model: Option<&Model>) -> Opt
     }
     let apart = apart.map_or(Some(None), |apart| apart.map(Some));
     if raw.outside == Some(OutsideWord::Agree) && raw.halves.is_none() {
-        let message =
-            "without `halves` there is nothing that could agree: outside, the model is followed all the same";
+        let message = "outside = \"agree\" needs `halves`: without `halves`, outside the envelope the model \
+                       is followed as with \"warn\"";
         at.key("outside")
             .warn(message, "name the file with `halves`, or write \"warn\", \"hold\" or \"shrink\"");
     }
@@ -142,10 +143,10 @@ pub(super) fn preview(profile: &Profile, envelope: &Envelope) -> String {
     };
     let ranges: Vec<String> = envelope.inputs().iter().map(range).collect();
     let outside = match envelope.outside() {
-        Outside::Warn => "outside it says so and goes on",
-        Outside::Hold => "outside it keeps Cz",
-        Outside::Shrink => "outside Cz is taken down, the more the farther",
-        Outside::Agree => "outside Cz is taken as far as the two halves of the model agree",
+        Outside::Warn => "outside, the gateway warns and follows the model",
+        Outside::Hold => "outside, Cz is kept",
+        Outside::Shrink => "outside, Cz is reduced more with increasing distance",
+        Outside::Agree => "outside, Cz follows the model as far as its two halves agree",
     };
     format!(
         "identified on {}, within {:.2} Mahalanobis distances of their mean; {outside}",

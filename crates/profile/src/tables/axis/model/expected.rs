@@ -32,8 +32,9 @@ fn growth(at: &At<'_>, written: Option<[f64; 2]>) -> Option<Option<Growth>> {
     let Some([per_hour, at_once]) = written else { return Some(None) };
     let growth = Growth::new(per_hour, at_once);
     if growth.is_none() {
-        let help = "write [a, b] as `isotherm identify` gives them, as [0.9, 1.1]: the variance is a·h + b µm² after h hours";
-        at.wrong(format!("{per_hour} and {at_once} make no variance: both are 0 or more"), help);
+        let help = "write [a, b] as `isotherm identify` prints them, for example [0.9, 1.1]: the variance \
+                    after h hours is a·h + b µm²";
+        at.wrong(format!("{per_hour} and {at_once} are no variance: both must be 0 or more"), help);
     }
     growth.map(Some)
 }

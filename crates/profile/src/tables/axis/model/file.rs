@@ -18,13 +18,13 @@ struct Head {
 pub(super) fn read<T: DeserializeOwned>(bytes: &[u8], format: &str) -> Result<T, String> {
     // The parser's message may quote a file of another kind, so only the position is reported.
     let foreign = |why: serde_json::Error| {
-        format!("it is no JSON of ours (line {}, column {})", why.line(), why.column())
+        format!("it is no JSON of isotherm (line {}, column {})", why.line(), why.column())
     };
     let head: Head = serde_json::from_slice(bytes).map_err(foreign)?;
     match head.format {
         Some(found) if found == format => {}
-        Some(found) => return Err(format!("its format is \"{found}\", and \"{format}\" is wanted here")),
-        None => return Err(format!("it has no \"format\"; \"{format}\" is wanted here")),
+        Some(found) => return Err(format!("its format is \"{found}\", but \"{format}\" is required")),
+        None => return Err(format!("it has no \"format\"; \"{format}\" is required")),
     }
     match head.version {
         Some(1) => {}
@@ -59,7 +59,7 @@ pub(super) fn fit(what: &str, own: &[String], given: &[&str]) -> Result<(), Stri
 
 /// Reads the file that this key of the model names, and checks its SHA-256. `at` is the key.
 pub(super) fn bytes(raw: &RawModel, key: &str, at: &At<'_>, name: &str) -> Option<Vec<u8>> {
-    let bytes = at.file(name, "a file is looked for relative to the profile's directory")?;
+    let bytes = at.file(name, "a relative path begins in the directory of the profile")?;
     raw.seals().is_none_or(|seals| seals.fits(key, at, name, &bytes)).then_some(bytes)
 }
 

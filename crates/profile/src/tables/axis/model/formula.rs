@@ -24,7 +24,7 @@ fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
     let inputs = match &raw.inputs {
         Some(Inputs::ByName(inputs)) => inputs,
         Some(Inputs::InOrder(_)) => {
-            let help = "write inputs = { A = \"bed\" }: a formula knows its signals by name";
+            let help = "write inputs = { A = \"bed\" }: a formula uses its signals by name";
             at.key("inputs").wrong("a list of signals has no names", help);
             return None;
         }

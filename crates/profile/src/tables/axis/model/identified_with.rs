@@ -26,8 +26,8 @@ impl RawIdentifiedWith {
         let own = shown(own);
         let has = of_machine.map_or_else(|| "none".to_owned(), |span| format!("\"{}\"", shown(span)));
         let message = format!(
-            "the model was identified with `settle = \"{own}\"`, and [machine] has {has}: its rises are measured from \
-             something else"
+            "the model was identified with `settle = \"{own}\"`, but [machine] has {has}: the references of \
+             its rises differ"
         );
         let help = format!("write settle = \"{own}\" in [machine], or identify the model again");
         at.key("settle").warn(message, help);

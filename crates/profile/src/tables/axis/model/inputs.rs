@@ -142,7 +142,8 @@ pub(super) fn in_order<'r>(
     }
     if lacks_reference {
         let help = "write what the rises are measured from: a number in °C, \"start\" or \"zero\"";
-        at.key("reference").missing("`reference` is missing: a matrix is about rises", help);
+        at.key("reference")
+            .missing("`reference` is missing: a matrix needs the reference of each rise", help);
     }
     (found.len() == inputs.len()).then_some((found, names))
 }
@@ -155,12 +156,13 @@ pub(super) fn lag(at: &At<'_>, raw: Option<Timespan>, has_reference: bool) -> Op
     if !has_reference {
         let help =
             "write \"start\", \"zero\", or the temperature at which the structure had its cold geometry";
-        let message = "`reference` is missing: what lags begins at rest on it";
+        let message = "`reference` is missing: a value with `lag` begins at its reference";
         at.key("reference").missing(message, help);
     }
     let lag = at.key("lag").duration(raw)?;
     if lag > LONGEST_LAG {
-        let help = "a structure that slow does not move in a shift: leave the term out, or check the unit";
+        let help =
+            "a structure with this lag does not move in a shift: leave the term out, or check the unit";
         at.key("lag").wrong(format!("{} is longer than a week", shown(lag)), help);
     }
     Some(Some(lag))

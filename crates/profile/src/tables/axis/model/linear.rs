@@ -160,7 +160,7 @@ impl RawTerm {
             Some(2) => Some(true),
             Some(other) => {
                 let help = "write power = 2 for the square of the value, or leave it out";
-                at.key("power").wrong(format!("a power of {other} is none that a term can have"), help);
+                at.key("power").wrong(format!("a term cannot have the power {other}"), help);
                 None
             }
         }
@@ -168,7 +168,7 @@ impl RawTerm {
 
     fn doubt(&self, at: &At<'_>, gain: f64, per: &str) {
         let key = if self.gain.is_some() { "gain" } else { "expansion" };
-        let message = format!("{} {per} is more than a machine moves by", signed(gain));
+        let message = format!("a gain of {} {per} is implausible for a machine", signed(gain));
         at.key(key).warn(
             message,
             "`gain` is in µm per unit of the signal; steel: expansion = 11.5e-6, and `length` in mm",
@@ -180,7 +180,7 @@ impl RawTerm {
         if self.expansion.is_some() || self.length.is_some() {
             let key = if self.expansion.is_some() { "expansion" } else { "length" };
             let help = "write `gain` in µm/mm per unit of the signal";
-            at.key(key).wrong_key("a slope has no length that expands", help);
+            at.key(key).wrong_key("a slope has `gain`, and neither `expansion` nor `length`", help);
             return None;
         }
         self.gain(at)
@@ -279,7 +279,7 @@ fn effects(profile: &Profile, linear: &Linear) -> Vec<String> {
     }
     if let Some(slope) = &linear.slope {
         let position = &profile.signal(slope.position).name;
-        let beside = format!(" and {position} stands 100 mm above {} mm", figure(slope.reference.get()));
+        let beside = format!(" and {position} is 100 mm above {} mm", figure(slope.reference.get()));
         for (input, gain) in gains(&slope.terms) {
             let place = late(profile, &input, &beside);
             effects.push(effect_of(profile, &input, gain * 100.0, &place));
@@ -297,7 +297,7 @@ fn at_once_and_at_rest(profile: &Profile, terms: &[Term]) -> Vec<String> {
         let at_rest: f64 = own.iter().map(|(_, gain)| gain).sum();
         let (input, signal) = (own[0].0, profile.signal(own[0].0.signal));
         if input.squared || signal.unit.0 == "rpm" {
-            return effect_of(profile, &input, at_rest, " for good");
+            return effect_of(profile, &input, at_rest, " permanently");
         }
         let [at_once, at_rest] = [at_once, at_rest].map(signed);
         let (name, unit) = (&signal.name, signal.unit);
@@ -316,7 +316,7 @@ fn together<Gain: Copy + Into<f64>>(
     let all = gains(terms).into_iter();
     let own = all.map(|(input, gain)| ((input.signal, input.squared), (input, gain * times)));
     let sum = |own: Vec<(Input, f64)>| {
-        let place = format!("{beside} for good (its {} terms added up)", own.len());
+        let place = format!("{beside} permanently (its {} terms added up)", own.len());
         let all = own.iter().map(|(_, change)| change).sum();
         (own.len() > 1).then(|| effect_of(profile, &own[0].0, all, &place))
     };

@@ -79,7 +79,7 @@ impl MatrixFile {
         let (rows, points) = (file.rows.len(), file.guide_mm.len());
         if rows != 3 * points {
             return Err(format!(
-                "P has {rows} rows; {points} points in guide_mm want {}, x, y and z of each",
+                "P has {rows} rows; {points} points in guide_mm need {} rows, x, y and z of each",
                 3 * points
             ));
         }
@@ -155,7 +155,8 @@ fn preview(profile: &Profile, kind: &Kind) -> Option<Computation> {
     let position = &profile.signal(matrix.position()).name;
     let (first, last) = (matrix.ends().0.get(), matrix.ends().1.get());
     let formula = format!(
-        "Cz = P·ΔT µm at {position}, P of {} from {first} to {last} mm (beyond them as at the end), over {}",
+        "Cz = P·ΔT µm at {position}, P of {} from {first} to {last} mm (beyond the ends as at the end), over \
+         {}",
         matrix.source(),
         rises(profile, matrix.blocks())
     );

@@ -105,8 +105,8 @@ pub fn parse(bytes: &[u8]) -> Result<(Net, Option<Vec<String>>), String> {
     match typed.r#type.as_deref() {
         Some("bp") => layers(read(bytes, FORMAT)?),
         Some("rbf") => radial(read(bytes, FORMAT)?),
-        Some(other) => Err(format!("its type is \"{other}\"; there are \"bp\" and \"rbf\"")),
-        None => Err("it has no \"type\"; there are \"bp\" and \"rbf\"".to_owned()),
+        Some(other) => Err(format!("its type is \"{other}\"; allowed: \"bp\" and \"rbf\"")),
+        None => Err("it has no \"type\"; allowed: \"bp\" and \"rbf\"".to_owned()),
     }
 }
 
@@ -114,7 +114,7 @@ impl RawScaling {
     fn resolved(self) -> Result<(Scaling, Option<Vec<String>>), String> {
         let scaling = Scaling::new(&self.mean, &self.scale)?;
         if let Some(names) = self.names.as_ref().filter(|names| names.len() != scaling.count()) {
-            return Err(format!("it names {} inputs and scales {}", names.len(), scaling.count()));
+            return Err(format!("it names {} inputs, but has scales for {}", names.len(), scaling.count()));
         }
         Ok((scaling, self.names))
     }
@@ -185,7 +185,7 @@ fn net(name: &str, bytes: Vec<u8>, inputs: usize) -> Result<(Net, Option<Vec<Str
 #[cfg(not(feature = "onnx"))]
 fn net(name: &str, bytes: Vec<u8>, _: usize) -> Result<(Net, Option<Vec<String>>), String> {
     if is_onnx(name) {
-        let why = "this program was built without ONNX: take a packaged program, or build it in: \
+        let why = "this program was built without ONNX: use a packaged program, or build one with ONNX: \
                    `cargo build --release --features onnx`";
         return Err(why.to_owned());
     }

@@ -80,7 +80,9 @@ impl RawSeals {
             match (seal, named) {
                 (Some(_), None) => {
                     let help = format!("name the file with `{key}`, or remove it");
-                    place.key(key).wrong_key(format!("the model has no `{key}` that it could seal"), help);
+                    place
+                        .key(key)
+                        .wrong_key(format!("the model has no `{key}` to which this SHA-256 belongs"), help);
                 }
                 (Some(seal), Some(name)) if !is_sha256(seal) => place.key(key).wrong(
                     format!("a SHA-256 has {DIGITS} hex digits"),
@@ -88,7 +90,8 @@ impl RawSeals {
                 ),
                 (None, Some(name)) if self.each().iter().any(|(_, seal)| seal.is_some()) => {
                     let message = format!(
-                        "{name} has no `sha256.{key}`, as others have: nobody would notice a change of it"
+                        "{name} has no `sha256.{key}`, but other files have one: a change of this file is \
+                         not detected"
                     );
                     let help = format!("write sha256.{key}, which `sha256sum {name}` prints");
                     at.key(key).warn(message, help);
@@ -108,10 +111,12 @@ impl RawSeals {
             return true;
         }
         at.wrong(
-            format!("{name}: it was changed, or belongs to another model: its SHA-256 is not `sha256.{key}`"),
             format!(
-                "put back the file that `isotherm identify` wrote with this block, or paste the block that it wrote with this \
-                 file; if the change is meant, write sha256.{key} = \"{found}\""
+                "{name}: the file was changed, or belongs to another model: its SHA-256 is not `sha256.{key}`"
+            ),
+            format!(
+                "put back the file that `isotherm identify` wrote with this block, or paste the block that \
+                 belongs to this file. If the change is intended, write sha256.{key} = \"{found}\""
             ),
         );
         false

@@ -74,9 +74,12 @@ fn doubt(at: &At<'_>, file: &str, id: SignalId) {
         let (name, unit) = (&signal.name, &signal.unit);
         at.warn(
             format!(
-                "{file}: {name} is watched for standing still, and is no temperature (its unit is {unit})"
+                "{file}: {name} is checked for a frozen reading, but is no temperature (its unit is {unit})"
             ),
-            format!("set its unit if it is one, or remove {name} from the sensors of the file"),
+            format!(
+                "set the unit of the signal if it is a temperature, or remove {name} from the sensors of the \
+                 file"
+            ),
         );
     }
 }
@@ -88,7 +91,7 @@ impl StandInsFile {
         }
         for (place, sensor) in self.sensors.iter().enumerate() {
             if self.sensors.iter().take(place).any(|other| other.signal == sensor.signal) {
-                return Err(format!("{} is in it twice", sensor.signal));
+                return Err(format!("{} is listed twice", sensor.signal));
             }
         }
         self.sensors.iter().map(|sensor| sensor.described(names)).collect()
@@ -107,7 +110,7 @@ impl SensorOfFile {
         }
         let term = |term: &TermOfFile| {
             if term.signal == *own {
-                return Err(format!("{own}: it cannot stand in for itself"));
+                return Err(format!("{own}: a sensor cannot replace itself"));
             }
             if !(0.0..=LONGEST_LAG.as_secs_f64()).contains(&term.lag_s) {
                 return Err(format!("{own}: a lag of {} s is not between 0 and a week", term.lag_s));
@@ -136,18 +139,17 @@ fn fingerprint(bytes: &[u8]) -> u64 {
 
 /// Describes which sensors are monitored, and which can be replaced.
 pub(super) fn preview(profile: &Profile, stand_ins: &StandIns) -> String {
-    let mut text = format!("{} sensors are watched for frozen readings", stand_ins.watched().count());
-    let groups = [
-        (Replaces::FrozenOrLost, "other sensors replace"),
-        (Replaces::Frozen, "they replace only while frozen, not if lost,"),
-        (Replaces::Nothing, "they do not replace"),
-    ];
-    for (wanted, words) in groups {
-        let found = stand_ins.watched().filter(|(_, replaces)| *replaces == wanted);
-        let names: Vec<&str> = found.map(|(signal, _)| profile.signal(signal).name.as_str()).collect();
-        if !names.is_empty() {
-            text += &format!("; {words} {}", names.join(", "));
-        }
+    let named = |wanted: bool| -> Vec<&str> {
+        let found = stand_ins.watched().filter(|(_, stands_in)| *stands_in == wanted);
+        found.map(|(signal, _)| profile.signal(signal).name.as_str()).collect()
+    };
+    let (with, without) = (named(true), named(false));
+    let mut text = format!("{} sensors are checked for frozen readings", with.len() + without.len());
+    if !with.is_empty() {
+        text += &format!("; other sensors replace {}", with.join(", "));
+    }
+    if !without.is_empty() {
+        text += &format!("; not {}", without.join(", "));
     }
     text
 }
