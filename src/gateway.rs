@@ -100,7 +100,8 @@ pub(crate) use why::why_by_decision;
 pub use wire_log::WireLog;
 
 /// Why an axis waits for a person.
-const NOT_BELIEVED: &str = "what was saved here did not fit (see the events) or was put back from a backup, and nobody has armed since";
+const NOT_BELIEVED: &str = "the saved state did not fit (see the events) or was put back from a backup, and \
+                            the operator has not armed since";
 /// How long the end of a run waits until the state is on disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
 
@@ -400,7 +401,7 @@ impl Gateway {
         self.shared.report(&Event::Stopping { holds, within });
         let does = match how {
             OnStop::FaultAction => "stopping: the fault actions run",
-            OnStop::Hold => "stopping: the registers keep what they hold",
+            OnStop::Hold => "stopping: the registers keep their values",
         };
         service_manager::stopping(does, within);
         match how {
@@ -416,7 +417,7 @@ impl Gateway {
     async fn settle(&self) {
         let within = ending::begin_stop(&self.shared, OnStop::Hold);
         self.shared.report(&Event::Stopping { holds: true, within });
-        service_manager::reloading("another program takes over; the registers keep what they hold");
+        service_manager::reloading("another program takes over; the registers keep their values");
         self.settled(within).await;
     }
 

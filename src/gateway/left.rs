@@ -63,8 +63,7 @@ impl Left {
         let recalled = Memory::recall(state, profile).unwrap_or_else(|why| {
             is_lost = true;
             opened.file.question().open();
-            let why =
-                format!("{WHAT} in {} is not believed: {why}", store::path(directory, machine).display());
+            let why = format!("{WHAT} in {} is rejected: {why}", store::path(directory, machine).display());
             journal.report(now, &Event::NotBelieved { why });
             Recalled::default()
         });
@@ -104,7 +103,8 @@ impl Left {
             return releases;
         }
         if let Err(why) = &options.may_release {
-            let why = Explained::new(why.clone(), "leave the register to it, then arm the axis");
+            let why =
+                Explained::new(why.clone(), "leave the register to the other gateway, then arm the axis");
             asked.iter().for_each(|release| releases.refuse(&release.place, &why));
         }
         let can = |release: &Release| releases.obstacle(&release.place).is_none();
