@@ -100,10 +100,10 @@ pub use why::how_to_find_a_model;
 pub(crate) use why::why_by_decision;
 pub use wire_log::WireLog;
 
-/// Why an axis waits for the operator after an invalid or restored state.
-const NOT_BELIEVED: &str =
-    "the saved state did not fit (see the events) or was restored from a backup, and no axis was armed since";
-/// Maximum time for which the end of a run waits for the state to be on disk.
+/// Why an axis waits for a person.
+const NOT_BELIEVED: &str = "the saved state did not fit (see the events) or was put back from a backup, and \
+                            the operator has not armed since";
+/// How long the end of a run waits until the state is on disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
 
 /// Interval of reports to a service manager during a stop.
@@ -407,7 +407,7 @@ impl Gateway {
         self.shared.report(&Event::Stopping { holds, within });
         let does = match how {
             OnStop::FaultAction => "stopping: the fault actions run",
-            OnStop::Hold => "stopping: the registers keep what they hold",
+            OnStop::Hold => "stopping: the registers keep their values",
         };
         systemd::stopping(does, within);
         match how {
@@ -423,7 +423,7 @@ impl Gateway {
     async fn settle(&self) {
         let within = ending::begin_stop(&self.shared, OnStop::Hold);
         self.shared.report(&Event::Stopping { holds: true, within });
-        systemd::reloading("another program takes over; the registers keep what they hold");
+        service_manager::reloading("another program takes over; the registers keep their values");
         self.settled(within).await;
     }
 

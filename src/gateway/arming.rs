@@ -161,7 +161,7 @@ impl Arming {
             let name = &profile.axes[axis].settings.name;
             return Attempt::Refused(Explained::new(
                 format!("its model asks for {wanted}, more than axis.{name}.error"),
-                "look for the sensor or the cause first",
+                "find the cause first, for example a faulty sensor",
             ));
         }
         let (mut from, mut from_slope) = (None, None);
@@ -178,24 +178,25 @@ impl Arming {
                     if is_beyond && output.share == Share::Ledger {
                         return Attempt::Refused(Explained::new(
                             format!(
-                                "the gateway share in the register of output {} is {cz}, beyond the limit of ±{limit}",
+                                "the gateway share in the register of output {} is {cz}, beyond the limit of \
+                                 ±{limit}",
                                 output.name
                             ),
-                            format!("raise axis.{axis}.limit until it has gone back to zero"),
+                            format!("raise axis.{axis}.limit until the gateway share has returned to zero"),
                         ));
                     }
                     if is_beyond {
                         // With a bias, zero is not the count 0.
                         let zero = match output.encoding.bias {
                             0 => "zero".to_owned(),
-                            bias => format!("zero, which is {bias} there,"),
+                            bias => format!("zero (register value {bias})"),
                         };
                         return Attempt::Refused(Explained::new(
                             format!(
                                 "the register of output {} holds {cz}, beyond the limit of ±{limit}",
                                 output.name
                             ),
-                            format!("set it to {zero} at the CNC, or raise axis.{axis}.limit"),
+                            format!("set the register to {zero} at the CNC, or raise axis.{axis}.limit"),
                         ));
                     }
                     if output.writes == Writes::Slope {
@@ -213,7 +214,7 @@ impl Arming {
             if let Some((output, _)) = outputs.of_axis(axis).find(displaced) {
                 return Attempt::Refused(Explained::new(
                     format!(
-                        "a slope is in effect about another reference position than output {} writes",
+                        "the control applies a slope with another reference position than output {} writes",
                         output.name
                     ),
                     "set the slope to zero at the CNC",

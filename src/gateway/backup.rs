@@ -48,7 +48,8 @@ fn one_put_back(
     let wrong = |why: String| format!("{name} of the backup is rejected: {why}");
     if name != file_name(machine) {
         return Err(wrong(format!(
-            "it is no state of {machine} that this program reads: restore it with the version that made it"
+            "it is not a state of {machine} that this version can read: restore it with the version that \
+             made it"
         )));
     }
     let (seal, content) = read(bytes, machine).map_err(|unfit| wrong(unfit.to_string()))?;
@@ -73,7 +74,7 @@ fn one_put_back(
             }
             _ => {
                 return Err(format!(
-                    "{} is not of the same machine's history, or not whole: {remedy}",
+                    "{} is from another history of the machine, or is damaged: {remedy}",
                     path.display()
                 ));
             }

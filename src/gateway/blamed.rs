@@ -9,8 +9,9 @@ pub(super) fn of_an_output(profile: &Profile, output: OutputId, fault: Fault) ->
     let named = |place: u16| set?.holds_at(profile, usize::from(place).checked_sub(1)?);
     let label = set.map_or(String::new(), |set| set.label());
     let words = match fault {
-        Fault::Part { status, place } => named(place)
-            .map(|node| format!("the server answers {status} to {node}, and has written others of {label}")),
+        Fault::Part { status, place } => named(place).map(|node| {
+            format!("the server answers {status} to {node}, but has written other values of {label}")
+        }),
         Fault::Unreadable { reason, place } => {
             named(place).map(|node| format!("{node} cannot be read: {}", Fault::of_a_node(reason)))
         }

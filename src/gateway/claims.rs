@@ -104,7 +104,7 @@ pub fn claim(profile: &Profile, directory: &Path) -> Result<Option<String>, Stri
     }
     let listener = match Listener::open(claim.clone()) {
         Ok(listener) => listener,
-        Err(error) => return Ok(Some(format!("no socket can be opened for that: {error}"))),
+        Err(error) => return Ok(Some(format!("no socket can be opened for this check: {error}"))),
     };
     let unseen = compare_with_others(&claim, |_| false)?;
     listener.hold();
@@ -179,8 +179,8 @@ fn is_same_gateway(own: &Claim, other: &Claim) -> bool {
 fn refusal(place: &str, other: &Claim) -> String {
     let Claim { process, machine, state, .. } = other;
     format!(
-        "{place} is written by another gateway of this computer: process {process}, machine {machine}, state directory {}; stop \
-         that one, or give each a place of its own (--dry-run writes nothing)",
+        "{place} is written by another gateway of this computer: process {process}, machine {machine}, state \
+         directory {}. Stop that gateway, or give each gateway its own register (--dry-run writes nothing)",
         state.display()
     )
 }
@@ -188,8 +188,8 @@ fn refusal(place: &str, other: &Claim) -> String {
 fn silent(own: &Claim, process: u32) -> String {
     let addresses: Vec<&str> = own.lines.iter().map(|line| line.address.as_str()).take(5).collect();
     format!(
-        "another gateway of this computer, process {process}, writes to a device at {}, and does not say to which registers; stop \
-         it, or resume it if it is suspended (--dry-run writes nothing)",
+        "another gateway of this computer, process {process}, writes to a device at {}, and does not say to \
+         which registers. Stop that gateway, or resume it if it is suspended (--dry-run writes nothing)",
         addresses.join(" or ")
     )
 }

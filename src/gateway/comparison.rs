@@ -57,7 +57,10 @@ mod tests {
         let profile = sample::profile();
         for (worse, hint) in [
             (OnWorse::Warn, "identify the model again, or disarm the axis"),
-            (OnWorse::Ramp, "Cz goes to zero until touches show that the model is better; identify it again"),
+            (
+                OnWorse::Ramp,
+                "Cz goes to zero until touches show that the model is better; identify the model again",
+            ),
         ] {
             let filter = Filter::Share(0.5);
             let (limit, max_error) = (um(10.0), um(20.0));
@@ -75,8 +78,8 @@ mod tests {
             };
             let found = Some(Worse { touches: 5, without: um(2.0), with: um(3.2) });
             let text = format!(
-                "axis z: its model is worse than no compensation: 3.2 µm are left with it, 2.0 µm without (root mean square of \
-                 the last 5 touches); {hint}"
+                "axis z: its model is worse than no compensation: the residual error is 3.2 µm with the \
+                 model, 2.0 µm without (root mean square of the last 5 touches); {hint}"
             );
             assert_eq!(told(None, AxisState::Active), (None, None));
             assert_eq!(told(found, AxisState::Active), (Some(text), None));

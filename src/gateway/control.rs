@@ -79,7 +79,7 @@ const LONGEST: u64 = 256;
 const DELETED: Duration = Duration::from_secs(1);
 
 /// Answer to a request to stay when the limit of such clients is reached.
-const TOO_MANY: &str = "error as many wait or listen here as may at once: end one of them, and come again\n";
+const TOO_MANY: &str = "error too many clients wait or listen here: end one of them, then try again\n";
 
 /// Beginning of the answer to an unknown line. It is the same in all earlier versions.
 const UNKNOWN: &str = "this socket understands";
@@ -99,8 +99,8 @@ pub fn too_long(path: &Path) -> Option<String> {
     let length = path.as_os_str().len();
     (length > LONGEST_PATH).then(|| {
         format!(
-            "the path of the command socket is {length} bytes long, and no socket's may be longer than {LONGEST_PATH}: choose a \
-             shorter state directory (--state, or [history] directory) or a shorter machine name"
+            "the path of the command socket has {length} bytes, at most {LONGEST_PATH} are possible: shorten \
+             the state directory (--state, or [history] directory) or machine name"
         )
     })
 }
@@ -116,13 +116,13 @@ pub fn open(path: &Path) -> std::io::Result<std::os::unix::net::UnixListener> {
     }
     if let Ok(found) = path.symlink_metadata() {
         if !found.file_type().is_socket() {
-            let why = "the command socket belongs here, and something else lies here: move it away";
+            let why = "the command socket belongs here, but another file has this name: move that file away";
             return Err(refused(ErrorKind::AlreadyExists, why.to_owned()));
         }
         match presence(path) {
             Presence::Nobody => {}
             Presence::Answers => {
-                let why = "another gateway of this machine is running (it answers there)";
+                let why = "another gateway of this machine is running (it answers on this socket)";
                 return Err(refused(ErrorKind::AddrInUse, why.to_owned()));
             }
             Presence::Forbidden => {
@@ -139,7 +139,7 @@ pub fn open(path: &Path) -> std::io::Result<std::os::unix::net::UnixListener> {
         Ok(listener)
     };
     let listener = open().map_err(|error: Error| {
-        refused(error.kind(), format!("the command socket cannot be made: {}", system(&error)))
+        refused(error.kind(), format!("the command socket cannot be created: {}", system(&error)))
     })?;
     listener.set_nonblocking(true)?;
     Ok(listener)
@@ -476,11 +476,14 @@ fn line(exchange: &Exchange, json: bool) -> String {
 fn ended(count: u64, dropped: u64) -> String {
     let left_out = match dropped {
         0 => String::new(),
-        dropped => format!(", {dropped} more left out because they were not taken fast enough"),
+        dropped => format!(", {dropped} more left out because they were not received fast enough"),
     };
     match count {
-        0 => "end nothing was sent to it: it is left alone after a failure (see the events), or has nothing to read\n"
-            .to_owned(),
+        0 => {
+            "end nothing was sent to the device: the gateway pauses after a failure (see the events), or the \
+             device has nothing to read\n"
+                .to_owned()
+        }
         count => format!("end {}{left_out}\n", counted(count, "exchange")),
     }
 }

@@ -347,7 +347,7 @@ impl Core {
         for axis in 0..self.arming.len() {
             let Some(asked) = &self.arming[axis].asked else { continue };
             let why = if asked.by.has_left() {
-                format!("cancelled: whoever asked has gone ({:?})", asked.by).into()
+                format!("cancelled: the client that requested it has disconnected ({:?})", asked.by).into()
             } else if now >= asked.until {
                 let timeout = duration_text(self.given.profile.arm_timeout);
                 let expired = |why: &str| format!("the request to arm has expired after {timeout}: {why}");

@@ -159,8 +159,8 @@ pub(super) fn refuse_what_others_may_write(path: &Path) -> Result<(), String> {
             if (found.is_file() || found.is_dir()) && found.permissions().mode() & OTHERS_WRITE != 0 =>
         {
             Err(format!(
-                "anybody may write to {0}, and its content moves the machine: look at it, then take that away with \
-             `chmod o-w {0}`",
+                "every user may write to {0}, and its content moves the machine: check the content, then \
+                 remove this permission with `chmod o-w {0}`",
                 path.display()
             ))
         }

@@ -104,7 +104,7 @@ pub(super) fn what_is_left(shared: &Shared) -> String {
             let ago = state.verified_at.map_or(0, |at| now.since(at).as_secs());
             let held = match (state.standing, state.cz) {
                 (Standing::Verified, Some(cz)) if output.share == Share::Ledger => {
-                    format!("{} holds {cz} of ours beside the operator's part", output.name)
+                    format!("{} holds {cz} from the gateway beside the operator offset", output.name)
                 }
                 (Standing::Verified, Some(cz)) => format!("{} holds {cz}", output.name),
                 (_, Some(cz)) => {

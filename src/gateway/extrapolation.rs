@@ -9,7 +9,7 @@ use isotherm_core::quantity::Micron;
 use isotherm_profile::{Profile, Unit};
 
 /// Hint for inputs outside the region of a model.
-const MEASURE: &str = "measure a part; if such days are usual, identify the model with them";
+const MEASURE: &str = "measure a part; if such days are usual, identify the model again with their data";
 
 /// Text about an extrapolation: the input that is outside, by how much, and what the axis does.
 pub(super) fn message(profile: &Profile, found: &Extrapolation) -> String {
@@ -18,15 +18,15 @@ pub(super) fn message(profile: &Profile, found: &Extrapolation) -> String {
         return format!("extrapolating: {farthest} of the guideway; Cz is that of its end");
     };
     let does = match found.outside {
-        Outside::Warn => "Cz follows the model all the same".to_owned(),
+        Outside::Warn => "Cz still follows the model".to_owned(),
         Outside::Hold => "Cz is kept".to_owned(),
-        Outside::Shrink => format!("Cz is the model's times {:.2}", found.gain),
+        Outside::Shrink => format!("Cz is the value of the model times {:.2}", found.gain),
         Outside::Agree => {
             let (apart, share) = (found.apart.unwrap_or_default().abs().get(), found.gain * 100.0);
             format!("the two halves of the model differ by {apart:.1} µm: {share:.0} % of its Cz is used")
         }
     };
-    format!("extrapolating: {farthest}; distance {distance:.1}, {reach:.1} is the edge; {does}")
+    format!("extrapolating: {farthest}; distance {distance:.1}, the limit is {reach:.1}; {does}")
 }
 
 /// Text without the figures, which change all the time.
@@ -38,7 +38,7 @@ pub(super) fn cause(profile: &Profile, found: &Extrapolation) -> Explained {
 /// Text about the input that is farthest outside. `by` formats the distance and its unit.
 fn farthest(profile: &Profile, found: &Extrapolation, by: impl Fn(f64, Unit) -> String) -> String {
     let Some(beyond) = found.farthest else {
-        return "the inputs never stood like this to each other".to_owned();
+        return "the model was not identified with this combination of inputs".to_owned();
     };
     let signal = profile.signal(beyond.signal);
     let side = if beyond.by < 0.0 { "below its smallest" } else { "above its largest" };
@@ -150,22 +150,23 @@ mod tests {
         for (found, expected) in [
             (
                 found(beyond(2.3), Outside::Hold, 1.0),
-                "extrapolating: bed is 2.30 °C above its largest value; distance 4.2, 3.0 is the edge; Cz is kept",
+                "extrapolating: bed is 2.30 °C above its largest value; distance 4.2, the limit is 3.0; Cz \
+                 is kept",
             ),
             (
                 found(beyond(-0.5), Outside::Shrink, 0.43),
-                "extrapolating: bed is 0.50 °C below its smallest value; distance 4.2, 3.0 is the edge; \
-                 Cz is the model's times 0.43",
+                "extrapolating: bed is 0.50 °C below its smallest value; distance 4.2, the limit is 3.0; Cz \
+                 is the value of the model times 0.43",
             ),
             (
                 found(None, Outside::Warn, 1.0),
-                "extrapolating: the inputs never stood like this to each other; distance 4.2, 3.0 is the edge; \
-                 Cz follows the model all the same",
+                "extrapolating: the model was not identified with this combination of inputs; distance 4.2, \
+                 the limit is 3.0; Cz still follows the model",
             ),
             (
                 found(beyond(2.3), Outside::Agree, 0.612),
-                "extrapolating: bed is 2.30 °C above its largest value; distance 4.2, 3.0 is the edge; \
-                 the two halves of the model differ by 4.1 µm: 61 % of its Cz is used",
+                "extrapolating: bed is 2.30 °C above its largest value; distance 4.2, the limit is 3.0; the \
+                 two halves of the model differ by 4.1 µm: 61 % of its Cz is used",
             ),
             (
                 Extrapolation { distance: None, ..found(beyond(35.0), Outside::Warn, 1.0) },

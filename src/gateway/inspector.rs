@@ -423,7 +423,7 @@ async fn set_up(
         match line.request_unverified(device, Request::Can(request)).await.map(|answered| answered.answer) {
             Ok(Answer::Registers(found)) if found != value.registers() => wrong.push(not_set_up(
                 setup,
-                format!("is not {} yet, and nothing is set up while nothing may be written", setup.value),
+                format!("is not {} yet, and a dry run does not change settings", setup.value),
             )),
             Ok(_) => {}
             Err(fault) if fault.is_refusal() => {
@@ -491,9 +491,9 @@ fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Dif
     }
     let is_of_settings = before == Continuity::Confirmed && is_evident;
     let found = if is_of_settings { format!("its settings were changed: {found}") } else { found };
-    let why = Explained::new(format!("device {name}: {found}"), "arm it when that is set right");
+    let why = Explained::new(format!("device {name}: {found}"), "correct the setting, then arm the axis");
     let told = match has_remedies {
-        true => Explained::new(found, "no axis that needs the device is armed before"),
+        true => Explained::new(found, "until the setting is correct, no axis that needs the device is armed"),
         false => found.into(),
     };
     core.events.push(Event::NotAsExpected { device: name.clone(), found: told });

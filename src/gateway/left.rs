@@ -103,7 +103,8 @@ impl Left {
             return releases;
         }
         if let Err(why) = &options.may_release {
-            let why = Explained::new(why.clone(), "leave the register to it, then arm the axis");
+            let why =
+                Explained::new(why.clone(), "leave the register to the other gateway, then arm the axis");
             asked.iter().for_each(|release| releases.refuse(&release.place, &why));
         }
         let can = |release: &Release| releases.obstacle(&release.place).is_none();

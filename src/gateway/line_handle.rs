@@ -249,9 +249,10 @@ fn another_master(signals: &[&Signal]) -> Explained {
         if more == 0 { named.join(", ") } else { format!("{} and {more} more", named.join(", ")) }
     };
     let mut cause =
-        "another master is on the line: messages came that no question of this gateway asked for".to_owned();
+        "another master is on the line: messages arrived that answer no request of this gateway".to_owned();
     if !signals.is_empty() {
-        let agree = "its answers look like those of these signals, which are used only if two in a row agree";
+        let agree =
+            "its messages look like answers for these signals, which are used only if two in a row agree";
         cause += &format!("; {agree}: {}", list(signals));
         let (_, unlimited): (Vec<&Signal>, Vec<&Signal>) =
             signals.iter().copied().partition(|signal| signal.max_rate.is_some());

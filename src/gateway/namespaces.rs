@@ -73,15 +73,16 @@ impl NamespaceWatch {
             let found = match located {
                 Located::Ambiguous => format!("the server has namespace {was} (ns={index}) more than once"),
                 Located::Unclear => format!(
-                    "nodes of ns={index} were added to the profile; it was {was}, which is elsewhere now, and is {is}"
+                    "nodes of ns={index} were added to the profile; this index was {was}, which has another \
+                     index now, and is {is}"
                 ),
                 _ => format!(
                     "the server does not have namespace {was} (ns={index}) any more; ns={index} is {is}"
                 ),
             };
-            let meant = format!("write the namespace that is meant as nsu=... in place of ns={index}");
+            let meant = format!("write the intended namespace as nsu=... in place of ns={index}");
             let confirmed = now.map_or(String::new(), |now| {
-                format!("; or, if ns={index} is to be {now}, isotherm confirm {} {device}", profile.display())
+                format!("; or, if ns={index} must be {now}, isotherm confirm {} {device}", profile.display())
             });
             Difference {
                 what: format!("ns={index}"),
@@ -117,7 +118,8 @@ pub(super) fn confirm_namespaces(
     if let Some(index) = lost.iter().find(|index| !has(index)) {
         return Err(Explained::new(
             format!("the server has no namespace at ns={index} now"),
-            "wait until the server has loaded it, or write the namespace that is meant as nsu=... and restart",
+            "wait until the server has loaded the namespace, or write the intended namespace as nsu=... and \
+             restart",
         ));
     }
     let is_named = |output: &Output| match &output.address {
@@ -132,10 +134,11 @@ pub(super) fn confirm_namespaces(
     if let Some(output) = profile.outputs.iter().find(is_concerned) {
         return Err(Explained::new(
             format!(
-                "output {} shares its register with an operator, and its account is that of the former namespace",
+                "output {} shares its register with an operator, and its ledger entry belongs to the former \
+                 namespace",
                 output.name
             ),
-            "write the namespace that is meant as nsu=... in the profile, and restart",
+            "write the intended namespace as nsu=... in the profile, and restart",
         ));
     }
     let accepted = table.confirm().into_iter().map(|(index, uri)| format!("ns={index} is {uri}"));

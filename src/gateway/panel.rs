@@ -210,7 +210,7 @@ impl CommandHandle {
                         core.disarm(AxisId(*axis), BY_A_PERSON);
                         core.arming[*axis].trust = true;
                     }
-                    Ok(Answer::Done(format!("{said}: off; what stands in the registers stays")))
+                    Ok(Answer::Done(format!("{said}: off; the registers keep their values")))
                 }
                 Command::Zero => {
                     let (now, only) = (shared.clock.now(), axis.map(|_| chosen[0]));
@@ -223,8 +223,8 @@ impl CommandHandle {
                         Some(place) if core.compensation.zero_axis(place, now) => {}
                         Some(_) => {
                             return Err(Explained::new(
-                                format!("another axis counts from the zero of a signal of axis {said} too"),
-                                "zero all of them",
+                                format!("another axis also uses the zero of a signal of axis {said}"),
+                                "zero all axes",
                             ));
                         }
                     }
@@ -247,16 +247,15 @@ impl CommandHandle {
                     waiting.iter().for_each(|axis| core.cancel(*axis, format!("cancelled {by}").into()));
                     match waiting.iter().map(name).collect::<Vec<_>>() {
                         names if names.is_empty() && signs.is_empty() => {
-                            Err("no request to arm waits".into())
+                            Err("no request to arm is waiting".into())
                         }
                         names if names.is_empty() => Ok(Answer::Done(format!(
-                            "{}: Cz goes back to what the model asks for",
+                            "{}: Cz returns to the value of the model",
                             signs.iter().map(name).collect::<Vec<_>>().join(", ")
                         ))),
-                        names => Ok(Answer::Done(format!(
-                            "{}: the request to arm is taken back",
-                            names.join(", ")
-                        ))),
+                        names => {
+                            Ok(Answer::Done(format!("{}: the request to arm is cancelled", names.join(", "))))
+                        }
                     }
                 }
             }
@@ -293,7 +292,7 @@ impl CommandHandle {
         let axes = axes.collect::<Vec<_>>().join(", ");
         let of = if axes.is_empty() { String::new() } else { format!("{axes}: ") };
         Err(Answer::TooSoon(format!(
-            "{of}{verb} was asked for less than a second ago, and is taken once a second"
+            "{of}{verb} was requested less than a second ago; it is accepted once a second"
         )))
     }
 
@@ -304,7 +303,7 @@ impl CommandHandle {
         places.retain(|place| !self.0.profile.is_release(AxisId(*place)));
         match axis {
             Some(axis) if places.is_empty() => Err(format!(
-                "axis {axis} only takes a register back to its base, which `isotherm release` asks for"
+                "axis {axis} only returns a register to its base; `isotherm release` starts this"
             )),
             _ => Ok(places),
         }
@@ -424,10 +423,10 @@ impl CommandHandle {
         }
         let by = asker.way.by(&asker.who);
         let answer = match shared.journal.acknowledge(shared.clock.now(), alarm, by) {
-            Some(0) => Ok("somebody had seen it before".to_owned()),
-            Some(1) => Ok("one alarm is seen".to_owned()),
-            Some(count) => Ok(format!("{count} alarms are seen")),
-            None => Err(Explained::new("no such alarm stands", "it has ended, or has another name")),
+            Some(0) => Ok("already acknowledged".to_owned()),
+            Some(1) => Ok("one alarm acknowledged".to_owned()),
+            Some(count) => Ok(format!("{count} alarms acknowledged")),
+            None => Err(Explained::new("there is no such alarm", "it has ended, or has another name")),
         };
         let answered = answer.as_ref().map(String::as_str).map_err(Explained::clone);
         shared.report(&reported(command, Vec::new(), asker, answered));
@@ -454,7 +453,7 @@ impl CommandHandle {
                 if let Some(accepted) = confirm_namespaces(profile, profile.devices[place].bus, core)? {
                     return Ok(Answer::Done(format!("{device}: confirmed; {accepted}")));
                 }
-                let hint = "set it so at the device, or correct `verify` in the profile";
+                let hint = "change the setting at the device, or correct `verify` in the profile";
                 return Err(Explained::new(format!("its checks do not pass: {found}"), hint));
             }
             let jumped = core.board.confirm(DeviceId(place));
@@ -495,7 +494,9 @@ impl CommandHandle {
             let settings = &shared.profile.axes[place];
             if settings.settings.probe.is_none() {
                 return Err(Explained::new(
-                    format!("axis {axis} takes no measured errors: its profile has no [axis.{axis}.probe]"),
+                    format!(
+                        "axis {axis} does not accept measured errors: the profile has no [axis.{axis}.probe]"
+                    ),
                     "add that table, and restart",
                 ));
             }
@@ -503,7 +504,7 @@ impl CommandHandle {
                 core.probing[place].forget = true;
                 core.probing[place].measured = None;
                 return Ok(format!(
-                    "{axis}: what probings have taught is taken back; Cz goes there step by step"
+                    "{axis}: the correction from probings is removed; Cz changes step by step"
                 ));
             };
             if core.phase.is_stopping() {
@@ -519,7 +520,7 @@ impl CommandHandle {
             }
             let acting = acting(place, &core.outputs, &core.arming[place]).ok_or_else(|| {
                 let cause = format!("{axis}: {}", Missed::Acting.message());
-                Explained::new(cause, "measure again when it is")
+                Explained::new(cause, "measure again when the output is verified")
             })?;
             let measured = Measured { error: error_of_radius, acting: Some(acting) };
             core.board.look(now);
@@ -529,15 +530,15 @@ impl CommandHandle {
                 Some((probed.refused?, why_refused(&shared.profile, place, probed.refused?, &probed)))
             });
             let taken = match why {
-                None => "it is learned from at once".to_owned(),
-                Some((Refused::Doubted(_), why)) => format!("not learned from yet: {why}"),
+                None => "used for the correction now".to_owned(),
+                Some((Refused::Doubted(_), why)) => format!("not used for the correction yet: {why}"),
                 Some((refused, why)) => {
                     // The comparison of the model with no compensation uses the error nevertheless.
                     if matches!(refused, Refused::Implausible | Refused::Outside) {
                         core.compensation.take_report(place, report, now);
                         core.probing[place].measured = Some(measured);
                     }
-                    return Err(why.within(|cause| format!("{axis}: not learned from: {cause}")));
+                    return Err(why.within(|cause| format!("{axis}: not used for the correction: {cause}")));
                 }
             };
             core.compensation.take_report(place, report, now);

@@ -20,8 +20,8 @@ use isotherm_core::quantity::Micron;
 use isotherm_profile::{AxisId, DeviceId, Output, OutputId, Profile, Share, Signal, Writes};
 
 /// Hint for an output that uses a whole register to which an operator also writes.
-const WHOLE: &str = "arming makes all that the register holds the gateway's, also what the operator has there; to keep that, write \
-                     share = \"ledger\" again";
+const WHOLE: &str = "arming makes the whole register value the gateway share, also the operator offset; to \
+                     keep the operator offset, write share = \"ledger\" again";
 
 /// Places as they are saved.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -327,7 +327,8 @@ impl Places {
                 let holds = holds.map_or(String::new(), |holds| format!("; it holds {holds} now"));
                 return Explained::new(
                     format!(
-                        "output {output} was beside an operator's part in {place}; output {name} takes all of it{holds}"
+                        "output {output} shared {place} with an operator offset; output {name} uses the \
+                         whole register{holds}"
                     ),
                     WHOLE,
                 );
@@ -335,21 +336,22 @@ impl Places {
             let held = held.unwrap_or_default();
             return Explained::new(
                 format!(
-                    "output {output} is not in the profile any more; {held} of ours were verified in {place}"
+                    "output {output} is not in the profile any more; {held} from the gateway were verified \
+                     in {place}"
                 ),
-                "take it back with `isotherm release` if that is offered, or set that register to zero at the control unless the \
-                 operator needs the value; then arm the axis",
+                "remove the value with `isotherm release` if that is offered. Otherwise set that register to \
+                 zero at the control, unless the operator needs the value. Then arm the axis",
             );
         };
-        let held = held.map_or("what it held is not known".to_owned(), |held| {
-            format!("{held} of ours were verified there")
+        let held = held.map_or("its value is not known".to_owned(), |held| {
+            format!("{held} from the gateway were verified there")
         });
         let holds = holds.map_or(String::new(), |holds| format!("; its register holds {holds} now"));
         let hint = match (place.share, now.share) {
             (Owner::Ledger, Owner::Whole) => WHOLE,
             _ => {
-                "compare both at the control, set what is not to stay to zero there, then arm the axis; or write the former \
-                 place again"
+                "compare both places at the control, set an unneeded value to zero, then arm the axis; or \
+                 write the former place again"
             }
         };
         Explained::new(format!("output {output} was {was}, {held}; it is {is}{holds}"), hint)
@@ -496,12 +498,12 @@ pub(super) fn register_left(former: &Former, releases: &Releases, profile: &Prof
     let (output, path) = (former.output.clone(), profile.path.display());
     let hint = match releases.obstacle(&former.place) {
         None => format!(
-            "take it back with `isotherm release {path} {output}`, or set that register to zero at the control unless the operator \
-             needs the value; then arm the axis"
+            "remove the value with `isotherm release {path} {output}`. Or set that register to zero at the \
+             control, unless the operator needs the value. Then arm the axis"
         ),
         Some(why) => {
             let remedy = why.hint.unwrap_or(BY_HAND.into());
-            format!("`isotherm release` cannot take it back: {}; {remedy}", why.cause)
+            format!("`isotherm release` cannot remove the value: {}; {remedy}", why.cause)
         }
     };
     let held = former.held_um.and_then(Micron::new).unwrap_or_default();
@@ -516,8 +518,8 @@ pub(super) fn renamed<T>(all: BTreeMap<String, T>, names: &BTreeMap<String, Stri
 /// Explains why a reference that was captured from a signal is not used.
 pub(super) fn why_forgotten(signal: &str, Moved { was, is, .. }: &Moved) -> Explained {
     Explained::new(
-        format!("signal {signal} was {was}, it is {is}; what was captured from it is not used"),
-        "it is captured again from now on; measure a part, or write the former place again",
+        format!("signal {signal} was {was}, it is {is}; its captured reference is not used"),
+        "the reference is captured again from now on; measure a part, or write the former place again",
     )
 }
 

@@ -46,7 +46,7 @@ impl Missed {
     pub(super) fn message(self) -> &'static str {
         match self {
             Missed::NoResult => "its result could not be read",
-            Missed::Acting => "it is not certain which Cz stood in the machine",
+            Missed::Acting => "it is not certain which Cz acted in the machine",
         }
     }
 }
@@ -107,8 +107,8 @@ pub(super) fn why_refused(profile: &Profile, axis: usize, refused: Refused, prob
             "arm the axis again when the cause is found",
         ),
         Refused::Outside => Explained::new(
-            "the inputs lie outside what its model was identified on",
-            "if such days are usual, identify the model with them",
+            "the inputs are outside the range on which its model was identified",
+            "if such days are usual, identify the model again with their data",
         ),
         Refused::Implausible => {
             let settings = &profile.axes[axis].settings;
@@ -117,8 +117,8 @@ pub(super) fn why_refused(profile: &Profile, axis: usize, refused: Refused, prob
             Explained::new(format!("{}, {more}", wrong_by(probed)), "measure again")
         }
         Refused::Doubted(most) => Explained::new(
-            format!("{}, more than the {most} that it can have come to", wrong_by(probed)),
-            "measure again: it waits for a second probing that agrees",
+            format!("{}, more than the {most} that is plausible now", wrong_by(probed)),
+            "measure again: the gateway waits for a second probing that agrees",
         ),
     }
 }

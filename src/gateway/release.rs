@@ -107,11 +107,11 @@ impl Releases {
         if let Some(one) = self.returning.iter().find(|one| one.waits.contains(&axis)) {
             return Attempt::Refused(Explained::new(
                 format!(
-                    "the former register of its output, {}, is on its way back to its base",
+                    "the former register of its output, {}, is still returning to its base",
                     one.release.place
                 ),
-                "arm the axis when that is over: `isotherm status` shows how far it is, and `isotherm disarm` with the axis that does it \
-                 ends it",
+                "arm the axis when the release has ended: `isotherm status` shows its progress, and \
+                 `isotherm disarm` of the release axis ends it",
             ));
         }
         let of_axis = self.returning.iter().find(|one| one.axis == axis);
@@ -146,9 +146,10 @@ impl Returning {
     pub(super) fn admit(&self, found: Micron, shares: Option<(f64, f64)>) -> Result<(), Explained> {
         let Release { place, .. } = &self.release;
         let ours = self.release.known_um();
-        let compare = "compare the register at the control; if the value is to go, release it again";
+        let compare = "compare the register at the control; if the value must be removed, release it again";
         if !self.release.may_move_from(found.get(), self.grain_um) {
-            let cause = format!("{place} holds {found}, and {ours:.1} µm of ours were expected in it");
+            let cause =
+                format!("{place} holds {found}, but {ours:.1} µm from the gateway were expected in it");
             return Err(Explained::new(cause, compare));
         }
         match (self.release.operator, shares) {
@@ -156,13 +157,13 @@ impl Returning {
             (Some(was), Some((is, _))) if (is - was).abs() <= self.grain_um => Ok(()),
             (Some(was), Some((is, _))) => Err(Explained::new(
                 format!(
-                    "{place} holds {is:.1} beside the {ours:.1} µm of ours, and the operator's part was {was:.1}: perhaps ours \
-                     were taken out by hand"
+                    "{place} holds {is:.1} beside the {ours:.1} µm from the gateway, but the operator offset \
+                     was {was:.1}: perhaps the gateway share was removed by hand"
                 ),
                 compare,
             )),
             (None, _) | (_, None) => {
-                Err(Explained::new(format!("which part of {place} is the operator's is in doubt"), compare))
+                Err(Explained::new(format!("the operator offset in {place} is in doubt"), compare))
             }
         }
     }
@@ -200,11 +201,12 @@ pub(super) fn layout(encoding: &Encoding) -> String {
 
 /// Obstacle of a shared register whose ledger entry is in doubt.
 pub(super) fn in_doubt() -> Explained {
-    Explained::new("which part of it is the operator's is in doubt", BY_HAND)
+    Explained::new("the operator offset in it is in doubt", BY_HAND)
 }
 
 fn unknown() -> Explained {
-    let cause = "the saved state does not say how it was moved: an earlier version of the program wrote it";
+    let cause = "the saved state does not contain its limit, step and rate: an earlier version of the \
+                 program wrote the state";
     Explained::new(cause, BY_HAND)
 }
 
@@ -220,7 +222,7 @@ fn why_not(profile: &Profile, former: &Former, kept: &[Entry]) -> Result<(), Exp
         let entry = kept.iter().find(|entry| entry.lies_at(&former.place));
         match entry.and_then(|entry| entry.kept.account) {
             None => {
-                return by_hand("the saved state does not say which part of it is the operator's".to_owned());
+                return by_hand("the saved state does not contain the operator offset in it".to_owned());
             }
             Some(account) if account.doubt.is_some() => return Err(in_doubt()),
             Some(_) => {}
@@ -228,10 +230,7 @@ fn why_not(profile: &Profile, former: &Former, kept: &[Entry]) -> Result<(), Exp
     }
     let held = former.found_um.or(former.held_um).unwrap_or_default();
     if held.abs() > bounds.limit_um + bounds.step_um * GRAIN_OF_A_STEP {
-        return by_hand(format!(
-            "{held:.1} µm is more than the limit of ±{} µm that it had",
-            bounds.limit_um
-        ));
+        return by_hand(format!("{held:.1} µm is more than its former limit of ±{} µm", bounds.limit_um));
     }
     Ok(())
 }
@@ -264,12 +263,12 @@ fn way(profile: &Profile, place: &OutputPlace, bounds: &Bounds) -> Result<Way, E
         return Err(by_hand(obstacle.cause().to_owned()));
     }
     let (register, encoding) = register(place)
-        .ok_or_else(|| by_hand(format!("no register is read as {} {}", place.address, place.layout)))?;
+        .ok_or_else(|| by_hand(format!("no register can be read as {} {}", place.address, place.layout)))?;
     let device = device_at(profile, place).ok_or_else(|| {
         Explained::new(
             format!("the profile does not have its device any more, unit {} at {}", place.unit, place.bus),
-            "put that bus and device into the profile again and restart with `isotherm restart --keep`, or set that register to zero at \
-             the control unless the operator needs the value",
+            "put that bus and device into the profile again and restart with `isotherm restart --keep`. Or \
+             set that register to zero at the control, unless the operator needs the value",
         )
     })?;
     let count = encoding.data_type.registers();
@@ -281,7 +280,7 @@ fn way(profile: &Profile, place: &OutputPlace, bounds: &Bounds) -> Result<Way, E
         })
     };
     if same_lines(profile, profile.device(device).bus).into_iter().any(is_written) {
-        return Err(Explained::new("the profile writes to it", "arm the axis of that output"));
+        return Err(Explained::new("an output of the profile writes to it", "arm the axis of that output"));
     }
     let settings = profile.device(device);
     if settings.functions.writes(count).is_none() || !settings.functions.reads(Table::Holding) {

@@ -178,14 +178,18 @@ pub(super) fn ask(core: &mut Core, (output, seen): (&str, &[f64]), by: String) -
         return Err(Explained::new("there is no state directory", "name one with --state"));
     }
     if core.storage.is_in_question() {
-        let cause = "what was saved did not fit, so it is not known what is left in a register";
-        return Err(Explained::new(cause, "arm an axis first: a person has to answer for that"));
+        let cause =
+            "the saved state was not accepted, so the values that are left in registers are not known";
+        return Err(Explained::new(
+            cause,
+            "arm an axis first: the operator must confirm the register values",
+        ));
     }
     let all = left(core);
     let of_output: Vec<&LeftStatus> = all.iter().filter(|left| left.output == output).collect();
     if of_output.is_empty() {
         let cause = format!(
-            "nothing of ours is in a register of an output {} that was moved or removed",
+            "no value of the gateway is in a register of an output {} that was moved or removed",
             quoted(output)
         );
         return Err(Explained::new(cause, "`isotherm status` shows what is left"));
@@ -193,10 +197,10 @@ pub(super) fn ask(core: &mut Core, (output, seen): (&str, &[f64]), by: String) -
     if let Some(left) = of_output.iter().find(|left| left.state == LeftState::Returning) {
         return Err(Explained::new(
             format!(
-                "output {output}: {} is on its way back already, {:.1} µm are left",
+                "output {output}: {} is already returning, {:.1} µm are left",
                 left.register, left.held_um
             ),
-            "`isotherm status` shows how far it is",
+            "`isotherm status` shows its progress",
         ));
     }
     let can = |former: &Former| former.output == output && core.releases.obstacle(&former.place).is_none();
@@ -209,12 +213,12 @@ pub(super) fn ask(core: &mut Core, (output, seen): (&str, &[f64]), by: String) -
     }
     let as_shown = |(release, seen): (&Release, &f64)| (release.from_um - seen).abs() <= AS_SHOWN_UM;
     if released.len() != seen.len() || !released.iter().zip(seen).all(as_shown) {
-        let cause = format!("what is left of output {output} is not what was shown");
-        return Err(Explained::new(cause, "look again, and release it if that is to go"));
+        let cause = format!("the value that is left of output {output} has changed since it was shown");
+        return Err(Explained::new(cause, "check the value again, then release it"));
     }
     let each = released.iter().map(|one| format!("{:.1} µm in {}", one.from_um, one.place));
     let said = format!(
-        "output {output}: {} go back to the base once the gateway has been restarted",
+        "output {output}: {} return to the base after the next restart of the gateway",
         each.collect::<Vec<_>>().join(" and ")
     );
     let saved = &mut Arc::make_mut(&mut core.places.places).releases;

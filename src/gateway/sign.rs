@@ -66,7 +66,9 @@ pub(super) fn must(profile: &Profile, axis: usize, way: Micron) -> String {
     let mut texts = Vec::new();
     if of_axis().any(|output| matches!(output.writes, Writes::Offset | Writes::Intercept)) {
         let (way, um) = if way < Micron::ZERO { ("minus", way.abs()) } else { ("plus", way) };
-        texts.push(format!("the tool must have moved by {um} to {way} of {axis_name}, seen from the work"));
+        texts.push(format!(
+            "the tool must have moved by {um} in {way} direction of {axis_name}, relative to the workpiece"
+        ));
     }
     if of_axis().any(|output| matches!(output.writes, Writes::Corrected { .. })) {
         let mm = way.get() / 1000.0;
@@ -80,14 +82,13 @@ pub(super) fn refused(guard: &GuardSettings, from: Micron, axis: &str) -> Option
     let beyond = (from.get() + WAY).abs() > guard.limit.get();
     if beyond {
         let limit = guard.limit;
-        return Some(format!(
-            "Cz stands at {from}, and +{WAY} µm would be beyond axis.{axis}.limit of {limit}"
-        ));
+        return Some(format!("Cz is {from}, and +{WAY} µm would be beyond axis.{axis}.limit of {limit}"));
     }
     let grain = guard.deadband.get().max(guard.count.map_or(0.0, Micron::get));
     (grain > WAY / 2.0).then(|| {
         format!(
-            "axis.{axis}.deadband, or one count of its register, is {grain} µm: +{WAY} µm would not be made"
+            "axis.{axis}.deadband, or one count of its register, is {grain} µm: too coarse for a step of \
+             +{WAY} µm"
         )
     })
 }

@@ -48,10 +48,10 @@ pub(super) fn begin(
     if !decision.state.is_following() || !core.has_arrived(axis) {
         let why = core.why(axis, now);
         let does = AxisState::display_of(decision.state.name());
-        let why = if why.cause.is_empty() { "its offset is on its way".into() } else { why };
+        let why = if why.cause.is_empty() { "its offset has not arrived yet".into() } else { why };
         return Err(Explained::new(
             format!("axis {name} is {does}: {why}"),
-            "check its sign when it stands still and compensates",
+            "check the sign when the axis compensates and its offset has arrived",
         ));
     }
     let from = decision.cz;
@@ -95,11 +95,14 @@ pub(super) fn answer(
         None => {
             return Err(Explained::new(
                 format!("no check of the sign of axis {name} is under way"),
-                "begin one",
+                "start the sign check first",
             ));
         }
         Some(check) if !check.is_there => {
-            return Err(Explained::new(format!("{name}: the offset is not there yet"), "wait for it"));
+            return Err(Explained::new(
+                format!("{name}: the offset has not arrived yet"),
+                "wait until it has arrived",
+            ));
         }
         Some(_) => {}
     }
@@ -126,9 +129,9 @@ pub(super) fn follow(core: &mut Core, now: Moment) {
             let does = AxisState::display_of(decision.state.name());
             Some(core.why(axis, now).within(|cause| format!("the axis is {does}: {cause}")))
         } else if check.by.has_left() {
-            Some("whoever asked has gone".into())
+            Some("the client that requested the check has disconnected".into())
         } else {
-            (now >= check.until).then(|| "nobody has said in time which way the gauge moved".into())
+            (now >= check.until).then(|| "nobody has answered in time which way the gauge moved".into())
         };
         if let Some(why) = why {
             end(core, axis, why);

@@ -240,8 +240,9 @@ pub(super) fn may_start(disk: &dyn Disk, directory: &Path, machine: &str) -> Res
     }
     match read(disk, &document, |bytes| document::read(bytes, machine)) {
         Err(Unfit::Later(found)) => Err(format!(
-            "the saved state {} was written by a later version of this program (layout {found}, this one knows up to \
-             {VERSION}): run that version, or move the file away and let a person arm",
+            "the saved state {} was written by a later version of this program (layout {found}, this one \
+             knows up to {VERSION}). Run that version, or move the file away and let the operator arm the \
+             axes",
             document.display()
         )),
         _ => Ok(()),

@@ -120,7 +120,7 @@ impl Program {
         let shown = self.path.display();
         let image = Image::at(&self.path);
         let no_memory = |error: std::io::Error| {
-            Unfit::Other(format!("nothing can be handed over to the new program: {error}"))
+            Unfit::Other(format!("the state cannot be handed over to the new program: {error}"))
         };
         let answer = KeptProfile::offer().ok();
         let stdout = answer.as_ref().map(File::try_clone).transpose().map_err(no_memory)?;
@@ -223,7 +223,7 @@ fn judge(status: ExitStatus, said: impl FnOnce() -> String) -> Result<(), Unfit>
     let said = cut(&one_line(&lines.join("; ")), LONGEST_SAID).into_owned();
     Err(match status.code() {
         Some(WRONG_PROFILE) => Unfit::Profile(said),
-        _ if said.is_empty() => Unfit::Other(format!("the program that is to take over ended with {status}")),
+        _ if said.is_empty() => Unfit::Other(format!("the new program ended with {status}")),
         _ => Unfit::Other(said),
     })
 }
@@ -259,7 +259,7 @@ impl Successor {
         let checked = self.program.check(&self.socket, within)?;
         let directory = self.socket.parent().unwrap_or(Path::new("."));
         Handover::rehearse(&digest_path(directory, &self.shared.profile.name)).map_err(|error| {
-            Unfit::Other(format!("nothing can be handed over to the new program: {error}"))
+            Unfit::Other(format!("the state cannot be handed over to the new program: {error}"))
         })?;
         if Image::at(&self.program.path) != checked.image {
             let shown = self.program.path.display();
@@ -281,13 +281,13 @@ impl Successor {
                 if let Some(axis) = moved {
                     let name = &self.shared.profile.axes[axis].settings.name;
                     return Err(Explained::new(
-                        format!("the sign of {name} is being checked, which moves it"),
-                        "end that first",
+                        format!("the sign of {name} is being checked, which moves the axis"),
+                        "end the sign check first",
                     ));
                 }
                 core.replaced_by = asker.way.by(&asker.who);
                 let path = self.program.path.display();
-                Ok(format!("{path} takes over; the registers keep what they hold"))
+                Ok(format!("{path} takes over; the registers keep their values"))
             })?;
         *self.checked.lock().unwrap_or_else(PoisonError::into_inner) = Some(checked);
         self.shared.replaced.notify_one();

@@ -15,8 +15,8 @@ use super::{comparison, extrapolation, stand_in};
 
 /// Cause of an axis that exceeded its error level.
 pub(super) const BEYOND_ERROR: &str = "its model asked for more than the error level";
-/// Hint for a cause that only the operator can find.
-pub(super) const WHEN_FOUND: &str = "arm it again when the cause is found";
+/// Hint for what only a person can find.
+pub(super) const WHEN_FOUND: &str = "arm the axis again when the cause is found";
 /// Hint for a sensor that is lost or frozen.
 pub(super) const SEE_TO_THE_SENSOR: &str = "look at the sensor, its cable and its channel";
 
@@ -65,7 +65,7 @@ impl Reasons<'_> {
         }
         if arming.is_latched() && arming.asked.is_none() {
             let known = Some(arming.why.clone()).filter(|why| !why.cause.is_empty());
-            return known.unwrap_or_else(|| "switched off".into()).or_hint("arm it again");
+            return known.unwrap_or_else(|| "switched off".into()).or_hint("arm the axis again");
         }
         let permit = arming.permit(profile, axis, self.outputs, self.stopping, self.dry_run);
         if permit == Permit::Stopping {
@@ -115,14 +115,14 @@ impl Reasons<'_> {
             (Permit::Unverified | Permit::Held | Permit::Off, Some(troubled), _) => troubled,
             (_, _, Some(lacks)) => self.lacks(lacks),
             (Permit::Off, None, None) if profile.arm == Arm::Manual && arming.asked.is_none() => {
-                "nobody has armed it yet".into()
+                "the axis has not been armed yet".into()
             }
             (Permit::Off, None, None) if arming.asked.is_some() => match self.devices.unconfirmed(axis) {
                 Some((device, cause)) => {
                     let name = &profile.device(device).name;
-                    format!("the checks of device {name} have not been read yet: {cause}").into()
+                    format!("the settings of device {name} have not been checked yet: {cause}").into()
                 }
-                None => "its devices have not all been read yet".into(),
+                None => "not all devices of the axis have been read yet".into(),
             },
             _ => match (&decision.extrapolating, &decision.stood_in) {
                 (Some(found), _) if !decision.state.is_following() => extrapolation::cause(profile, found),
@@ -187,22 +187,22 @@ fn lacking(
     match lacks {
         Unusable::Signal(id) => bad(id),
         Unusable::Reference(id) if !has_run => Explained::new(
-            format!("the machine has not been seen running yet, which is what {} is counted from", name(id)),
+            format!("the machine has not been seen running yet, and {} is measured from its start", name(id)),
             RUN_IT,
         ),
         Unusable::Reference(id) => format!("the reference of {} is not captured yet", name(id)).into(),
         Unusable::Frozen(id) => Explained::new(
-            format!("{} is frozen, and has no stand-in in this model", name(id)),
+            format!("{} is frozen, and this model has no substitute for it", name(id)),
             SEE_TO_THE_SENSOR,
         ),
         Unusable::Unproven(id) => {
-            format!("{} is back, and is accepted when it has agreed with the others for an hour", name(id))
+            format!("{} is back, but is not used until it has agreed with the others for one hour", name(id))
                 .into()
         }
         Unusable::MachineOff => Explained::new("the machine has not been seen running yet", RUN_IT),
         Unusable::NotANumber => Explained::new(
             "the model's result is not a number",
-            "look at its coefficients, and at the values of its signals",
+            "check the coefficients of the model and the values of its signals",
         ),
     }
 }
@@ -214,7 +214,7 @@ fn hint_at(output: &Output, standing: Standing) -> Option<Cow<'static, str>> {
             let when = output.when.as_ref().map_or("its condition holds", |when| when.text.as_str());
             format!("the gateway writes again when {when}").into()
         }
-        Standing::Foreign => "put the value right at the control, then arm the axis".into(),
+        Standing::Foreign => "correct the value at the control, then arm the axis".into(),
         Standing::Unverified => "look at the alarm of the output".into(),
         Standing::Unknown | Standing::Verified => return None,
     })

@@ -104,9 +104,9 @@ impl Asker {
     /// Reason why the request must not begin any more, as a sentence. `None` if it may begin.
     pub fn has_lapsed(&self) -> Option<String> {
         if self.until.is_some_and(|until| Passing::default().passed() >= until) {
-            return Some(format!("its turn came later than {} s after it was asked for", PATIENCE.as_secs()));
+            return Some(format!("the request had to wait longer than {} s", PATIENCE.as_secs()));
         }
-        self.is_gone().then(|| "whoever asked for it has gone".to_owned())
+        self.is_gone().then(|| "the client that sent the request has disconnected".to_owned())
     }
 
     /// Returns whether the request must end because its requester has gone. See [`Asker::staying`].
@@ -197,7 +197,7 @@ mod tests {
         there.shutdown(std::net::Shutdown::Write).unwrap();
         assert_eq!(asker.has_lapsed(), None);
         drop(there);
-        assert_eq!(asker.has_lapsed().unwrap(), "whoever asked for it has gone");
+        assert_eq!(asker.has_lapsed().unwrap(), "the client that sent the request has disconnected");
         assert!(!asker.has_left() && asker.staying().has_left());
     }
 
@@ -206,7 +206,7 @@ mod tests {
         let (asker, here, _there) = asker(Way::Api);
         assert_eq!(asker.has_lapsed(), None);
         drop(here);
-        assert_eq!(asker.has_lapsed().unwrap(), "whoever asked for it has gone");
+        assert_eq!(asker.has_lapsed().unwrap(), "the client that sent the request has disconnected");
     }
 
     #[test]
@@ -214,7 +214,7 @@ mod tests {
         let now = Passing::default().passed();
         let (asker, _here, _there) = asker(Way::Socket);
         let asker = asker.until(now);
-        assert_eq!(asker.has_lapsed().unwrap(), "its turn came later than 5 s after it was asked for");
+        assert_eq!(asker.has_lapsed().unwrap(), "the request had to wait longer than 5 s");
         let patient = Asker::new(Way::Api, "somebody").until(now + Duration::from_secs(3600));
         assert!(patient.until.unwrap() <= Passing::default().passed() + PATIENCE);
     }

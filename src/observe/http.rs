@@ -175,7 +175,7 @@ fn router(room: Room, body_within: Duration) -> Router {
         .method_not_allowed_fallback(|| async {
             (
                 StatusCode::METHOD_NOT_ALLOWED,
-                "This address does not take that method; see the Allow header.\n",
+                "This address does not accept that method; see the Allow header.\n",
             )
         })
         .layer(middleware::from_fn_with_state(body_within, request::whole))
@@ -237,7 +237,7 @@ async fn stream(State(room): State<Room>, Extension(pass): Extension<Pass>) -> R
     match room.live.stream(move || access.is_still(&pass)) {
         Some(stream) => stream.into_response(),
         None => {
-            let text = "As many watch this machine as may at once. Close a page, or ask for /api/status.\n";
+            let text = "Too many clients watch this machine. Close a page, or ask for /api/status.\n";
             (StatusCode::SERVICE_UNAVAILABLE, [(header::RETRY_AFTER, "10")], text).into_response()
         }
     }

@@ -14,26 +14,35 @@ use isotherm_core::display::Display;
 /// Gauges, with their help texts.
 const GAUGES: [(&str, &str); 36] = [
     ("isotherm_axis_verified_cz_meters", "Compensation last verified in the control."),
-    ("isotherm_axis_verified_age_seconds", "Time since that was verified."),
-    ("isotherm_axis_unreachable", "1 while the control cannot be asked what it holds."),
+    ("isotherm_axis_verified_age_seconds", "Time since the compensation was verified."),
+    ("isotherm_axis_unreachable", "1 while the value in the control cannot be read."),
     ("isotherm_axis_cz_meters", "Compensation after the guard."),
     ("isotherm_axis_raw_meters", "Compensation as the model computes it."),
-    ("isotherm_axis_expected_meters", "One standard deviation of the error that is expected to be left."),
+    ("isotherm_axis_expected_meters", "Expected residual error, as one standard deviation."),
     ("isotherm_axis_state", "1 for the state the axis is in, 0 for the others."),
     ("isotherm_axis_armed", "1 when the axis may write."),
-    ("isotherm_axis_wanted", "1 when the axis has a model and nobody keeps it off: it is to compensate."),
-    ("isotherm_probe_correction_meters", "What measured errors add to the model's compensation."),
-    ("isotherm_probe_residual_meters", "What the last probing would have left of the error."),
-    ("isotherm_probe_residual_rms_meters", "Root mean square of that over the last probings, 48 at most."),
-    ("isotherm_probe_residuals", "How many probings that is of."),
-    ("isotherm_probe_warn_meters", "The size of such a residual beyond which people are warned."),
+    ("isotherm_axis_wanted", "1 when the axis has a model and is not switched off: it must compensate."),
+    (
+        "isotherm_probe_correction_meters",
+        "Correction by measured errors that is added to the model's compensation.",
+    ),
+    ("isotherm_probe_residual_meters", "Residual error of the model at the last probing."),
+    (
+        "isotherm_probe_residual_rms_meters",
+        "Root mean square of the residual errors of the last probings, 48 at most.",
+    ),
+    ("isotherm_probe_residuals", "Number of probings in that root mean square."),
+    ("isotherm_probe_warn_meters", "Size of a residual error beyond which there is a warning."),
     ("isotherm_probe_worse", "1 while probings show that the model is worse than no compensation."),
-    ("isotherm_probe_gain_change", "Share by which measured errors have changed a gain."),
+    ("isotherm_probe_gain_change", "Relative change of a gain by measured errors."),
     ("isotherm_axis_limit_meters", "Largest size of the compensation."),
     ("isotherm_axis_warned", "1 while the compensation lies beyond its warning level."),
     ("isotherm_axis_tripped", "1 when a model asked for more than the error level."),
-    ("isotherm_axis_extrapolating", "1 outside what the model in use was identified on."),
-    ("isotherm_axis_excess_ratio", "How far outside that is; below 0 inside."),
+    (
+        "isotherm_axis_extrapolating",
+        "1 when the inputs are outside the range on which the model in use was identified.",
+    ),
+    ("isotherm_axis_excess_ratio", "Distance of the inputs from the edge of that range; below 0 inside."),
     ("isotherm_guard_acting", "1 when the stage changed the last value."),
     ("isotherm_signal_value", "Last usable value, in the unit of its label."),
     ("isotherm_signal_good", "1 when the signal may be used."),
@@ -43,16 +52,16 @@ const GAUGES: [(&str, &str); 36] = [
     ("isotherm_output_value", "Last verified value, in the unit of its label."),
     (
         "isotherm_output_late_write_wait_seconds",
-        "How long a change still waits for what may arrive late, at most.",
+        "Longest remaining wait of a change for a write that may arrive late.",
     ),
     ("isotherm_output_verified", "1 when the last write was read back as written."),
     ("isotherm_output_state", "1 for the state the output is in, 0 for the others."),
-    ("isotherm_alarms", "Alarms that stand, by level and whether a person has seen them."),
+    ("isotherm_alarms", "Active alarms, by level and whether they are acknowledged."),
     (
         "isotherm_clock_synchronised",
-        "1 when the computer's clock is held to the right time; no line where that is not known.",
+        "1 when the computer's clock is synchronised; absent if that is not known.",
     ),
-    ("isotherm_mqtt_connected", "1 when the broker has taken the connection."),
+    ("isotherm_mqtt_connected", "1 when the broker has accepted the connection."),
     ("isotherm_mqtt_queued_messages", "Messages that wait for the broker."),
     ("isotherm_build_info", "Always 1; the version is the label."),
 ];
@@ -65,10 +74,10 @@ const COUNTERS: [(&str, &str); 11] = [
     ("isotherm_bus_overruns_total", "Cycles that ended too late."),
     ("isotherm_output_writes_total", "Writes that were verified."),
     ("isotherm_events_total", "Events, by kind."),
-    ("isotherm_refused_total", "Requests that were turned away, by why."),
-    ("isotherm_mqtt_published_total", "Messages given to a connection to the broker."),
-    ("isotherm_mqtt_dropped_total", "Messages that found no room and never arrive."),
-    ("isotherm_mqtt_connections_total", "Connections that the broker has taken."),
+    ("isotherm_refused_total", "Rejected requests, by reason."),
+    ("isotherm_mqtt_published_total", "Messages sent on a connection to the broker."),
+    ("isotherm_mqtt_dropped_total", "Messages dropped because the queue was full."),
+    ("isotherm_mqtt_connections_total", "Connections that the broker has accepted."),
     ("isotherm_log_dropped_total", "Rows and states lost because the queue to the disk was full."),
 ];
 
@@ -288,7 +297,7 @@ fn write_jitter(text: &mut String, status: &Status) {
     if status.buses.is_empty() {
         return;
     }
-    head(text, NAME, "How late cycles began.", "histogram");
+    head(text, NAME, "Delay of the start of cycles.", "histogram");
     for bus in &status.buses {
         let named = labels(&status.machine, &[("bus", &bus.name)]);
         let buckets = bus.jitter_ms.iter().map(|(bound_ms, count)| (bound_ms / 1000.0, *count));
@@ -304,7 +313,7 @@ fn write_lock(text: &mut String, status: &Status) {
     head(
         text,
         NAME,
-        "How long the state that the lines share was locked; one lock of seventeen is measured.",
+        "Time for which the shared state of the lines was locked; one lock of seventeen is measured.",
         "histogram",
     );
     let named = labels(&status.machine, &[]);

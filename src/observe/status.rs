@@ -258,7 +258,10 @@ impl Status {
             .chain(axes.map(|axis| sentence("axis", &axis.name, axis.state, &axis.why.to_string())))
             .collect();
         if !self.ready {
-            missing.insert(0, "not every device has answered and every axis decided since the start".into());
+            missing.insert(
+                0,
+                "since the start, not all devices have answered or not all axes have decided".into(),
+            );
         }
         missing
     }

@@ -185,7 +185,7 @@ fn a_device_that_does_not_bear_it_is_asked_one_at_a_time_after_that_was_noticed(
             assert_eq!(seen.lock().unwrap().pairs, pairs, "{bears:?}");
         });
         assert_eq!(scale.lock().unwrap().wrong, [], "{bears:?}");
-        let told = events(&status).into_iter().find(|text| text.contains("two questions at a time"));
+        let told = events(&status).into_iter().find(|text| text.contains("two requests at a time"));
         assert!(
             told.is_some_and(|text| text.contains("remove `pipeline`")),
             "{bears:?}: {:?}",

@@ -171,7 +171,7 @@ fn what_lies_in_the_place_of_the_command_socket_is_left_alone_and_named() {
         let home = Home::new(MACHINE);
         let socket = home.state.join("interop.sock");
         lay(&socket);
-        home.refuses(1, &["interop.sock", "something else lies here: move it away"]);
+        home.refuses(1, &["interop.sock", "another file has this name"]);
         assert!(socket.symlink_metadata().is_ok());
     }
     // A listener that accepts no connection.
@@ -259,7 +259,7 @@ fn what_others_may_write_is_refused_with_the_remedy() {
     for path in paths {
         let before = std::fs::metadata(&path).unwrap().permissions();
         std::fs::set_permissions(&path, std::fs::Permissions::from_mode(mode(&path) | 0o002)).unwrap();
-        home.refuses(1, &["anybody may write to", &format!("chmod o-w {}", path.display())]);
+        home.refuses(1, &["every user may write to", &format!("chmod o-w {}", path.display())]);
         std::fs::set_permissions(&path, before).unwrap();
     }
     home.runs_and_ends();
@@ -272,6 +272,6 @@ fn what_a_later_version_has_written_is_refused_and_left_as_it_is() {
     let name = "interop.state.json";
     let path = home.state.join(name);
     std::fs::write(&path, "{ \"version\": 77, \"content\": 5 }").unwrap();
-    home.refuses(1, &["a later version of this program", "layout 77", name, "run that version, or move"]);
+    home.refuses(1, &["a later version of this program", "layout 77", name, "Run that version, or move"]);
     assert_eq!(std::fs::read_to_string(&path).unwrap(), "{ \"version\": 77, \"content\": 5 }");
 }

@@ -107,13 +107,13 @@ fn a_full_disk_is_reported_and_when_there_is_room_again_everything_goes_on_whole
     // Limit of the file size. A row beyond it is written in part, as on a full disk.
     let mut program = Running::start(&mut home.run_after("trap '' XFSZ; ulimit -S -f 3"));
     program.hears("axis z: armed");
-    program.hears("the log cannot be kept");
+    program.hears("the log cannot be saved");
     let before = home.logs().len();
     std::thread::sleep(std::time::Duration::from_secs(3));
     assert_eq!(home.logs().len(), before, "no file is begun again and again: {:?}", home.names());
     let all = ["--fsize=unlimited:unlimited", "--pid"];
     assert!(Command::new("prlimit").args(all).arg(program.id().to_string()).status().unwrap().success());
-    program.hears("the log is kept again");
+    program.hears("the log is saved again");
     std::thread::sleep(std::time::Duration::from_secs(3));
     program.signal("TERM");
     assert!(program.ends_within(PATIENCE).success());
@@ -183,13 +183,10 @@ fn a_directory_that_becomes_read_only_is_reported_and_what_is_kept_again_too() {
     let state = home.state.join("interop.state.json");
     is_there(&state);
     std::fs::set_permissions(&home.state, std::fs::Permissions::from_mode(0o550)).unwrap();
-    let said = program.hears("the state cannot be kept");
-    assert!(
-        said.contains(home.state.to_str().unwrap()) && said.contains("this user has no permission"),
-        "{said}"
-    );
+    let said = program.hears("the state cannot be saved");
+    assert!(said.contains(home.state.to_str().unwrap()) && said.contains("this user may not"), "{said}");
     std::fs::set_permissions(&home.state, std::fs::Permissions::from_mode(0o750)).unwrap();
-    program.hears("the state is kept again");
+    program.hears("the state is saved again");
     program.signal("TERM");
     program.ends_within(PATIENCE);
 }
@@ -206,7 +203,7 @@ fn a_directory_that_is_deleted_while_running_is_made_again() {
     is_there(&state);
     assert_eq!(mode(&home.state), 0o750);
     program.hears("was removed");
-    program.hears("the log is kept again");
+    program.hears("the log is saved again");
     let all = ["state.json", ".csv", "interop.sock"];
     until("all is there again", || {
         let names = home.names();

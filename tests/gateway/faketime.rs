@@ -132,7 +132,7 @@ fn a_clock_that_is_set_while_the_program_runs_moves_nothing() {
         gateway.hears("armed, starting from");
         follows(10);
         let said = gateway.killed().join("\n");
-        assert_eq!(said.contains("clock does not go on from"), doubts, "{clock}: {said}");
+        assert_eq!(said.contains("clock does not continue from"), doubts, "{clock}: {said}");
         assert!(!said.contains("deleted"), "{clock}: {said}");
     }
     let writes = writes(&window);

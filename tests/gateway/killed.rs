@@ -98,8 +98,8 @@ share = "ledger"
 /// Message of a gateway that arms.
 const ARMED: &str = "armed, starting from";
 /// Messages of a gateway that needs the operator to confirm the division, or knows of no share.
-const QUESTION: &str = "are taken to be ours";
-const FIRST: &str = "nothing of ours is known in it";
+const QUESTION: &str = "the gateway share in it is taken to be";
+const FIRST: &str = "the gateway share in it is not known";
 /// Last message of a gateway whose time to stop was not enough.
 const BEFORE: &str = "isotherm: stopped before the fault actions were complete";
 
@@ -325,7 +325,7 @@ impl Lane {
         self.count.questions += 1;
         let mut gateway = self.run(&self.up);
         let line = gateway.hears_one_of(&[QUESTION, FIRST]);
-        let share = if line.contains(FIRST) { 0 } else { reported(&line, "of which ").unwrap() };
+        let share = if line.contains(FIRST) { 0 } else { reported(&line, "taken to be ").unwrap() };
         self.operator.write(self.base + share);
         self.count_on()?;
         assert_eq!(self.share, share, "at most one step from the truth: {line}");
@@ -333,14 +333,14 @@ impl Lane {
         let arm = arm.arg("arm").arg(&self.up).arg("--state").arg(self.home.path().join("state"));
         assert!(arm.status().unwrap().success());
         gateway.hears(ARMED);
-        if !gateway.hears_one_of(&["are ours", QUESTION]).contains("are ours") {
+        if !gateway.hears_one_of(&["are the operator offset", QUESTION]).contains("are the operator offset") {
             // While the operator armed, the register may have received a write of the gateway. The operator then reads
             // it and confirms again. That is refused within one second of the last time.
             process::until("he is heard again", || match arm.output().unwrap() {
                 output if output.status.success() => Ok(()),
                 output => Err(String::from_utf8_lossy(&output.stderr).into_owned()),
             });
-            gateway.hears("are ours");
+            gateway.hears("are the operator offset");
         }
         gateway.killed();
         self.settled();

@@ -297,7 +297,7 @@ async fn to_acknowledge_an_alarm_wants_what_commands_want() {
     assert_eq!(door.send("POST", "/api/acknowledge?alarm=signal%20bed", &[], "").await.code, 401);
     assert_eq!(door.send("GET", "/api/acknowledge", &bearer, "").await.code, 405);
     let done = door.send("POST", "/api/acknowledge?alarm=signal%20bed", &bearer, "").await;
-    assert_eq!((done.code, done.body.as_str()), (200, r#"{"done":true,"answer":"one alarm is seen"}"#));
+    assert_eq!((done.code, done.body.as_str()), (200, r#"{"done":true,"answer":"one alarm acknowledged"}"#));
     assert_eq!(door.send("POST", "/api/acknowledge?alarm=nothing", &bearer, "").await.code, 409);
     assert_eq!(
         door.askers()[1..],
@@ -457,7 +457,7 @@ async fn ready_tells_what_is_missing() {
     assert_eq!(
         missing,
         [
-            "not every device has answered and every axis decided since the start",
+            "since the start, not all devices have answered or not all axes have decided",
             "device rtd: lost: no answer in time",
             "axis z: holding: t1: stale",
         ]

@@ -61,13 +61,14 @@ async fn posted(answer: &'static str) -> Result<(), Failure> {
 async fn what_a_server_answers_is_said_in_words() {
     assert_eq!(posted("HTTP/1.1 202 Accepted\r\nContent-Length: 2\r\n\r\nok").await, Ok(()));
     for (answer, words) in [
-        ("HTTP/1.1 500 Oops\r\n\r\n", "it answered 500: it has failed inside"),
+        ("HTTP/1.1 500 Oops\r\n\r\n", "it answered 500: it had an internal error"),
         ("HTTP/1.1 401 Who\r\n\r\n", "it answered 401: is the token in `token_file` right?"),
         ("HTTP/1.1 404 Where\r\n\r\n", "it answered 404: is the path in `url` right?"),
-        ("HTTP/1.1 429 Slow\r\nRetry-After: 30\r\n\r\n", "it answered 429: it has too much to do"),
+        ("HTTP/1.1 429 Slow\r\nRetry-After: 30\r\n\r\n", "it answered 429: it is overloaded"),
         (
             "HTTP/1.1 301 Moved\r\nLocation: https://elsewhere.example/?secret\r\n\r\n",
-            "it answered 301: it is elsewhere (https://elsewhere.example); nobody is followed there: write that address into `url`",
+            "it answered 301: it is elsewhere (https://elsewhere.example); the gateway does not follow: \
+             write that address into `url`",
         ),
         ("HTTP/1.1 200 OK\r\nA: ", "it closed the connection before it had answered"),
         ("", "it closed the connection before it had answered"),
@@ -186,7 +187,7 @@ async fn a_server_whom_nobody_trusts_gets_no_message_and_it_is_said_why() {
     let (authority, other) = (Authority::new(), Authority::named("other"));
     for (signed, ca, words) in [
         (authority.signs("localhost", NOW), &other.cert, "nobody who is trusted has signed"),
-        (authority.signs("elsewhere", NOW), &authority.cert, "for another name: write that into `url`"),
+        (authority.signs("elsewhere", NOW), &authority.cert, "for another name: write that name into `url`"),
         (authority.signs("localhost", (2001, 2002)), &authority.cert, "has expired"),
     ] {
         let (address, told) = secured(&signed).await;

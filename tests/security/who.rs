@@ -97,7 +97,7 @@ fn whoever_has_the_viewers_token_looks_at_everything_and_commands_nothing() {
         assert_eq!((nobody.code, nobody.json()["done"].as_bool()), (401, Some(false)), "{path}");
         let reply = site.send(method, path, &looks, body);
         let answer = reply.json()["answer"].as_str().unwrap().to_owned();
-        assert!(reply.code == 403 && answer.contains("Commands want the operator's"), "{path} {reply:?}");
+        assert!(reply.code == 403 && answer.contains("Commands require the operator's"), "{path} {reply:?}");
     }
     assert_eq!(site.status()["axes"][0]["armed"], false);
     let page = site.get("/", &looks).body;
@@ -127,7 +127,7 @@ fn whoever_has_the_scrapers_token_reads_the_metrics_and_nothing_else_not_even_by
         let refused = site.get(path, &scrapes);
         let answer = refused.json()["answer"].as_str().unwrap().to_owned();
         assert!(
-            refused.code == 403 && answer.contains("may read /metrics, and nothing else"),
+            refused.code == 403 && answer.contains("only permits reading /metrics"),
             "{path} {refused:?}"
         );
     }
@@ -244,8 +244,7 @@ fn a_stolen_visit_is_no_token_and_ends_when_its_token_does() {
     until("what became of the token is in the events", || {
         let events = site.verb(&["events", "--json"]).1;
         assert!(!events.contains("another-one-from-now-on"), "{events}");
-        let words =
-            ["token-changed", "operator's token is another one now", "token-gone", "is not there: isotherm"];
+        let words = ["token-changed", "operator's token has changed", "token-gone", "is not there: isotherm"];
         if words.iter().all(|words| events.contains(words)) { Ok(()) } else { Err(events) }
     });
 }
@@ -327,7 +326,7 @@ fn a_browser_gets_a_page_to_sign_in_and_a_program_an_answer_it_can_read() {
     assert_eq!((program.code, program.header("www-authenticate")), (401, "Bearer realm=\"isotherm\""));
     assert_eq!(program.json()["done"], false);
     let wrong = site.send("POST", "/login", "Accept: text/html\r\n", "token=a-token-that-is-none");
-    assert!(wrong.code == 401 && wrong.body.contains("That is no token of this gateway"), "{wrong:?}");
+    assert!(wrong.code == 401 && wrong.body.contains("This is not a token of this gateway"), "{wrong:?}");
     assert_eq!(site.send("POST", "/login", "", &"x".repeat(5000)).code, 413);
     for _ in 0..4 {
         site.send("POST", "/login", "", "token=%00%ff");

@@ -70,7 +70,7 @@ impl Source for Fake {
             Command::Arm => Ok(Answer::Done("axis z armed".into())),
             Command::Disarm => Ok(Answer::Done("axis z is off".into())),
             Command::Zero => Err("axis z moves".into()),
-            Command::Cancel => Ok(Answer::Done("z: the request to arm is taken back".into())),
+            Command::Cancel => Ok(Answer::Done("z: the request to arm is cancelled".into())),
             Command::Sign | Command::Signed(_) => Ok(Answer::Done("z: as you say".into())),
         }
     }
@@ -96,8 +96,8 @@ impl Source for Fake {
     fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<Answer, String> {
         self.askers.lock().unwrap().push(format!("{asker:?} has seen {}", alarm.unwrap_or("all")));
         match alarm {
-            Some("nothing") => Err("no such alarm stands".into()),
-            _ => Ok(Answer::Done("one alarm is seen".into())),
+            Some("nothing") => Err("there is no such alarm".into()),
+            _ => Ok(Answer::Done("one alarm acknowledged".into())),
         }
     }
 

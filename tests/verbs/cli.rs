@@ -286,7 +286,7 @@ fn a_stopped_gateway_is_at_rest_remembers_and_its_log_replays_bit_for_bit() {
     assert_eq!(second.code, Some(1));
     assert!(second.said.contains("another gateway of this machine is running"), "{}", second.said);
     let off = command("disarm");
-    assert!(off.code == Some(0) && off.out.contains("what stands in the registers stays"), "{}", off.said);
+    assert!(off.code == Some(0) && off.out.contains("the registers keep their values"), "{}", off.said);
     gateway.hears("switched off by a person");
     assert_eq!(command("arm").code, Some(0));
     gateway.hears("axis z: armed");
@@ -304,8 +304,8 @@ fn a_stopped_gateway_is_at_rest_remembers_and_its_log_replays_bit_for_bit() {
     };
     assert!((0..100).any(|_| learns()), "{}", gateway.said.join("\n"));
     gateway.hears("axis z: probed -0.5 µm");
-    assert!(measured(&["--axis", "z", "--clear"]).contains("is taken back"));
-    gateway.hears("what probings have taught is taken back");
+    assert!(measured(&["--axis", "z", "--clear"]).contains("is removed"));
+    gateway.hears("the correction from probings is removed");
     std::thread::sleep(Duration::from_secs(3));
     gateway.signal("TERM");
     gateway.hears("stopping: the fault actions run, at most");
@@ -505,7 +505,7 @@ fn check_says_what_keeps_a_profile_from_running_on_this_computer() {
     let Ended { code, said, .. } = ended(isotherm(home.path()).arg("check").arg(&profile));
     assert_eq!(code, Some(0), "{said}");
     assert!(
-        said.contains("nothing.token is not there") && said.contains("no socket's may be longer than 107"),
+        said.contains("nothing.token is not there") && said.contains("at most 107 are possible"),
         "{said}"
     );
     let mut run = isotherm(home.path());

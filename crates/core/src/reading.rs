@@ -218,7 +218,7 @@ impl fmt::Display for Reason {
             Reason::TooFast => "changing too fast",
             Reason::Jumped => "jumped while its device was away",
             Reason::Exception(code) => return write!(f, "exception {code} ({})", exception(*code)),
-            Reason::Refused => "the node refuses to give it",
+            Reason::Refused => "the node refuses to give its value",
             Reason::Status(code) => return write!(f, "{}", Status(*code)),
             Reason::WrongType => "the node has another type than the profile says",
             Reason::SourceClock => "stamped later than its server's own time: a clock is wrong",

@@ -85,14 +85,15 @@ impl Health {
         if self.full.read(full, now) {
             let what = Explained::new(
                 "the interface's queue is full; frames wait",
-                "does anybody on the bus acknowledge, is the bus overloaded? Else its txqueuelen is too small",
+                "does another node acknowledge frames, is the bus overloaded? If not, raise txqueuelen of \
+                 the interface",
             );
             changes.push(Change::Worse { what, is_off: false });
         }
         if self.lost.read(lost, now) {
             let what = Explained::new(
-                "frames are lost: this computer does not take them fast enough",
-                "what else keeps it busy? Let the nodes send less often",
+                "frames are lost: this computer does not read them fast enough",
+                "does another program use the computer? Let the nodes send less often",
             );
             changes.push(Change::Worse { what, is_off: false });
         }

@@ -280,9 +280,11 @@ impl CanListener {
             self.shared.report(&match change {
                 Change::Worse { mut what, is_off } => {
                     if is_off && Interface::look(&address).is_ok_and(|found| found.stays_off()) {
-                        let hint =
-                            format!("`ip link set {address} type can restart-ms 100` lets it come back");
-                        what = Explained::new(format!("{}; it stays off", what.cause), hint);
+                        let hint = format!(
+                            "`ip link set {address} type can restart-ms 100` makes the interface restart by \
+                             itself"
+                        );
+                        what = Explained::new(format!("{}; the interface stays off", what.cause), hint);
                     }
                     Event::BusTrouble { bus, address, what }
                 }
@@ -308,7 +310,7 @@ impl CanListener {
                 Reaction::Node(device, event) => self.happened(device, event),
                 Reaction::Silent(device, patience, was_heard) => {
                     let patience = duration_text(patience);
-                    let what = if was_heard { "nothing comes any more" } else { "nothing has come" };
+                    let what = if was_heard { "no more frames received" } else { "no frame received yet" };
                     self.lost(device, format!("{what}, for {patience}"));
                 }
                 Reaction::Emergency(device, emergency) => {

@@ -37,17 +37,18 @@ pub enum Failure {
     #[error("{0}")]
     WrongProfile(String),
     /// A gateway is running, but does not answer.
-    #[error("no answer within {} s; not known whether it was done (see `isotherm events` once the gateway goes on)", PATIENCE.as_secs())]
+    #[error("no answer within {} s; not known whether it was done (see `isotherm events` when the gateway \
+             answers again)", PATIENCE.as_secs())]
     NoAnswer,
     /// Another program took the place of the gateway and has ended.
     #[error(
-        "the new program took over and ended at once; no gateway runs now: start it with `isotherm run` and read what it says (as a \
-             service: systemctl status, journalctl)"
+        "the new program took over and ended at once; no gateway runs now. Start it with `isotherm run` and \
+         read its messages (as a service: systemctl status, journalctl)"
     )]
     NewProgramEnded,
     /// Another program took the place of the gateway and does not answer.
-    #[error("the new program took over and has not answered within {} s; see what it says (as a service: journalctl), and stop it if it \
-             hangs", .0.as_secs())]
+    #[error("the new program took over and has not answered within {} s. Read its messages (as a service: \
+             journalctl), and stop it if it hangs", .0.as_secs())]
     NewProgramSilent(Duration),
     /// The gateway has ended before it answered.
     #[error(
@@ -254,7 +255,7 @@ fn connect(path: &Path, until: Duration) -> Result<UnixStream, Failure> {
         let path = path.display();
         match error.kind() {
             ErrorKind::NotFound => Failure::NoGateway(format!("there is no {path}")),
-            ErrorKind::ConnectionRefused => Failure::NoGateway(format!("nobody answers at {path}")),
+            ErrorKind::ConnectionRefused => Failure::NoGateway(format!("no program answers at {path}")),
             _ => Failure::NoGateway(format!("{path}: {error}")),
         }
     };

@@ -111,14 +111,14 @@ pub(super) async fn serve(
             if !path.is_none_or(runs) {
                 return say(writer, "error this gateway runs another profile\n").await;
             }
-            refused("the profile is wrong; the gateway goes on as it was");
-            return say(writer, "ok the gateway goes on as it was\n").await;
+            refused("the profile is wrong; the gateway continues as before");
+            return say(writer, "ok the gateway continues as before\n").await;
         }
     };
     let Some(successor) = desk.successor.clone() else {
-        return say(writer, "error nothing can take the place of this gateway\n").await;
+        return say(writer, "error this gateway cannot be replaced by another program\n").await;
     };
-    say(writer, "waits the program that is to take over checks the profile\n").await?;
+    say(writer, "waits the new program checks the profile\n").await?;
     let (answer, mut checked) = tokio::sync::oneshot::channel();
     let checking = successor.clone();
     // The check has its own thread, because the end of this program must not wait for it.
@@ -128,9 +128,10 @@ pub(super) async fn serve(
     let checked = loop {
         match tokio::time::timeout(STILL, &mut checked).await {
             Ok(Ok(checked)) => break checked,
-            Ok(Err(_)) => break Err(Unfit::Other("the check has failed inside".to_owned())),
+            Ok(Err(_)) => break Err(Unfit::Other("the check failed with an internal error".to_owned())),
             Err(_) if Passing::default().passed() >= until => {
-                let why = "the state directory has not taken a small file in time: does its disk hang?";
+                let why =
+                    "a small file could not be written to the state directory in time: does its disk hang?";
                 break Err(Unfit::Other(why.to_owned()));
             }
             Err(_) => say(writer, "still\n").await?,
@@ -164,7 +165,7 @@ pub(super) async fn serve(
         Err(Unfit::Profile(why)) => ("wrong", format!("the profile is wrong: {why}")),
         Err(Unfit::Other(why)) => ("error", why),
     };
-    let why = format!("{why}; the gateway goes on as it was");
+    let why = format!("{why}; the gateway continues as before");
     refused(&why);
     say(writer, &said_in_a_line(word, &why)).await
 }

@@ -42,7 +42,7 @@ impl Source for Fake {
     }
 
     fn acknowledge(&self, _: Option<&str>, _: &Asker) -> Result<Answer, String> {
-        Err("no such alarm stands".to_owned())
+        Err("there is no such alarm".to_owned())
     }
 
     fn confirm(&self, device: &str, _: &Asker) -> Result<Answer, String> {
@@ -241,7 +241,7 @@ async fn a_wire_log_ends_by_itself_and_one_of_an_unknown_device_is_refused_with_
         (listen("cnc"), listen("lathe"))
     })
     .await;
-    assert!(said.0.unwrap().starts_with("nothing was sent to it"));
+    assert!(said.0.unwrap().starts_with("nothing was sent to the device"));
     let refused = said.1.unwrap_err().to_string();
     assert!(
         refused.starts_with("there is no device `lathe`; there are: ") && refused.contains("cnc"),

@@ -34,8 +34,8 @@ pub fn forbidden(path: &Path) -> String {
     let absolute = std::path::absolute(path).unwrap_or_default();
     let machine = path.file_stem().unwrap_or_default().to_string_lossy();
     match listening(&machine).contains(&absolute) {
-        true => format!("it runs; you may not command it ({}){who}", path.display()),
-        false => format!("{}: you may not look there{who}", path.display()),
+        true => format!("the gateway runs, but you may not command it ({}){who}", path.display()),
+        false => format!("{}: you may not access this path{who}", path.display()),
     }
 }
 

@@ -131,8 +131,9 @@ impl Register {
                 }
                 output::Event::Question if !shared.dry_run => {
                     shared.report(&report::question(of, &output.name));
-                    let hint = "do what the alarm of its output says, then arm it";
-                    let why = Explained::new("what of its register is ours is in question", hint);
+                    let hint = "follow the alarm of the output, then arm the axis";
+                    let why =
+                        Explained::new("the gateway share in the register of its output is in doubt", hint);
                     shared.core().disarm(output.axis, why);
                 }
                 output::Event::TakeOver { cause } => resumes = Some(cause),
@@ -305,7 +306,7 @@ impl Register {
         if kept == Kept::NotYet && controller.trouble() != Some(Trouble::Disk) {
             let why = Explained::new(
                 format!("the disk has not answered for {} s", DISK_PATIENCE.as_secs()),
-                "is it full, slow or broken?",
+                "is the disk full, slow or broken?",
             );
             shared.report(&Event::NotKept { what: WHAT.to_owned(), why });
         }

@@ -86,17 +86,21 @@ pub(super) fn why_foreign(
     if found.abs_diff(settings.bias) > settings.limit.unsigned_abs() {
         Explained::new(
             format!("the register of output {name} ({at}) holds {holds}, beyond its limit"),
-            "put it right at the control, then arm the axis",
+            "correct the value at the control, then arm the axis",
         )
     } else {
         let is_like_ours = found.abs_diff(expected) <= settings.step.unsigned_abs();
         let hint = match is_like_ours {
             true => {
-                "it is a step like ours: does a second gateway write to it? Put the value right at the control, then arm the axis"
+                "the change is as small as a step of the gateway: does a second gateway write to the \
+                 register? Correct the value at the control, then arm the axis"
             }
-            false => "put it right at the control, then arm the axis",
+            false => "correct the value at the control, then arm the axis",
         };
-        Explained::new(format!("somebody else wrote {holds} to the register of output {name} ({at})"), hint)
+        Explained::new(
+            format!("the register of output {name} ({at}) holds {holds}, which this gateway did not write"),
+            hint,
+        )
     }
 }
 
@@ -150,8 +154,8 @@ pub(super) fn question((register, controller): (&Register, &Controller), output:
     };
     let share = share_in_text(register, share);
     let why = Explained::new(
-        format!("{doubt}; it holds {holds}, of which {share}{perhaps} are taken to be ours"),
-        format!("make it your own value plus {share}, then arm the axis"),
+        format!("{doubt}; it holds {holds}, and the gateway share in it is taken to be {share}{perhaps}"),
+        format!("set the register to your own offset plus {share}, then arm the axis"),
     );
     Event::LedgerDoubt { output, why }
 }

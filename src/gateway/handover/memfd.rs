@@ -215,14 +215,16 @@ impl Arrival {
     pub fn accept(self, path: &Path) -> Result<Option<Handover>, String> {
         let digest = take_digest(path);
         let Some(found) = self.found else {
-            let announced = "the program before this one announced a handover, and none has arrived";
+            let announced = "the previous program announced a handover, but none has arrived";
             return digest?.map_or(Ok(None), |_| Err(announced.to_owned()));
         };
         let (found, digest) = (found?, digest?);
         match digest {
-            None => Err(refused("the state directory holds no digest of it, or it was used before")),
+            None => Err(refused(
+                "the state directory has no digest of the handover, or the handover was used before",
+            )),
             Some(digest) if digest != found.digest => {
-                Err(refused("the digest in the state directory is of another one"))
+                Err(refused("the digest in the state directory belongs to another handover"))
             }
             Some(_) => Ok(Some(found.handover)),
         }
@@ -234,7 +236,7 @@ impl Found {
     fn read(memory: &File, process: &Process) -> Result<Found, String> {
         let size = memory::size_of_sealed(memory).map_err(refused)?;
         let (bytes, place) = document(memory, size)?;
-        let unknown = || refused("this version of the program does not know its form");
+        let unknown = || refused("this version of the program does not know its format");
         let document: Document<Handover> = serde_json::from_slice(&bytes).map_err(|_| unknown())?;
         if document.process != *process {
             return Err(refused("another process wrote it"));
@@ -247,7 +249,7 @@ impl Found {
                 (&mut &*memory).seek(SeekFrom::Start(0)).map_err(unreadable)?;
                 let sha256 = sha256_of(memory.take(place)).map_err(unreadable)?;
                 if (place, sha256) != (seal.length, seal.sha256.clone()) {
-                    return Err(refused("its profile is another one"));
+                    return Err(refused("its profile is a different one"));
                 }
                 Some(KeptProfile::of_handover(memory, seal).map_err(unreadable)?)
             }
@@ -272,7 +274,7 @@ fn document(memory: &File, size: u64) -> Result<(Vec<u8>, u64), String> {
         let trailer = read(size.saturating_sub(TRAILER), TRAILER.min(size))?;
         let length = u64::from_le_bytes(trailer.try_into().unwrap_or_default());
         let place = size.checked_sub(TRAILER).and_then(|end| end.checked_sub(length));
-        (place.ok_or_else(|| refused("it is cut"))?, length)
+        (place.ok_or_else(|| refused("it is incomplete"))?, length)
     } else {
         (0, size)
     };

@@ -55,7 +55,7 @@ pub(super) fn size_of_sealed(memory: &File) -> Result<u64, &'static str> {
     match () {
         () if !is_sealed(memory) => Err("it is not sealed"),
         () if found.uid() != rustix::process::geteuid().as_raw() => Err("it belongs to another user"),
-        () if found.mode() & 0o7777 != MODE => Err("others than its owner may open it"),
+        () if found.mode() & 0o7777 != MODE => Err("other users may open it"),
         () => Ok(found.size()),
     }
 }

@@ -195,7 +195,7 @@ impl<R: Read> LogReader<R> {
         let (found, wanted) = (self.record.len(), self.names.len());
         if found != wanted {
             if found < wanted && !self.read_record()? {
-                self.warn(format!("line {line}: the last row is cut off, left out"));
+                self.warn(format!("line {line}: the last row is incomplete and is left out"));
                 return Ok(None);
             }
             let hint = if found > wanted { "; are there decimal commas?" } else { "" };

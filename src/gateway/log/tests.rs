@@ -88,7 +88,7 @@ fn what_cannot_be_read_is_named_with_its_place() {
     for (log, words) in [
         ("", "line 1: the log is empty"),
         ("zeit,bed\n0,1\n", "there is no column time; there are zeit, bed"),
-        ("time;bed\n0;1,5\n5;1.5\n", "line 3, column bed: `1.5` beside `1,5`"),
+        ("time;bed\n0;1,5\n5;1.5\n", "line 3, column bed: `1.5` and `1,5`"),
         ("time,oil\n0,1\n", "none of the profile's signals is in the log: bed,"),
         ("time,bed,bed\n0,1,1\n", "the column bed is there twice"),
         (
@@ -132,7 +132,7 @@ fn a_clock_that_runs_wild_does_not_drown_the_reader_in_warnings() {
 fn a_last_row_that_was_cut_off_is_left_out() {
     let (rows, warnings) = rows("time,bed,wheelhead,hydraulics_on,zero_button\n0,1,2,0,0\n10,1").unwrap();
     assert_eq!(rows.len(), 1);
-    assert_eq!(warnings, ["day.csv, line 3: the last row is cut off, left out"]);
+    assert_eq!(warnings, ["day.csv, line 3: the last row is incomplete and is left out"]);
 }
 
 #[test]

@@ -65,8 +65,9 @@ fn a_moved_output_bars_its_axis_until_a_person_confirms_and_its_first_read_is_re
     let barred = moves.barred(&after);
     assert_eq!(barred.iter().map(|(axis, _)| *axis).collect::<Vec<_>>(), [axis]);
     let why = &barred[0].1;
-    let was =
-        format!("output {name} was scale {scale}, 20.0 µm of ours were verified there; it is scale -{scale}");
+    let was = format!(
+        "output {name} was scale {scale}, 20.0 µm from the gateway were verified there; it is scale -{scale}"
+    );
     assert_eq!(why.cause, was);
     assert_eq!(kinds(&moves.events(&Releases::default(), &after)), ["output-moved"]);
     let (event, why) = moves.read(OutputId(id), &name, || "-20.0 µm".to_owned()).unwrap();
@@ -283,7 +284,10 @@ fn a_former_place_has_the_bounds_that_the_state_has_and_none_in_a_document_witho
     assert_eq!(found.former[0].bounds, None);
     let events = Moves::new(found.clone(), &after).events(&Releases::of(&after, &found.former, &[]), &after);
     let text = events[1].entry(isotherm_core::quantity::Moment::default()).text;
-    assert!(text.contains("an earlier version of the program wrote it; set that register to zero"), "{text}");
+    assert!(
+        text.contains("an earlier version of the program wrote the state; set that register to zero"),
+        "{text}"
+    );
 }
 
 #[test]
@@ -363,7 +367,7 @@ fn another_output_that_takes_all_of_a_shared_register_waits_for_a_person() {
     assert_eq!(barred.iter().map(|(axis, _)| *axis).collect::<Vec<_>>(), [after.outputs[place].axis]);
     let why = barred[0].1.to_string();
     let words =
-        ["was beside an operator's part in", "output other takes all of it", "share = \"ledger\" again"];
+        ["with an operator offset", "output other uses the whole register", "share = \"ledger\" again"];
     assert!(words.iter().all(|word| why.contains(word)), "{why}");
     let events = moves.events(&Releases::default(), &after);
     assert_eq!(kinds(&events), ["output-moved"]);

@@ -117,13 +117,13 @@ fn a_shared_register_is_moved_only_if_the_operators_part_is_the_saved_one() {
     assert_eq!(admit(Some((30.0, 20.0))), Ok(()));
     // The gateway share was removed by hand: the register holds 30.
     let why = admit(Some((10.0, 20.0))).unwrap_err();
-    assert!(why.to_string().contains("the operator's part was 30.0"), "{why}");
+    assert!(why.to_string().contains("the operator offset was 30.0"), "{why}");
     assert!(admit(None).is_err());
     // The axis of the moved output waits.
     let axis = cnc(&changed).axis;
     let attempt = releases.judge(axis, Attempt::From(cz, None), |_| None);
     assert!(
-        matches!(&attempt, Attempt::Refused(why) if why.to_string().contains("on its way back")),
+        matches!(&attempt, Attempt::Refused(why) if why.to_string().contains("still returning")),
         "{attempt:?}"
     );
     assert_eq!(Releases::default().judge(axis, Attempt::From(cz, None), |_| None), Attempt::From(cz, None));
@@ -203,18 +203,22 @@ fn each_obstacle_is_said_with_what_to_do() {
         former
     };
     let rows: [(&str, Former, &str); 9] = [
-        ("no bounds", Former { bounds: None, ..plain.clone() }, "an earlier version of the program wrote it"),
-        ("spoiled", bounded(&|bounds| bounds.step_um = 0.0), "does not say how it was moved"),
+        (
+            "no bounds",
+            Former { bounds: None, ..plain.clone() },
+            "an earlier version of the program wrote the state",
+        ),
+        ("spoiled", bounded(&|bounds| bounds.step_um = 0.0), "does not contain its limit"),
         ("set", bounded(&|bounds| bounds.obstacle = Some(Obstacle::Set)), "the other values of its set"),
         (
             "limit",
             Former { held_um: Some(40.5), ..plain.clone() },
-            "40.5 µm is more than the limit of ±40 µm",
+            "40.5 µm is more than its former limit of ±40 µm",
         ),
         (
             "node",
             placed(&|place| place.address = "node ns=2;i=5".into()),
-            "no register is read as node ns=2;i=5",
+            "no register can be read as node ns=2;i=5",
         ),
         (
             "interlock",
@@ -259,8 +263,8 @@ fn a_shared_register_is_released_only_if_the_ledger_says_which_part_is_the_opera
         Entry::new(former.place.clone(), output::Kept { account, ..output::Kept::default() })
     };
     assert_eq!(why(&now, &former, &[entry(Some(account(None)))]), "");
-    assert!(why(&now, &former, &[]).contains("does not say which part"));
-    assert!(why(&now, &former, &[entry(None)]).contains("does not say which part"));
+    assert!(why(&now, &former, &[]).contains("does not contain the operator offset"));
+    assert!(why(&now, &former, &[entry(None)]).contains("does not contain the operator offset"));
     let doubted = entry(Some(account(Some(Doubt::Lost))));
     assert!(why(&now, &former, &[doubted]).contains("is in doubt"));
     let elsewhere = Entry::new(
@@ -268,7 +272,7 @@ fn a_shared_register_is_released_only_if_the_ledger_says_which_part_is_the_opera
         output::Kept { account: Some(account(None)), ..output::Kept::default() },
     );
     assert!(
-        why(&now, &former, &[elsewhere]).contains("does not say which part"),
+        why(&now, &former, &[elsewhere]).contains("does not contain the operator offset"),
         "it is of another register"
     );
 }
@@ -309,7 +313,7 @@ fn only_the_axis_of_a_release_is_refused_a_value_that_no_person_has_seen() {
     assert_eq!(judge(axis, from(0.0)), from(0.0), "it is back already");
     assert_eq!(judge(axis, Attempt::NotYet), Attempt::NotYet);
     let Attempt::Refused(why) = judge(axis, from(5.0)) else { panic!() };
-    assert!(why.cause.contains("holds 5.0 µm, and 20.0 µm of ours were expected in it"), "{why}");
+    assert!(why.cause.contains("holds 5.0 µm, but 20.0 µm from the gateway were expected in it"), "{why}");
 }
 
 fn cnc_place(profile: &Profile) -> OutputPlace {

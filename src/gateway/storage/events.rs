@@ -161,7 +161,7 @@ mod tests {
             });
             read.unwrap();
         }
-        let wanted: Vec<String> = (1..8).map(|number| format!("number {number} is kept again")).collect();
+        let wanted: Vec<String> = (1..8).map(|number| format!("number {number} is saved again")).collect();
         assert_eq!(texts, wanted);
     }
 }

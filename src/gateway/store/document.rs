@@ -67,8 +67,8 @@ impl fmt::Display for Unfit {
             Unfit::Later(found) => write!(f, "it has layout {found}, this program writes {VERSION}"),
             Unfit::Earlier(found) => write!(
                 f,
-                "it has layout {found} of an earlier version, which this program does not read: start the version between \
-                 them once, or let a person arm"
+                "it has layout {found} of an earlier version, which this program does not read: start a \
+                 version in between once, or let the operator arm"
             ),
             Unfit::Because(why) => f.write_str(why),
         }
@@ -123,7 +123,7 @@ pub(super) fn parse<'a, T: Deserialize<'a>>(bytes: &'a [u8], version: u32) -> Re
     serde_json::from_slice(bytes).map_err(|_| match serde_json::from_slice(bytes) {
         Ok(Versioned { version: found }) if found > version => Unfit::Later(found),
         Ok(Versioned { version: found }) if found < version => Unfit::Earlier(found),
-        _ => Unfit::Because("it is damaged, or no document of this program".to_owned()),
+        _ => Unfit::Because("it is damaged, or is not a document of this program".to_owned()),
     })
 }
 
@@ -136,7 +136,7 @@ pub(super) fn check(bytes: &[u8], found: &str, (of, machine): (&str, &str)) -> R
     }
     match place.is_some() && found == checksum(&unsealed) {
         false => Err(Unfit::Because("its checksum does not fit: it was changed, or damaged".to_owned())),
-        true if of != machine => Err(Unfit::Because(format!("it is of another machine, {of}"))),
+        true if of != machine => Err(Unfit::Because(format!("it belongs to another machine, {of}"))),
         true => Ok(()),
     }
 }

@@ -81,9 +81,9 @@ fn judge(both: &[Option<Document>; 2]) -> Option<&'static str> {
     let number = |place: usize| seal(place).map_or(0, |seal| seal.number);
     let known = |place: usize| seal(1 - place).map_or(0, |seal| seal.other);
     match [seal(0), seal(1)] {
-        [Some(state), Some(ledger)] if state.since != ledger.since => {
-            Some("it does not belong to the ledger beside it: one of them is a copy from elsewhere")
-        }
+        [Some(state), Some(ledger)] if state.since != ledger.since => Some(
+            "it does not belong to the ledger in the same directory: one of them is a copy from elsewhere",
+        ),
         _ if number(0) < known(0) => {
             Some("it is older than the ledger says, or missing: a copy from another day")
         }

@@ -64,9 +64,11 @@ pub(in crate::gateway) fn look(
 /// Compares a document with the number. Returns a clause if they do not fit. `has_logs`: a run has left its logs here.
 pub(super) fn judge(document: Option<&Seal>, number: Option<Number>, has_logs: bool) -> Option<String> {
     match (document, number) {
-        (None, None) => has_logs.then(|| "it is missing, and a run has left its logs here".to_owned()),
+        (None, None) => {
+            has_logs.then(|| "it is missing, but the directory contains logs of a run".to_owned())
+        }
         (None, Some(Number { number, .. })) => {
-            Some(format!("it is missing, and its number is there ({number})"))
+            Some(format!("it is missing, but its number exists ({number})"))
         }
         (Some(seal), None) => (seal.named > 0).then(|| "its number is missing".to_owned()),
         (Some(seal), Some(known)) if seal.since != known.since => {

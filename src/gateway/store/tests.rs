@@ -83,7 +83,7 @@ fn nothing_at_all_is_a_first_start_except_beside_the_logs_of_a_run() {
     let bench = Bench::new(0);
     assert!(bench.unfit().is_none() && bench.open().is_first);
     let beside_logs = bench.open_beside(true);
-    assert!(beside_logs.found.is_err_and(|why| why.contains("a run has left its logs here")));
+    assert!(beside_logs.found.is_err_and(|why| why.contains("contains logs of a run")));
     assert!(!beside_logs.is_first && !Bench::new(1).open().is_first);
 }
 
@@ -171,7 +171,7 @@ fn killed_between_the_very_first_document_and_its_number_it_fits_and_later_a_mis
 fn a_document_that_is_gone_is_missed_by_its_number() {
     let bench = Bench::new(2);
     std::fs::remove_file(bench.path(STATE)).unwrap();
-    bench.is_unfit("it is missing, and its number is there (2)");
+    bench.is_unfit("it is missing, but its number exists (2)");
     std::fs::remove_file(bench.path(NUMBER)).unwrap();
     assert!(bench.open().is_first, "to begin anew, a person removes both");
 }
@@ -197,7 +197,7 @@ fn a_document_of_another_machine_or_of_one_of_the_same_name_elsewhere_does_not_f
     bench.is_unfit("a copy from elsewhere");
     let other = Seal { machine: "lathe-2".to_owned(), ..seal };
     bench.put(STATE, document::render(&other, b"0", []).unwrap());
-    bench.is_unfit("it is of another machine, lathe-2");
+    bench.is_unfit("it belongs to another machine, lathe-2");
 }
 
 #[test]
@@ -234,7 +234,7 @@ fn a_document_of_a_later_version_is_refused_with_words_and_never_replaced() {
     let later = br#"{ "version": 99, "whatever": [] }"#;
     bench.put(STATE, later);
     let refused = may_start(&Files, bench.0.path(), MACHINE).unwrap_err();
-    for words in ["a later version of this program", "layout 99", "grinder-1.state.json", "run that version"]
+    for words in ["a later version of this program", "layout 99", "grinder-1.state.json", "Run that version"]
     {
         assert!(refused.contains(words), "{refused}");
     }

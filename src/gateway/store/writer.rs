@@ -18,8 +18,8 @@ use crate::gateway::memory::Memory;
 use crate::observe::events::{Event, Journal};
 
 /// Consequence of a document that is not on disk.
-const OTHERWISE: &str = "a register that is shared or cannot be read is not written; after the next start the gateway \
-                         writes no register until no earlier write can still arrive";
+const OTHERWISE: &str = "shared and unreadable registers are not written; after the next start, the gateway \
+                         first waits until no earlier write can arrive";
 
 /// Result of saving a version.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

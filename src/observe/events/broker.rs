@@ -48,28 +48,28 @@ impl Broker {
                 format!("nothing is published to {broker}"),
                 Explained::new(
                     why.as_str(),
-                    "does the broker run, are its address, user and certificate those of `[mqtt]`? The gateway tries again, and \
-                     the machine is compensated without it",
+                    "does the broker run, are its address, user and certificate those of `[mqtt]`? The \
+                     gateway tries again, and the compensation continues",
                 ),
             ),
             Broker::Up { broker, attempts } => info(
                 "broker-up",
-                format!("{broker}: connected after {} in vain", counted(attempts, "attempt")),
+                format!("{broker}: connected after {} that failed", counted(attempts, "attempt")),
             ),
             Broker::Dropped { broker, count } => warning(
                 "broker-dropped",
                 String::new(),
                 Explained::new(
-                    format!("{} to {broker} found no room and will not arrive", counted(count, "message")),
-                    "`isotherm events` has what happened",
+                    format!("{} to {broker} dropped, because the queue was full", counted(count, "message")),
+                    "`isotherm events` shows what happened",
                 ),
             ),
             Broker::NotKept { broker, why } => warning(
                 "broker-not-kept",
-                format!("what {broker} misses is not kept for it"),
+                format!("messages that {broker} misses are not saved"),
                 Explained::new(
                     why.as_str(),
-                    "make room in the state directory, and let the gateway write there",
+                    "free space in the state directory, and allow the gateway to write to it",
                 ),
             ),
         }

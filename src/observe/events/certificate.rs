@@ -51,18 +51,22 @@ impl Expiry {
         let (owner, remedy) = match whose {
             Whose::Gateway => (
                 "gateway",
-                "move it and its key away, make both again (`isotherm opcua certificate PROFILE`), and trust it at the server",
+                "move the certificate and its key away, make both again (`isotherm opcua certificate \
+                 PROFILE`), and trust the certificate at the server",
             ),
-            Whose::User => ("user", "make a new one, and give it this user's rights at the server"),
+            Whose::User => ("user", "make a new certificate, and give it this user's rights at the server"),
             Whose::Server => (
                 "server",
-                "renew it at the server, then `isotherm opcua trust PROFILE`; where the server has another one already, take \
-                 this one away",
+                "renew the certificate at the server, then run `isotherm opcua trust PROFILE`; if the server \
+                 already has another certificate, remove this file",
             ),
         };
         Explained::new(
             format!("the {owner}'s certificate {file} {expires} on {day} at {time} UTC"),
-            format!("{remedy}; a gateway that runs takes it up by `isotherm restart PROFILE --keep`"),
+            format!(
+                "{remedy}; a running gateway loads the new certificate after `isotherm restart PROFILE \
+                 --keep`"
+            ),
         )
     }
 

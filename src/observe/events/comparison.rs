@@ -37,7 +37,8 @@ pub(crate) fn found_worse(touches: usize, with: Micron, without: Micron) -> Stri
     let shown = match touches {
         0 => "as touches before the last datum show".to_owned(),
         count => format!(
-            "{with} are left with it, {without} without (root mean square of the last {count} touches)"
+            "the residual error is {with} with the model, {without} without (root mean square of the last \
+             {count} touches)"
         ),
     };
     format!("its model is worse than no compensation: {shown}")
@@ -48,7 +49,10 @@ impl Comparison {
         match self {
             Comparison::Worse { axis, touches, without, with, ramps } => {
                 let hint = match ramps {
-                    true => "Cz goes to zero until touches show that the model is better; identify it again",
+                    true => {
+                        "Cz goes to zero until touches show that the model is better; identify the model \
+                         again"
+                    }
                     false => "identify the model again, or disarm the axis",
                 };
                 let cause = found_worse(*touches, *with, *without);

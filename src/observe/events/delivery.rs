@@ -47,14 +47,14 @@ impl Delivery {
                 format!("{notify}: a message to {to} has not arrived"),
                 Explained::new(
                     why.as_str(),
-                    "does the server run, are `url` and token right? The gateway tries a few times more, and the machine is \
-                     compensated without it",
+                    "does the server run, are `url` and token right? The gateway tries a few times more, and \
+                     the compensation continues",
                 ),
             ),
             Delivery::Back { notify, to, attempts } => info(
                 "notify-back",
                 format!(
-                    "{notify}: messages to {to} arrive again after {} in vain",
+                    "{notify}: messages to {to} arrive again, after {} that failed",
                     counted(attempts, "attempt")
                 ),
             ),
@@ -62,8 +62,8 @@ impl Delivery {
                 "notify-dropped",
                 notify.as_str(),
                 Explained::new(
-                    format!("dropped {} to {to}, which will not arrive", counted(count, "message")),
-                    "`isotherm events` has what happened",
+                    format!("dropped {} to {to}", counted(count, "message")),
+                    "`isotherm events` shows what happened",
                 ),
             ),
         }

@@ -119,7 +119,7 @@ pub fn read(path: &Path, mut found: impl FnMut(Found)) -> std::io::Result<End> {
     for (place, line) in text.split(|byte| *byte == b'\n').enumerate().filter(|(_, line)| !line.is_empty()) {
         let place = place + 1;
         let Some((line, seal)) = std::str::from_utf8(line).ok().and_then(sealed) else {
-            found(damage(place, "no event: cut, or overwritten"));
+            found(damage(place, "not an event: the line is cut or overwritten"));
             continue;
         };
         if line.n != end.count + 1 {
@@ -128,7 +128,7 @@ pub fn read(path: &Path, mut found: impl FnMut(Found)) -> std::io::Result<End> {
                 &format!("after event {} comes event {}: lines are missing", end.count, line.n),
             ));
         } else if line.after != end.seal {
-            found(damage(place, "it does not belong behind what stands before it"));
+            found(damage(place, "it does not follow the line before it"));
         }
         match seal {
             Ok(seal) => end.seal = seal,

@@ -228,16 +228,17 @@ mod tests {
         let texts = |journal: &Journal| -> Vec<String> {
             journal.unkept(usize::MAX).into_iter().map(|entry| entry.text).collect()
         };
-        assert_eq!(texts(&journal)[0], "number 1 is kept again");
+        assert_eq!(texts(&journal)[0], "number 1 is saved again");
         assert_eq!(texts(&journal).len(), UNKEPT - 1);
         (0..10).for_each(|_| journal.kept());
         report(&journal, many + 1);
         let left = texts(&journal);
         assert_eq!(
             left[left.len() - 2],
-            "the disk did not keep 6 events in time: what is kept has a gap: is the disk full, slow or broken?"
+            "the disk did not save 6 events in time: the saved events have a gap: is the disk full, slow or \
+             broken?"
         );
-        assert_eq!(left[left.len() - 1], format!("number {} is kept again", many + 1));
+        assert_eq!(left[left.len() - 1], format!("number {} is saved again", many + 1));
     }
 
     #[test]
@@ -251,7 +252,7 @@ mod tests {
         journal.recall(before.read().0);
         let (shown, counts) = journal.read();
         assert_eq!((shown.len(), counts["kept-again"]), (SHOWN, 1));
-        assert_eq!(shown[0].text, "number 2 is kept again");
-        assert_eq!(shown[SHOWN - 1].text, "number 1000 is kept again");
+        assert_eq!(shown[0].text, "number 2 is saved again");
+        assert_eq!(shown[SHOWN - 1].text, "number 1000 is saved again");
     }
 }

@@ -31,8 +31,8 @@ impl PagePort {
                 format!("the page cannot listen on {listen} (another address: --listen)"),
                 Explained::new(
                     why.as_str(),
-                    "free the address or name another one; the machine is compensated without the page, and the gateway tries \
-                     again every ten seconds",
+                    "free the address or name another one; the gateway tries again every ten seconds, and \
+                     the compensation continues",
                 ),
             ),
             PagePort::Open { listen } => info("page-open", format!("the page listens on {listen}")),
@@ -63,14 +63,14 @@ impl PageToken {
         match self {
             PageToken::Changed { role } => info(
                 "token-changed",
-                format!("the {role}'s token is another one now; who signed in with the old one is gone"),
+                format!("the {role}'s token has changed; sessions with the old token have ended"),
             ),
             PageToken::Gone { role, why } => error(
                 "token-gone",
-                format!("the {role}'s token is none any more"),
+                format!("the {role}'s token is not valid any more"),
                 Explained::new(
                     why.as_str(),
-                    "`isotherm token --out FILE` makes one that only its owner can read",
+                    "`isotherm token --out FILE` makes a token file that only its owner can read",
                 ),
             ),
         }

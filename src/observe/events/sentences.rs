@@ -14,7 +14,7 @@ const DOES_NOT_ANSWER: &str =
     "is it powered, is its cable plugged in? `isotherm check --online` asks it again";
 /// Hint for answers that get lost.
 const LOSES_ANSWERS: &str =
-    "if that is frequent, answers get lost: cable, converter, or a device that is too busy";
+    "if this happens often, answers are lost: check the cable, the converter and the load of the device";
 
 fn seconds(span: &Duration) -> String {
     duration_text(Duration::from_secs(span.as_secs()))
@@ -34,11 +34,11 @@ impl Event {
         match self {
             Event::Started { machine, bus_requests } => info(
                 "started",
-                format!("{machine}: the gateway runs, {} a round", counted(bus_requests, "read request")),
+                format!("{machine}: the gateway runs, {} per cycle", counted(bus_requests, "read request")),
             ),
             Event::Stopping { holds, within } => {
-                let does = if *holds { "the registers keep what they hold" } else { "the fault actions run" };
-                info("stopping", format!("stopping: {does}, at most {}", seconds(within)))
+                let does = if *holds { "the registers keep their values" } else { "the fault actions run" };
+                info("stopping", format!("stopping: {does}; this takes at most {}", seconds(within)))
             }
             Event::Stopped { left } => info("stopped", format!("stopped; {left}")),
             Event::LinkDown { bus, address, fault } => {
@@ -53,13 +53,11 @@ impl Event {
             }
             Event::DeviceBack { device, at, missed } => info(
                 "device-back",
-                format!(
-                    "device {device}{at}: is there again, {} since it was lost",
-                    counted(missed, "failure")
-                ),
+                format!("device {device}{at}: answers again, after {}", counted(missed, "failure")),
             ),
             Event::NotAsExpected { device, found } => {
-                let hint = "set it so at the device, or correct the profile; no axis that needs the device is armed before";
+                let hint = "change the setting at the device, or correct the profile; until then, no axis \
+                            that needs the device is armed";
                 error("not-as-expected", format!("device {device}"), found.clone().or_hint(hint))
             }
             Event::AsExpected { device } => {
@@ -77,9 +75,10 @@ impl Event {
                 format!("signal {signal}"),
                 Explained::new(
                     format!(
-                        "re-referenced, {from:.4} {unit} is {to:.4} {unit} now; a step that the axis cannot make is no motion"
+                        "the encoder was re-referenced: {from:.4} {unit} is now {to:.4} {unit}, a step \
+                         larger than the axis can move"
                     ),
-                    "if nobody has referenced it, look at the encoder and its supply",
+                    "if the operator has not referenced the axis, check the encoder and its power supply",
                 ),
             ),
             Event::AxisState { axis, from, to, why, stopping } => {
@@ -93,7 +92,7 @@ impl Event {
                 }
                 let hint = "look at the alarms of its signals, devices and outputs";
                 let why = match why.cause.as_str() {
-                    "" => "the cause is over already".into(),
+                    "" => "the cause has already ended".into(),
                     _ => why.clone().or_hint(hint),
                 };
                 warning("axis-state", about, why)
@@ -106,7 +105,7 @@ impl Event {
             }
             Event::CommandDropped { command, way, who, why, .. } => warning(
                 "command-dropped",
-                format!("{command}, {}: not done, and never will be", way.by(who)),
+                format!("{command}, {}: not carried out", way.by(who)),
                 Explained::new(why, "give the command again"),
             ),
             Event::WaitsToArm { axis, why } => Described {
@@ -116,13 +115,13 @@ impl Event {
             Event::ArmEnded { axis, why } => warning(
                 "arm-ended",
                 format!("axis {axis}: not armed"),
-                why.clone().or_hint("to have it armed, arm it again"),
+                why.clone().or_hint("arm the axis again if it is needed"),
             ),
             Event::Armed { axis, from, way, who } => {
                 info("armed", format!("axis {axis}: armed, starting from {from}, {}", way.by(who)))
             }
             Event::GoesOn { axis, from, .. } => {
-                info("goes-on", format!("axis {axis}: armed as before the restart, going on from {from}"))
+                info("goes-on", format!("axis {axis}: armed as before the restart, continuing from {from}"))
             }
             Event::SignChecked { axis, moved, way, who } => {
                 let (about, why) = (format!("axis {axis}, {}", way.by(who)), moved.explained(axis));
@@ -133,18 +132,18 @@ impl Event {
             }
             Event::SignEnded { axis, why } => warning(
                 "sign-ended",
-                format!("axis {axis}: its sign check is over, Cz goes back"),
+                format!("axis {axis}: its sign check has ended, Cz returns"),
                 why.clone().or_hint("check the sign again"),
             ),
             Event::Disarmed { axis, why } => warning(
                 "disarmed",
                 format!("axis {axis}: off"),
-                why.clone().or_hint("arm it when the reason is gone"),
+                why.clone().or_hint("arm the axis when the cause is corrected"),
             ),
             Event::ArmRefused { axis, why } => error(
                 "arm-refused",
                 format!("axis {axis}: cannot be armed"),
-                why.clone().or_hint("put that right, then arm it"),
+                why.clone().or_hint("correct the cause, then arm the axis"),
             ),
             Event::AtLimit { axis, wanted, limit } => warning(
                 "at-limit",
@@ -167,17 +166,17 @@ impl Event {
                 format!("axis {axis}"),
                 Explained::new(
                     format!(
-                        "the model asks for {wanted}, beyond its error level of ±{level}; the fault action runs, and it stays \
-                         off until it is armed"
+                        "the model asks for {wanted}, beyond its error level of ±{level}; the fault action \
+                         runs, then the axis is off until it is armed"
                     ),
-                    "look for the sensor or the cause, then arm the axis",
+                    "find the cause, for example a faulty sensor, then arm the axis",
                 ),
             ),
             Event::Extrapolating { axis, how } => {
                 warning("extrapolating", format!("axis {axis}"), how.clone().or_hint("measure a part"))
             }
             Event::Interpolating { axis } => {
-                info("interpolating", format!("axis {axis}: extrapolates no more"))
+                info("interpolating", format!("axis {axis}: no longer extrapolates"))
             }
             Event::Probed { axis, error, residual, correction } => info(
                 "probed",
@@ -187,37 +186,38 @@ impl Event {
                 ),
             ),
             Event::ProbeRefused { axis, error, why } => {
-                let probed = error.map_or("a probing is".to_owned(), |error| format!("probed {error},"));
-                let about = format!("axis {axis}: {probed} not learned from");
+                let probed = error.map_or("a probing was".to_owned(), |error| format!("probed {error},"));
+                let about = format!("axis {axis}: {probed} not used for the correction");
                 warning("probe-refused", about, why.clone().or_hint("measure again"))
             }
             Event::ProbeForgotten { axis } => {
-                info("probe-forgotten", format!("axis {axis}: what probings have taught is taken back"))
+                info("probe-forgotten", format!("axis {axis}: the correction from probings is removed"))
             }
             Event::ModelAges { axis, residual, warn } => warning(
                 "model-ages",
                 format!("axis {axis}"),
                 Explained::new(
                     format!("the model was wrong by {residual}, beyond ±{warn}"),
-                    "if that repeats, identify the model again",
+                    "if this happens again, identify the model again",
                 ),
             ),
             Event::Saturated { output, wanted } => warning(
                 "saturated",
                 format!("output {output}"),
                 Explained::new(
-                    format!("{wanted} does not fit the register and was cut"),
+                    format!("{wanted} does not fit the register and was limited"),
                     "is `scale` right? Else write to a wider register, or lower the limit of the axis",
                 ),
             ),
             Event::VerifyFailed { output, wrote, found, is_in_a_node } => {
                 let hint = match is_in_a_node {
                     true => {
-                        "the server said Good and kept the old value: does something else write it, is writing released?"
+                        "the server answered Good and kept the old value: does another client write the \
+                         node, is writing enabled?"
                     }
                     false => {
-                        "does something else write the register, does the control take values now, are `type` and `scale` \
-                         those of the register?"
+                        "does another client write the register, does the control accept values now, do \
+                         `type` and `scale` fit the register?"
                     }
                 };
                 let cause = format!("wrote {wrote}, read back {found}");
@@ -227,8 +227,8 @@ impl Event {
                 "not-applied",
                 format!("output {output}"),
                 Explained::new(
-                    format!("{stands} stand in its register, the control applies {applies} ({register})"),
-                    "is the function on in the control, is it slower than `settle`?",
+                    format!("its register holds {stands}, but the control applies {applies} ({register})"),
+                    "is the compensation function on in the control, does it need longer than `settle`?",
                 ),
             ),
             Event::WriteFailed { output, fault } => warning(
@@ -257,15 +257,21 @@ impl Event {
                 "foreign-change",
                 format!("output {output}"),
                 Explained::new(
-                    format!("somebody else wrote {found} where {expected} stood; left alone"),
-                    "who or what changes the offset at the control? Put it right there, then arm the axis",
+                    format!(
+                        "its register holds {found}, which this gateway did not write ({expected} expected); \
+                         the value is kept"
+                    ),
+                    "find what changed the offset, correct the value at the control, then arm the axis",
                 ),
             ),
             Event::OwnWriteLate { output, value, sent } => warning(
                 "own-write-late",
                 format!("output {output}"),
                 Explained::new(
-                    format!("our own write of {value} from {sent} arrived late; going on from there"),
+                    format!(
+                        "a write of {value} that the gateway sent at {sent} arrived late; the gateway \
+                         continues from this value"
+                    ),
                     LOSES_ANSWERS,
                 ),
             ),
@@ -273,8 +279,12 @@ impl Event {
                 "perhaps-from-before",
                 format!("output {output}"),
                 Explained::new(
-                    format!("{value} appeared, perhaps our own from before the start; going on from there"),
-                    "if the value is not ours, disarm the axis and put it right at the control",
+                    format!(
+                        "its register holds {value}, perhaps a write from before the gateway started; the \
+                         gateway continues from this value"
+                    ),
+                    "if the gateway did not write the value, disarm the axis and correct the value at the \
+                     control",
                 ),
             ),
             Event::WaitsForLateWrite { output, seconds } => warning(
@@ -282,7 +292,8 @@ impl Event {
                 format!("output {output}"),
                 Explained::new(
                     format!(
-                        "waiting for a late write, {seconds} s at most: until then the next step could be more than one from it"
+                        "waiting for a late write, {seconds} s at most: if it arrived after the next write, \
+                         the step could be too large"
                     ),
                     LOSES_ANSWERS,
                 ),
@@ -294,32 +305,36 @@ impl Event {
             Event::OperatorChange { output, from, to, share } => info(
                 "operator-change",
                 format!(
-                    "output {output}: the operator offset changed from {from} to {to}; it is kept, and the gateway share stays {share}"
+                    "output {output}: the operator offset changed from {from} to {to} and is kept; the \
+                     gateway share stays {share}"
                 ),
             ),
             Event::LedgerOpened { output, base, share } => info(
                 "ledger-opened",
-                format!("output {output}: {base} in its register are the operator's, {share} are ours"),
+                format!("output {output}: {base} are the operator offset, {share} are the gateway share"),
             ),
             Event::FirstAccount { output, holds } => warning(
                 "first-account",
                 format!("output {output}"),
                 Explained::new(
-                    format!("its register holds {holds}, and nothing of ours is known in it"),
-                    "if all of that is your own value, arm the axis; if not, make it your own value first",
+                    format!("its register holds {holds}, and the gateway share in it is not known"),
+                    "if the whole value is your own offset, arm the axis; if not, first set the register to \
+                     your own offset",
                 ),
             ),
             Event::LedgerDoubt { output, why } => error(
                 "ledger-doubt",
                 format!("output {output}"),
-                why.clone().or_hint("make the register your own value, then arm the axis"),
+                why.clone().or_hint("set the register to your own offset, then arm the axis"),
             ),
             Event::OutputMoved { why, .. } => error("output-moved", String::new(), why.clone()),
             Event::RegisterLeft { output, register, held, hint } => warning(
                 "register-left",
                 format!("output {output}"),
                 Explained::new(
-                    format!("{held} of ours were verified in {register}, which is no output's any more"),
+                    format!(
+                        "{held} from the gateway were verified in {register}, which no output uses any more"
+                    ),
                     hint.clone(),
                 ),
             ),
@@ -328,7 +343,7 @@ impl Event {
                 format!("output {output}: its former register, {register}, is back at its base"),
             ),
             Event::PlaceConfirmed { output } => {
-                info("place-confirmed", format!("output {output}: a person has confirmed its place"))
+                info("place-confirmed", format!("output {output}: the operator has confirmed its place"))
             }
             Event::ReferenceForgotten { why, .. } => {
                 warning("reference-forgotten", String::new(), why.clone())
@@ -341,7 +356,8 @@ impl Event {
                 format!("bus {bus}"),
                 Explained::new(
                     format!(
-                        "namespace {uri} is ns={to} at the server, not ns={from}; its nodes are used there"
+                        "namespace {uri} is ns={to} at the server, not ns={from}; the gateway uses its nodes \
+                         there"
                     ),
                     format!("write nsu={uri};... in place of ns={from};... in the profile"),
                 ),
@@ -350,7 +366,7 @@ impl Event {
                 "position-from-zero",
                 format!("output {output}"),
                 Explained::new(
-                    "no state says which Cz its corrected position had: it begins at Cz 0",
+                    "the Cz of its corrected position was not saved: the output begins at Cz 0",
                     "compare the position at the display with the scale before a part is made",
                 ),
             ),
@@ -358,15 +374,15 @@ impl Event {
                 "cnc-restarted",
                 format!("output {output}"),
                 Explained::new(
-                    format!("back at zero where {expected} stood; the CNC was restarted"),
-                    "nothing if that is so; else look for what sets the register to zero",
+                    format!("its register went from {expected} to zero; the CNC was restarted"),
+                    "if the CNC was not restarted, find what sets the register to zero",
                 ),
             ),
             Event::TemplateChanged { template, changes } => warning(
                 "template-changed",
                 String::new(),
                 Explained::new(
-                    format!("template {template} is not as it was in the last run: {changes}"),
+                    format!("template {template} has changed since the last run: {changes}"),
                     "compare what `isotherm check` prints before the machine makes parts",
                 ),
             ),
@@ -375,9 +391,10 @@ impl Event {
                 format!("device {device}"),
                 Explained::new(
                     format!(
-                        "its boot counter went from {from} to {to}; the CNC was restarted, its registers are read again"
+                        "its boot counter went from {from} to {to}: the CNC was restarted; the gateway reads \
+                         its registers again"
                     ),
-                    "if nobody restarted it, look at its supply",
+                    "if the operator did not restart the CNC, check its power supply",
                 ),
             ),
             Event::Handshake { set, fault, register, cause } => error(
@@ -388,7 +405,10 @@ impl Event {
             Event::NodeReset { device, node, what } => warning(
                 "node-reset",
                 format!("device {device} (node {node})"),
-                Explained::new(what, "if nobody has done that, look at its supply and its plug"),
+                Explained::new(
+                    what,
+                    "if the operator did not cause this, check the power supply and the plug of the node",
+                ),
             ),
             Event::Emergency { device, what } => warning(
                 "emergency",
@@ -397,7 +417,7 @@ impl Event {
             ),
             Event::EmergencyOver { device, count } => info(
                 "emergency-over",
-                format!("device {device}: its emergencies are over, {} came", counted(count, "message")),
+                format!("device {device}: its emergencies have ended, after {}", counted(count, "message")),
             ),
             Event::BusTrouble { bus, address, what } => warning(
                 "bus-trouble",
@@ -406,11 +426,12 @@ impl Event {
             ),
             Event::BusWell { bus, address, count, what, within } => {
                 let span = seconds(&(*within).max(Duration::from_secs(1)));
-                info("bus-well", format!("bus {bus} ({address}): well again: {count} {what} within {span}"))
+                info("bus-well", format!("bus {bus} ({address}): works again: {count} {what} within {span}"))
             }
-            Event::Interlocked { output, when } => {
-                info("interlocked", format!("output {output}: held, because not {when}"))
-            }
+            Event::Interlocked { output, when } => info(
+                "interlocked",
+                format!("output {output}: not written, because its condition is not met: {when}"),
+            ),
             Event::Released { output } => info("released", format!("output {output}: interlock released")),
             Event::MachineStarted => info(
                 "machine-started",
@@ -421,33 +442,37 @@ impl Event {
                 "overrun",
                 format!("bus {bus}"),
                 Explained::new(
-                    format!("more is asked of it than it can carry: {what} was {} ms late", late.as_millis()),
-                    "`isotherm check` shows the load of each line",
+                    format!("the bus is overloaded: {what} was {} ms late", late.as_millis()),
+                    "`isotherm check` shows the load of each bus",
                 ),
             ),
             Event::PipelineGivenUp { bus, fault } => warning(
                 "pipeline-given-up",
                 format!("bus {bus}"),
                 Explained::new(
-                    format!("two questions at a time did not do ({fault}); one at a time from now on"),
+                    format!("two requests at a time failed ({fault}); the gateway now sends one at a time"),
                     "remove `pipeline` from the profile",
                 ),
             ),
             Event::Subscription { device, what } => warning(
                 "subscription",
                 format!("device {device}: its subscription"),
-                Explained::new(what, "let the server send as often, or write a longer `every`"),
+                Explained::new(
+                    what,
+                    "let the server send values as often as `every` says, or write a longer `every`",
+                ),
             ),
             Event::StoodStill { span } => warning(
                 "stood-still",
                 String::new(),
                 Explained::new(
                     format!(
-                        "this computer stood still for {:.1} s (stopped, suspended or too busy): nothing from before is used, and \
-                         everything is read again",
+                        "this computer stood still for {:.1} s (stopped, suspended or too busy): the gateway \
+                         discards the values from before and reads all again",
                         span.as_secs_f64()
                     ),
-                    "what else runs on it, does it suspend by itself? A gateway wants a computer of its own",
+                    "does another program use the computer, is automatic suspend on? A gateway needs a \
+                     computer of its own",
                 ),
             ),
             Event::TaskFailed { task, why } => error(
@@ -455,7 +480,8 @@ impl Event {
                 format!("{task} failed"),
                 Explained::new(
                     why,
-                    "keep the log of this hour and report it; restart the gateway if it does not itself",
+                    "keep the log of this hour and report the failure; restart the gateway if it does not \
+                     restart by itself",
                 ),
             ),
             Event::ClockSet(Correction { from, to }) => warning(
@@ -463,7 +489,7 @@ impl Event {
                 String::new(),
                 Explained::new(
                     format!("the computer's clock was set, from {from} to {to}"),
-                    "nothing if somebody did that; else look at its time server",
+                    "if the operator did not set the clock, check its time server",
                 ),
             ),
             Event::ClockDoubtful { last } => warning(
@@ -471,8 +497,8 @@ impl Event {
                 String::new(),
                 Explained::new(
                     format!(
-                        "the computer's clock does not go on from {last}, the newest stamp in state and log: how long nothing was \
-                         measured is not known, and it is taken for long"
+                        "the computer's clock does not continue from {last}, the newest time stamp in state \
+                         and log: the time without measurements is assumed to be long"
                     ),
                     "set the clock, and replace its battery if the time is lost at each start",
                 ),
@@ -485,39 +511,43 @@ impl Event {
                 String::new(),
                 Explained::new(
                     format!(
-                        "other gateways of this computer cannot be seen: {why}; one that writes to the same registers would not be \
-                         refused"
+                        "other gateways on this computer cannot be detected: {why}; a second one could write \
+                         to the same registers"
                     ),
                     "make sure that only one gateway writes to each register",
                 ),
             ),
             Event::NotKept { what, why } => warning(
                 "not-kept",
-                format!("{what} cannot be kept"),
-                why.clone().or_hint("make room there, or name another directory (`--state`)"),
+                format!("{what} cannot be saved"),
+                why.clone().or_hint("free space in that directory, or name another one (`--state`)"),
             ),
             Event::NotBelieved { why } => error(
                 "not-believed",
                 String::new(),
                 Explained::new(
-                    format!("{why}; every axis is off until a person arms it"),
+                    format!("{why}; every axis is off until the operator arms it"),
                     "compare the registers of the control with what they should hold, then arm the axes",
                 ),
             ),
             Event::HandoverRefused { why } => warning(
                 "handover-refused",
                 String::new(),
-                Explained::new(format!("{why}; every axis starts as after a stop"), "arm those that are off"),
+                Explained::new(
+                    format!("{why}; every axis starts as after a stop"),
+                    "arm the axes that are off",
+                ),
             ),
             Event::ProfileDiffers { profile, files } => warning(
                 "profile-differs",
                 String::new(),
                 Explained::new(
                     format!(
-                        "changed after the new program had checked the profile, and not used: {}",
+                        "these files changed after the new program had checked the profile, and are not \
+                         used: {}",
                         listed(files)
                     ),
-                    format!("to use what is there now: `isotherm restart {profile} --keep`"),
+                    format!("to use the changed files: `isotherm restart {profile} --keep`"),
                 ),
             ),
             Event::TakenFromEarlier { what, version, kept } => warning(
@@ -532,7 +562,7 @@ impl Event {
                 String::new(),
                 Explained::new(
                     format!(
-                        "the disk did not keep {} in time: what is kept has a gap",
+                        "the disk did not save {} in time: the saved events have a gap",
                         counted(count, "event")
                     ),
                     "is the disk full, slow or broken?",
@@ -543,13 +573,14 @@ impl Event {
                 String::new(),
                 Explained::new(
                     format!(
-                        "the file of this day's events is full ({} MB): no more of them are kept",
+                        "the file of this day's events is full ({} MB): further events of this day are not \
+                         saved",
                         bytes >> 20
                     ),
-                    "`isotherm events` shows what comes so often",
+                    "`isotherm events` shows which events are so frequent",
                 ),
             ),
-            Event::KeptAgain { what } => info("kept-again", format!("{what} is kept again")),
+            Event::KeptAgain { what } => info("kept-again", format!("{what} is saved again")),
             Event::StandIn(found) => found.described(),
             Event::Comparison(found) => found.described(),
             Event::Page(port) => port.described(),

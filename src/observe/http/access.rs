@@ -340,10 +340,10 @@ fn tell(room: &Room, Told { count, last, closed }: &Told) {
     let tokens = if *count == 1 { "wrong token" } else { "wrong tokens" };
     let closed = match closed {
         0 => String::new(),
-        1 => "; from one address none is taken for a minute".to_owned(),
-        many => format!("; from {many} addresses none is taken for a minute"),
+        1 => "; tokens from one address are refused for a minute".to_owned(),
+        many => format!("; tokens from {many} addresses are refused for a minute"),
     };
-    let why = format!("{count} {tokens} since this was told last{closed}");
+    let why = format!("{count} {tokens} since the last report{closed}");
     room.source.turned_away("sign in", &Asker::new(Way::Api, last.to_string()), &why);
 }
 

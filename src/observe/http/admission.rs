@@ -35,7 +35,8 @@ impl Admission {
         ] {
             if one.as_ref().zip(other.as_ref()).is_some_and(|(one, other)| one.is_same_as(other)) {
                 return Err(format!(
-                    "the {whose} token is the {of_whom}: make another one with isotherm token"
+                    "the {whose} token is the same as the {of_whom} token: make another one with isotherm \
+                     token"
                 ));
             }
         }

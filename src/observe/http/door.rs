@@ -110,14 +110,14 @@ async fn after(error: &io::Error) {
         ErrorKind::ConnectionAborted | ErrorKind::ConnectionReset | ErrorKind::Interrupted
     );
     if !is_of_the_peer {
-        tracing::debug!("the page cannot take a connection: {error}");
+        tracing::debug!("the page cannot accept a connection: {error}");
         tokio::time::sleep(AGAIN).await;
     }
 }
 
 const FULL: &[u8] = b"HTTP/1.1 503 Service Unavailable\r\nRetry-After: 10\r\nConnection: close\r\n\
-    Content-Type: text/plain; charset=utf-8\r\nContent-Length: 74\r\n\r\n\
-    The page has as many connections as it may. Close some, or wait a little.\n";
+    Content-Type: text/plain; charset=utf-8\r\nContent-Length: 65\r\n\r\n\
+    The page has too many connections. Close some, or wait a little.\n";
 
 /// Closes a connection. Over plain text, the client gets the reason if it can be sent without waiting.
 fn refuse(stream: TcpStream, is_plain: bool) {
@@ -142,7 +142,8 @@ impl TurnedAway {
         if self.said.is_none_or(|said| now >= said + EVERY) {
             let count = counted(self.count, "connection");
             tracing::warn!(
-                "the page closed {count} at once: it has {connections}, and so many of one address, and no more"
+                "the page closed {count} at once: the limit of {connections} connections, or that of one \
+                 address, is reached"
             );
             (self.count, self.said) = (0, Some(now));
         }

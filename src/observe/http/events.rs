@@ -39,7 +39,7 @@ pub(super) async fn since(State(room): State<Room>, RawQuery(query): RawQuery) -
     let since = query.and_then(|query| parameter(&query, "since")).unwrap_or_else(|| SINCE.to_owned());
     let turn = Arc::clone(&room.events).acquire_owned();
     let Ok(turn) = tokio::time::timeout(PATIENCE, turn).await else {
-        let text = "Others read the events already: ask again in a moment.\n";
+        let text = "Other clients are reading the events: ask again in a moment.\n";
         return (StatusCode::SERVICE_UNAVAILABLE, [(header::RETRY_AFTER, "10")], text).into_response();
     };
     let gone = Arc::new(AtomicBool::new(false));

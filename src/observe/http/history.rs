@@ -213,7 +213,10 @@ fn columns(status: &Status, named: Option<&str>) -> Result<Vec<Column>, String> 
         })
         .collect::<Result<_, _>>()?;
     if chosen.len() > MOST_COLUMNS {
-        return Err(format!("{} columns are more than {MOST_COLUMNS}: ask for them in turn", chosen.len()));
+        return Err(format!(
+            "{} columns are more than {MOST_COLUMNS}: divide them over several requests",
+            chosen.len()
+        ));
     }
     Ok(chosen)
 }

@@ -76,7 +76,7 @@ pub(super) async fn begin(
     };
     let form = match &body {
         Ok(body) => String::from_utf8_lossy(body),
-        Err(why) => return (why.status(), "A token is not as long as that.\n").into_response(),
+        Err(why) => return (why.status(), "The token is too long.\n").into_response(),
     };
     if !room.access.is_own_page(&headers) {
         return refused(Refusal::StrangeOrigin, &form);

@@ -82,33 +82,40 @@ impl Refusal {
     pub(super) fn message(self) -> String {
         let text = match self {
             Refusal::NoToken => {
-                "This gateway wants its token: sign in at /login in a browser, or send Authorization: Bearer."
+                "This gateway requires a token: sign in at /login in a browser, or send Authorization: \
+                 Bearer."
             }
-            Refusal::WrongToken => "That is no token of this gateway.",
+            Refusal::WrongToken => "This is not a token of this gateway.",
             Refusal::TooManyWrong(left) => {
                 return format!(
-                    "Too many wrong tokens came from your address: none is looked at for {} s. Commands at the gateway's own \
-                     computer (isotherm arm, disarm) work meanwhile.",
+                    "Too many wrong tokens came from your address: tokens are refused for {} s. Commands at \
+                     the gateway's own computer (isotherm arm, disarm) still work.",
                     left.as_secs() + 1
                 );
             }
-            Refusal::OnlyLooks => "This is the viewer's token: it may look. Commands want the operator's.",
+            Refusal::OnlyLooks => {
+                "This is the viewer's token: it only permits viewing. Commands require the operator's token."
+            }
             Refusal::OnlyScrapes => {
-                "This is the token for scraping: it may read /metrics, and nothing else. Looking wants the viewer's."
+                "This is the token for scraping: it only permits reading /metrics. Viewing requires the \
+                 viewer's token."
             }
             Refusal::NoOperator => {
-                "No command is taken here without a token. These two lines make one: isotherm token --out \
-                 /etc/isotherm/operator.token (mode 0600), and token_file = \"/etc/isotherm/operator.token\" below [web] in \
-                 the profile. Or command at the gateway's own computer: isotherm arm, disarm."
+                "This gateway accepts no command without a token. These two lines make one: isotherm token \
+                 --out /etc/isotherm/operator.token (mode 0600), and token_file = \
+                 \"/etc/isotherm/operator.token\" below [web] in the profile. Or command at the gateway's \
+                 own computer: isotherm arm, disarm."
             }
             Refusal::StrangeHost => {
                 "Without a token this gateway answers only to localhost or to its own address. Use the address instead of \
                  the name, name it in [web] hosts, or start the gateway with a token."
             }
-            Refusal::StrangeOrigin => "Commands from a browser are taken only from the gateway's own page.",
+            Refusal::StrangeOrigin => {
+                "Commands from a browser are accepted only from the gateway's own page."
+            }
             Refusal::NotFromHere => {
-                "Without a token this gateway answers only to the computer it runs on, and to no proxy, nor to HTTP/1.0. \
-                 Start it with a token to look from here."
+                "Without a token this gateway answers only requests from its own computer, but not from a \
+                 proxy or with HTTP/1.0. To view it from here, start the gateway with a token."
             }
         };
         text.to_owned()

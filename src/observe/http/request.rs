@@ -46,7 +46,7 @@ pub(super) async fn whole(State(longest): State<Duration>, request: Request, nex
     match read {
         Ok(Some(body)) => next.run(Request::from_parts(head, Body::from(body))).await,
         Ok(None) => {
-            let text = format!("A body here has at most {LARGEST_BODY} bytes, and comes as a whole.\n");
+            let text = format!("The body may have at most {LARGEST_BODY} bytes, and must be complete.\n");
             (StatusCode::PAYLOAD_TOO_LARGE, text).into_response()
         }
         Err(_) => {

@@ -172,7 +172,8 @@ fn read(path: &Path) -> Result<(String, Seen), String> {
             Err(format!("the token in {at} is longer than {LONGEST} bytes: isotherm token > {at} makes one"))
         }
         () if !token.chars().all(|letter| matches!(letter, ' '..='~')) => Err(format!(
-            "the token in {at} has more than one line, or letters that no request can carry: isotherm token > {at} makes one"
+            "the token in {at} has more than one line, or characters that a request cannot contain: isotherm \
+             token > {at} makes one"
         )),
         () => Ok((token.to_owned(), Seen::of(&metadata))),
     }
@@ -277,7 +278,7 @@ mod tests {
             ("0123456789abcdef\n", 0o644, Some("chmod 600")),
             ("0123456789abcdef\n", 0o602, Some("chmod 600")),
             ("0123456789abcde\n", 0o600, Some("15 characters, fewer than 16")),
-            ("äöüäöüäöüäöüäöüä", 0o600, Some("letters that no request can carry")),
+            ("äöüäöüäöüäöüäöüä", 0o600, Some("characters that a request cannot contain")),
             (" \n", 0o600, Some("is empty")),
             ("0123456789abcdef\n0123456789abcdef\n", 0o600, Some("more than one line")),
             (&"x".repeat(513), 0o600, Some("longer than 512")),

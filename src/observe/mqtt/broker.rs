@@ -89,27 +89,29 @@ pub enum Fault {
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Fault::NoAddress => f.write_str("its name leads to no address"),
+            Fault::NoAddress => f.write_str("its host name has no address"),
             Fault::Unreachable(ErrorKind::ConnectionRefused) => f.write_str("nothing listens at that port"),
             Fault::Unreachable(kind) => write!(f, "it cannot be reached ({kind})"),
             Fault::Silent => f.write_str("no answer"),
             Fault::Tls(why) => f.write_str(why),
             Fault::WrongUser => {
-                f.write_str("it does not take this user name or password, or does not let this user in")
+                f.write_str("it rejects this user name or password, or this user may not connect")
             }
             Fault::NotAllowed => f.write_str(
-                "it does not let the gateway in: name a `user` that may connect, or a certificate in `tls`",
+                "it does not allow the gateway to connect: name a `user` that may connect, or a certificate \
+                 in `tls`",
             ),
             Fault::Refused(why) => f.write_str(why),
             Fault::NoMqtt => {
-                f.write_str("what answers there does not speak MQTT, or only inside TLS (mqtts://)")
+                f.write_str("the server there does not speak MQTT, or only inside TLS (mqtts://)")
             }
             Fault::TooLong(most) => write!(
                 f,
-                "it sends a message of more than {most} MB: somebody publishes, or has it keep, what is no command on a topic of commands"
+                "it sends a message of more than {most} MB on a topic of commands: remove the client or the \
+                 retained message that causes this"
             ),
             Fault::Broken => f.write_str("the connection broke"),
-            Fault::Inside(why) => write!(f, "the MQTT library failed inside: {why}"),
+            Fault::Inside(why) => write!(f, "the MQTT library failed: {why}"),
         }
     }
 }

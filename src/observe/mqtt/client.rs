@@ -294,7 +294,7 @@ fn fault(error: &ConnectionError) -> Fault {
             ConnectReturnCode::BadUserNamePassword => Fault::WrongUser,
             ConnectReturnCode::NotAuthorized => Fault::NotAllowed,
             ConnectReturnCode::RefusedProtocolVersion => Fault::Refused("it does not speak MQTT 3.1.1"),
-            ConnectReturnCode::BadClientId => Fault::Refused("it does not take this client's name"),
+            ConnectReturnCode::BadClientId => Fault::Refused("it rejects the name of this client"),
             ConnectReturnCode::ServiceUnavailable => Fault::Refused("it says that it is not available"),
             ConnectReturnCode::Success => Fault::NoMqtt,
         },

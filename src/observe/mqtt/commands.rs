@@ -34,7 +34,7 @@ impl Commands {
         match outcome {
             Outcome::Asked(Command::Measured { axis, report }) => {
                 if self.last.is_some_and(|last| now.since(last) < PAUSE) {
-                    self.refuse(now, "measured", "the one before it came less than a second ago", source);
+                    self.refuse(now, "measured", "the previous command came less than a second ago", source);
                     return;
                 }
                 self.last = Some(now);
@@ -49,7 +49,7 @@ impl Commands {
     /// Rejects a retained message. It may be old, and its sender does not wait any more.
     pub(super) fn refuse_retained(&mut self, now: Moment, topic: &str, source: &dyn Source) {
         let command = topic.rsplit('/').next().unwrap_or(topic).chars().take(40).collect::<String>();
-        let why = "the broker has kept it from before: publish commands without the retain flag";
+        let why = "it is a retained message: publish commands without the retain flag";
         self.refuse(now, &command, why, source);
     }
 

@@ -54,7 +54,7 @@ async fn secure(
     stream: TcpStream,
 ) -> Result<Box<dyn Bytes>, Fault> {
     let name = ServerName::try_from(to.host.clone())
-        .map_err(|_| Fault::Tls(format!("no certificate can be for the name `{}`", to.host)))?;
+        .map_err(|_| Fault::Tls(format!("a certificate cannot contain the name `{}`", to.host)))?;
     let connected = TlsConnector::from(config).connect(name, stream).await;
     connected.map(|stream| Box::new(stream) as Box<dyn Bytes>).map_err(|error| {
         tracing::debug!(%error, "no TLS connection");
@@ -67,17 +67,19 @@ async fn secure(
 fn secured(fault: TlsFault) -> Fault {
     let remedy = match fault {
         TlsFault::OtherName => {
-            Some("write that into `broker`, or name the certificate itself with `tls = { ca = \"…\" }`")
+            Some("write that name into `broker`, or name the certificate itself with `tls = { ca = \"…\" }`")
         }
-        TlsFault::UnknownAuthority => Some("name who has with `tls = { ca = \"…\" }`"),
+        TlsFault::UnknownAuthority => Some("name its certificate authority with `tls = { ca = \"…\" }`"),
         TlsFault::BadCertificate => {
-            Some("one that it has signed itself is trusted by naming it with `tls = { ca = \"…\" }`")
+            Some("to trust a self-signed certificate, name it with `tls = { ca = \"…\" }`")
         }
         TlsFault::OursMissing => Some("name `cert` and `key` in `tls`"),
-        TlsFault::OursExpired => Some("renew the one that `cert` names in `tls`"),
-        TlsFault::OursRefused => Some("does it know who signed the one that `cert` names in `tls`?"),
+        TlsFault::OursExpired => Some("renew the certificate that `cert` names in `tls`"),
+        TlsFault::OursRefused => {
+            Some("does it trust the authority of the certificate that `cert` names in `tls`?")
+        }
         TlsFault::NoTls => Some("try another port, or mqtt://"),
-        TlsFault::Silent => Some("does it speak TLS there, or in the clear (mqtt://)?"),
+        TlsFault::Silent => Some("does the server speak TLS there, or plain MQTT (mqtt://)?"),
         _ => None,
     };
     Fault::Tls(fault.advised(remedy))

@@ -36,12 +36,10 @@ pub enum Failure {
     #[error("{0}")]
     Token(String),
     /// The host name cannot be resolved.
-    #[error(
-        "this computer does not know the name of its host (`getent hosts NAME` asks as the gateway does)"
-    )]
+    #[error("its host name has no address on this computer (`getent hosts NAME` asks as the gateway does)")]
     Unresolved,
     /// No program listens at the address.
-    #[error("nobody listens there: is the port in `url` right, does the server run?")]
+    #[error("no program listens there: is the port in `url` right, does the server run?")]
     Refused,
     /// The host cannot be reached.
     #[error("it cannot be reached: {0}")]
@@ -56,10 +54,11 @@ pub enum Failure {
     #[error("no answer within {} s", .0.as_secs_f64())]
     Silent(Duration),
     /// The answer is not HTTP/1.1.
-    #[error("whoever answers there does not speak HTTP/1.1, or is spoken to in plain text and wants https")]
+    #[error("the server there does not speak HTTP/1.1, or it requires https")]
     NoHttp,
     /// The server redirects to another address.
-    #[error("it answered {0}: it is elsewhere{at}; nobody is followed there: write that address into `url`", at = place(.1.as_deref()))]
+    #[error("it answered {0}: it is elsewhere{at}; the gateway does not follow: write that address into \
+             `url`", at = place(.1.as_deref()))]
     Elsewhere(u16, Option<String>),
     /// The server rejects the message, and may request a pause.
     #[error("it answered {0}{means}", means = meaning(*.0))]
@@ -74,12 +73,12 @@ fn meaning(code: u16) -> &'static str {
     match code {
         401 | 403 => ": is the token in `token_file` right?",
         404 | 410 => ": is the path in `url` right?",
-        405 => ": it takes no POST there",
-        408 | 425 | 429 => ": it has too much to do",
-        400..500 => ": it does not take such a message",
-        502..505 => ": whatever is behind it does not answer",
-        500..600 => ": it has failed inside",
-        _ => ", which means nothing here",
+        405 => ": it accepts no POST there",
+        408 | 425 | 429 => ": it is overloaded",
+        400..500 => ": it does not accept such a message",
+        502..505 => ": the server behind it does not answer",
+        500..600 => ": it had an internal error",
+        _ => ", which is not an expected answer",
     }
 }
 
@@ -129,14 +128,14 @@ fn secured(error: &io::Error) -> Failure {
 /// Remedy for a TLS fault.
 fn remedy(fault: TlsFault) -> Option<&'static str> {
     Some(match fault {
-        TlsFault::OtherName => "write that into `url`, or name the certificate itself with `ca`",
-        TlsFault::UnknownAuthority => "name who has with `ca`",
-        TlsFault::BadCertificate => "one that it has signed itself is trusted by naming it with `ca`",
+        TlsFault::OtherName => "write that name into `url`, or name the certificate itself with `ca`",
+        TlsFault::UnknownAuthority => "name its certificate authority with `ca`",
+        TlsFault::BadCertificate => "to trust a self-signed certificate, name it with `ca`",
         TlsFault::OursMissing => {
-            "messages are posted without one; have it know them by a token (`token_file`)"
+            "messages are posted without a certificate; use a token instead (`token_file`)"
         }
-        TlsFault::NoTls => "is it http?",
-        TlsFault::Silent => "does it speak TLS?",
+        TlsFault::NoTls => "does the server expect http?",
+        TlsFault::Silent => "does the server speak TLS?",
         _ => return None,
     })
 }
@@ -200,7 +199,7 @@ impl Server {
             Some(Ok(config)) => config,
             Some(Err(why)) => return Err(Failure::Tls(why.clone())),
         };
-        let wrong = |_| Failure::Tls("no certificate can be for the name in `url`".to_owned());
+        let wrong = |_| Failure::Tls("a certificate cannot contain the name in `url`".to_owned());
         let name = ServerName::try_from(self.url.host.clone()).map_err(wrong)?;
         let connected = TlsConnector::from(config.clone()).connect(name, stream).await;
         connected.map(|stream| Stream::Secured(Box::new(stream))).map_err(|error| secured(&error))
@@ -209,7 +208,7 @@ impl Server {
     fn request(&self, body: &str) -> Result<String, Failure> {
         let token = self.token_file.as_ref().map(|path| token::read(path)).transpose();
         let token = token.map_err(Failure::Token)?;
-        let unfit = || Failure::Token("the token has letters that no address can have".to_owned());
+        let unfit = || Failure::Token("the token has characters that an address cannot contain".to_owned());
         let target = self.url.target(token.as_deref().filter(|_| self.url.has_token())).ok_or_else(unfit)?;
         let beside = token.filter(|_| !self.url.has_token());
         let beside = beside.map_or(String::new(), |token| format!("Authorization: Bearer {token}\r\n"));

@@ -32,7 +32,7 @@ pub fn read(path: &Path) -> Result<String, String> {
         () if token.is_empty() => Err(format!("the token file {at} is empty")),
         () if length as u64 > LONGEST => Err(format!("the token file {at} is larger than 4 kB")),
         () if !token.bytes().all(|byte| byte.is_ascii_graphic()) => Err(format!(
-            "the token in {at} has spaces, more than one line, or letters that no request can carry"
+            "the token in {at} has spaces, more than one line, or characters that a request cannot contain"
         )),
         () => Ok(token.to_owned()),
     }
@@ -55,7 +55,7 @@ mod tests {
             ("secret", 0o604, Some("chmod 600")),
             ("", 0o600, Some("is empty")),
             ("secret\nsecret", 0o600, Some("more than one line")),
-            ("sécret", 0o600, Some("letters that no request can carry")),
+            ("sécret", 0o600, Some("characters that a request cannot contain")),
             (&long, 0o600, Some("larger than 4 kB")),
         ] {
             let _ = std::fs::remove_file(&path);

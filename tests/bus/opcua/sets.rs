@@ -88,7 +88,7 @@ fn a_member_that_keeps_its_old_value_though_the_server_answers_good_is_caught_an
     beside(&text, Options::default(), move |source| {
         wait_until(source, "it is reported", |status| {
             events(status).iter().any(|text| {
-                let said = "read back 0.0000 µm/mm: the server said Good and kept the old value";
+                let said = "read back 0.0000 µm/mm: the server answered Good and kept the old value";
                 text.starts_with("output tan: wrote ") && text.contains(said)
             })
         });
@@ -107,8 +107,9 @@ fn a_set_of_which_one_node_is_denied_is_neither_done_nor_not_done_and_goes_no_fu
     let text = in_a_set(port(&server), "").replace("timeout = \"1s\"", "timeout = \"1s\"\nlate = \"3s\"");
     let control = server.clone();
     beside(&text, Options::default(), move |source| {
-        let said = "the server answers BadUserAccessDenied to output tan (node ns=2;s=tan), and has written others of set line";
-        wait_until(source, "it is reported", |status| events(status).iter().any(|text| text.contains(said)));
+        let said = "the server answers BadUserAccessDenied to output tan (node ns=2;s=tan), but has \
+                    written other values of set line";
+        wait_until(source, "it is told", |status| events(status).iter().any(|text| text.contains(said)));
         std::thread::sleep(Duration::from_secs(5));
         assert!(holds(&control, "k0") < 0.001 + 1e-9, "{}", holds(&control, "k0"));
         assert!(holds(&control, "tan").abs() < 1e-12);

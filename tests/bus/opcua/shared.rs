@@ -30,9 +30,9 @@ fn an_operator_s_part_of_a_node_stays_while_ours_moves_and_over_a_restart_of_the
         stands(source, &control, "30");
         control.lock().unwrap().does("value offset 80");
         wait_until(source, "it is his", |status| {
-            events(status)
-                .iter()
-                .any(|text| text.starts_with("output offset: the operator offset changed from 0.0 µm to 5.0"))
+            events(status).iter().any(|text| {
+                text.starts_with("output offset: the operator offset changed from 0.0 µm to 5.0 µm")
+            })
         });
         control.lock().unwrap().does("value bed 21");
         stands(source, &control, "60");
@@ -56,7 +56,7 @@ fn a_sum_that_the_server_says_it_has_taken_and_has_not_is_caught() {
     beside(&text, options, move |source| {
         wait_until(source, "it is reported", |status| {
             events(status).iter().any(|text| {
-                text.starts_with("output offset: wrote 1.0 µm, read back 0.0 µm: the server said Good")
+                text.starts_with("output offset: wrote 1.0 µm, read back 0.0 µm: the server answered Good")
             })
         });
         control.lock().unwrap().does("allow offset");

@@ -70,7 +70,7 @@ fn a_line_that_somebody_changed_is_reported_and_the_gateway_goes_on_behind_half_
     bench.restart_killed();
     let events = bench.events_and_warnings();
     assert!(events.contains("it was changed: its checksum does not fit"), "{events}");
-    assert!(events.contains("no event: cut, or overwritten"), "{events}");
+    assert!(events.contains("not an event: the line is cut or overwritten"), "{events}");
     assert_eq!(events.matches("\"kind\":\"started\"").count(), 3, "{events}");
 }
 

@@ -5,9 +5,9 @@ use crate::commands::bench::{Bench, OPEN_CIRCUIT};
 #[test]
 fn an_axis_that_a_person_keeps_off_leaves_the_gateway_healthy_and_is_named() {
     let bench = Bench::manual();
-    bench.why("nobody has armed it yet");
+    bench.why("the axis has not been armed yet");
     let (code, said) = bench.ask(&["status", "--healthy"]);
-    assert_eq!((code, said.as_str()), (0, "healthy; axis z is off: nobody has armed it yet\n"));
+    assert_eq!((code, said.as_str()), (0, "healthy; axis z is off: the axis has not been armed yet\n"));
     assert_eq!(bench.ask(&["arm"]).0, 0);
     bench.is_in_state("active");
     assert_eq!(bench.ask(&["status", "--healthy"]), (0, "healthy\n".to_owned()));
@@ -15,7 +15,7 @@ fn an_axis_that_a_person_keeps_off_leaves_the_gateway_healthy_and_is_named() {
     let (code, said) = bench.ask(&["status", "--healthy"]);
     assert_eq!(
         (code, said.as_str()),
-        (0, "healthy; axis z is off: switched off by a person; arm it again\n")
+        (0, "healthy; axis z is off: switched off by a person; arm the axis again\n")
     );
     assert_eq!(bench.http("GET", "/readyz", ""), (200, "[]".to_owned()));
 }

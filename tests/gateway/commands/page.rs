@@ -18,14 +18,14 @@ fn a_person_sees_what_arming_waits_for_takes_it_back_and_reads_what_happened_bef
     let seen = Command::new("python3")
         .arg(look)
         .arg(format!("http://{}/", bench.page))
-        .args(["writes nothing yet: bed has an open circuit", "over the socket; given up in ", "stopped; "])
+        .args(["writes nothing yet: bed has an open circuit", "over the socket; expires in ", "stopped; "])
         .args([
             "click:Show the last 24 hours",
             "stopped; ",
             "click:Cancel",
-            "the request to arm is taken back",
+            "the request to arm is cancelled",
         ])
-        .args(["To do: arm it again", "cancelled by 127.0.0.1 on the page"])
+        .args(["To do: arm the axis again", "cancelled by 127.0.0.1 on the page"])
         .output();
     let seen = seen.unwrap_or_else(|error| panic!("no python3 ({error}): `tests/run page` installs it"));
     let said = [seen.stdout, seen.stderr].map(|said| String::from_utf8(said).unwrap()).concat();
@@ -50,7 +50,7 @@ fn an_alarm_stands_until_its_end_and_that_somebody_has_seen_it_survives_the_page
         assert!(seen.status.success(), "{said}\n(without chromium: `tests/run page`)");
     };
     look(&[
-        "that stand",
+        "Active alarms",
         "signal bed: open circuit",
         "click:Acknowledge",
         "seen at",
@@ -71,7 +71,7 @@ fn an_alarm_stands_until_its_end_and_that_somebody_has_seen_it_survives_the_page
         assert_eq!(bench.axis()[what], before[what], "{what}");
     }
     let (code, body) = bench.http("POST", "/api/acknowledge?alarm=signal%20column", "");
-    assert_eq!((code, body.contains("no such alarm stands")), (409, true), "{body}");
+    assert_eq!((code, body.contains("there is no such alarm")), (409, true), "{body}");
     bench.device.asks(200);
     let stand = |count: usize| {
         until("alarms", || {

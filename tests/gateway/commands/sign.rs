@@ -38,7 +38,7 @@ fn a_person_at_a_terminal_is_guided_and_the_answer_is_kept_over_a_restart() {
     assert_eq!(bench.count("command"), 0, "nothing moves before a person says so");
     asked.stdin().write_all(b"\n").unwrap();
     asked.hears("z: Cz goes from 0.0 µm to 5.0 µm");
-    asked.hears("z: the tool must have moved by 5.0 µm to plus of z, seen from the work");
+    asked.hears("z: the tool must have moved by 5.0 µm in plus direction of z, relative to the workpiece");
     stands_at(&bench, 50);
     let sign = bench.axis()["sign"].clone();
     assert_eq!((&sign["by_um"], &sign["there"]), (&5.0.into(), &true.into()), "{sign}");
@@ -63,7 +63,7 @@ fn an_answer_after_ten_seconds_counts_at_a_terminal_and_over_the_api() {
     asked.hears("Put a dial gauge");
     std::thread::sleep(AT_HUMAN_SPEED);
     asked.stdin().write_all(b"\n").unwrap();
-    asked.hears("must have moved by 5.0 µm to plus of z");
+    asked.hears("must have moved by 5.0 µm in plus direction of z");
     std::thread::sleep(AT_HUMAN_SPEED);
     assert_eq!((bench.axis()["sign"]["there"].clone(), offset(&bench)), (true.into(), 50));
     asked.stdin().write_all(b"plus\n").unwrap();
@@ -98,7 +98,7 @@ fn a_terminal_that_is_closed_at_the_gauge_ends_the_check() {
         stands_at(&bench, 0);
         assert_eq!(bench.axis()["sign"], serde_json::Value::Null, "{signal}");
         let ended = bench.reported("sign-ended");
-        assert!(ended.len() == 1 && ended[0].contains("whoever asked has gone"), "{signal}: {ended:?}");
+        assert!(ended.len() == 1 && ended[0].contains("has disconnected"), "{signal}: {ended:?}");
     }
 }
 
@@ -116,7 +116,7 @@ fn a_wrong_sign_is_said_with_what_to_do_and_a_program_may_check_too() {
             (code, said) => Err(format!("{code} {said}")),
         });
         let (code, said) = bench.http("POST", "/api/sign-plus", "");
-        assert!(code == 200 || code == 409 && said.contains("not there yet"), "{said}");
+        assert!(code == 200 || code == 409 && said.contains("has not arrived yet"), "{said}");
         code == 409
     });
     assert!(is_early, "it was always there already");
@@ -141,7 +141,7 @@ fn who_goes_or_takes_it_back_or_switches_off_ends_it() {
     asked.signal("KILL");
     asked.ends_within(SOON);
     stands_at(&bench, 0);
-    assert!(bench.reported("sign-ended")[0].contains("whoever asked has gone"));
+    assert!(bench.reported("sign-ended")[0].contains("has disconnected"));
     assert_eq!(bench.axis()["sign"], serde_json::Value::Null);
 
     until("the axis stands still", || match bench.http("POST", "/api/sign", "").0 {
@@ -150,7 +150,7 @@ fn who_goes_or_takes_it_back_or_switches_off_ends_it() {
     });
     stands_at(&bench, 50);
     let (code, said) = bench.http("POST", "/api/cancel", "");
-    assert!(code == 200 && said.contains("Cz goes back"), "{said}");
+    assert!(code == 200 && said.contains("Cz returns"), "{said}");
     stands_at(&bench, 0);
     assert!(bench.reported("sign-ended")[1].contains("cancelled by 127.0.0.1"));
 
@@ -197,7 +197,7 @@ fn a_person_is_guided_on_the_page() {
         .arg(look)
         .arg(format!("http://{}/", bench.page))
         .args(words)
-        .args(["must have moved by 5.0 µm to plus of z", "Which way did the gauge move?"])
+        .args(["must have moved by 5.0 µm in plus direction of z", "Which way did the gauge move?"])
         .args(["click:Moved to plus", "the sign is right", "Sign checked 2"])
         .output()
         .unwrap_or_else(|error| panic!("no python3 ({error}): `tests/run page` installs it"));

@@ -94,7 +94,7 @@ fn a_person_sees_which_axis_has_no_model_and_disarms_one_alone() {
         .arg(look)
         .arg(format!("http://{}/", bench.page))
         .args(words)
-        .arg("y: off; what stands in the registers stays")
+        .arg("y: off; the registers keep their values")
         .output()
         .unwrap_or_else(|error| panic!("no python3 ({error}): `tests/run page` installs it"));
     let said = [seen.stdout, seen.stderr].map(|said| String::from_utf8(said).unwrap()).concat();

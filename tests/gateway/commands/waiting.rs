@@ -61,7 +61,11 @@ fn who_waits_and_goes_does_not_want_it_any_more() {
         bench.device.asks(0);
         std::thread::sleep(Duration::from_secs(2));
         assert_eq!(bench.axis()["armed"], false, "{signal}");
-        assert!(bench.reported("arm-ended")[0].contains("cancelled: whoever asked has gone"), "{signal}");
+        assert!(
+            bench.reported("arm-ended")[0]
+                .contains("cancelled: the client that requested it has disconnected"),
+            "{signal}"
+        );
     }
 }
 
@@ -76,9 +80,9 @@ fn who_does_not_want_to_stay_leaves_it_waiting_and_anybody_can_take_it_back() {
     assert_eq!(bench.http("POST", "/api/cancel?axis=z", "isotherm-way: page\r\n").0, 200);
     let axis = bench.is_in_state("off");
     let why = axis["why"].as_str().unwrap();
-    assert_eq!(why, "cancelled by 127.0.0.1 on the page; arm it again");
+    assert_eq!(why, "cancelled by 127.0.0.1 on the page; arm the axis again");
     let (code, said) = bench.http("POST", "/api/cancel", "");
-    assert_eq!((code, said.as_str()), (409, r#"{"done":false,"answer":"no request to arm waits"}"#));
+    assert_eq!((code, said.as_str()), (409, r#"{"done":false,"answer":"no request to arm is waiting"}"#));
 
     let (code, said) = bench.http("POST", "/api/arm", "");
     assert_eq!((code, said.contains("waiting to arm: bed has an open circuit")), (202, true), "{said}");

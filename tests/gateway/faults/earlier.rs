@@ -83,7 +83,7 @@ fn a_value_that_an_earlier_version_sent_last_is_known_in_its_shared_register() {
     let [trace, _] = runs(directory.path(), &registers(92, 1292));
     law::holds(&trace);
     assert_eq!(trace.reported("ledger-doubt"), 1, "{}", trace.lines());
-    assert!(trace.lines().contains("a write of ours that came very late"), "{}", trace.lines());
+    assert!(trace.lines().contains("a very late write of the gateway"), "{}", trace.lines());
 }
 
 #[test]

@@ -103,10 +103,8 @@ fn an_acknowledge_that_does_not_come_is_reported_and_the_axis_holds_until_it_doe
     let reported = texts(&trace, "acknowledge-missing");
     assert_eq!(
         reported,
-        [
-            "acknowledge of output cnc_z did not come within 500 ms (discrete:20): does the control's program run, does it look at \
-             this strobe? Else `timeout` of the handshake is too short"
-        ],
+        ["acknowledge of output cnc_z did not come within 500 ms (discrete:20): does the control's \
+             program run, does it read this strobe? If so, raise `timeout` of the handshake"],
         "{}",
         trace.lines()
     );

@@ -113,7 +113,7 @@ fn the_share_walks_in_on_top_of_what_the_operator_has_and_leaves_it_behind() {
     );
     assert!(trace.outcome.rested, "{:?}", trace.outcome);
     near(left(&trace), BASE);
-    assert!(trace.outcome.left.contains("cnc_z holds 0.0 µm of ours"), "{:?}", trace.outcome);
+    assert!(trace.outcome.left.contains("cnc_z holds 0.0 µm from the gateway"), "{:?}", trace.outcome);
 }
 
 #[test]

@@ -150,7 +150,8 @@ fn a_shared_register_that_becomes_the_gateways_alone_keeps_the_operators_offset_
             assert_eq!(told.len(), 2, "at the start, and with what the register holds: {told:#?}");
             let figures = [
                 format!(
-                    "output cnc_z was share ledger, {share:.1} µm of ours were verified there; it is share whole"
+                    "output cnc_z was share ledger, {share:.1} µm from the gateway were verified there; it \
+                     is share whole"
                 ),
                 format!("its register holds {held:.1} µm now"),
             ];
@@ -159,7 +160,7 @@ fn a_shared_register_that_becomes_the_gateways_alone_keeps_the_operators_offset_
             let sample = trace.between(15, 16).next().unwrap();
             let why = &sample.status.axes[0].why;
             assert!(figures.iter().all(|figure| why.cause.contains(figure)), "{why:?}");
-            assert!(why.hint.as_ref().is_some_and(|hint| hint.contains("also what the operator has there")));
+            assert!(why.hint.as_ref().is_some_and(|hint| hint.contains("also the operator offset")));
             assert!(sample.status.alarms.iter().any(|alarm| alarm.id == "place of output cnc_z"));
         }
         let [.., armed, after] = &traces[..] else { panic!() };
@@ -198,7 +199,10 @@ fn another_register_receives_nothing_while_the_former_one_keeps_its_value_and_th
         for trace in &traces[1..3] {
             nothing_moved(trace);
             let [left] = &told(trace, "register-left")[..] else { panic!("{}", trace.lines()) };
-            assert!(left.contains("µm of ours were verified in holding:104 (40105) of unit 1 at"), "{left}");
+            assert!(
+                left.contains("µm from the gateway were verified in holding:104 (40105) of unit 1 at"),
+                "{left}"
+            );
             let moved = told(trace, "output-moved");
             assert!(moved[1].contains("output cnc_z was holding:104 (40105)"), "{moved:?}");
             assert!(
@@ -213,7 +217,7 @@ fn another_register_receives_nothing_while_the_former_one_keeps_its_value_and_th
             );
         }
         if end == End::Hold {
-            let figure = format!("{held:.1} µm of ours");
+            let figure = format!("{held:.1} µm from the gateway");
             assert!(told(&traces[1], "register-left")[0].contains(&figure), "{}", traces[1].lines());
         }
         let [.., armed, after] = &traces[..] else { panic!() };
@@ -241,7 +245,10 @@ fn check_names_what_has_moved_beside_the_state_of_a_stopped_gateway() {
     changed.outputs.remove(place);
     let moved = moved_since(directory.path(), &changed);
     assert!(moved[0].contains("output cnc_z is not in the profile any more"), "{moved:#?}");
-    assert!(moved[0].contains("of ours were verified in holding:104 (40105) of unit 1 at"), "{moved:#?}");
+    assert!(
+        moved[0].contains("from the gateway were verified in holding:104 (40105) of unit 1 at"),
+        "{moved:#?}"
+    );
     fs::write(directory.path().join("bench.state.json"), "{ half").unwrap();
     assert_eq!(moved_since(directory.path(), &changed), [""; 0], "what cannot be read says nothing");
 }
@@ -254,7 +261,7 @@ fn another_scale_waits_for_a_person_who_has_seen_the_value_in_both() {
     let held = left(&traces[0]);
     nothing_moved(&traces[1]);
     let moved = told(&traces[1], "output-moved");
-    let figures = [format!("scale 0.1, {held:.1} µm of ours"), format!("holds -{held:.1} µm now")];
+    let figures = [format!("scale 0.1, {held:.1} µm from the gateway"), format!("holds -{held:.1} µm now")];
     assert!(figures.iter().all(|figure| moved[1].contains(figure)), "{figures:?} in {moved:#?}");
     assert_eq!(traces[1].reported("register-left"), 0, "it is the same register");
 }

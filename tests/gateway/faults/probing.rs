@@ -194,7 +194,7 @@ fn an_axis_without_a_probe_takes_no_measured_errors_and_a_diameter_is_halved() {
         let mut world = World::new(&text, "").await;
         let trial = world.gateway().at(3 * MINUTE, |stage| {
             let refused = stage.source.measured("z", Some(1.0.into()), &somebody()).unwrap_err();
-            assert!(refused.contains("axis z takes no measured errors"), "{refused}");
+            assert!(refused.contains("axis z does not accept measured errors"), "{refused}");
             let status = stage.source.status();
             assert!((status.axes[0].cz_um - status.axes[0].raw_um.unwrap()).abs() < 0.2, "it has arrived");
             stage.source.measured("x", Some(3.0.into()), &somebody()).unwrap();
@@ -276,12 +276,15 @@ fn a_probing_that_disagrees_is_told_everywhere_and_waits_for_a_second_one() {
         };
         let trial = world.gateway().at(5 * MINUTE, move |stage| {
             let said = send(stage, 30.0);
-            assert!(said.text().contains("not learned from yet: the model would be wrong by"), "{said:?}");
+            assert!(
+                said.text().contains("not used for the correction yet: the model would be wrong by"),
+                "{said:?}"
+            );
             assert!(said.text().contains("a second probing that agrees"), "{said:?}");
         });
         let trial = trial.at(5 * MINUTE + 3 * SECOND, move |stage| {
             let said = send(stage, 31.0);
-            assert!(said.text().ends_with("it is learned from at once"), "{said:?}");
+            assert!(said.text().ends_with("used for the correction now"), "{said:?}");
         });
         trial.run(6 * MINUTE).await
     });
@@ -345,7 +348,7 @@ fn one_measured_error_that_arrives_ten_times_is_one_over_a_restart_and_a_kill_to
             let trial = trial.at(5 * MINUTE, move |stage| {
                 let made = make(stage);
                 *report.borrow_mut() = Some(made.clone());
-                assert!(sends(stage, made).unwrap().contains("not learned from yet"));
+                assert!(sends(stage, made).unwrap().contains("not used for the correction yet"));
             });
             let first = again(trial, (report, why), 5 * MINUTE + 3 * SECOND, 4)
                 .killed_after(5 * MINUTE + 13 * SECOND)
@@ -359,7 +362,7 @@ fn one_measured_error_that_arrives_ten_times_is_one_over_a_restart_and_a_kill_to
             let third =
                 again(trial, (report, why), 2 * MINUTE, 3).at(2 * MINUTE + 20 * SECOND, move |stage| {
                     let other = MeasuredReport { id: Some("part-17/3".to_owned()), ..30.5.into() };
-                    assert!(sends(stage, other).unwrap().ends_with("it is learned from at once"));
+                    assert!(sends(stage, other).unwrap().ends_with("used for the correction now"));
                 });
             (first, Some(second), Some(third.run(3 * MINUTE).await))
         });
@@ -399,7 +402,7 @@ fn a_measured_error_of_before_the_zero_or_of_the_future_is_rejected_with_both_ti
         let trial = trial.at(6 * MINUTE, move |stage| rejected(at(stage, -50), "before the datum of"));
         let trial = trial.at(6 * MINUTE + 2 * SECOND, move |stage| rejected(at(stage, 60), "set the clock"));
         let trial = trial.at(6 * MINUTE + 4 * SECOND, move |stage| {
-            assert!(at(stage, -10).unwrap().ends_with("it is learned from at once"));
+            assert!(at(stage, -10).unwrap().ends_with("used for the correction now"));
         });
         trial.run(7 * MINUTE).await
     });

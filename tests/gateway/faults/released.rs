@@ -350,7 +350,7 @@ fn an_operator_who_has_taken_ours_out_of_a_shared_register_keeps_his_part() {
     assert_eq!(writes(&traces[2]).len(), 0, "{}", traces[2].lines());
     assert!((left(&traces[2]) - 20.0).abs() < 1e-9);
     let why = &told(&traces[2], "arm-refused")[0];
-    assert!(why.contains("the operator's part was 20.0"), "{why}");
+    assert!(why.contains("the operator offset was 20.0"), "{why}");
     assert_eq!(traces[2].reported("register-released"), 0, "{}", traces[2].lines());
 }
 
@@ -371,7 +371,7 @@ fn another_value_than_a_person_has_seen_is_left_alone_until_a_person_has_seen_it
     assert_eq!(writes(refused).len(), 0, "{}", refused.lines());
     assert!((left(refused) - 5.0).abs() < 1e-9);
     let why = &told(refused, "arm-refused")[0];
-    let figures = ["holds 5.0 µm", &format!("{held:.1} µm of ours were expected")];
+    let figures = ["holds 5.0 µm", &format!("{held:.1} µm from the gateway were expected")];
     assert!(figures.iter().all(|figure| why.contains(figure)), "{figures:?} in {why}");
     assert_eq!(refused.reported("register-left"), 1, "{}", refused.lines());
     let shown = &refused.between(20, 21).next().unwrap().status.left[0];
@@ -400,10 +400,13 @@ fn what_cannot_be_released_is_refused_with_the_reason_and_moves_nothing() {
         Run::of(moved()).dry().released(),
     ];
     let (traces, said) = runs(directory.path(), &holds(0, "0s"), all);
-    refused(&said[0], &["nothing of ours", "an output cnc_z that was moved or removed", "isotherm status"]);
-    refused(&said[1], &["nothing of ours", "isotherm status"]);
-    refused(&said[2], &["nothing of ours", "an output readout_z that was moved or removed"]);
-    refused(&said[3], &["what is left of output cnc_z is not what was shown", "look again"]);
+    refused(
+        &said[0],
+        &["no value of the gateway", "an output cnc_z that was moved or removed", "isotherm status"],
+    );
+    refused(&said[1], &["no value of the gateway", "isotherm status"]);
+    refused(&said[2], &["no value of the gateway", "an output readout_z that was moved or removed"]);
+    refused(&said[3], &["the value that is left of output cnc_z has changed", "check the value"]);
     refused(&said[4], &["dry run"]);
     assert!(traces[1..].iter().all(|trace| accesses(trace).is_empty()));
     assert_eq!(traces[1].reported("command-refused"), 3, "{}", traces[1].lines());
@@ -415,7 +418,7 @@ fn what_cannot_be_released_is_refused_with_the_reason_and_moves_nothing() {
         runs(directory.path(), &holds(0, "0s"), vec![Run::of(BENCH), Run::of(renamed).released()]);
     refused(&said[0], &["cannot be released", "its interlock, cnc_on == 1", "set that register to zero"]);
     let hint = &told(&traces[1], "register-left")[0];
-    assert!(hint.contains("`isotherm release` cannot take it back: its interlock"), "{hint}");
+    assert!(hint.contains("`isotherm release` cannot remove the value: its interlock"), "{hint}");
 }
 
 #[test]
@@ -430,9 +433,9 @@ fn a_person_may_ask_twice_and_is_told_while_it_goes_back() {
     let (traces, said) = runs(directory.path(), &holds(0, "0s"), all);
     assert_eq!(done(&said[0]), done(&said[1]), "it is noted once");
     let why = said[2].as_ref().unwrap_err();
-    assert!(why.contains("is on its way back already"), "{why}");
+    assert!(why.contains("is already returning"), "{why}");
     let why = said[3].as_ref().unwrap_err();
-    assert!(why.contains("nothing of ours is in a register of an output cnc_z"), "{why}");
+    assert!(why.contains("no value of the gateway is in a register of an output cnc_z"), "{why}");
     walks(&traces[2], left(&traces[0]), 0.0);
     assert_eq!(traces[2].reported("register-released"), 1);
 }
@@ -453,7 +456,7 @@ fn a_person_can_end_a_release_and_nobody_else_arms_its_axis() {
     ];
     let (traces, said) = runs(directory.path(), &holds(0, "0s"), all);
     done(&said[1]);
-    assert!(said[2].as_ref().unwrap_err().contains("only takes a register back"), "{said:?}");
+    assert!(said[2].as_ref().unwrap_err().contains("only returns a register"), "{said:?}");
     let all = done(&said[3]);
     assert!(
         all.starts_with("z: armed") && !all.contains("release_"),
@@ -466,11 +469,11 @@ fn a_person_can_end_a_release_and_nobody_else_arms_its_axis() {
     assert_eq!(ended.reported("register-released"), 0, "{}", ended.lines());
     // A write that was under way when the operator ended the release counts as well.
     let named = told(ended, "register-left");
-    assert!(named.last().unwrap().contains(&format!("{stays:.1} µm of ours")), "{}", ended.lines());
+    assert!(named.last().unwrap().contains(&format!("{stays:.1} µm from the gateway")), "{}", ended.lines());
     let shown = &ended.samples.last().unwrap().status.left[0];
     assert!((shown.held_um - stays).abs() < 0.05 && shown.state == LeftState::Left, "{shown:?}");
     // The register is reported again, and nothing continues by itself.
     assert_eq!(accesses(&traces[3]).len(), 0, "{}", traces[3].lines());
     let again = &told(&traces[3], "register-left")[..];
-    assert!(matches!(again, [one] if one.contains(&format!("{stays:.1} µm of ours"))), "{again:?}");
+    assert!(matches!(again, [one] if one.contains(&format!("{stays:.1} µm from the gateway"))), "{again:?}");
 }

@@ -390,7 +390,7 @@ fn linuxcnc_with_plain_zeros_in_its_words_is_not_armed_and_the_count_to_put_ther
     law::holds(&trace);
     assert_eq!((trace.states(), trace.writes("cnc_z").len()), (vec!["waiting"], 0), "{}", trace.lines());
     let refused = trace.events.iter().find(|event| event.kind == "arm-refused").unwrap();
-    for words in ["holds -3276.8 µm", "set it to zero, which is 32768 there"] {
+    for words in ["holds -3276.8 µm", "set the register to zero (register value 32768)"] {
         assert!(refused.text.contains(words), "`{words}` is not in: {}", refused.text);
     }
 }

@@ -30,7 +30,7 @@ fn what_the_control_applies_verifies_a_write_and_what_it_does_not_holds_the_axis
     });
     nobody_is_blamed(&control, &status, "applied");
     let texts = events(&status);
-    let words = "stand in its register, the control applies";
+    let words = "but the control applies";
     assert!(texts.iter().any(|text| text.contains(words) && text.contains("holding:15")), "{texts:#?}");
     assert_eq!((reported(&status, "not-applied"), reported(&status, "verified")), (1, 1), "{texts:#?}");
 }

@@ -153,7 +153,7 @@ impl Came {
 /// Number of messages that the write arrived late, that it was perhaps an own write, and that a write is waited for.
 fn reported(said: &[String]) -> [usize; 3] {
     let count = |text| said.iter().filter(|line| line.contains(text)).count();
-    ["arrived late", "perhaps our own", "waiting for a late write"].map(count)
+    ["arrived late", "perhaps a write from before", "waiting for a late write"].map(count)
 }
 
 /// Checks a write that is delayed for less than `late`.
@@ -189,7 +189,7 @@ fn too_late(kind: Kind, killed: Killed) {
         (Kind::Shared, _) => {
             // The operator confirms the division and corrects the register. The edit is no jump of the gateway, and
             // undoes this one.
-            came.program.running.hears("are taken to be ours");
+            came.program.running.hears("the gateway share in it is taken to be");
             came.is_left_alone();
             came.control.lock().unwrap().edits(stood - late);
             jumps = vec![(2 * stood - late, stood)];
@@ -199,8 +199,8 @@ fn too_late(kind: Kind, killed: Killed) {
         (_, Killed::AtOnce) => {
             // If the program was killed at once, it does not know the write, which may come from another client. If the
             // kill came a moment later, the program knows the write.
-            let said = came.program.running.hears_one_of(&["somebody else wrote", "arrived late"]);
-            if said.contains("somebody else wrote") {
+            let said = came.program.running.hears_one_of(&["this gateway did not write", "arrived late"]);
+            if said.contains("this gateway did not write") {
                 came.is_left_alone();
                 let (name, control, _) = came.ends();
                 return assert_eq!(control.lock().unwrap().jumps(), jumps, "{name}");

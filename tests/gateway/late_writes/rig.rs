@@ -109,8 +109,13 @@ pub(crate) fn nobody_is_blamed(control: &Shared, status: &Status, what: &str) {
 /// Checks that no message blames another client for a late write of the gateway.
 #[track_caller]
 pub(crate) fn blames_nobody(name: &str, said: &[String]) {
-    let blames =
-        ["somebody else wrote", "the operator offset changed", "taken to be ours", "back at zero", "off:"];
+    let blames = [
+        "this gateway did not write",
+        "the operator offset changed",
+        "is taken to be",
+        "to zero; the CNC",
+        "off:",
+    ];
     for blame in blames {
         assert!(!said.iter().any(|line| line.contains(blame)), "{name}: {blame}: {said:#?}");
     }

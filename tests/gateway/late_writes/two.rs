@@ -30,7 +30,7 @@ fn of_two_gateways_at_one_shared_register_one_or_both_go_off_and_say_why() {
     let text = profile_of(&control, "2s", LEDGER);
     let mut both = [Program::start(&text), Program::start(&elsewhere(&text))];
     for program in &mut both {
-        program.running.hears("if all of that is your own value");
+        program.running.hears("if the whole value is your own offset");
         program.is_armed();
     }
     // The machine warms and cools until one of them has detected the other.
@@ -92,7 +92,7 @@ fn of_two_gateways_at_one_whole_register_the_one_that_finds_the_others_step_goes
         said.iter().filter(has_said).count()
     };
     // A gateway that finds several steps at once switches its axis off as well, but does not name another gateway.
-    if who_said(REASON) == 0 && who_said("somebody else wrote") > 0 {
+    if who_said(REASON) == 0 && who_said("this gateway did not write") > 0 {
         tell("two gateways at one register: void, one of them stood still while the other made its steps");
     } else {
         assert_eq!(who_said(REASON), 1, "{said:#?}");

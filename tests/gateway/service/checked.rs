@@ -245,8 +245,8 @@ fn a_program_that_is_replaced_after_its_check_does_not_take_over() {
     for change in ["rm \"$0\"", "echo >> \"$0\"", "cp \"$0\" \"$0.2\"; mv \"$0.2\" \"$0\""] {
         replace(&service, &format!("\"$real\" \"$@\" || exit $?\n{change}"), "");
         let (code, said) = service.restart(&[]);
-        let words =
-            "was replaced after it had checked the profile: restart once more; the gateway goes on as it was";
+        let words = "was replaced after it had checked the profile: restart once more; the gateway continues \
+                     as before";
         assert_eq!((code, said.contains(words)), (Some(1), true), "{change}: {said}");
     }
     service.walks_to(60);
@@ -324,7 +324,7 @@ fn however_a_check_fails_and_however_long_it_takes_the_old_gateway_runs_on() {
             "{failure}: {code:?} {}",
             &said[..said.len().min(2000)]
         );
-        assert!(said.contains("the gateway goes on as it was"), "{failure}");
+        assert!(said.contains("the gateway continues as before"), "{failure}");
     }
     runs_on(&mut service, 80);
     assert_eq!(service.events("started").len(), 1);
@@ -342,7 +342,7 @@ fn a_check_that_leaves_processes_behind_is_judged_by_its_own_end_and_one_that_ha
     let restart = checking(&service);
     runs_on(&mut service, 20);
     let (code, said) = self::said(restart);
-    let words = "has not checked the profile within 10 s; the gateway goes on as it was";
+    let words = "has not checked the profile within 10 s; the gateway continues as before";
     assert_eq!((code, said.contains(words)), (Some(1), true), "{said}");
     let left = std::fs::read_to_string(service.home.path().join("left")).unwrap();
     let process = format!("/proc/{}/stat", left.trim());

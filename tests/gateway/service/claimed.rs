@@ -152,7 +152,7 @@ fn a_successor_is_refused_by_a_third_gateway_and_not_by_the_one_it_replaces() {
     service.rewrite(|text| text.replace("\"holding:10\"", "\"holding:11\""));
     let (code, said) = service.restart(&[]);
     assert_eq!(code, Some(1), "{said}");
-    for words in [&format!("process {}", other.id()), "the gateway goes on as it was"] {
+    for words in [&format!("process {}", other.id()), "the gateway continues as before"] {
         assert!(said.contains(words), "`{words}` is not in: {said}");
     }
     assert_eq!(service.events("started").len(), 2);

@@ -81,7 +81,7 @@ fn is_refused(service: &Service, why: &str) {
     assert_eq!(refused.len(), usize::from(!why.is_empty()), "{refused:#?}");
     for event in &refused {
         let text = event["text"].as_str().unwrap();
-        assert!(text.contains(why) && text.contains("arm those that are off"), "{text}");
+        assert!(text.contains(why) && text.contains("arm the axes that are off"), "{text}");
     }
     assert!(service.events("armed").is_empty());
     assert!(!digest(&service.home.path().join("state")).exists());
@@ -121,7 +121,7 @@ fn a_handover_is_used_once() {
     });
     assert!(!digest(&service.home.path().join("state")).exists());
     assert!(standard_input(&service.gateway).ends_with("null"));
-    is_refused(&started_with(ALL, whole, false), "it was used before");
+    is_refused(&started_with(ALL, whole, false), "the handover was used before");
 }
 
 #[test]
@@ -182,7 +182,7 @@ fn goes_on(service: &mut Service, why: &str) {
     service.walks_to(50);
     let (code, said) = service.restart(&[]);
     assert_eq!(code, Some(1), "{said}");
-    assert!(said.contains(why) && said.contains("the gateway goes on as it was"), "{said}");
+    assert!(said.contains(why) && said.contains("the gateway continues as before"), "{said}");
     let refused = service.events("command-refused");
     assert!(refused.len() == 1 && refused[0]["text"].as_str().unwrap().contains(why), "{refused:#?}");
     assert_eq!(service.events("started").len(), 1);

@@ -141,7 +141,8 @@ fn a_register_that_another_gateway_writes_to_by_now_is_left_to_it_and_the_gatewa
     let (code, said) = release(&service, &["cnc_z", "--yes"]);
     assert_eq!((code, said.contains("output cnc_z: nothing is released")), (Some(1), true), "{said}");
     assert!(
-        said.contains("is written by another gateway") && said.contains("leave the register to it"),
+        said.contains("is written by another gateway")
+            && said.contains("leave the register to the other gateway"),
         "{said}"
     );
     assert_eq!((service.gateway.id(), service.gateway.has_ended()), (process, false));

@@ -102,7 +102,7 @@ fn an_axis_that_a_person_switched_off_stays_off() {
     assert_eq!(service.verb(&["disarm"]).status.code(), Some(0));
     let (code, said) = service.restart(&[]);
     assert_eq!(code, Some(0), "{said}");
-    assert!(said.contains("z: off: switched off by a person; arm it again"), "{said}");
+    assert!(said.contains("z: off: switched off by a person; arm the axis again"), "{said}");
     service.device.asks(200);
     std::thread::sleep(Duration::from_secs(1));
     assert_eq!((service.device.offset(), service.events("armed").len()), (50, 1));
@@ -127,14 +127,17 @@ fn waits_for_a_person(before: impl FnOnce(String) -> String, change: (&str, &str
 #[test]
 fn a_register_that_becomes_the_gateways_alone_waits_for_a_person() {
     let shared = |text: String| text.replace("\"holding:10\"\n", "\"holding:10\"\nshare = \"ledger\"\n");
-    let words = ["z: off: output cnc_z was share ledger, 5.0 µm of ours", "holds 5.0 µm now"];
+    let words = ["z: off: output cnc_z was share ledger, 5.0 µm from the gateway", "holds 5.0 µm now"];
     waits_for_a_person(shared, ("share = \"ledger\"\n", ""), &words);
 }
 
 #[test]
 fn another_scale_waits_for_a_person() {
-    let words =
-        ["z: off: output cnc_z was scale 0.1, 5.0 µm of ours", "it is scale 0.2", "holds 10.0 µm now"];
+    let words = [
+        "z: off: output cnc_z was scale 0.1, 5.0 µm from the gateway",
+        "it is scale 0.2",
+        "holds 10.0 µm now",
+    ];
     let change = ("10\"\ntype = \"i16\"\nscale = 0.1", "10\"\ntype = \"i16\"\nscale = 0.2");
     waits_for_a_person(|text| text, change, &words);
 }
@@ -148,7 +151,7 @@ fn a_profile_that_is_wrong_leaves_the_old_gateway_running_and_is_an_event() {
         let (code, said) = service.restart(&[]);
         assert_eq!(code, Some(64), "{said}");
         assert!(said.contains("walker.toml:") && said.contains(words), "{said}");
-        assert!(said.contains("the gateway goes on as it was"), "{said}");
+        assert!(said.contains("the gateway continues as before"), "{said}");
         service.rewrite(|text| text.replace(wrong, "limit = 2000.0"));
     }
     let refused = service.events("command-refused");
@@ -182,10 +185,18 @@ fn a_profile_in_which_no_name_can_be_read_is_an_event_of_the_gateway_that_runs_i
     assert_eq!((other.status.code(), told()), (Some(64), 0), "{other:?}");
     std::fs::write(&service.profile, "[machine\nname = walker\n").unwrap();
     let (code, said) = service.restart(&[]);
-    assert_eq!((code, said.contains("the gateway goes on as it was"), told()), (Some(64), true, 1), "{said}");
+    assert_eq!(
+        (code, said.contains("the gateway continues as before"), told()),
+        (Some(64), true, 1),
+        "{said}"
+    );
     std::fs::remove_file(&service.profile).unwrap();
     let (code, said) = service.restart(&[]);
-    assert_eq!((code, said.contains("the gateway goes on as it was"), told()), (Some(64), true, 2), "{said}");
+    assert_eq!(
+        (code, said.contains("the gateway continues as before"), told()),
+        (Some(64), true, 2),
+        "{said}"
+    );
     service.walks_to(30);
 }
 
@@ -208,7 +219,7 @@ fn another_machine_s_profile_does_not_take_the_place() {
     assert_eq!((code, said.contains("no gateway of this machine is running")), (Some(1), true), "{said}");
     let (code, said) = service.restart(&["--set", "machine.name=walker"]);
     assert_eq!(code, Some(1), "{said}");
-    assert!(said.contains("would be another gateway") && said.contains("goes on as it was"), "{said}");
+    assert!(said.contains("is another gateway") && said.contains("continues as before"), "{said}");
     service.rewrite(|text| text.replace("name = \"mill\"", "name = \"walker\""));
     service.walks_to(30);
 }
@@ -248,7 +259,7 @@ fn a_new_program_that_ends_at_once_or_hangs_is_reported_soon() {
     let service = Service::start(|text| text);
     replace(&service, Some(&program("exec sleep 100", "exit 3")));
     let (code, said) = service.restart(&[]);
-    let words = "has not checked the profile within 10 s; the gateway goes on as it was";
+    let words = "has not checked the profile within 10 s; the gateway continues as before";
     assert_eq!((code, said.contains(words)), (Some(1), true), "{said}");
     service.walks_to(30);
 }
@@ -260,7 +271,7 @@ fn the_program_that_lies_there_now_takes_over_and_one_that_cannot_run_does_not()
     replace(&service, Some("#!/bin/sh\necho 'isotherm: this computer is too old' >&2\nexit 1\n"));
     let (code, said) = service.restart(&[]);
     assert_eq!(
-        (code, said.contains("this computer is too old; the gateway goes on")),
+        (code, said.contains("this computer is too old; the gateway continues")),
         (Some(1), true),
         "{said}"
     );

@@ -57,7 +57,7 @@ fn a_stop_that_holds_is_short_and_says_so() {
     service.walks_to(200);
     service.gateway.signal("TERM");
     let stopping = service.manager.hears("STOPPING=1");
-    assert!(stopping.contains("STATUS=stopping: the registers keep what they hold\n"), "{stopping}");
+    assert!(stopping.contains("STATUS=stopping: the registers keep their values\n"), "{stopping}");
     let status = service.gateway.ends_within(Duration::from_secs(60));
     assert_eq!((status.code(), service.device.offset()), (Some(0), 200), "{:?}", service.gateway.said);
 }

@@ -23,7 +23,7 @@ fn a_measured_error_is_learned_from_and_nothing_arms_disarms_or_moves() {
     machine.is_active();
     until("what the broker has kept is refused", || {
         let said = events(&machine);
-        if said.contains("the broker has kept it from before") { Ok(()) } else { Err(said) }
+        if said.contains("it is a retained message") { Ok(()) } else { Err(said) }
     });
     assert!(machine.status()["axes"]["z"]["probe"]["last"].is_null());
     broker.tells("isotherm/press/command/measured", r#"{"axis":"z","error_um":3.5}"#, &[]);

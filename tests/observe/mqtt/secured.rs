@@ -78,13 +78,7 @@ fn a_password_inside_tls_lets_in_and_what_is_wrong_is_said_in_words() {
     let past = secured(&authority, "allow_anonymous false\n", &authority.signs("localhost", (2001, 2002)));
     let picky = secured(&authority, "require_certificate true\n", &server);
     for (broker, tls, authority, password, words) in [
-        (
-            &broker,
-            "ca = \"ca.pem\"",
-            &authority.cert,
-            "close sesame",
-            "does not take this user name or password",
-        ),
+        (&broker, "ca = \"ca.pem\"", &authority.cert, "close sesame", "rejects this user name or password"),
         (&broker, "ca = \"ca.pem\"", &other.cert, "open sesame", "nobody who is trusted has signed"),
         (&broker, "", &authority.cert, "open sesame", "nobody who is trusted has signed"),
         (
@@ -92,7 +86,7 @@ fn a_password_inside_tls_lets_in_and_what_is_wrong_is_said_in_words() {
             "ca = \"ca.pem\"",
             &authority.cert,
             "open sesame",
-            "is for another name: write that into `broker`",
+            "is for another name: write that name into `broker`",
         ),
         (&past, "ca = \"ca.pem\"", &authority.cert, "open sesame", "has expired"),
         (

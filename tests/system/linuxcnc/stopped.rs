@@ -33,7 +33,7 @@ fn comes_back(goes: &[&str], comes: &[&str]) -> Samples {
     assert!(lowest.abs() < 1e-9, "it begins anew: {lowest}");
     bench.follows("it follows again");
     let said = bench.said();
-    assert!(!said.iter().any(|line| line.contains("somebody else wrote")), "{said:#?}");
+    assert!(!said.iter().any(|line| line.contains("this gateway did not write")), "{said:#?}");
     samples
 }
 
@@ -95,7 +95,7 @@ fn after_a_restart_of_the_control_the_offset_walks_in_from_zero() {
     samples.joint_never_jumps();
     bench.follows("it follows again");
     let said = bench.said();
-    assert!(!said.iter().any(|line| line.contains("somebody else wrote")), "{said:#?}");
+    assert!(!said.iter().any(|line| line.contains("this gateway did not write")), "{said:#?}");
 }
 
 #[test]

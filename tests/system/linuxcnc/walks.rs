@@ -63,5 +63,8 @@ fn what_somebody_else_writes_switches_the_axis_off_and_the_control_word_says_so(
         }
     });
     let said = bench.said();
-    assert!(said.iter().any(|line| line.contains("somebody else wrote 7.5 µm")), "{said:#?}");
+    assert!(
+        said.iter().any(|line| line.contains("holds 7.5 µm, which this gateway did not write")),
+        "{said:#?}"
+    );
 }

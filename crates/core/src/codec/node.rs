@@ -148,7 +148,7 @@ impl FromStr for NodeId {
         let (namespace, rest) = Namespace::parse(text)?;
         let (kind, name) = rest
             .split_once('=')
-            .ok_or_else(|| format!("`{text}` is no node: one is written `ns=2;s=name` or `i=2258`"))?;
+            .ok_or_else(|| format!("`{text}` is no node: write a node as `ns=2;s=name` or `i=2258`"))?;
         let identifier = match kind {
             "i" => Identifier::Number(name.parse().map_err(|_| format!("`{name}` is no number of 32 bits"))?),
             "s" if name.is_empty() => return Err(format!("`{text}` has no name behind `s=`")),

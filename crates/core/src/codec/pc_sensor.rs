@@ -92,7 +92,8 @@ impl FromStr for PcSensor {
         const FORMS: &str = "write \"w1:28-0316a2794f01\", \"hwmon:NAME/LABEL\" or \"iio:NAME/LABEL\"";
         if text.starts_with('/') {
             return Err(format!(
-                "`{text}` is a path, and the kernel assigns the numbers of hwmon and IIO again at each start; {FORMS}"
+                "`{text}` is a path, and the kernel assigns the numbers of hwmon and IIO again at each \
+                 start; {FORMS}"
             ));
         }
         let (kind, rest) = text.split_once(':').ok_or_else(|| match is_rom_id(text) {
@@ -120,7 +121,7 @@ fn one_wire(id: &str) -> Result<PcSensor, String> {
     if !FAMILIES.contains(&family) {
         let known = FAMILIES.join(", ");
         return Err(format!(
-            "the family {family} of `{id}` is no thermometer; the ROM ids of those begin with {known}"
+            "the family {family} of `{id}` is no thermometer; ROM ids of thermometers begin with {known}"
         ));
     }
     Ok(PcSensor::OneWire(id))
@@ -148,12 +149,14 @@ fn channel(text: &str, kind: &str) -> Result<Channel, String> {
     }
     if let Some(number) = [Some(chip), device].into_iter().flatten().find(|part| is_number(part)) {
         return Err(format!(
-            "`{number}` is a number that the kernel assigns again at each start: it may be another chip then; {form}"
+            "`{number}` is a number that the kernel assigns again at each start: it may then belong to \
+             another chip; {form}"
         ));
     }
     if chip == PcSensor::ONE_WIRE_IN_HWMON {
         return Err(format!(
-            "`{chip}` is a 1-Wire sensor, whose checksum is not seen there; write its ROM id, as \"w1:28-0316a2794f01\""
+            "`{chip}` is a 1-Wire sensor, whose checksum is not visible there; write its ROM id, as \
+             \"w1:28-0316a2794f01\""
         ));
     }
     let owned = |part: Option<&str>| part.map(str::to_owned);
@@ -196,7 +199,7 @@ mod tests {
             ("hwmon:hwmon3/temp1", "`hwmon3` is a number that the kernel assigns again at each start"),
             ("hwmon:3/temp1", "`3` is a number"),
             ("hwmon:lm75@hwmon3/temp1", "`hwmon3` is a number"),
-            ("hwmon:w1_slave_temp@28-0316a2794f01/temp1", "whose checksum is not seen there"),
+            ("hwmon:w1_slave_temp@28-0316a2794f01/temp1", "whose checksum is not visible there"),
             ("iio:device0/temp", "`device0` is a number"),
             ("iio:iio:device0/temp", "`iio:device0` is a number"),
             ("/sys/class/hwmon/hwmon3/temp1_input", "is a path"),

@@ -159,23 +159,28 @@ pub enum Doubt {
 impl fmt::Display for Doubt {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Doubt::ChangedMeanwhile => "somebody changed the register while a write was under way",
-            Doubt::YoursOrOurs => "it is your change, or a write of ours that came very late",
-            Doubt::ZeroOrOurs => "the CNC was restarted, or a write of ours made it zero",
-            Doubt::Rebooted => "the CNC was restarted, and something else stands in its register since",
-            Doubt::LikeOurOwn => "twice an unanswered write was followed by a change of just its size",
+            Doubt::ChangedMeanwhile => "the register changed while a write of the gateway was under way",
+            Doubt::YoursOrOurs => {
+                "the register changed: by the operator, or by a very late write of the gateway"
+            }
+            Doubt::ZeroOrOurs => {
+                "the register fell to zero: by a restart of the CNC, or by a write of the gateway"
+            }
+            Doubt::Rebooted => "since a restart of the CNC, its register holds another value",
+            Doubt::LikeOurOwn => "two unanswered writes were each followed by a change of exactly their size",
             Doubt::Unsteady => {
-                "what is written does not stay, twice in a row something else stood there: the control cuts it, or a second \
+                "the register held another value than written, twice in a row: the control limits the value, \
+                 or a second gateway writes to the register"
+            }
+            Doubt::SecondGateway => {
+                "after each write of the gateway, the register changes again by a similar amount: a second \
                  gateway writes to it"
             }
-            Doubt::SecondGateway => "it is changed as often as we change it, by as little, at the same time: a second gateway writes to it",
             Doubt::ChangedWhileArming => "the register changed while the axis was being armed",
             Doubt::Unreadable => "the ledger cannot be read",
-            Doubt::Lost => "an offset was written before, and there is no ledger of it",
-            Doubt::Restored => {
-                "the ledger is that of a backup, and something else may have been written since"
-            }
-            Doubt::Elsewhere => "the ledger speaks of another register, or of counts of another worth",
+            Doubt::Lost => "an offset was written before, but its ledger is missing",
+            Doubt::Restored => "the ledger is from a backup, and later writes may be missing from it",
+            Doubt::Elsewhere => "the ledger is for another register, or for counts of another size",
         })
     }
 }

@@ -52,7 +52,8 @@ impl HandshakeFault {
                 "does the control's program drop the acknowledge when the strobe drops?"
             }
             HandshakeFault::AcknowledgeMissing => {
-                "does the control's program run, does it look at this strobe? Else `timeout` of the handshake is too short"
+                "does the control's program run, does it read this strobe? If so, raise `timeout` of the \
+                 handshake"
             }
             HandshakeFault::StrobeNotWritten
             | HandshakeFault::StrobeNotDropped

@@ -53,7 +53,7 @@ impl Obstacle {
     /// Returns the cause as text, for a register.
     pub fn cause(self) -> &'static str {
         match self {
-            Obstacle::Set => "the control takes it only with the other values of its set",
+            Obstacle::Set => "the control accepts it only with the other values of its set",
             Obstacle::Writes => "it holds no offset",
             Obstacle::Address => "it is no Modbus register",
             Obstacle::Unread => "it cannot be read",

@@ -65,7 +65,7 @@ impl Dialect {
         let (known, first) = self.first.get_or_insert_with(|| (mark, text.to_owned()));
         if *known != mark {
             return Err(format!(
-                "`{text}` beside `{first}`: decimal commas and points in one file; write all alike"
+                "`{text}` and `{first}`: decimal commas and points in one file; use only one of them"
             ));
         }
         Ok(pointed)
@@ -136,8 +136,8 @@ fn in_zone(wall: DateTime, zone: &TimeZone, last: Option<Moment>) -> Result<Mome
             if last.is_some_and(|last| last > first) { at(after) } else { Ok(first) }
         }
         AmbiguousOffset::Gap { .. } => Err(format!(
-            "{} has no {wall}: its clocks went forward over it; is that the zone of the log? --zone +01:00 is a clock that \
-             never goes forward",
+            "{} has no {wall}: its clocks went forward over this time; is that the zone of the log? --zone \
+             +01:00 is a clock without summer time",
             zone.iana_name().unwrap_or("the zone")
         )),
     }
@@ -179,7 +179,7 @@ mod tests {
             assert_eq!(german.number(text).as_deref(), Ok(read), "{text}");
         }
         let mixed = german.number("1.234").unwrap_err();
-        assert_eq!(mixed, "`1.234` beside `12,5`: decimal commas and points in one file; write all alike");
+        assert_eq!(mixed, "`1.234` and `12,5`: decimal commas and points in one file; use only one of them");
         let thousands = german.number("1.234,5").unwrap_err();
         assert_eq!(thousands, "`1.234,5` has separators of thousands; write 1234,5");
         let mut english = Dialect::of("time,a", None);
@@ -216,7 +216,7 @@ mod tests {
         for (text, says) in [
             (
                 "29.03.2026 02:30:00",
-                "Europe/Berlin has no 2026-03-29T02:30:00: its clocks went forward over it",
+                "Europe/Berlin has no 2026-03-29T02:30:00: its clocks went forward over this time",
             ),
             ("01/05/2026 06:00:00", "day and month cannot be told apart"),
             ("05.01.26 06:00:10", "write the year with four digits"),

@@ -180,7 +180,7 @@ fn what_can_be_changed_or_is_another_users_is_refused() {
             fcntl_add_seals(file, seals()).unwrap();
             mode(file, open);
         };
-        assert!(write(&open).contains("others than its owner"));
+        assert!(write(&open).contains("other users may open it"));
     }
     if rustix::process::geteuid().is_root() {
         let of_another = |file: &File| {

@@ -84,7 +84,8 @@ impl<R: Read> OutputLogReader<R> {
         let mut csv = csv::ReaderBuilder::new().flexible(true).from_reader(input);
         let header = csv.headers().map_err(|cause| unreadable(file, 1, &cause))?;
         if !header.iter().eq(names()) {
-            let message = format!("this is no log of outputs, whose first line is {}", HEADER.trim_end());
+            let message =
+                format!("this is not a log of outputs: the first line must be {}", HEADER.trim_end());
             return Err(LogError { file: file.to_owned(), line: 1, column: None, message });
         }
         Ok(OutputLogReader { csv, file: file.to_owned(), record: StringRecord::new(), warnings: Vec::new() })
@@ -111,7 +112,8 @@ impl<R: Read> OutputLogReader<R> {
         // A power cut can leave a part of the last row: too few cells, or a part of its last cell.
         let may_be_cut = self.record.len() < COLUMNS || error.column.as_deref() == name(DETAIL);
         if may_be_cut && !self.read_record()? {
-            self.warnings.push(format!("{}, line {line}: the last row is cut off, left out", self.file));
+            self.warnings
+                .push(format!("{}, line {line}: the last row is incomplete and is left out", self.file));
             return Ok(None);
         }
         Err(error)
@@ -130,8 +132,9 @@ impl<R: Read> OutputLogReader<R> {
         }
         let now = time::parse(self.cell(TIME)).map_err(|why| self.error(line, TIME, why))?;
         let wrong = |why| {
-            let why =
-                format!("{why}; another version of the program has written it: replay it with that one");
+            let why = format!(
+                "{why}; another version of the program has written the log: replay the log with that version"
+            );
             self.error(line, DETAIL, why)
         };
         let (fact, detail) = (self.cell(FACT), self.cell(DETAIL));
@@ -171,10 +174,8 @@ impl<R: Read> OutputLogReader<R> {
     ) -> Result<T, LogError> {
         let (count, at) = self.value_and_moment(line, value, moment)?;
         let wrong = || match of(self.cell(what), Some(Counts(0)), at) {
-            Some(_) => {
-                self.error(line, value, format!("`{}` has a value, and none is here", self.cell(what)))
-            }
-            None => self.error(line, what, format!("`{}` is nothing that is known here", self.cell(what))),
+            Some(_) => self.error(line, value, format!("`{}` needs a value, but has none", self.cell(what))),
+            None => self.error(line, what, format!("`{}` is unknown", self.cell(what))),
         };
         of(self.cell(what), count, at).ok_or_else(wrong)
     }
@@ -190,7 +191,7 @@ impl<R: Read> OutputLogReader<R> {
             "" => None,
             text => {
                 let count = text.parse().map(Counts);
-                let wrong = |_| self.error(line, value, format!("`{text}` is no count of a register"));
+                let wrong = |_| self.error(line, value, format!("`{text}` is not a register value"));
                 Some(count.map_err(wrong)?)
             }
         };
@@ -214,7 +215,7 @@ impl<R: Read> OutputLogReader<R> {
                 let detail: DemandDetail = serde_json::from_str(text).map_err(|why| wrong(&why))?;
                 let (offset, not_after) = self.value_and_moment(line, VALUE, MOMENT)?;
                 let demand = detail.demand(offset, not_after);
-                Input::Demand(demand.ok_or_else(|| wrong(&"a decision has an offset, and none is here"))?)
+                Input::Demand(demand.ok_or_else(|| wrong(&"a decision needs an offset, but has none"))?)
             }
             input => input,
         })

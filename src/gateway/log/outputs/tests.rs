@@ -272,10 +272,10 @@ fn what_cannot_be_read_is_reported_with_its_line_and_its_column() {
     let row = "2026-01-05T12:00:00Z,cnc_z,read,120,2026-01-05T12:00:00Z,nothing,,,\n";
     let wrong = |from: &str, to: &str| rows(&format!("{HEADER}{row}{}{row}", row.replace(from, to)));
     for (from, to, reported) in [
-        (",120,", ",12O,", "day, line 3, column value: `12O` is no count of a register"),
-        (",120,", ",,", "day, line 3, column value: `read` has a value, and none is here"),
-        (",read,", ",reed,", "day, line 3, column fact: `reed` is nothing that is known here"),
-        (",nothing,", ",rest,", "day, line 3, column action: `rest` is nothing that is known here"),
+        (",120,", ",12O,", "day, line 3, column value: `12O` is not a register value"),
+        (",120,", ",,", "day, line 3, column value: `read` needs a value, but has none"),
+        (",read,", ",reed,", "day, line 3, column fact: `reed` is unknown"),
+        (",nothing,", ",rest,", "day, line 3, column action: `rest` is unknown"),
         ("2026-01-05T12:00:00Z,cnc", "noon,cnc", "day, line 3, column time: `noon` is no time"),
         (",nothing,,,", ",nothing", "day, line 3: 6 cells under 9 column names"),
         (",read,", ",begin,", "day, line 3, column detail: "),
@@ -283,7 +283,7 @@ fn what_cannot_be_read_is_reported_with_its_line_and_its_column() {
         let error = wrong(from, to).unwrap_err();
         assert!(error.starts_with(reported), "{error}");
     }
-    assert!(rows("time,bed\n1,2\n").unwrap_err().starts_with("day, line 1: this is no log of outputs"));
+    assert!(rows("time,bed\n1,2\n").unwrap_err().starts_with("day, line 1: this is not a log of outputs"));
 }
 
 #[test]
@@ -298,7 +298,7 @@ fn a_last_row_that_a_power_cut_left_half_written_is_left_out() {
         while reader.next_row().unwrap().is_some() {
             count += 1;
         }
-        assert!(count < whole && reader.warnings()[0].contains("the last row is cut off"), "{cut}");
+        assert!(count < whole && reader.warnings()[0].contains("the last row is incomplete"), "{cut}");
     }
 }
 

@@ -39,7 +39,7 @@ fn read_all(path: &Path) -> (Vec<String>, Vec<String>) {
 fn a_file_that_nobody_touched_is_read_without_a_word() {
     let (texts, damage) = spoilt(5, |_| {});
     assert_eq!((texts.len(), damage), (5, vec![]));
-    assert_eq!(texts[4], "number 5 is kept again");
+    assert_eq!(texts[4], "number 5 is saved again");
 }
 
 #[test]
@@ -97,7 +97,7 @@ fn a_file_in_the_place_of_another_days_is_reported() {
     std::fs::write(&other, line).unwrap();
     let (texts, damage) = read_all(&other);
     assert_eq!(texts.len(), 1);
-    assert_eq!(damage, [".events.jsonl, line 1: it does not belong behind what stands before it"]);
+    assert_eq!(damage, [".events.jsonl, line 1: it does not follow the line before it"]);
 }
 
 #[test]
@@ -111,8 +111,8 @@ fn what_follows_half_a_line_is_whole() {
     let (third, _) = end.line(&entry(3));
     std::fs::write(&path, format!("{first}{}{third}", &second[..20])).unwrap();
     let (texts, damage) = read_all(&path);
-    assert_eq!(texts, ["number 1 is kept again", "number 3 is kept again"]);
-    assert_eq!(damage, [".events.jsonl, line 2: no event: cut, or overwritten"]);
+    assert_eq!(texts, ["number 1 is saved again", "number 3 is saved again"]);
+    assert_eq!(damage, [".events.jsonl, line 2: not an event: the line is cut or overwritten"]);
 }
 
 #[test]
@@ -138,7 +138,7 @@ fn those_of_a_machine_are_told_apart_from_those_of_one_whose_name_begins_alike()
     }
     assert_eq!(machines(directory.path()).unwrap(), ["m", "m-2"]);
     let texts: Vec<String> = last(directory.path(), "m", 10).into_iter().map(|entry| entry.text).collect();
-    assert_eq!(texts, ["number 1 is kept again"]);
+    assert_eq!(texts, ["number 1 is saved again"]);
 }
 
 #[test]

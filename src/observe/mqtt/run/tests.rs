@@ -377,7 +377,7 @@ async fn more_than_has_room_is_dropped_counted_and_told_once() {
     let told = u64::try_from(events_of(&broker).len()).unwrap();
     assert_eq!(told, 1000, "so many have room");
     assert_eq!(told + went.dropped, machine.happened());
-    let dropped = format!("{} messages to mqtt://here found no room", went.dropped);
+    let dropped = format!("{} messages to mqtt://here dropped", went.dropped);
     assert_eq!(machine.said().iter().filter(|said| said.starts_with(&dropped)).count(), 1);
 }
 

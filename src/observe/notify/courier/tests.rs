@@ -91,10 +91,10 @@ async fn a_first_failure_and_the_return_are_told_once_each_and_nothing_is_lost()
     assert_eq!(server.taken(), [(1, 0), (2, 0), (3, 0)]);
     assert_eq!(said.len(), 2, "{said:?}");
     assert!(
-        said[0].starts_with("notify[0]: a message to https://a.example has not arrived: nobody listens"),
+        said[0].starts_with("notify[0]: a message to https://a.example has not arrived: no program listens"),
         "{said:?}"
     );
-    assert!(said[1].contains("arrive again after 7 attempts in vain"), "{said:?}");
+    assert!(said[1].contains("arrive again, after 7 attempts that failed"), "{said:?}");
     assert!(!said.concat().contains("secret"));
 }
 
@@ -137,7 +137,7 @@ async fn what_a_server_will_never_take_is_dropped_at_once_and_the_next_arrives()
     let said = carried(&outbox, &server, Duration::ZERO, async {}).await;
     assert_eq!(server.taken(), [(2, 1)]);
     assert_eq!(said.len(), 3, "{said:?}");
-    assert!(said[0].contains("it answered 400: it does not take such a message"), "{said:?}");
+    assert!(said[0].contains("it answered 400: it does not accept such a message"), "{said:?}");
 }
 
 #[tokio::test(start_paused = true)]
