@@ -423,7 +423,7 @@ impl Gateway {
     async fn settle(&self) {
         let within = ending::begin_stop(&self.shared, OnStop::Hold);
         self.shared.report(&Event::Stopping { holds: true, within });
-        service_manager::reloading("another program takes over; the registers keep their values");
+        systemd::reloading("another program takes over; the registers keep their values");
         self.settled(within).await;
     }
 

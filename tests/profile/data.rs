@@ -1,5 +1,6 @@
 //! Models in files: what fits becomes a model, what does not is refused at the key that names the file.
 
+use isotherm_core::compensation::model::stand_ins::Replaces;
 use isotherm_core::compensation::model::{Kind, Outside};
 use isotherm_core::quantity::{MicronPerCelsius, Millimetre};
 use isotherm_profile::preview::Preview;
@@ -342,7 +343,10 @@ fn stand_ins_say_who_is_watched_and_for_whom_others_stand_in() {
     let watched = |text: &str| machine(WATCHED, &[("s.json", text.as_bytes())]).unwrap();
     let loaded = watched(STAND_INS);
     let of = |loaded: &Loaded| loaded.profile.axes[0].settings.models[0].stand_ins.clone().unwrap();
-    assert_eq!(of(&loaded).watched().map(|(_, stands_in)| stands_in).collect::<Vec<_>>(), [true, false]);
+    assert_eq!(
+        of(&loaded).watched().map(|(_, replaces)| replaces).collect::<Vec<_>>(),
+        [Replaces::FrozenOrLost, Replaces::Nothing]
+    );
     let words = "2 sensors are checked for frozen readings; other sensors replace bed; not wheelhead";
     assert!(reported(&loaded).contains(words), "{}", reported(&loaded));
     let one = watched(&STAND_INS.replace(", { \"signal\": \"scale_z\", \"lag_s\": 0, \"gain\": 0.001 }", ""));
@@ -350,7 +354,7 @@ fn stand_ins_say_who_is_watched_and_for_whom_others_stand_in() {
     assert!(uses.all(|replaces| replaces == Replaces::Nothing), "one other is too few");
     let unfit = watched(&STAND_INS.replace("\"stands_in\": true", "\"stands_in\": false"));
     assert_eq!(of(&unfit).watched().next().unwrap().1, Replaces::Frozen);
-    let words = "they replace only while frozen, not if lost, bed";
+    let words = "only while frozen, not if lost: bed";
     assert!(reported(&unfit).contains(words), "{}", reported(&unfit));
     assert_eq!(of(&loaded), of(&watched(STAND_INS)), "the same file is the same");
     let other = of(&watched(&STAND_INS.replace("0.31", "0.32")));

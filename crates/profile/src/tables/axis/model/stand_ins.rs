@@ -139,17 +139,18 @@ fn fingerprint(bytes: &[u8]) -> u64 {
 
 /// Describes which sensors are monitored, and which can be replaced.
 pub(super) fn preview(profile: &Profile, stand_ins: &StandIns) -> String {
-    let named = |wanted: bool| -> Vec<&str> {
-        let found = stand_ins.watched().filter(|(_, stands_in)| *stands_in == wanted);
-        found.map(|(signal, _)| profile.signal(signal).name.as_str()).collect()
-    };
-    let (with, without) = (named(true), named(false));
-    let mut text = format!("{} sensors are checked for frozen readings", with.len() + without.len());
-    if !with.is_empty() {
-        text += &format!("; other sensors replace {}", with.join(", "));
-    }
-    if !without.is_empty() {
-        text += &format!("; not {}", without.join(", "));
+    let mut text = format!("{} sensors are checked for frozen readings", stand_ins.watched().count());
+    let groups = [
+        (Replaces::FrozenOrLost, "other sensors replace"),
+        (Replaces::Frozen, "only while frozen, not if lost:"),
+        (Replaces::Nothing, "not"),
+    ];
+    for (wanted, words) in groups {
+        let found = stand_ins.watched().filter(|(_, replaces)| *replaces == wanted);
+        let names: Vec<&str> = found.map(|(signal, _)| profile.signal(signal).name.as_str()).collect();
+        if !names.is_empty() {
+            text += &format!("; {words} {}", names.join(", "));
+        }
     }
     text
 }
