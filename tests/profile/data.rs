@@ -350,8 +350,8 @@ fn stand_ins_say_who_is_watched_and_for_whom_others_stand_in() {
     let words = "2 sensors are checked for frozen readings; other sensors replace bed; not wheelhead";
     assert!(reported(&loaded).contains(words), "{}", reported(&loaded));
     let one = watched(&STAND_INS.replace(", { \"signal\": \"scale_z\", \"lag_s\": 0, \"gain\": 0.001 }", ""));
-    let mut uses = of(&one).watched().map(|(_, replaces)| replaces);
-    assert!(uses.all(|replaces| replaces == Replaces::Nothing), "one other is too few");
+    let one = of(&one);
+    assert!(one.watched().all(|(_, replaces)| replaces == Replaces::Nothing), "one other is too few");
     let unfit = watched(&STAND_INS.replace("\"stands_in\": true", "\"stands_in\": false"));
     assert_eq!(of(&unfit).watched().next().unwrap().1, Replaces::Frozen);
     let words = "only while frozen, not if lost: bed";
