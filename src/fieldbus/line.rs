@@ -233,11 +233,12 @@ impl DeviceLine {
     /// request for the same read receives its answer. `None` means no such read.
     pub fn ask_behind(&mut self, read: Option<(DeviceId, Request<'static>)>) {
         let now = self.departure.looked();
+        let is_in_doubt = |owed: &Owed| owed.is_owing() || owed.order.is_in_doubt();
         let allowed = |device: DeviceId, request: Request<'_>| {
             let unit = self.units.get(device)?;
-            let is_owing =
-                unit.is_behind_gateway && self.units.owed.get(unit.number).is_some_and(Owed::is_owing);
-            (unit.functions.allow(request.function()) && unit.breaker.allows(now) && !is_owing)
+            let must_wait =
+                unit.is_behind_gateway && self.units.owed.get(unit.number).is_some_and(is_in_doubt);
+            (unit.functions.allow(request.function()) && unit.breaker.allows(now) && !must_wait)
                 .then_some(unit.number)
         };
         let read = read.and_then(|(device, request)| Some((allowed(device, request)?, request)));
@@ -294,7 +295,7 @@ impl DeviceLine {
         if !request.fits() {
             return Err(Fault::Caller(CallerFault::Extent));
         }
-        let now = self.departure.look();
+        let mut now = self.departure.look();
         if !unit.breaker.allows(now) {
             return Err(unit.last_fault);
         }
@@ -316,15 +317,19 @@ impl DeviceLine {
         let mut was_connected = self.wire.is_some();
         let mut first_asked = None;
         let mut is_contested = false;
-        let is_in_order = self.control_question(place, request).is_none();
-        let answer = loop {
-            let (mut are_two, mut is_second, mut behind) = (false, false, None);
+        // Whether a control question was answered or refused. It is asked once.
+        let mut is_controlled = false;
+        // The request that was sent last is a control question, or `request` itself.
+        let (sent, answer) = loop {
+            let (mut are_two, mut is_second) = (false, false);
             let begun = self.tap.begin();
             self.departure.next(request, leave);
             let mut answer = self.make_ready(place, request, now).await;
             if answer.is_ok() && !may_be_unverified && self.is_unverified(place) {
-                break Err(Fault::UNVERIFIED);
+                break (request, Err(Fault::UNVERIFIED));
             }
+            let control = self.control_question(place, request).filter(|_| answer.is_ok() && !is_controlled);
+            let sent = control.unwrap_or(request);
             if answer.is_ok()
                 && let Some(connection) = &mut self.wire
             {
@@ -336,16 +341,15 @@ impl DeviceLine {
                     let is_like_it = |(unit, read): &(u8, Request<'_>)| {
                         is_behind_gateway && *unit == number && Mark::of(*read) == Mark::of(request)
                     };
-                    let read = self.pipeline.take().filter(|read| is_in_order && !is_like_it(read));
-                    behind = read.map(|(unit, _)| unit);
+                    let read = self.pipeline.take().filter(|read| control.is_none() && !is_like_it(read));
                     connection.wire().ask_behind(read);
                     are_two = is_second || connection.wire().has_behind();
                 }
-                let span = self.timeout + connection.wire().time_under_way(request);
+                let span = self.timeout + connection.wire().time_under_way(sent);
                 self.departure.begins(span);
                 let exchanged = {
                     // A future that is pinned here need not be moved.
-                    let exchange = pin!(connection.exchange(number, request, &mut self.departure));
+                    let exchange = pin!(connection.exchange(number, sent, &mut self.departure));
                     self.patience.within(span, exchange).await
                 };
                 let took = self.departure.took();
@@ -354,7 +358,7 @@ impl DeviceLine {
                     self.units.owed.of(late).distrust();
                 }
                 let owed = self.units.owed.of(number);
-                first_asked = owed.first_asked(request);
+                first_asked = owed.first_asked(sent);
                 answer = match exchanged {
                     // An answer that is found after its timeout is late, even if the timer has not fired yet.
                     Some(answer)
@@ -369,22 +373,21 @@ impl DeviceLine {
                     Some(answer) => answer,
                     None => Err(connection.wire().missed()),
                 };
-                match answer {
-                    Err(fault) if fault.spoils_connection() || is_missing(fault) => {
-                        if self.departure.asked().is_some() {
-                            owed.order.record_miss();
-                        }
-                        // The request that was sent after this one is lost with the connection.
-                        if let Some(unit) = behind.filter(|_| fault.spoils_connection()) {
-                            self.units.owed.of(unit).order.record_miss();
-                        }
+                if is_behind_gateway && self.departure.asked().is_some() {
+                    let outcome = answer.as_ref().map(|_| ()).map_err(|fault| *fault);
+                    let (received, may_be_late) = (connection.wire().received_form(), owed.is_owing());
+                    if owed.order.judge(sent, outcome, received, may_be_late) {
+                        answer = Err(Fault::Peer(PeerFault::OutOfOrder));
                     }
-                    Ok(_) | Err(Fault::Exception(_)) => owed.answers(request, took),
+                }
+                match answer {
+                    Err(fault) if is_missing(fault) => {}
+                    Ok(_) | Err(Fault::Exception(_)) => owed.answers(sent, took),
                     Err(_) => {}
                 }
             }
             if let Some(begun) = begun {
-                self.tap.tell(begun, (device, number), request, &answer);
+                self.tap.tell(begun, (device, number), sent, &answer);
             }
             if are_two
                 && self.pipeline.judge(is_second, &answer)
@@ -401,18 +404,25 @@ impl DeviceLine {
             self.note_others(now);
             let is_repeated = first_asked.is_some();
             is_contested =
-                answer.is_ok() && self.is_followed_by_another(number, request, is_repeated, now).await;
+                answer.is_ok() && self.is_followed_by_another(number, sent, is_repeated, now).await;
             self.look_for_a_break(place, &answer, now);
             if !std::mem::take(&mut was_connected) || !matches!(answer, Err(Fault::BROKEN | Fault::CLOSED)) {
-                break self.settle(place, request, answer, now);
+                let answer = self.settle(place, sent, answer, now);
+                if !control.is_some_and(|control| self.may_follow(place, control, &answer)) {
+                    break (sent, answer);
+                }
+                self.report(device, sent, &answer);
+                // Some gateways close the connection after an answer. The request may then need another one.
+                (is_controlled, was_connected, now) = (true, true, self.departure.looked());
+                continue;
             }
             let has_ids = self.wire.as_mut().is_some_and(|wire| wire.wire().has_transaction_id());
-            self.wire = None;
+            self.drop_connection();
             // It is unknown whether a write that was sent was executed. This is more important than the back-off of the
             // line.
             let may_be_done = answer == Err(Fault::BROKEN) && !request.is_read();
             if has_ids && self.is_contested(now) {
-                break if may_be_done { answer } else { Err(Fault::Link(LinkFault::Contested)) };
+                break (sent, if may_be_done { answer } else { Err(Fault::Link(LinkFault::Contested)) });
             }
             let may_be_asked = may_be_unverified || !self.is_unverified(place);
             if may_be_asked && DeviceLine::is_repeated(request, leave, &answer, has_ids) {
@@ -422,19 +432,15 @@ impl DeviceLine {
             if !has_ids && answer == Err(Fault::BROKEN) {
                 self.units.rest(place, Fault::BROKEN, now, self.spans());
             }
-            break answer;
+            break (sent, answer);
         };
         // A request that was not sent has no answer. After a repetition, the answer may belong to the first request.
         let asked = first_asked.or(self.departure.asked()).unwrap_or(now);
-        let answer = self.in_order(place, request, answer, first_asked.is_some()).await;
+        self.report(device, sent, &answer);
         if let Some(witness) = &self.witness
-            && !matches!(answer, Err(Fault::Caller(_) | Fault::UNVERIFIED))
+            && answer.as_ref().is_ok_and(|answer| request.is_answered() && answer.is_of_use())
         {
-            let outcome = answer.as_ref().map(|_| ()).map_err(|fault| *fault);
-            witness.note(device, request, outcome, self.refusals());
-            if answer.as_ref().is_ok_and(|answer| request.is_answered() && answer.is_of_use()) {
-                witness.delivers(device);
-            }
+            witness.delivers(device);
         }
         let attribution = match self.others.attribute(number, request) {
             Attribution::Ambiguous if is_contested => Attribution::Contested,
@@ -475,9 +481,16 @@ impl DeviceLine {
             Err(fault) if fault.spoils_connection() => {
                 self.misses += 1;
                 let is_lost = matches!(fault, Fault::Link(_) | Fault::Peer(PeerFault::Unasked));
+                if *fault == Fault::Peer(PeerFault::OutOfOrder) {
+                    // This pause comes first: the wait for a late answer may extend it.
+                    self.rest_out_of_order(place, now);
+                }
                 if has_ids || is_lost || self.misses >= MISSES {
-                    self.wire = None;
                     self.misses = 0;
+                    let unanswered = self.drop_connection().filter(|_| !matches!(fault, Fault::Link(_)));
+                    if let Some(read) = unanswered {
+                        self.note_lost_read(read, now);
+                    }
                 }
                 if has_ids && !(is_behind_gateway && has_left && !matches!(fault, Fault::Link(_))) {
                     // The pause begins at the end of the timeout. Otherwise, several dead units would leave no pause.

@@ -14,6 +14,7 @@ use std::time::Duration;
 
 use super::departure::Departure;
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
+use super::mark::Mark;
 use super::pdu;
 use super::port::{Port, Tapped, is_in_order};
 use super::trace::Tap;
@@ -42,6 +43,8 @@ pub struct ModbusTcp {
     received: Box<[u8; 2 * LONGEST]>,
     filled: usize,
     behind: Behind,
+    /// Form of the answer to the present request.
+    form: Option<Mark>,
     /// Time at which the last request was sent; `Moment::default()` if it was not answered.
     answered: Moment,
     ending: Ending,
@@ -66,6 +69,7 @@ impl ModbusTcp {
             received: Box::new([0; 2 * LONGEST]),
             filled: 0,
             behind: Behind::default(),
+            form: None,
             answered: Moment::default(),
             ending: Ending::Lost,
         }
@@ -80,12 +84,18 @@ impl ModbusTcp {
         if matches!(request, Request::Can(_) | Request::Nodes(_) | Request::Sensors(_)) {
             return Err(Fault::Caller(CallerFault::Function));
         }
-        let open = self.behind.unanswered();
-        if let Some((transaction, unit, request)) = open {
+        self.form = None;
+        if let Some((transaction, asked)) = self.behind.take_unanswered(unit, request) {
+            // The request was sent, even if it gets no answer.
+            departure.left(asked);
+            return self.hear(transaction, unit, |message| pdu::answer(request, message)).await;
+        }
+        if let Some((transaction, unit, request)) = self.behind.unanswered() {
             let answer = self.hear(transaction, unit, |message| Ok(pdu::answer(request, message))).await?;
             self.behind.answered(answer);
+            self.form = None;
         }
-        if let Some((answer, asked)) = self.behind.take(unit, request, departure, open.is_some()) {
+        if let Some((answer, asked)) = self.behind.take(unit, request, departure) {
             departure.left(asked);
             return answer;
         }
@@ -164,6 +174,7 @@ impl ModbusTcp {
                     if is_last && end < self.filled {
                         return Err(Fault::Peer(PeerFault::Unasked));
                     }
+                    self.form = Mark::of_answer(message);
                     let answered = answer(message);
                     self.forget_first(end);
                     return answered;
@@ -232,6 +243,14 @@ impl Wire for ModbusTcp {
 
     fn has_behind(&self) -> bool {
         self.behind.is_under_way()
+    }
+
+    fn unanswered_behind(&self) -> Option<(u8, Request<'static>, Moment)> {
+        self.behind.unanswered_since()
+    }
+
+    fn received_form(&self) -> Option<Mark> {
+        self.form
     }
 
     fn ending(&mut self) -> Ending {

@@ -4,14 +4,20 @@
 //! request gets the answer to the one before it. Waiting does not help, and an answer of the correct length does not
 //! show it.
 //!
-//! After a missing answer, a read that is answered is therefore followed by a control question: another read that the
-//! unit has answered before, whose answer has another form. If an answer of a wrong form comes instead, order is lost.
-//! The line then rejects the first read too, closes the connection, and the unit backs off. A control question that is
-//! refused or not answered shows nothing, and the first read is used.
+//! After a missing answer, order is in doubt. The gateway may keep the missing answer, and the answers to the reads
+//! since then. A good answer whose form differs from all of these is in order, and shows that the gateway keeps
+//! nothing. A good answer of one of these forms may itself be old. Then its own answer is the one that is kept.
 //!
-//! Limits. Not detected are: a gateway that keeps two answers or more, that loses the answer to the first read, or that
-//! keeps an answer although no answer to this unit was missing. Nor is a unit protected while it refuses requests, if only
-//! reads of one form are sent to it, or with a connection for each request. The answer to a write has no control question.
+//! A read whose answer could be confused with a kept one is therefore sent after a control question. That is another
+//! read that the unit has answered before, whose answer has another form. If its answer has the form of a kept one
+//! instead, order is lost. The line then does not send the first read, closes the connection, and the unit backs off.
+//! If the control question is refused, the first read is sent: a kept answer to the control question has another form.
+//! If it is not answered, the unit may be dead. The next read of another form is sent without a control question.
+//!
+//! Limits. A gateway that keeps two answers or more is not always detected, nor is one that keeps an answer although no
+//! answer to this unit was missing. A unit is not protected before it has answered reads of two forms, if only reads of
+//! one form are sent to it, or with a connection for each request. The same applies after a failed control question,
+//! until the unit has answered that as an ordinary read. The answer to a write has no control question.
 
 use super::error::{Fault, PeerFault};
 use super::mark::Mark;
@@ -26,40 +32,129 @@ pub(super) struct Order {
     doubt: Doubt,
     /// Last two reads with data, whose answers have different forms.
     answered: [Option<Request<'static>>; 2],
-    /// Control questions in a row that showed lost order.
+    /// Control question that was not answered with data, until the next request.
+    failed: Option<Request<'static>>,
+    /// Answers in a row that showed lost order.
     pub(super) lost: u8,
 }
 
-/// Whether the gateway may keep an answer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Answers that the gateway may keep.
+#[derive(Clone, Debug, PartialEq, Eq)]
 enum Doubt {
-    /// The gateway may keep one.
-    Open,
-    /// No answer was missing since order was confirmed.
+    /// The gateway may keep an answer to an earlier process. No request has ended yet.
+    Unknown,
+    /// The gateway may keep answers of these forms. The list is not empty.
+    Kept(Vec<Mark>),
+    /// The gateway keeps no answer.
     Closed,
 }
 
-/// Conclusion from the result of a control question.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Verdict {
-    InOrder,
-    OutOfOrder,
-    Nothing,
-}
-
 impl Order {
-    /// Returns the state of a unit without requests so far. The gateway may keep an answer to an earlier process.
+    /// Returns the state of a unit without requests so far.
     pub(super) fn unknown() -> Order {
-        Order { doubt: Doubt::Open, answered: [None; 2], lost: 0 }
+        Order { doubt: Doubt::Unknown, answered: [None; 2], failed: None, lost: 0 }
     }
 
-    /// Records a request that was sent, and got no answer of its own.
-    pub(super) fn record_miss(&mut self) {
-        self.doubt = Doubt::Open;
+    /// Returns whether the gateway may keep an answer.
+    pub(super) fn is_in_doubt(&self) -> bool {
+        self.doubt != Doubt::Closed
+    }
+
+    /// Records that the gateway may keep an answer of this form.
+    pub(super) fn suspect(&mut self, form: Mark) {
+        if let Doubt::Kept(forms) = &mut self.doubt {
+            if !forms.contains(&form) {
+                forms.push(form);
+            }
+        } else {
+            self.doubt = Doubt::Kept(vec![form]);
+        }
+    }
+
+    /// Returns the control question to send before this read. Its answer has another form than that of the read, and
+    /// than every kept answer if possible. `None` if the answer to the read cannot be confused with a kept one, or if
+    /// the unit has answered no such read that `is_allowed`.
+    pub(super) fn control(
+        &self,
+        request: Request<'_>,
+        is_allowed: impl Fn(Request<'static>) -> bool,
+    ) -> Option<Request<'static>> {
+        let form = Mark::of(request);
+        // The answer to the failed control question may be kept, and has another form.
+        let follows_failed = self.failed.is_some_and(|failed| Mark::of(failed) != form);
+        if !matches!(request, Request::Read { .. }) || !self.may_be_kept(form) || follows_failed {
+            return None;
+        }
+        let others = self.answered.iter().flatten().copied();
+        let others = others.filter(|read| Mark::of(*read) != form && is_allowed(*read));
+        others.min_by_key(|read| self.may_be_kept(Mark::of(*read)))
+    }
+
+    /// Records the result of a request that was sent. `received` is the form of its answer, if it is that of a read.
+    /// `may_be_late` means that a late answer may still arrive. Returns whether the request got the answer to an
+    /// earlier one.
+    pub(super) fn judge(
+        &mut self,
+        request: Request<'_>,
+        outcome: Result<(), Fault>,
+        received: Option<Mark>,
+        may_be_late: bool,
+    ) -> bool {
+        let form = Mark::of(request);
+        let failed = self.failed.take();
+        match outcome {
+            Ok(()) => {
+                // The unit answers, and is silent only for the control question, or refuses only that.
+                self.answered.iter_mut().for_each(|read| *read = read.filter(|read| Some(*read) != failed));
+                self.record_answer(request);
+                self.confirm(form);
+                false
+            }
+            Err(Fault::Peer(PeerFault::Length | PeerFault::Function))
+                if received.is_some_and(|received| self.may_be_kept(received)) && self.has_answered(form) =>
+            {
+                self.suspect(form);
+                if !may_be_late {
+                    self.lost = LONGEST_PAUSE.min(self.lost + 1);
+                }
+                true
+            }
+            Err(fault) => {
+                let is_missing = fault.spoils_connection() || fault.is_of_a_gateway();
+                let is_in_doubt = self.is_in_doubt();
+                // The echo of a write is not taken for the answer to a read. One such form shows the doubt.
+                let is_kept =
+                    if request.is_read() { is_missing || is_in_doubt } else { is_missing && !is_in_doubt };
+                if is_kept {
+                    self.suspect(form);
+                }
+                false
+            }
+        }
+    }
+
+    /// Records the fault of a control question. Unless it shows lost order, the next read of another form is sent
+    /// without one. If that is answered, the control question is not sent again until it was answered as an ordinary
+    /// read.
+    pub(super) fn record_failed_control(&mut self, control: Request<'static>, fault: Fault) {
+        if !matches!(fault, Fault::Caller(_) | Fault::Peer(PeerFault::OutOfOrder)) {
+            self.failed = Some(control);
+        }
+    }
+
+    /// Records a good answer of this form.
+    fn confirm(&mut self, form: Mark) {
+        match &mut self.doubt {
+            Doubt::Closed => {}
+            // The answer may be an old one. Then its own answer is kept.
+            Doubt::Kept(forms) if forms.contains(&form) => forms.retain(|kept| *kept == form),
+            Doubt::Kept(_) => (self.doubt, self.lost) = (Doubt::Closed, 0),
+            Doubt::Unknown => self.doubt = Doubt::Kept(vec![form]),
+        }
     }
 
     /// Records that a read was answered with data. It becomes a candidate for control questions.
-    pub(super) fn record_answer(&mut self, request: Request<'_>) {
+    fn record_answer(&mut self, request: Request<'_>) {
         let Request::Read { from, count } = request else { return };
         let read = Some(Request::Read { from, count });
         let [last, before] = self.answered;
@@ -69,112 +164,14 @@ impl Order {
         };
     }
 
-    /// Returns the control question for this read, to ask before its answer is used. The forms of the two answers
-    /// differ. `None` if order is not in doubt, or if the unit has not answered such a read.
-    pub(super) fn control(&self, request: Request<'_>) -> Option<Request<'static>> {
-        let is_asked = self.doubt == Doubt::Open && matches!(request, Request::Read { .. });
-        let of_another_form = |read: &Request<'static>| Mark::of(*read) != Mark::of(request);
-        self.answered.iter().flatten().copied().filter(|_| is_asked).find(of_another_form)
+    fn may_be_kept(&self, form: Mark) -> bool {
+        matches!(&self.doubt, Doubt::Kept(forms) if forms.contains(&form))
     }
 
-    /// Records the result of a control question. One that shows nothing is not asked again until the unit has answered it
-    /// as an ordinary read.
-    pub(super) fn judge(&mut self, control: Request<'_>, answer: Result<(), Fault>) -> Verdict {
-        match answer {
-            Ok(()) => {
-                (self.doubt, self.lost) = (Doubt::Closed, 0);
-                Verdict::InOrder
-            }
-            Err(Fault::Peer(PeerFault::Length | PeerFault::Function)) => {
-                self.lost = LONGEST_PAUSE.min(self.lost + 1);
-                Verdict::OutOfOrder
-            }
-            Err(_) => {
-                for read in &mut self.answered {
-                    *read = read.filter(|read| Mark::of(*read) != Mark::of(control));
-                }
-                self.lost = 0;
-                Verdict::Nothing
-            }
-        }
+    fn has_answered(&self, form: Mark) -> bool {
+        self.answered.iter().flatten().any(|read| Mark::of(*read) == form)
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use isotherm_core::codec::{Register, Table};
-
-    const LENGTH: Fault = Fault::Peer(PeerFault::Length);
-
-    fn read(table: Table, offset: u16, count: u16) -> Request<'static> {
-        Request::Read { from: Register { table, offset }, count }
-    }
-
-    /// Returns the order of a unit that has answered these reads.
-    fn after(answered: &[Request<'static>]) -> Order {
-        let mut order = Order::unknown();
-        answered.iter().for_each(|read| order.record_answer(*read));
-        order
-    }
-
-    #[test]
-    fn a_control_question_asks_for_nothing_that_the_unit_has_not_answered() {
-        let (bed, oil) = (read(Table::Input, 0, 1), read(Table::Input, 100, 1));
-        let (block, kind) = (read(Table::Input, 5, 4), read(Table::Holding, 90, 1));
-        for (answered, request, control) in [
-            (&[][..], bed, None),
-            (&[], block, None),
-            (&[block], block, None),
-            (&[bed, oil], bed, None),
-            (&[block, bed, oil], bed, Some(block)),
-            (&[kind, bed, oil], oil, Some(kind)),
-            (&[bed, kind, block], block, Some(kind)),
-            (&[bed], Request::WriteSingle { at: 1, value: 2 }, None),
-        ] {
-            assert_eq!(after(answered).control(request), control, "{request:?} after {answered:?}");
-        }
-    }
-
-    #[test]
-    fn order_is_in_doubt_from_the_start_and_after_each_miss_until_it_is_confirmed() {
-        let (bed, block) = (read(Table::Input, 0, 1), read(Table::Input, 5, 4));
-        let mut order = after(&[bed, block]);
-        for _ in 0..2 {
-            assert_eq!(order.control(block), Some(bed));
-            assert_eq!(order.judge(bed, Ok(())), Verdict::InOrder);
-            assert_eq!(order.control(block), None);
-            order.record_miss();
-        }
-    }
-
-    #[test]
-    fn only_an_answer_of_a_wrong_form_shows_that_order_is_lost() {
-        let (bed, block) = (read(Table::Input, 0, 1), read(Table::Input, 5, 4));
-        for (fault, verdict) in [
-            (LENGTH, Verdict::OutOfOrder),
-            (Fault::Peer(PeerFault::Function), Verdict::OutOfOrder),
-            (Fault::Peer(PeerFault::Foreign), Verdict::Nothing),
-            (Fault::Timeout, Verdict::Nothing),
-            (Fault::Exception(2), Verdict::Nothing),
-            (Fault::Exception(11), Verdict::Nothing),
-        ] {
-            let mut order = after(&[bed, block]);
-            assert_eq!(order.judge(bed, Err(fault)), verdict);
-            assert_eq!(order.control(block).is_some(), verdict == Verdict::OutOfOrder, "{fault:?}");
-            order.record_answer(bed);
-            assert_eq!(order.control(block), Some(bed), "it has been answered again");
-        }
-    }
-
-    #[test]
-    fn a_gateway_that_stays_one_answer_behind_is_found_each_time() {
-        let (pair, one) = (read(Table::Input, 5, 2), read(Table::Input, 9, 1));
-        let mut order = after(&[pair, one]);
-        for request in [pair, one].into_iter().cycle().take(99) {
-            let control = order.control(request).unwrap();
-            assert_eq!(order.judge(control, Err(LENGTH)), Verdict::OutOfOrder);
-        }
-        assert_eq!(order.lost, LONGEST_PAUSE);
-    }
-}
+mod tests;

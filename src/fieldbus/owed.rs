@@ -135,10 +135,10 @@ impl Owed {
         self.anything.is_some() || !self.late.is_empty()
     }
 
-    /// Records that the line has waited until no late answer can arrive any more.
+    /// Records that the line has waited until no late answer can arrive any more. A gateway may have kept one.
     pub(super) fn is_quiet(&mut self) {
         self.anything = None;
-        self.late.clear();
+        self.late.drain(..).filter(|late| late.is_read).for_each(|late| self.order.suspect(late.mark));
     }
 
     /// Records that the unit answered late, or without a request.
@@ -268,9 +268,16 @@ impl Owed {
         self.late.iter().map(|late| late.mark)
     }
 
-    /// Forgets late answers whose time is over, and which were not found on the line.
+    /// Forgets late answers whose time is over, and which were not found on the line. A gateway may have kept one.
     pub(super) fn forget(&mut self, spans: Spans) {
-        self.late.retain(|late| !late.since.left_of(spans.grace).is_zero());
+        let order = &mut self.order;
+        self.late.retain(|late| {
+            let is_over = late.since.left_of(spans.grace).is_zero();
+            if is_over && late.is_read {
+                order.suspect(late.mark);
+            }
+            !is_over
+        });
     }
 }
 

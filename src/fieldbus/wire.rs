@@ -10,6 +10,7 @@ use std::time::Duration;
 use super::departure::Departure;
 use super::error::Fault;
 use super::mark::Mark;
+use isotherm_core::quantity::Moment;
 
 pub use super::request::{Answer, CanRequest, NodeReading, NodeRequest, Request, Stamped};
 
@@ -93,6 +94,18 @@ pub trait Wire: Send {
     /// Returns whether such a read is waiting to be sent, or is unanswered.
     fn has_behind(&self) -> bool {
         false
+    }
+
+    /// Returns the unit of such a read that was sent and is unanswered, the read, and its time of sending. The next
+    /// request for the same read takes it over.
+    fn unanswered_behind(&self) -> Option<(u8, Request<'static>, Moment)> {
+        None
+    }
+
+    /// Returns the form of the answer to the last request, valid or not; `None` if it is not that of a read, or if the
+    /// wire does not record it.
+    fn received_form(&self) -> Option<Mark> {
+        None
     }
 
     /// Returns news about a subscription, once.

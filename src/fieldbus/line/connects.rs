@@ -4,7 +4,9 @@ use std::time::Duration;
 
 use super::{ConnectionHistory, DeviceLine};
 use crate::fieldbus::error::{Fault, LinkFault};
+use crate::fieldbus::mark::Mark;
 use crate::fieldbus::owed::Owed;
+use crate::fieldbus::wire::Request;
 use isotherm_core::continuity::Break;
 use isotherm_core::quantity::Moment;
 
@@ -25,8 +27,17 @@ impl DeviceLine {
 
     /// Drops the connection: data that is still on its way belongs to an earlier time.
     pub fn hang_up(&mut self) {
-        self.wire = None;
+        self.drop_connection();
         self.units.owed.each().for_each(Owed::anything);
+    }
+
+    /// Drops the connection. Returns the unit of a read that was sent after another request and gets no answer any
+    /// more, the read, and its time of sending.
+    pub(super) fn drop_connection(&mut self) -> Option<(u8, Request<'static>, Moment)> {
+        let mut connection = self.wire.take()?;
+        let (number, read, asked) = connection.wire().unanswered_behind()?;
+        self.units.owed.of(number).order.suspect(Mark::of(read));
+        Some((number, read, asked))
     }
 
     /// Closes the connection properly. It waits for the other end at most for the timeout of an answer.

@@ -1,16 +1,15 @@
 //! Control questions: requests that show whether the answers of a unit behind a gateway belong to their requests. See
 //! [`crate::fieldbus::order`].
 
-use std::pin::pin;
-
 use super::DeviceLine;
-use crate::fieldbus::departure::Leave;
-use crate::fieldbus::error::{Fault, PeerFault};
-use crate::fieldbus::order::Verdict;
+use crate::fieldbus::error::Fault;
+use crate::fieldbus::mark::Mark;
 use crate::fieldbus::wire::{Answer, Request};
+use isotherm_core::quantity::Moment;
+use isotherm_profile::DeviceId;
 
 impl DeviceLine {
-    /// Returns the control question that must follow this request.
+    /// Returns the control question to send before this request.
     pub(super) fn control_question(&self, place: usize, request: Request<'_>) -> Option<Request<'static>> {
         let unit = self.units.at(place);
         // If each answer ends its connection, the control question would need another connection.
@@ -18,76 +17,46 @@ impl DeviceLine {
             return None;
         }
         let owed = self.units.owed.get(unit.number)?;
+        // A repeated read may be answered by the answer to its first attempt.
+        if owed.first_asked(request).is_some() {
+            return None;
+        }
         // A late answer would be taken for the answer to the control question.
-        let control = owed.order.control(request).filter(|_| !owed.is_owing())?;
-        unit.functions.allow(control.function()).then_some(control)
+        let is_allowed = |read: Request<'static>| {
+            unit.functions.allow(read.function()) && owed.marks().all(|mark| mark != Mark::of(read))
+        };
+        owed.order.control(request, is_allowed)
     }
 
-    /// Returns the answer to this request, after a control question if order is in doubt. `is_repeated` means that the
-    /// answer may also be the late answer to the first attempt of this request.
-    pub(super) async fn in_order(
+    /// Records the result of a control question. Returns whether the request that waits for it may be sent. The unit
+    /// must have answered, with data or with a refusal.
+    pub(super) fn may_follow(
         &mut self,
         place: usize,
-        request: Request<'_>,
-        answer: Result<Answer, Fault>,
-        is_repeated: bool,
-    ) -> Result<Answer, Fault> {
-        let is_of_unit = match &answer {
-            Ok(_) => true,
-            Err(fault) => matches!(fault, Fault::Exception(_)) && !fault.is_of_a_gateway(),
-        };
-        if !is_of_unit || !self.units.at(place).is_behind_gateway {
-            return answer;
-        }
-        if let Some(control) = self.control_question(place, request).filter(|_| !is_repeated) {
-            self.ask_control(place, control).await?;
-        }
-        if answer.is_ok() {
-            self.units.owed(place).order.record_answer(request);
-        }
-        answer
+        control: Request<'static>,
+        answer: &Result<Answer, Fault>,
+    ) -> bool {
+        let Err(fault) = answer else { return true };
+        self.units.owed(place).order.record_failed_control(control, *fault);
+        fault.is_refusal() && !fault.is_of_a_gateway()
     }
 
-    /// Asks a control question.
-    ///
-    /// # Errors
-    /// Order is lost.
-    async fn ask_control(&mut self, place: usize, request: Request<'static>) -> Result<(), Fault> {
-        let (device, number) = (self.units.at(place).device, self.units.at(place).number);
-        // The pause after a fault counts from the start of the request.
-        let now = self.departure.looked();
-        let begun = self.tap.begin();
-        self.departure.next(request, Leave::Whenever);
-        if self.make_ready(place, request, now).await.is_err() {
-            return Ok(());
+    /// Begins the pause after lost order. It doubles each time, even if some answers in between were good.
+    pub(super) fn rest_out_of_order(&mut self, place: usize, now: Moment) {
+        let lost = self.units.owed(place).order.lost;
+        let breaker = &mut self.units.at_mut(place).breaker;
+        if lost > 0 {
+            breaker.succeed();
         }
-        let Some(connection) = &mut self.wire else { return Ok(()) };
-        let span = self.timeout + connection.wire().time_under_way(request);
-        self.departure.begins(span);
-        let exchanged = {
-            let exchange = pin!(connection.exchange(number, request, &mut self.departure));
-            self.patience.within(span, exchange).await
-        };
-        let answered = match exchanged {
-            Some(answered) if self.departure.took() <= span => answered,
-            _ => Err(connection.wire().missed()),
-        };
-        if let Some(begun) = begun {
-            self.tap.tell(begun, (device, number), request, &answered);
+        (0..lost).for_each(|_| breaker.fail(now));
+    }
+
+    /// Reports the result of a request to the observer, unless it was not sent.
+    pub(super) fn report(&self, device: DeviceId, request: Request<'_>, answer: &Result<Answer, Fault>) {
+        let Some(witness) = &self.witness else { return };
+        if !matches!(answer, Err(Fault::Caller(_) | Fault::UNVERIFIED)) {
+            let outcome = answer.as_ref().map(|_| ()).map_err(|fault| *fault);
+            witness.note(device, request, outcome, self.refusals());
         }
-        self.look_for_a_break(place, &answered, now);
-        let order = &mut self.units.owed(place).order;
-        let verdict = order.judge(request, answered.as_ref().map(|_| ()).map_err(|fault| *fault));
-        let lost = order.lost;
-        let fault = match (verdict, answered) {
-            (Verdict::InOrder, _) | (Verdict::Nothing, Ok(_)) => return Ok(()),
-            (Verdict::OutOfOrder, _) => Fault::Peer(PeerFault::OutOfOrder),
-            (Verdict::Nothing, Err(fault)) => fault,
-        };
-        // The pause is doubled first: the wait for a late answer is not shortened by it.
-        (0..lost).for_each(|_| self.units.at_mut(place).breaker.fail(now));
-        // The connection and the unit are treated as after any other request.
-        let _ = self.settle(place, request, Err(fault), now);
-        if verdict == Verdict::OutOfOrder { Err(fault) } else { Ok(()) }
     }
 }

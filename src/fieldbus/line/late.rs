@@ -64,4 +64,17 @@ impl DeviceLine {
         let missed = if fault.is_of_a_gateway() { self.departure.looked() } else { now.after(self.timeout) };
         self.units.misses(place, (request, asked, missed), fault, now, self.spans());
     }
+
+    /// Records that a read which was sent after another request has lost its connection. Its answer may arrive late.
+    pub(super) fn note_lost_read(
+        &mut self,
+        (number, read, asked): (u8, Request<'static>, Moment),
+        now: Moment,
+    ) {
+        let place = self.units.place_of(number).filter(|place| self.units.at(*place).is_behind_gateway);
+        if let Some(place) = place {
+            let missed = now.after(self.timeout);
+            self.units.misses(place, (read, asked, missed), Fault::Timeout, now, self.spans());
+        }
+    }
 }

@@ -9,6 +9,7 @@ use isotherm_core::codec::{Register, Table};
 use isotherm_profile::{BusId, Functions, Quirks, ReadBy};
 
 mod gateway;
+mod order;
 
 /// Result of one request or one attempt to connect.
 #[derive(Clone, Debug)]

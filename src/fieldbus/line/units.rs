@@ -71,6 +71,11 @@ impl Units {
         self.all.iter().position(|unit| unit.device == device)
     }
 
+    /// Returns the index of the first device with this unit number.
+    pub(super) fn place_of(&self, number: u8) -> Option<usize> {
+        self.all.iter().position(|unit| unit.number == number)
+    }
+
     pub(super) fn at(&self, place: usize) -> &Unit {
         &self.all[place]
     }

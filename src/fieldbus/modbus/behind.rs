@@ -44,10 +44,23 @@ impl Behind {
         self.open = Some(Open { unit, request, transaction, asked, answer: None });
     }
 
-    /// Returns the unanswered read.
+    /// Returns the transaction number, unit and request of the unanswered read.
     pub(super) fn unanswered(&self) -> Option<(u16, u8, Request<'static>)> {
         let open = self.open.as_ref().filter(|open| open.answer.is_none())?;
         Some((open.transaction, open.unit, open.request))
+    }
+
+    /// Returns the unit, request and time of sending of the unanswered read.
+    pub(super) fn unanswered_since(&self) -> Option<(u8, Request<'static>, Moment)> {
+        let open = self.open.as_ref().filter(|open| open.answer.is_none())?;
+        Some((open.unit, open.request, open.asked))
+    }
+
+    /// Takes the unanswered read, if `request` is that read. Returns its transaction number and its time of sending.
+    pub(super) fn take_unanswered(&mut self, unit: u8, request: Request<'_>) -> Option<(u16, Moment)> {
+        let is_it = |open: &mut Open| open.answer.is_none() && (open.unit, open.request) == (unit, request);
+        let open = self.open.take_if(is_it)?;
+        Some((open.transaction, open.asked))
     }
 
     pub(super) fn answered(&mut self, answer: Result<Answer, Fault>) {
@@ -56,18 +69,17 @@ impl Behind {
         }
     }
 
-    /// Returns the answer and the time of sending, if `request` is the read that was sent. An answer that was not
-    /// requested within the timeout is discarded.
+    /// Returns the answer and the time of sending, if `request` is the read that was sent and is answered. An answer
+    /// that was not requested within the timeout is discarded.
     pub(super) fn take(
         &mut self,
         unit: u8,
         request: Request<'_>,
         departure: &mut Departure,
-        was_waited_for: bool,
     ) -> Option<(Result<Answer, Fault>, Moment)> {
         let is_it = |open: &mut Open| (open.unit, open.request) == (unit, request);
         let open = self.open.take_if(is_it)?;
-        let is_young = was_waited_for || departure.is_patient_since(open.asked);
+        let is_young = departure.is_patient_since(open.asked);
         Some((open.answer.filter(|_| is_young)?, open.asked))
     }
 }

@@ -259,6 +259,49 @@ async fn what_is_read_behind_a_question_is_as_old_as_that() {
 }
 
 #[tokio::test]
+async fn a_read_behind_a_question_that_is_not_answered_was_sent_with_that() {
+    let (ours, mut theirs) = duplex(512);
+    let mut wire = ModbusTcp::new(ours, &Tap::default());
+    let peer = async {
+        let write = hear(&mut theirs).await;
+        theirs.write_all(&frame(&write, 0, 0, ECHO)).await.unwrap();
+    };
+    let mut departure = Departure::whenever(&Clock::wall());
+    departure.begins(Duration::from_secs(1));
+    wire.ask_behind(Some((3, READ)));
+    let (written, ()) = tokio::join!(wire.exchange(3, WRITE, &mut departure), peer);
+    written.unwrap();
+    let left = departure.asked();
+    assert_eq!(wire.unanswered_behind(), left.map(|asked| (3, READ, asked)));
+    departure.next(READ, Leave::Whenever);
+    let answer = wire.exchange(3, READ, &mut departure);
+    assert!(tokio::time::timeout(Duration::from_millis(20), answer).await.is_err());
+    assert_eq!(departure.asked(), left);
+    assert_eq!(wire.unanswered_behind(), None, "it has become the present request");
+}
+
+#[tokio::test]
+async fn the_form_of_an_answer_is_known_though_it_is_a_wrong_one() {
+    for (pdu, form) in [
+        (&[3, 2, 0, 1][..], Mark::of_answer(&[3, 2])),
+        (&[4, 4, 0, 1, 0, 2], Mark::of_answer(&[4, 4])),
+        (&[0x83, 2], None),
+        (ECHO, None),
+    ] {
+        let (ours, mut theirs) = duplex(512);
+        let mut wire = ModbusTcp::new(ours, &Tap::default());
+        let peer = async {
+            let asked = hear(&mut theirs).await;
+            theirs.write_all(&frame(&asked, 0, 0, pdu)).await.unwrap();
+        };
+        let mut departure = Departure::whenever(&Clock::wall());
+        let (answer, ()) = tokio::join!(wire.exchange(3, READ, &mut departure), peer);
+        assert!(answer.is_err());
+        assert_eq!(wire.received_form(), form, "{pdu:?}");
+    }
+}
+
+#[tokio::test]
 async fn what_nobody_asked_for_keeps_a_write_from_leaving_and_is_found_behind_one_that_follows_an_answer_at_once()
  {
     for (pause, left, fault) in [(0, true, PeerFault::Foreign), (1, false, PeerFault::Unasked)] {
