@@ -542,7 +542,7 @@ impl Gateway {
         }
     }
 
-    /// Closes sessions with servers that reserve resources for a line, so that a server with few sessions has them free
+    /// Logs off from servers that reserve resources for a line, so that a server for few clients has them free
     /// at once. A server that does not answer is not waited for.
     async fn take_leave(&self, tasks: &mut JoinSet<()>, lines: &HashMap<Id, BusId>) {
         let kept = |bus: BusId| Some(self.shared.profile.bus(bus)).filter(|bus| bus.opcua.is_some());

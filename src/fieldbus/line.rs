@@ -233,11 +233,11 @@ impl DeviceLine {
     /// request for the same read receives its answer. `None` means no such read.
     pub fn ask_behind(&mut self, read: Option<(DeviceId, Request<'static>)>) {
         let now = self.departure.looked();
-        let is_in_doubt = |owed: &Owed| owed.is_owing() || owed.order.is_in_doubt();
         let allowed = |device: DeviceId, request: Request<'_>| {
             let unit = self.units.get(device)?;
+            let is_to_wait = |owed: &Owed| owed.is_owing() || owed.order.control(request, |_| true).is_some();
             let must_wait =
-                unit.is_behind_gateway && self.units.owed.get(unit.number).is_some_and(is_in_doubt);
+                unit.is_behind_gateway && self.units.owed.get(unit.number).is_some_and(is_to_wait);
             (unit.functions.allow(request.function()) && unit.breaker.allows(now) && !must_wait)
                 .then_some(unit.number)
         };
@@ -382,8 +382,9 @@ impl DeviceLine {
                 }
                 match answer {
                     Err(fault) if is_missing(fault) => {}
-                    Ok(_) | Err(Fault::Exception(_)) => owed.answers(sent, took),
-                    Err(_) => {}
+                    // An answered control question says nothing about the read that waits for it.
+                    Ok(_) | Err(Fault::Exception(_)) if control.is_none() => owed.answers(sent, took),
+                    _ => {}
                 }
             }
             if let Some(begun) = begun {
@@ -407,9 +408,13 @@ impl DeviceLine {
                 answer.is_ok() && self.is_followed_by_another(number, sent, is_repeated, now).await;
             self.look_for_a_break(place, &answer, now);
             if !std::mem::take(&mut was_connected) || !matches!(answer, Err(Fault::BROKEN | Fault::CLOSED)) {
+                let breaker = control.map(|_| self.units.at(place).breaker.clone());
                 let answer = self.settle(place, sent, answer, now);
                 if !control.is_some_and(|control| self.may_follow(place, control, &answer)) {
                     break (sent, answer);
+                }
+                if let Some(breaker) = breaker {
+                    self.units.at_mut(place).breaker = breaker;
                 }
                 self.report(device, sent, &answer);
                 // Some gateways close the connection after an answer. The request may then need another one.

@@ -16,8 +16,8 @@
 //!
 //! Limits. A gateway that keeps two answers or more is not always detected, nor is one that keeps an answer although no
 //! answer to this unit was missing. A unit is not protected before it has answered reads of two forms, if only reads of
-//! one form are sent to it, or with a connection for each request. The same applies after a failed control question,
-//! until the unit has answered that as an ordinary read. The answer to a write has no control question.
+//! one form are sent to it, or with a connection for each request. The same applies after a control question that failed
+//! twice in a row, until the unit has answered that as an ordinary read. The answer to a write has no control question.
 
 use super::error::{Fault, PeerFault};
 use super::mark::Mark;
@@ -34,6 +34,8 @@ pub(super) struct Order {
     answered: [Option<Request<'static>>; 2],
     /// Control question that was not answered with data, until the next request.
     failed: Option<Request<'static>>,
+    /// Control question that has failed once since it was last answered.
+    unsure: Option<Request<'static>>,
     /// Answers in a row that showed lost order.
     pub(super) lost: u8,
 }
@@ -52,7 +54,7 @@ enum Doubt {
 impl Order {
     /// Returns the state of a unit without requests so far.
     pub(super) fn unknown() -> Order {
-        Order { doubt: Doubt::Unknown, answered: [None; 2], failed: None, lost: 0 }
+        Order { doubt: Doubt::Unknown, answered: [None; 2], failed: None, unsure: None, lost: 0 }
     }
 
     /// Returns whether the gateway may keep an answer.
@@ -104,8 +106,18 @@ impl Order {
         let failed = self.failed.take();
         match outcome {
             Ok(()) => {
-                // The unit answers, and is silent only for the control question, or refuses only that.
-                self.answered.iter_mut().for_each(|read| *read = read.filter(|read| Some(*read) != failed));
+                // A single lost answer is chance. After two, the unit is silent only for the control question, or
+                // refuses only that.
+                let is_dead = failed.is_some() && self.unsure == failed;
+                if is_dead {
+                    self.answered
+                        .iter_mut()
+                        .for_each(|read| *read = read.filter(|read| Some(*read) != failed));
+                }
+                self.unsure = match failed {
+                    Some(_) => failed.filter(|_| !is_dead),
+                    None => self.unsure.filter(|read| *read != request),
+                };
                 self.record_answer(request);
                 self.confirm(form);
                 false
@@ -134,8 +146,8 @@ impl Order {
     }
 
     /// Records the fault of a control question. Unless it shows lost order, the next read of another form is sent
-    /// without one. If that is answered, the control question is not sent again until it was answered as an ordinary
-    /// read.
+    /// without one. If this happens twice in a row, and the reads are answered, the control question is not sent again
+    /// until it was answered as an ordinary read.
     pub(super) fn record_failed_control(&mut self, control: Request<'static>, fault: Fault) {
         if !matches!(fault, Fault::Caller(_) | Fault::Peer(PeerFault::OutOfOrder)) {
             self.failed = Some(control);

@@ -184,7 +184,10 @@ fn a_directory_that_becomes_read_only_is_reported_and_what_is_kept_again_too() {
     is_there(&state);
     std::fs::set_permissions(&home.state, std::fs::Permissions::from_mode(0o550)).unwrap();
     let said = program.hears("the state cannot be saved");
-    assert!(said.contains(home.state.to_str().unwrap()) && said.contains("this user may not"), "{said}");
+    assert!(
+        said.contains(home.state.to_str().unwrap()) && said.contains("this user has no permission"),
+        "{said}"
+    );
     std::fs::set_permissions(&home.state, std::fs::Permissions::from_mode(0o750)).unwrap();
     program.hears("the state is saved again");
     program.signal("TERM");

@@ -376,7 +376,7 @@ fn a_share_of_an_operators_register_needs_whole_counts_that_can_be_read() {
         "type = \"f32\"\nword_order = \"msw-first\"",
     );
     let float = only_error(&float, "output.cnc_z.share", "\"ledger\"");
-    assert!(float.to_string().contains("integer types"), "{float}");
+    assert!(float.to_string().contains("an integer type"), "{float}");
     let corrected =
         GRINDER.replacen("writes = \"corrected\"", "writes = \"corrected\"\nshare = \"ledger\"", 1);
     let corrected = only_error(&corrected, "output.readout_z.share", "\"ledger\"");

@@ -54,7 +54,8 @@ fn the_models_value_stands_at_every_row_whatever_the_time_step() {
         for (raw, expected) in raw.iter().zip(&expected) {
             assert!((raw - expected).abs() < 1e-6, "{steps:?}: {raw} {expected}");
         }
-        let lags = summary.warnings.iter().any(|warning| warning.contains("axis z updates (10s)"));
+        let lags =
+            summary.warnings.iter().any(|warning| warning.contains("the update interval of axis z (10s)"));
         assert_eq!(lags, steps == [60.0], "{:?}", summary.warnings);
         for pair in numbers(&table, "z_cz_um").windows(2) {
             assert!((pair[1] - pair[0]).abs() <= 1.0 + 1e-9);

@@ -5,6 +5,7 @@ use std::time::Duration;
 use super::seed;
 use crate::fieldbus::backoff::Backoff;
 use crate::fieldbus::error::{Fault, LinkFault, PeerFault};
+use crate::fieldbus::mark::Mark;
 use crate::fieldbus::owed::{Debts, Owed, Spans};
 use crate::fieldbus::wire::Request;
 use isotherm_core::quantity::Moment;
@@ -120,13 +121,16 @@ impl Units {
         now: Moment,
         spans: Spans,
     ) {
+        let is_behind_gateway = self.all[place].is_behind_gateway;
         let owed = self.owed(place);
         let is_lost = fault.is_of_a_gateway()
             || matches!(fault, Fault::Timeout | Fault::Peer(PeerFault::Malformed | PeerFault::Foreign));
         if !is_lost {
             owed.distrust();
         }
-        let may_be_asked = owed.misses(request, asked, missed);
+        // A control question differs in form from each late answer. If answers of two forms may be late, there may be none.
+        let are_alike = owed.marks().all(|mark| mark == Mark::of(request));
+        let may_be_asked = owed.misses(request, asked, missed) && (are_alike || !is_behind_gateway);
         self.all[place].last_fault = fault;
         if !may_be_asked {
             self.rest(place, fault, now, spans);

@@ -172,7 +172,7 @@ async fn a_read_is_used_though_the_control_question_is_refused_and_after_one_tha
     for at in [20_000, 20_001] {
         assert_eq!(line.ask(0, OIL, at).await, data(OIL));
     }
-    assert_eq!(asked(&keeper), [(100, 1), (100, 1)], "the unit is silent for the control question only");
+    assert_eq!(asked(&keeper), [(100, 1), (100, 2), (100, 1)], "a single lost answer is chance");
 }
 
 /// A prompt unit gets the same read again at once. The answer to the first attempt is that of the second one.
@@ -247,9 +247,9 @@ async fn sent_together() -> Rig {
     let (mut line, _) = line(|device| device.quirks.gateway = Gateway::ByUnits);
     line.line.dial = Box::new(Mute);
     line.line.pipeline = Pipeline::new(true);
-    for value in [9, 10, 11] {
-        // Two different echoes show that order is kept. Only then are two requests sent together.
-        line.line.ask_behind(Some((DeviceId(0), READ)));
+    // Two different echoes show that order is kept.
+    for (value, behind) in [(9, None), (10, Some((DeviceId(0), READ)))] {
+        line.line.ask_behind(behind);
         let write = Request::WriteSingle { at: 1, value };
         assert_eq!(line.ask(0, write, 0).await, Ok(Answer::Done));
     }
@@ -257,6 +257,25 @@ async fn sent_together() -> Rig {
     let unanswered = connection.wire().unanswered_behind();
     assert_eq!(unanswered.map(|(unit, read, _)| (unit, read)), Some((1, READ)));
     line
+}
+
+/// A unit with reads of one form only has no control question, so that waiting would not help it.
+#[tokio::test(start_paused = true)]
+async fn a_unit_without_a_control_question_may_be_read_together_with_another_request() {
+    let (mut line, _) = line(|device| device.quirks.gateway = Gateway::ByUnits);
+    line.line.dial = Box::new(Kept { keeper: Arc::default(), form: None });
+    line.line.pipeline = Pipeline::new(true);
+    for _ in 0..3 {
+        assert_eq!(line.ask(0, READ, 0).await, data(READ));
+    }
+    assert!(line.line.units.owed.get(1).unwrap().order.is_in_doubt());
+    line.line.ask_behind(Some((DeviceId(0), READ)));
+    assert!(line.line.pipeline.take().is_some());
+    assert_eq!(line.ask(0, LONG, 0).await, data(LONG));
+    assert_eq!(line.ask(0, READ, 0).await, data(READ));
+    line.line.units.owed(0).order.suspect(Mark::of(READ));
+    line.line.ask_behind(Some((DeviceId(0), READ)));
+    assert!(line.line.pipeline.take().is_none(), "the control question comes first");
 }
 
 /// Returns whether a late answer of the first unit is awaited, and whether its order is in doubt.

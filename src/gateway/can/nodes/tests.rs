@@ -85,7 +85,7 @@ fn silence_is_reported_once_by_heartbeat_or_by_age_also_of_what_was_never_heard(
     let mut nodes = nodes();
     assert_eq!(nodes.due(), Some(at(2)));
     let lost = reported(&nodes.tick(vec![], at(2)));
-    assert!(lost.len() == 1 && lost[0].starts_with("0 was never heard"), "{lost:?}");
+    assert!(lost.len() == 1 && lost[0].starts_with("0 was never seen"), "{lost:?}");
     assert_eq!(reported(&nodes.tick(vec![], at(3))), ["1 silent for 3s, heard before: false"]);
     assert!(nodes.is_lost(MODULE) && nodes.is_lost(SENDER));
     assert_eq!(reported(&nodes.tick(vec![], at(60))), [""; 0]);
