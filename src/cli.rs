@@ -232,8 +232,8 @@ pub fn escaped(refused: clap::Error) -> clap::Error {
         && let Some((verb, feature)) = FEATURE_OF_VERB.iter().find(|(name, _)| name == verb)
     {
         let message = format!(
-            "this program was built without the verb `{verb}`\n\n  help: take a packaged program, or build it in: \
-             `cargo build --release --features {feature}`\n"
+            "this program was built without the verb `{verb}`\n\n  help: use a packaged program, or build one \
+             with the verb: `cargo build --release --features {feature}`\n"
         );
         return clap::Error::raw(refused.kind(), message).format(&mut Arguments::command());
     }

@@ -5,38 +5,38 @@ use std::io::{self, ErrorKind};
 
 use tokio_rustls::rustls::{AlertDescription, CertificateError, Error};
 
-/// Cause of a failed TLS connection. In the messages, "its" means the other end's.
+/// Cause of a failed TLS connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum TlsFault {
     /// The certificate of the other end has expired.
-    #[error("its certificate has expired, or this computer's clock is wrong")]
+    #[error("the certificate of the other end has expired, or this computer's clock is wrong")]
     Expired,
     /// The certificate of the other end is not valid yet.
-    #[error("its certificate is not valid yet, or this computer's clock is wrong")]
+    #[error("the certificate of the other end is not valid yet, or this computer's clock is wrong")]
     NotYetValid,
     /// The certificate of the other end is for another name.
-    #[error("its certificate is for another name")]
+    #[error("the certificate of the other end is for another name")]
     OtherName,
     /// No trusted authority has signed the certificate.
-    #[error("nobody who is trusted has signed its certificate")]
+    #[error("no trusted authority has signed the certificate of the other end")]
     UnknownAuthority,
     /// The certificate is invalid for another reason.
-    #[error("its certificate is of no use as a server's")]
+    #[error("the certificate of the other end cannot be used as a server certificate")]
     BadCertificate,
     /// The other end requires a certificate, and received none.
-    #[error("it wants to see a certificate of the gateway")]
+    #[error("the other end requires a certificate of the gateway")]
     OursMissing,
     /// The gateway's certificate has expired.
-    #[error("it finds that the gateway's certificate has expired")]
+    #[error("the other end reports that the gateway's certificate has expired")]
     OursExpired,
     /// The other end rejects the gateway's certificate.
-    #[error("it does not take the gateway's certificate")]
+    #[error("the other end rejects the gateway's certificate")]
     OursRefused,
     /// The two ends have no TLS version, cipher or signature in common.
-    #[error("no TLS version or cipher in common: this end speaks 1.2 with ECDHE, and 1.3")]
+    #[error("no TLS version or cipher in common: the gateway supports TLS 1.2 with ECDHE, and TLS 1.3")]
     NothingInCommon,
     /// The other end does not support TLS.
-    #[error("whoever listens there does not speak TLS")]
+    #[error("the program at this port does not speak TLS")]
     NoTls,
     /// The other end closed the connection during the handshake, without a reason.
     #[error("closed in the middle of the TLS handshake")]
@@ -45,10 +45,10 @@ pub enum TlsFault {
     #[error("closed before the first answer")]
     TurnedAway,
     /// The other end ended the handshake for another reason.
-    #[error("it has ended the TLS handshake")]
+    #[error("the other end has ended the TLS handshake")]
     Refused,
     /// The files of the profile for the gateway's end are unusable.
-    #[error("the files in `tls` are of no use")]
+    #[error("the files in `tls` cannot be used")]
     OurFiles,
 }
 
@@ -117,17 +117,17 @@ mod tests {
     fn what_the_library_says_is_judged_and_put_into_words() {
         let told = |error: Error| TlsFault::of(&io::Error::new(ErrorKind::InvalidData, error));
         for (error, words) in [
-            (Error::InvalidCertificate(CertificateError::Expired), "its certificate has expired"),
+            (Error::InvalidCertificate(CertificateError::Expired), "of the other end has expired"),
             (Error::InvalidCertificate(CertificateError::NotValidYet), "is not valid yet"),
             (Error::InvalidCertificate(CertificateError::NotValidForName), "is for another name"),
-            (Error::InvalidCertificate(CertificateError::UnknownIssuer), "nobody who is trusted"),
-            (Error::InvalidCertificate(CertificateError::BadSignature), "nobody who is trusted"),
-            (Error::InvalidCertificate(CertificateError::InvalidPurpose), "is of no use"),
-            (Error::AlertReceived(AlertDescription::CertificateRequired), "wants to see a certificate"),
+            (Error::InvalidCertificate(CertificateError::UnknownIssuer), "no trusted authority"),
+            (Error::InvalidCertificate(CertificateError::BadSignature), "no trusted authority"),
+            (Error::InvalidCertificate(CertificateError::InvalidPurpose), "cannot be used as a server"),
+            (Error::AlertReceived(AlertDescription::CertificateRequired), "requires a certificate of"),
             (Error::AlertReceived(AlertDescription::CertificateExpired), "the gateway's certificate has"),
-            (Error::AlertReceived(AlertDescription::UnknownCA), "does not take the gateway's"),
+            (Error::AlertReceived(AlertDescription::UnknownCA), "rejects the gateway's certificate"),
             (Error::AlertReceived(AlertDescription::ProtocolVersion), "no TLS version or cipher in common"),
-            (Error::AlertReceived(AlertDescription::InternalError), "it has ended the TLS handshake"),
+            (Error::AlertReceived(AlertDescription::InternalError), "has ended the TLS handshake"),
             (Error::InvalidMessage(InvalidMessage::InvalidContentType), "does not speak TLS"),
         ] {
             let said = told(error.clone()).map(|fault| fault.to_string()).unwrap_or_default();

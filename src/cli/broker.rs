@@ -29,7 +29,7 @@ pub(super) fn check(profile: &Profile) -> Result<(), Errors> {
 /// This program was built without MQTT.
 #[cfg(not(feature = "mqtt"))]
 pub(super) fn check(profile: &Profile) -> Result<(), Errors> {
-    let help = "install a packaged program, or build one with MQTT: `cargo build --release --features mqtt`";
+    let help = "use a packaged program, or build one with MQTT: `cargo build --release --features mqtt`";
     let wrong = |mqtt: &isotherm_profile::Mqtt| mqtt.wrong("this program was built without MQTT", help);
     profile.mqtt.as_ref().map_or(Ok(()), |mqtt| Err(Errors(vec![wrong(mqtt)])))
 }

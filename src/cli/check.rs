@@ -175,7 +175,7 @@ fn unlike_run(profile: &Profile, state: Option<&Path>) -> Vec<String> {
     let directory = known_directory(state.or(profile.history.directory.as_deref()));
     let changed = templates::changed(&directory, profile).into_iter();
     let changed = changed.map(|(name, changes)| {
-        format!("template {name} is not as it was in the last run of this machine: {changes}")
+        format!("template {name} has changed since the last run of this machine: {changes}")
     });
     let socket = control::path(&directory, &profile.name);
     let tokens = profile.web.as_ref().and_then(|web| Admission::of(web).err());

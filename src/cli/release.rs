@@ -109,7 +109,7 @@ fn nothing_left(output: &str, is_present: bool, left: &[Value]) -> String {
              and run `isotherm restart --keep`; {others}"
         ),
         false => format!(
-            "no moved or removed output {} has left an offset of the gateway in a register; {others}",
+            "no value of the gateway is in a register of an output {} that was moved or removed; {others}",
             quoted(output)
         ),
     }
@@ -137,13 +137,13 @@ fn seen(left: &Value) -> f64 {
 /// Describes the offset that is left in a register, and how it returns to its base.
 fn way(left: &Value) -> String {
     let figure = |key: &str| left[key].as_f64();
-    let micron = |key: &str| figure(key).map_or("an unknown part".to_owned(), |um| format!("{um:.1} µm"));
+    let micron =
+        |key: &str| figure(key).map_or("an unknown number of µm".to_owned(), |um| format!("{um:.1} µm"));
     let register = word(&left["register"]);
     let holds = match figure("found_um") {
-        None => format!("{} of the gateway's offset were verified in {register}", micron("held_um")),
+        None => format!("{} from the gateway were verified in {register}", micron("held_um")),
         Some(_) => format!(
-            "{register} held {} when it was read last; before, {} of the gateway's offset were verified in \
-             it",
+            "{register} held {} when it was read last; before, {} from the gateway were verified in it",
             micron("found_um"),
             micron("held_um")
         ),
@@ -180,7 +180,7 @@ mod tests {
         });
         assert_eq!(
             way(&left),
-            "20.0 µm of the gateway's offset were verified in holding:104 (40105) of unit 1 at 10.0.0.7:502; \
+            "20.0 µm from the gateway were verified in holding:104 (40105) of unit 1 at 10.0.0.7:502; \
              the register returns to its base by at most 1 µm an update and 0.25 µm/s, within ±40 µm: this \
              takes about 1m 20s"
         );
@@ -197,7 +197,7 @@ mod tests {
         left["found_um"] = 5.0.into();
         assert!((seen(&left) - 5.0).abs() < 1e-9);
         assert!(
-            way(&left).contains("held 5.0 µm when it was read last; before, 20.0 µm of the gateway's offset"),
+            way(&left).contains("held 5.0 µm when it was read last; before, 20.0 µm from the gateway"),
             "{}",
             way(&left)
         );

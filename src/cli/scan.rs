@@ -105,7 +105,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     })?;
     clear_line();
     let stopped = stopped.map(|stopped| match stopped {
-        None => format!("stopped after {} of {}", seen.asked, counted(scan.questions(), "question")),
+        None => format!("stopped after {} of {}", seen.asked, counted(scan.questions(), "request")),
         Some(Stopped { unit, fault }) => {
             let (line, from) = (&scan.lines[0], scan.registers[0]);
             remedy(fault, Question { line, unit, from, count: 1, timeout: scan.bus.timeout })

@@ -101,9 +101,11 @@ impl Line {
             Transport::OpcUa if cfg!(feature = "opcua") => {
                 ("an OPC UA server", "`isotherm read --browse` shows its nodes")
             }
-            Transport::OpcUa => {
-                ("an OPC UA server", "this program was built without OPC UA: install a packaged program")
-            }
+            Transport::OpcUa => (
+                "an OPC UA server",
+                "this program was built without OPC UA: use a packaged program, or build one with \
+                 `cargo build --release --features opcua`",
+            ),
             Transport::Sysfs => (
                 "sensors of this computer",
                 "`isotherm scan --bus DIRECTORY` lists them, for example of /sys",

@@ -1,5 +1,5 @@
-//! Requests and answers of Modbus as bytes, without the frame of a transport. Only this module and the virtual machine
-//! use the Modbus library, here for its decoder.
+//! Requests and answers of Modbus as bytes, without the frame of a transport. Only this module uses the Modbus library,
+//! for its decoder.
 //!
 //! The clients of the library are not suitable. Over TCP they number the transactions of every connection from zero,
 //! and discard earlier input without a warning. Over RTU they keep no silence, and wait for ever after a wrong

@@ -10,7 +10,7 @@ pub(super) fn of_an_output(profile: &Profile, output: OutputId, fault: Fault) ->
     let label = set.map_or(String::new(), |set| set.label());
     let words = match fault {
         Fault::Part { status, place } => named(place).map(|node| {
-            format!("the server answers {status} to {node}, but has written other values of {label}")
+            format!("the server has written only some values of {label}: it answers {status} to {node}")
         }),
         Fault::Unreadable { reason, place } => {
             named(place).map(|node| format!("{node} cannot be read: {}", Fault::of_a_node(reason)))

@@ -103,7 +103,7 @@ pub(super) fn why_refused(profile: &Profile, axis: usize, refused: Refused, prob
             Explained::new("no model of the axis can be used now", "look at the alarms of its signals")
         }
         Refused::Tripped => Explained::new(
-            "its model asked for more than the error level and is not used",
+            "its model requested more than the error level and is not used",
             "arm the axis again when the cause is found",
         ),
         Refused::Outside => Explained::new(

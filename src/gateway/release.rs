@@ -205,8 +205,8 @@ pub(super) fn in_doubt() -> Explained {
 }
 
 fn unknown() -> Explained {
-    let cause = "the saved state does not contain its limit, step and rate: an earlier version of the \
-                 program wrote the state";
+    let cause = "the saved state does not contain a valid limit, step and rate for this register; an \
+                 earlier version of the program may have written it";
     Explained::new(cause, BY_HAND)
 }
 

@@ -10,11 +10,13 @@ use isotherm_profile::Profile;
 
 use super::why::SEE_TO_THE_SENSOR;
 
-/// Returns the cause and hint of a sensor with a stand-in: `bed frozen, taken from 5 others`.
+/// Returns the cause and hint of a sensor with a stand-in: `bed frozen, replaced by a stand-in from 5 other
+/// sensors`.
 pub(super) fn explained(profile: &Profile, found: &StoodIn) -> Explained {
     let is = if found.frozen { "frozen" } else { "lost" };
     let signal = &profile.signal(found.signal).name;
-    Explained::new(format!("{signal} {is}, taken from {}", others(found.others)), SEE_TO_THE_SENSOR)
+    let cause = format!("{signal} {is}, replaced by a stand-in from {}", others(found.others));
+    Explained::new(cause, SEE_TO_THE_SENSOR)
 }
 
 /// Sensor that was reported, and its state in the report.
@@ -99,18 +101,18 @@ mod tests {
             texts.map(|text| text.split("; look at").next().unwrap().to_owned()).collect()
         };
         let bed = found(0, true, Some(5));
-        assert_eq!(told(&[bed]), ["axis z: bed frozen for 0s, taken from 5 others"]);
+        assert_eq!(told(&[bed]), ["axis z: bed frozen for 0s, replaced by a stand-in from 5 other sensors"]);
         assert_eq!(told(&[bed]), [""; 0]);
         let both = [found(0, true, None), found(1, true, None)];
-        let nobody = "frozen for 0s, and not taken from others";
+        let nobody = "frozen for 0s, and not replaced by a stand-in";
         assert_eq!(told(&both), [format!("axis z: bed {nobody}"), format!("axis z: wheelhead {nobody}")]);
         assert_eq!(told(&both), [""; 0]);
         let lost = found(1, false, None);
         assert_eq!(
             told(&[bed, lost]),
             [
-                "axis z: wheelhead is not taken from others any more".to_owned(),
-                "axis z: bed frozen for 0s, taken from 5 others".to_owned()
+                "axis z: wheelhead is not replaced by a stand-in any more".to_owned(),
+                "axis z: bed frozen for 0s, replaced by a stand-in from 5 other sensors".to_owned()
             ]
         );
         assert_eq!(told(&[lost]), ["axis z: bed is accepted again"]);

@@ -14,8 +14,8 @@ use super::output::{Outputs, Standing};
 use super::{comparison, extrapolation, stand_in};
 
 /// Cause of an axis that exceeded its error level.
-pub(super) const BEYOND_ERROR: &str = "its model asked for more than the error level";
-/// Hint for what only a person can find.
+pub(super) const BEYOND_ERROR: &str = "its model requested more than the error level";
+/// Hint for a cause that only an operator can find.
 pub(super) const WHEN_FOUND: &str = "arm the axis again when the cause is found";
 /// Hint for a sensor that is lost or frozen.
 pub(super) const SEE_TO_THE_SENSOR: &str = "look at the sensor, its cable and its channel";

@@ -37,7 +37,7 @@ const GAUGES: [(&str, &str); 36] = [
     ("isotherm_probe_gain_change", "Relative change of a gain by measured errors."),
     ("isotherm_axis_limit_meters", "Largest size of the compensation."),
     ("isotherm_axis_warned", "1 while the compensation lies beyond its warning level."),
-    ("isotherm_axis_tripped", "1 when a model asked for more than the error level."),
+    ("isotherm_axis_tripped", "1 when a model requested more than the error level."),
     (
         "isotherm_axis_extrapolating",
         "1 when the inputs are outside the range on which the model in use was identified.",

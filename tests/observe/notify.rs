@@ -186,7 +186,7 @@ async fn a_web_server_of_others_takes_it_with_the_token_beside_or_within_its_add
 async fn a_server_whom_nobody_trusts_gets_no_message_and_it_is_said_why() {
     let (authority, other) = (Authority::new(), Authority::named("other"));
     for (signed, ca, words) in [
-        (authority.signs("localhost", NOW), &other.cert, "nobody who is trusted has signed"),
+        (authority.signs("localhost", NOW), &other.cert, "no trusted authority has signed"),
         (authority.signs("elsewhere", NOW), &authority.cert, "for another name: write that name into `url`"),
         (authority.signs("localhost", (2001, 2002)), &authority.cert, "has expired"),
     ] {

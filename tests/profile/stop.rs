@@ -30,7 +30,7 @@ fn check_says_that_a_stop_with_hold_moves_nothing() {
     let text = GRINDER.replacen(FIRST, "[machine]\non_stop = \"hold\"\n", 1);
     assert_eq!(parse(&text).unwrap().profile.on_stop, OnStop::Hold);
     let (line, json) = stop_of(&text);
-    assert_eq!(line, "the registers keep what they hold: at most 4s");
+    assert_eq!(line, "the registers keep their values: at most 4s");
     assert_eq!(json, serde_json::json!({ "on_stop": "hold", "longest_s": 4, "late_s": null }));
 }
 

@@ -330,3 +330,15 @@ fn what_changed_in_a_template_is_told_key_by_key() {
     assert_eq!(changes, said);
     assert!(isotherm_profile::template::changes(before, before).is_empty());
 }
+
+#[test]
+fn changed_texts_of_a_template_are_one_change() {
+    let before = "title = \"a\"\nsource = \"b\"\n[check.format]\nwhat = \"c\"\n[channel.tc]\nscale = 0.1\n";
+    let changes = |now: &str| isotherm_profile::template::changes(before, now);
+    let texts = before.replace("\"a\"", "\"d\"").replace("\"c\"", "\"e\"");
+    assert_eq!(changes(&texts), ["its notes changed"]);
+    assert_eq!(changes(&before.replace("source = \"b\"\n", "")), ["its notes changed"]);
+    assert_eq!(changes(&before.replace("[check", "notes = [\"f\"]\n[check")), ["its notes changed"]);
+    let both = texts.replace("0.1", "0.2");
+    assert_eq!(changes(&both), ["channel.tc.scale: 0.1 → 0.2", "its notes changed"]);
+}

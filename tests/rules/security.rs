@@ -93,11 +93,11 @@ fn whoever_finds_a_weakness_reads_where_to_report_it_and_what_becomes_of_it_by_w
     let expected = [
         ("## Reporting", "in private"),
         ("## Reporting", "not in a public issue"),
-        ("## Reporting", "within fourteen days an answer"),
+        ("## Reporting", "an answer within fourteen days"),
         ("## Reporting", "within ninety days there is a fix"),
         ("## Reporting", "`### security` in `changelog.md`"),
         ("## What is supported", "the newest release"),
-        ("## What is supported", "is not mended"),
+        ("## What is supported", "gets no fixes"),
         ("## What is promised, and what is not", "not a safety function"),
     ];
     for (heading, said) in expected {

@@ -109,7 +109,7 @@ fn a_scan_that_is_stopped_says_how_far_it_came_and_what_it_found() {
     scan.signal("INT");
     assert_eq!(scan.ends_within(PATIENCE).code(), Some(1), "{}", scan.said.join("\n"));
     let said = scan.said.join("\n");
-    assert!(said.contains("stopped after 4 of 247 questions"), "{said}");
+    assert!(said.contains("stopped after 4 of 247 requests"), "{said}");
     assert!(said.contains("[device.unit4]"), "{said}");
 }
 
@@ -121,7 +121,7 @@ fn where_nobody_answers_a_scan_fails_and_says_what_to_try() {
     let scan =
         ended(isotherm(home.path()).args(["scan", "--bus", &line, "--units", "1..2", "--timeout", "50ms"]));
     assert_eq!(scan.code, Some(1));
-    assert!(scan.said.contains("no unit answered. Is it another port"), "{}", scan.said);
+    assert!(scan.said.contains("no unit answered. Try another port"), "{}", scan.said);
     let line = format!("tcp://127.0.0.1:{}", free_port());
     let refused = ended(isotherm(home.path()).args(["scan", "--bus", &line]));
     assert_eq!(refused.code, Some(1));

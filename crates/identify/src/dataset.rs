@@ -242,7 +242,8 @@ fn read_table(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, BadLo
     return parquet::read(file, split, uses);
     #[cfg(not(feature = "parquet"))]
     return Err(BadLog(vec![format!(
-        "{}: this program was built without Parquet: write CSV, or build it in: `cargo build --release --features parquet`",
+        "{}: this program was built without Parquet: write CSV, use a packaged program, or build one with \
+         Parquet: `cargo build --release --features parquet`",
         file.display()
     )]));
 }

@@ -347,6 +347,9 @@ impl fmt::Display for Summary {
                 reproduced.fmt(f)?;
             }
         }
+        for warning in &self.warnings {
+            writeln!(f, "warning: {warning}")?;
+        }
         if let Some(outputs) = &self.outputs {
             outputs.fmt(f)?;
         }

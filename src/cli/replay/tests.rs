@@ -54,8 +54,7 @@ fn the_models_value_stands_at_every_row_whatever_the_time_step() {
         for (raw, expected) in raw.iter().zip(&expected) {
             assert!((raw - expected).abs() < 1e-6, "{steps:?}: {raw} {expected}");
         }
-        let lags =
-            summary.warnings.iter().any(|warning| warning.contains("the update interval of axis z (10s)"));
+        let lags = summary.warnings.iter().any(|warning| warning.contains("update interval of axis z (10s)"));
         assert_eq!(lags, steps == [60.0], "{:?}", summary.warnings);
         for pair in numbers(&table, "z_cz_um").windows(2) {
             assert!((pair[1] - pair[0]).abs() <= 1.0 + 1e-9);
@@ -127,6 +126,16 @@ fn the_summary_tells_the_error_before_and_after() {
 fn a_log_without_rows_is_replayed_as_nothing() {
     let (summary, table) = replayed(&sample::profile(), "time,bed\n");
     assert_eq!((summary.rows, table.len()), (0, 1));
+}
+
+#[test]
+fn the_text_has_the_warnings_of_the_json_document() {
+    let (summary, _) = replayed(&sample::profile(), "time,bed\n0,25\n60,25\n120,25\n180,25\n");
+    assert!(summary.warnings.len() > 1, "{:?}", summary.warnings);
+    let text = summary.to_string();
+    let said: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix("warning: ")).collect();
+    assert_eq!(said, summary.warnings, "{text}");
+    assert_eq!(serde_json::to_value(&summary).unwrap()["warnings"], serde_json::json!(said));
 }
 
 /// One event of a day: how long after the last one, what is read, what is permitted, what is taken over, commands.

@@ -85,8 +85,8 @@ impl Health {
         if self.full.read(full, now) {
             let what = Explained::new(
                 "the interface's queue is full; frames wait",
-                "does another node acknowledge frames, is the bus overloaded? If not, raise txqueuelen of \
-                 the interface",
+                "does another node on the bus acknowledge? Is the bus overloaded? If neither is the cause, \
+                 `txqueuelen` of the interface is too small",
             );
             changes.push(Change::Worse { what, is_off: false });
         }

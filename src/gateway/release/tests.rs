@@ -206,9 +206,9 @@ fn each_obstacle_is_said_with_what_to_do() {
         (
             "no bounds",
             Former { bounds: None, ..plain.clone() },
-            "an earlier version of the program wrote the state",
+            "an earlier version of the program may have written it",
         ),
-        ("spoiled", bounded(&|bounds| bounds.step_um = 0.0), "does not contain its limit"),
+        ("spoiled", bounded(&|bounds| bounds.step_um = 0.0), "does not contain a valid limit"),
         ("set", bounded(&|bounds| bounds.obstacle = Some(Obstacle::Set)), "the other values of its set"),
         (
             "limit",

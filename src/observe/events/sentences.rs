@@ -149,7 +149,7 @@ impl Event {
                 "at-limit",
                 format!("axis {axis}"),
                 Explained::new(
-                    format!("the model asks for {wanted}, held at its limit of ±{limit}"),
+                    format!("the model requests {wanted}, held at its limit of ±{limit}"),
                     format!("are its sensors and references right? If they are, raise axis.{axis}.limit"),
                 ),
             ),
@@ -166,7 +166,7 @@ impl Event {
                 format!("axis {axis}"),
                 Explained::new(
                     format!(
-                        "the model asks for {wanted}, beyond its error level of ±{level}; the fault action \
+                        "the model requests {wanted}, beyond its error level of ±{level}; the fault action \
                          runs, then the axis is off until it is armed"
                     ),
                     "find the cause, for example a faulty sensor, then arm the axis",

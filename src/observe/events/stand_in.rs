@@ -38,9 +38,9 @@ pub enum StandIn {
     },
 }
 
-/// Returns the number of other sensors as text: `1 other`, `5 others`.
+/// Returns the number of other sensors as text: `1 other sensor`, `5 other sensors`.
 pub(crate) fn others(count: usize) -> String {
-    counted(count, "other")
+    counted(count, "other sensor")
 }
 
 impl StandIn {
@@ -51,12 +51,13 @@ impl StandIn {
                 let span = duration_text(Duration::from_secs(span.as_secs()));
                 let (taken, hint) = match count {
                     Some(count) => (
-                        format!("taken from {}", others(*count)),
-                        "look at the sensor, its cable and its channel; the axis uses its own reading again by itself",
+                        format!("replaced by a stand-in from {}", others(*count)),
+                        "look at the sensor, its cable and its channel; the axis uses the sensor's own \
+                         reading again by itself",
                     ),
                     None => (
-                        "and not taken from others".to_owned(),
-                        "look at the sensor, its cable and its channel; its own reading is used meanwhile",
+                        "and not replaced by a stand-in".to_owned(),
+                        "look at the sensor, its cable and its channel; the axis uses its reading meanwhile",
                     ),
                 };
                 let cause = format!("{signal} {is} for {span}, {taken}");
@@ -66,7 +67,7 @@ impl StandIn {
                 info("stand-in-over", format!("axis {axis}: {signal} is accepted again"))
             }
             StandIn::Over { axis, signal, believed: false } => {
-                info("stand-in-over", format!("axis {axis}: {signal} is not taken from others any more"))
+                info("stand-in-over", format!("axis {axis}: {signal} is not replaced by a stand-in any more"))
             }
         }
     }

@@ -129,7 +129,7 @@ fn secured(error: &io::Error) -> Failure {
 fn remedy(fault: TlsFault) -> Option<&'static str> {
     Some(match fault {
         TlsFault::OtherName => "write that name into `url`, or name the certificate itself with `ca`",
-        TlsFault::UnknownAuthority => "name its certificate authority with `ca`",
+        TlsFault::UnknownAuthority => "name the authority that signed it with `ca`",
         TlsFault::BadCertificate => "to trust a self-signed certificate, name it with `ca`",
         TlsFault::OursMissing => {
             "messages are posted without a certificate; use a token instead (`token_file`)"

@@ -107,9 +107,9 @@ fn a_set_of_which_one_node_is_denied_is_neither_done_nor_not_done_and_goes_no_fu
     let text = in_a_set(port(&server), "").replace("timeout = \"1s\"", "timeout = \"1s\"\nlate = \"3s\"");
     let control = server.clone();
     beside(&text, Options::default(), move |source| {
-        let said = "the server answers BadUserAccessDenied to output tan (node ns=2;s=tan), but has \
-                    written other values of set line";
-        wait_until(source, "it is told", |status| events(status).iter().any(|text| text.contains(said)));
+        let said = "the server has written only some values of set line: it answers \
+                    BadUserAccessDenied to output tan (node ns=2;s=tan)";
+        wait_until(source, "it is reported", |status| events(status).iter().any(|text| text.contains(said)));
         std::thread::sleep(Duration::from_secs(5));
         assert!(holds(&control, "k0") < 0.001 + 1e-9, "{}", holds(&control, "k0"));
         assert!(holds(&control, "tan").abs() < 1e-12);
@@ -149,7 +149,7 @@ fn a_server_that_takes_fewer_nodes_in_a_call_than_a_set_has_is_written_nothing_a
     beside(&text, Options::default(), move |source| {
         let said = "the server accepts 2 nodes in one call (MaxNodesPerWrite), and a set must be written in \
                     one call";
-        wait_until(source, "it is told", |status| events(status).iter().any(|text| text.contains(said)));
+        wait_until(source, "it is reported", |status| events(status).iter().any(|text| text.contains(said)));
         assert!(!control.lock().unwrap().does("log").contains("write"));
     });
 }

@@ -90,8 +90,7 @@ fn what_changed_in_a_template_since_the_last_run_is_told_once_and_by_check() {
     until("the template is kept", || kept.exists().then_some(()).ok_or_else(|| "it is not".to_owned()));
     std::fs::write(&template, own.replace("0.1", "0.01")).unwrap();
 
-    let change =
-        "template own is not as it was in the last run of this machine: channel.tc.scale: 0.1 → 0.01";
+    let change = "template own has changed since the last run of this machine: channel.tc.scale: 0.1 → 0.01";
     let check = isotherm(bench.home.path())
         .arg("check")
         .arg(&bench.profile)

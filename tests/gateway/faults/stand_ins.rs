@@ -104,13 +104,14 @@ fn a_frozen_sensor_is_taken_from_the_others_until_a_person_has_looked() {
     assert_eq!(trace.reported("stand-in-over"), 2, "{}", trace.lines());
     let told = trace.events.iter().find(|event| event.kind == "frozen").unwrap();
     assert!(told.text.contains("axis z: wheelhead frozen for "), "{}", told.text);
-    assert!(told.data["cause"].as_str().unwrap().ends_with("taken from 2 others"), "{}", told.text);
+    let by = "replaced by a stand-in from 2 other sensors";
+    assert!(told.data["cause"].as_str().unwrap().ends_with(by), "{}", told.text);
     let frozen = trace.between(85 * 60, 89 * 60).map(|sample| &sample.status.axes[0]);
     for axis in frozen {
         let found = axis.stood_in.as_ref().unwrap();
         assert_eq!((axis.state, axis.model.as_deref()), ("degraded", Some("rises")));
         assert_eq!((found.signal.as_str(), found.frozen, found.others), ("wheelhead", true, 2));
-        assert_eq!(axis.why.cause, "wheelhead frozen, taken from 2 others");
+        assert_eq!(axis.why.cause, "wheelhead frozen, replaced by a stand-in from 2 other sensors");
         assert!(&found.since[11..16] > "06:19" && &found.since[11..16] < "06:22", "{}", found.since);
     }
     let after = trace.between(93 * 60, 99 * 60).map(|sample| &sample.status.axes[0]);

@@ -66,7 +66,7 @@ fn a_person_who_says_no_changes_nothing_and_one_who_says_yes_has_the_register_ba
     let (code, said) = release(&service, &["cnc_z"]);
     assert_eq!((code, said.contains("add --yes")), (Some(1), true), "{said}");
     assert!(
-        said.contains("5.0 µm of the gateway's offset were verified in holding:10 (40011) of unit 1 at"),
+        said.contains("5.0 µm from the gateway were verified in holding:10 (40011) of unit 1 at"),
         "{said}"
     );
     assert!(

@@ -88,8 +88,9 @@ fn looked_at_after(faults: &str, hour: i8, view: &str, words: &[&str]) -> String
 #[test]
 fn who_is_frozen_since_when_and_who_stands_in_is_read_on_the_page_and_on_the_wall() {
     let whole = "eval:document.documentElement.scrollWidth <= innerWidth";
-    let card = "follows a fallback model: wheelhead frozen since 10:30, taken from 2 others";
-    let first = "Axis z: follows a fallback model (wheelhead frozen since 10:30, taken from 2 others).";
+    let frozen = "wheelhead frozen since 10:30, replaced by a stand-in from 2 other sensors";
+    let card: &str = &format!("follows a fallback model: {frozen}");
+    let first: &str = &format!("Axis z: follows a fallback model ({frozen}).");
     // The expected error is unknown while a sensor has a stand-in.
     let untold = "eval:document.querySelector('.expected').textContent === ''";
     let row = "eval:[...document.querySelectorAll('#signals tr')].some((row) => row.innerText.includes('▲ frozen'))";
@@ -102,15 +103,16 @@ fn who_is_frozen_since_when_and_who_stands_in_is_read_on_the_page_and_on_the_wal
 
 #[test]
 fn what_is_frozen_since_yesterday_says_the_day() {
-    looked_at_from(22, "", &["wheelhead frozen since 2026-01-05 22:30, taken from 2 others"]);
+    let frozen = "wheelhead frozen since 2026-01-05 22:30, replaced by a stand-in from 2 other sensors";
+    looked_at_from(22, "", &[frozen]);
 }
 
 #[test]
 fn each_language_says_it_in_its_own_words_and_marks_them_as_its_own() {
     for (language, words) in [
-        ("de", "wheelhead eingefroren seit 10:30, ersetzt aus 2 anderen"),
-        ("ja", "wheelhead は 10:30 から固着。他の 2 点から推定"),
-        ("zh", "wheelhead 自 10:30 起冻结，由其他 2 个传感器推算"),
+        ("de", "wheelhead eingefroren seit 10:30, ersetzt durch einen Ersatzwert aus 2 anderen Sensoren"),
+        ("ja", "wheelhead は 10:30 から固着。他の 2 点のセンサーから推定した代替値を使用"),
+        ("zh", "wheelhead 自 10:30 起冻结，用由其他 2 个传感器推算的替代值代替"),
     ] {
         let own =
             format!("eval:document.querySelector('.axis .why > span:last-of-type').lang === '{language}'");

@@ -154,6 +154,17 @@ fn rounds_stand_in_the_recorded_rows_nearest_to_them_and_identify_takes_them() {
 }
 
 #[test]
+fn two_rounds_with_the_same_nearest_row_are_refused() {
+    // The rounds are at 2, 7 and 12 minutes.
+    let terms = found(&touches(2, &[STILL; 3], &[80.0]));
+    let beside = |rows: &str| log(&terms, Some(&read("recorded.csv", &format!("time,s0\n{rows}")).unwrap()));
+    let said = beside("0,20\n600,21\n1200,22\n").unwrap_err().to_string();
+    assert!(said.contains("the rounds at 0.08 h and 0.17 h have the same nearest row of"), "{said}");
+    let text = beside("0,20\n300,20\n600,21\n").unwrap();
+    assert_eq!(text.lines().filter(|line| !line.ends_with(",,")).count(), 4, "{text}");
+}
+
+#[test]
 fn a_table_that_is_no_ball_array_is_told_what_it_lacks() {
     for (text, parts) in [
         ("time,x_mm,y_mm,z_mm\n0,1,2,3\n", vec!["no column `ball`", "the number of the ball"]),

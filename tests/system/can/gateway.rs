@@ -353,7 +353,7 @@ fn error_frames_are_reported_when_they_begin_and_counted() {
         for _ in 0..20 {
             cell.interface.send("20000008#0000801900000000");
         }
-        let status = wait_until(source, "it is told", |status| count(status, "bus-trouble") == 1);
+        let status = wait_until(source, "it is reported", |status| count(status, "bus-trouble") == 1);
         reported(&status, "no node acknowledges");
         cell.interface.send("20000040#0000000000000000");
         let status = wait_until(source, "it is worse", |status| count(status, "bus-trouble") == 2);

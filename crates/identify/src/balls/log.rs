@@ -16,7 +16,8 @@ const NEAR: Duration = Duration::from_mins(10);
 /// the machine, from which a model is identified, are `x_error_um` … = −d and `x_slope_error_um_per_mm` … = −k or −A.
 ///
 /// # Errors
-/// A round has no recorded row within ten minutes, or `recorded` has more than one run.
+/// A round has no recorded row within ten minutes, two rounds have the same nearest row, or `recorded` has more than one
+/// run.
 pub fn log(terms: &Terms, recorded: Option<&Dataset>) -> Result<String, BadLog> {
     let columns: Vec<Vec<(String, f64)>> = terms.rounds.iter().map(|round| columns(terms, round)).collect();
     let names: Vec<&str> = columns.iter().take(1).flatten().map(|(name, _)| name.as_str()).collect();
@@ -52,18 +53,28 @@ fn beside<'a>(
     let [run] = recorded.runs.as_slice() else {
         return Err(one("--recorded must be one run: give the log that was recorded during the rounds"));
     };
-    let mut at = Vec::new();
+    let mut at: Vec<usize> = Vec::new();
     for round in &terms.rounds {
         let apart = |row: &usize| run.times[*row].since(round.time).max(round.time.since(run.times[*row]));
         let nearest = (0..run.times.len()).min_by_key(apart).filter(|row| apart(row) <= NEAR);
-        at.push(nearest.ok_or_else(|| {
+        let row = nearest.ok_or_else(|| {
             one(&format!(
                 "no row of {} is within ten minutes of the round at {:.2} h. Both files need the same clock, \
                  and the log must run from the cold round to the last",
                 run.file.display(),
                 round.hours
             ))
-        })?);
+        })?;
+        if let Some(other) = at.iter().position(|known| *known == row) {
+            return Err(one(&format!(
+                "the rounds at {:.2} h and {:.2} h have the same nearest row of {}. Each round needs its own \
+                 row: record at least one row for each round, or leave out the touches of one of them",
+                terms.rounds[other].hours,
+                round.hours,
+                run.file.display()
+            )));
+        }
+        at.push(row);
     }
     let own =
         recorded.columns.iter().enumerate().filter(|(_, column)| !names.contains(&column.name.as_str()));

@@ -14,7 +14,7 @@ pub(super) fn preview(profile: &Profile) -> Section {
         OnStop::FaultAction => {
             ("the fault actions run, without their waiting time", stop::longest(profile), stop::late(profile))
         }
-        OnStop::Hold => ("the registers keep what they hold", stop::hold(profile), None),
+        OnStop::Hold => ("the registers keep their values", stop::hold(profile), None),
     };
     let (longest, late) = (whole(longest), late.map(whole));
     let after = late.map_or(String::new(), |late| {

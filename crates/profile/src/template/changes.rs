@@ -4,8 +4,11 @@ use std::collections::BTreeMap;
 
 use toml::{Table, Value};
 
+/// Keys of texts for users. Such texts have no effect on a machine.
+const NOTES: [&str; 6] = ["notes", "remedy", "source", "title", "unverified", "what"];
+
 /// Lists the keys that are only in one of two texts, or differ: `channel.tc.scale: 0.1 → 0.01`. Comments and order are
-/// ignored. If a text cannot be parsed, the list has a single line.
+/// ignored. Changes of texts for users are one line. If a text cannot be parsed, the list has a single line.
 #[must_use]
 pub fn changes(before: &str, now: &str) -> Vec<String> {
     let (Ok(before), Ok(now)) = (before.parse::<Table>(), now.parse::<Table>()) else {
@@ -17,15 +20,26 @@ pub fn changes(before: &str, now: &str) -> Vec<String> {
         values
     });
     let mut changes = Vec::new();
+    let mut have_notes_changed = before.keys().any(|key| is_note(key) && !now.contains_key(key));
+    before.retain(|key, _| !is_note(key) || now.contains_key(key));
     for (key, value) in now {
         match before.remove(&key) {
             Some(old) if old == value => {}
+            _ if is_note(&key) => have_notes_changed = true,
             Some(old) => changes.push(format!("{key}: {old} → {value}")),
             None => changes.push(format!("{key}: {value} (new)")),
         }
     }
     changes.extend(before.into_iter().map(|(key, old)| format!("{key}: {old} (removed)")));
+    if have_notes_changed {
+        changes.push("its notes changed".to_owned());
+    }
     changes
+}
+
+/// Returns whether the value of a key is a text for users: `unverified` or `channel.tc.unverified`.
+fn is_note(key: &str) -> bool {
+    NOTES.contains(&key.rsplit('.').next().unwrap_or_default())
 }
 
 fn flatten(path: &str, value: &Value, values: &mut BTreeMap<String, String>) {
