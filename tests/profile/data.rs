@@ -311,7 +311,11 @@ fn halves_of_another_model_are_refused_with_the_term() {
              2.45",
         ),
         ("360", "0", "another model: term 1 of the model is bed with a lag of 6m, in the file bed with 0 s"),
-        ("wheelhead", "scale_z", "its term 2 is wheelhead with a lag of 0s, and scale_z with 0 s here"),
+        (
+            "wheelhead",
+            "scale_z",
+            "term 2 of the model is wheelhead with a lag of 0s, in the file scale_z with 0 s",
+        ),
         (
             ", { \"signal\": \"wheelhead\", \"lag_s\": 0, \"ridge\": 1, \"net\": 1 }",
             "",
