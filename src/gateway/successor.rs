@@ -219,7 +219,8 @@ fn judge(status: ExitStatus, said: impl FnOnce() -> String) -> Result<(), Unfit>
     let said = said();
     // Excerpts and help are indented.
     let lines = said.lines().filter(|line| !line.is_empty() && !line.starts_with(char::is_whitespace));
-    let lines: Vec<&str> = lines.filter(|line| !line.starts_with("warning")).take(LINES).collect();
+    let lines = lines.filter(|line| !line.starts_with("warning")).take(LINES);
+    let lines: Vec<&str> = lines.map(|line| line.strip_prefix("isotherm: ").unwrap_or(line)).collect();
     let said = cut(&one_line(&lines.join("; ")), LONGEST_SAID).into_owned();
     Err(match status.code() {
         Some(WRONG_PROFILE) => Unfit::Profile(said),
