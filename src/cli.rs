@@ -214,7 +214,7 @@ impl Arguments {
     }
 }
 
-/// Verbs that some builds lack, each with the feature that adds it.
+/// Verbs that need a feature of the build, each with that feature.
 const FEATURE_OF_VERB: [(&str, &str); 6] = [
     ("identify", "identify"),
     ("select", "identify"),
@@ -319,12 +319,12 @@ fn is_closed_pipe(error: &anyhow::Error) -> bool {
 
 /// Maximum number of log lines that wait for a slow reader. Further lines are dropped.
 const UNREAD: usize = 2048;
-/// Filter that disables the log of the OPC UA library, which may contain secrets. The gateway logs its own messages
+/// Filter that disables the log of the OPC UA library: it may contain secrets. The gateway logs its own messages
 /// instead.
 const SILENT: &str = "opcua_client=off,opcua_core=off,opcua_crypto=off,opcua_types=off";
 
 /// Starts the log on stderr, in the format of the journal if stderr is the journal. A separate thread writes it, so
-/// that a reader that does not read blocks nothing. Dropping the guard writes the pending lines.
+/// that a slow reader of stderr does not block the program. Dropping the guard writes the pending lines.
 fn start_log(filter: &str) -> WorkerGuard {
     use tracing_subscriber::field::MakeExt;
     use tracing_subscriber::filter::{FilterExt, Targets};

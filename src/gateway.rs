@@ -100,10 +100,10 @@ pub use why::how_to_find_a_model;
 pub(crate) use why::why_by_decision;
 pub use wire_log::WireLog;
 
-/// Why an axis waits for a person.
+/// Reason why an axis stays off after the saved state was rejected or restored: the operator must arm it first.
 const NOT_BELIEVED: &str = "the saved state did not fit (see the events) or was put back from a backup, and \
                             the operator has not armed since";
-/// How long the end of a run waits until the state is on disk.
+/// Longest wait at the end of a run until the state is on disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
 
 /// Interval of reports to a service manager during a stop.
@@ -542,8 +542,8 @@ impl Gateway {
         }
     }
 
-    /// Logs off from servers that reserve resources for a line, so that a server for few clients has them free
-    /// at once. A server that does not answer is not waited for.
+    /// Logs off from the servers. A server for few clients then has a free place at once. A server that does not answer
+    /// is not waited for.
     async fn take_leave(&self, tasks: &mut JoinSet<()>, lines: &HashMap<Id, BusId>) {
         let kept = |bus: BusId| Some(self.shared.profile.bus(bus)).filter(|bus| bus.opcua.is_some());
         let mut open: HashMap<Id, Duration> =

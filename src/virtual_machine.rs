@@ -82,7 +82,7 @@ pub struct Setup {
     pub plant: Option<PlantSpec>,
     /// Seed of the simulated day.
     pub seed: u64,
-    /// Script of faults.
+    /// Faults that begin by time or by number of requests.
     pub faults: FaultScript,
     /// Addresses to listen at.
     pub ports: Ports,
@@ -119,7 +119,7 @@ pub enum UnknownUnit {
     /// Exception 0x0B, as gateways send it.
     #[default]
     Exception,
-    /// No answer, as on a serial line.
+    /// The line does not answer, as a serial line.
     Silence,
 }
 

@@ -84,7 +84,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     gateway.print(Ok(Answer::Done(restart::sentence(&status))))
 }
 
-/// Asks the operator at the terminal for confirmation. Returns whether it was given.
+/// Asks the operator at the terminal for confirmation. Returns true if the operator has confirmed.
 fn is_wanted() -> anyhow::Result<bool> {
     anyhow::ensure!(
         std::io::stdin().is_terminal(),

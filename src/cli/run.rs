@@ -57,7 +57,7 @@ pub(super) struct Arguments {
     check_only: Option<PathBuf>,
 }
 
-/// The program that replaces this one, and the data that it gets.
+/// Program that replaces this one, with the data that it receives.
 pub(super) struct Replacement {
     program: Program,
     handover: Handover,

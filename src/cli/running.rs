@@ -57,7 +57,7 @@ pub(super) fn of_machine(
     }
 }
 
-/// State directory of the gateway that runs a profile, or that would run it.
+/// State directory of the gateway that runs a profile. If none runs, the directory that it would have.
 ///
 /// # Errors
 /// As [`socket`].

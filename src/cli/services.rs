@@ -25,9 +25,9 @@ pub(super) struct Sockets {
 
 /// A page that is to be served.
 enum Page {
-    /// At this port, which is open or will be.
+    /// Page at this port, which is open or will be opened.
     At(Box<Port>),
-    /// At a port that is created when everything that the page needs can be read.
+    /// Page without a port so far. The port is opened once tokens and certificate can be read.
     Later(Web),
 }
 

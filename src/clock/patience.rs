@@ -36,7 +36,7 @@ impl Patience {
         Patience { timer: None, slices: 1 }
     }
 
-    /// Returns a timer that is not set yet, for a task that acts by this clock.
+    /// Returns a timer that is not set yet, for a task with this clock.
     pub fn by(clock: &Clock) -> Patience {
         Patience { timer: None, slices: if clock.is_virtual() { Patience::SLICES } else { 1 } }
     }

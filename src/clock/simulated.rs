@@ -16,7 +16,7 @@ use isotherm_core::quantity::Moment;
 #[derive(Debug)]
 pub(super) struct Simulated {
     table: Mutex<Table>,
-    /// Signals the pacer that a deadline waits for wall-clock time, or that the clock was dropped.
+    /// Signals the pacer that a sleeper waits for wall-clock time, or that the clock was dropped.
     pacing: Condvar,
     start: Moment,
     started: Instant,
@@ -28,16 +28,16 @@ struct Table {
     now: Moment,
     seats: BTreeMap<u64, Guest>,
     next_seat: u64,
-    /// Sockets that may have a message that no task has read yet.
+    /// Sockets in which an unread message may wait.
     inflows: BTreeMap<u64, Inflow>,
-    /// Every guest sleeps, and wall-clock time has not reached the next deadline yet.
+    /// Every sleeper (`Guest`) sleeps, and wall-clock time has not reached the next deadline yet.
     waits_for_wall: bool,
     closed: bool,
 }
 
 #[derive(Debug, Default)]
 struct Guest {
-    /// Deadline; `Some` while the guest sleeps.
+    /// Deadline of the sleep; `None` while the sleeper is awake.
     until: Option<Moment>,
     waker: Option<Waker>,
     is_woken: bool,
@@ -141,7 +141,8 @@ impl Simulated {
         due.unwrap_or(Duration::MAX).saturating_sub(self.started.elapsed())
     }
 
-    /// Wakes the next guest if every guest sleeps, or leaves that to the pacer.
+    /// Wakes the sleeper with the earliest deadline if every sleeper sleeps. If wall-clock time must pass first, the
+    /// pacer wakes it later.
     fn advance(&self, table: &mut Table) {
         table.waits_for_wall = false;
         let Some((number, deadline)) = table.next() else { return };
@@ -155,8 +156,8 @@ impl Simulated {
 }
 
 impl Table {
-    /// Returns the number and deadline of the next guest to wake; `None` while a guest is awake or a socket has unread
-    /// data.
+    /// Returns the number and deadline of the next sleeper to wake; `None` while a sleeper is awake or a socket has
+    /// unread data.
     fn next(&self) -> Option<(u64, Moment)> {
         let mut earliest = None;
         for (number, guest) in &self.seats {
@@ -188,7 +189,7 @@ impl Drop for Simulated {
     }
 }
 
-/// Waits for wall-clock time, and wakes the next guest of a table where every guest sleeps.
+/// Waits for wall-clock time, and then wakes the next sleeper, as long as every sleeper sleeps.
 fn pace(clock: &Weak<Simulated>) {
     while let Some(clock) = clock.upgrade() {
         let mut table = clock.table();
@@ -245,7 +246,7 @@ impl Wakeup {
     }
 }
 
-/// One sleep of a guest. If it is dropped early, the guest counts as awake.
+/// One sleep of a sleeper. If it is dropped early, the sleeper counts as awake.
 pub(super) struct Nap<'a> {
     membership: &'a mut Membership,
     deadline: Moment,

@@ -24,7 +24,7 @@ pub struct Correction {
     pub to: Moment,
 }
 
-/// Both times, with an arrow between them.
+/// Formats the expected and the new time, with an arrow between them.
 impl fmt::Display for Correction {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} → {}", self.from, self.to)

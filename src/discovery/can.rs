@@ -16,7 +16,7 @@ pub struct Inspected {
     pub interface: String,
     /// Whether the interface exists and is up.
     pub is_up: bool,
-    /// State in words.
+    /// State of the interface, for display.
     pub state: String,
     /// Advice, each with its command; empty if nothing is wrong.
     pub advice: Vec<String>,

@@ -18,7 +18,7 @@ const PAIRS: usize = 20;
 pub struct Tried {
     /// Bus in the profile.
     pub bus: String,
-    /// Device under test.
+    /// Name of the device in the profile.
     pub device: String,
     /// Fault of the test; `None` if the device passes.
     pub fault: Option<String>,

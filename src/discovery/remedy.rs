@@ -13,7 +13,7 @@ use isotherm_profile::duration_text;
 pub struct Question<'a> {
     /// Line of the request.
     pub line: &'a LineAddress,
-    /// Unit number.
+    /// Modbus unit that the request addresses.
     pub unit: u8,
     /// First register or bit.
     pub from: Register,

@@ -33,10 +33,10 @@ pub struct Scan {
     pub trace: Option<Trace>,
 }
 
-/// Unit that answers.
+/// Unit that has answered, and its answer.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Responder {
-    /// Unit number.
+    /// Modbus unit number.
     pub unit: u8,
     /// Register that was read.
     pub register: String,
@@ -62,7 +62,7 @@ pub enum How {
 pub enum Event {
     /// The scan continues with these settings of the line.
     Line(LineAddress),
-    /// This unit answers.
+    /// This unit answers, on a line with these settings.
     Found(LineAddress, Responder),
     /// Number of requests so far.
     Asked(usize),

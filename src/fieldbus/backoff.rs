@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use isotherm_core::quantity::Moment;
 
-/// Longest pause.
+/// Longest pause between two attempts.
 const LONGEST: Duration = Duration::from_secs(30);
 
 /// Pauses between attempts. Until the pause is over, requests fail at once.

@@ -20,7 +20,7 @@ use super::wire::{Answer, Boxed, Request, Wire};
 use crate::tls::TlsFault;
 use isotherm_profile::{Bus, Serial, Transport};
 
-/// Opens connections.
+/// Opens the connections of one line, one after the other.
 pub trait Dial: Send {
     /// Opens a connection; there is no time limit. Its bytes pass the tap. A kind without this leaves the log without
     /// bytes.
@@ -143,7 +143,7 @@ impl Dial for NotBuiltIn {
 pub enum Connection {
     /// Modbus TCP, the most common kind. It is called without dynamic dispatch, which a fast loop would notice.
     Modbus(ModbusTcp),
-    /// Any other kind.
+    /// Connection of any other kind, called by dynamic dispatch.
     Other(Box<dyn Wire>),
 }
 

@@ -12,7 +12,7 @@ use isotherm_core::quantity::Moment;
 pub enum Leave {
     /// No deadline: the request depends on no value that grows old.
     Whenever,
-    /// Until this moment.
+    /// Until this moment. After it, the request is not sent.
     By(Moment),
     /// Until this moment, and only on the present connection: the request depends on a value that was read there.
     Here(Moment),

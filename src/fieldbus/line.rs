@@ -176,7 +176,8 @@ impl DeviceLine {
         self
     }
 
-    /// Switches off the rule that the age of an answer counts from its request, for tests that show its purpose.
+    /// Switches off the rule that the age of an answer counts from its request. Tests use it to show why the rule
+    /// exists.
     #[doc(hidden)]
     pub fn credulous(mut self) -> DeviceLine {
         self.departure = self.departure.credulous();
@@ -199,7 +200,7 @@ impl DeviceLine {
         self.departure.looked()
     }
 
-    /// Returns whether there is a connection, or the gateway closed it after an answer.
+    /// Returns true if there is a connection, or the gateway itself closed it after an answer.
     pub fn is_connected(&self) -> bool {
         self.wire.is_some() || self.is_put_down
     }

@@ -23,10 +23,11 @@ use super::error::{Fault, PeerFault};
 use super::mark::Mark;
 use super::request::Request;
 
-/// Maximum number of doublings of the pause after lost order.
+/// Maximum number of doublings of the pause that follows an answer to an earlier request.
 const LONGEST_PAUSE: u8 = 5;
 
-/// State of the order check of one unit.
+/// State of the order check of one unit. The check detects a gateway that answers each request with the answer to an
+/// earlier one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Order {
     doubt: Doubt,
@@ -36,7 +37,7 @@ pub(super) struct Order {
     failed: Option<Request<'static>>,
     /// Control question that has failed once since it was last answered.
     unsure: Option<Request<'static>>,
-    /// Answers in a row that showed lost order.
+    /// Number of consecutive answers that belonged to an earlier request.
     pub(super) lost: u8,
 }
 
@@ -92,9 +93,8 @@ impl Order {
         others.min_by_key(|read| self.may_be_kept(Mark::of(*read)))
     }
 
-    /// Records the result of a request that was sent. `received` is the form of its answer, if it is that of a read.
-    /// `may_be_late` means that a late answer may still arrive. Returns whether the request got the answer to an
-    /// earlier one.
+    /// Records the result of a request that was sent. `received`: form of its answer, if it is that of a read.
+    /// `may_be_late`: a late answer may still arrive. Returns true if the answer belongs to an earlier request.
     pub(super) fn judge(
         &mut self,
         request: Request<'_>,

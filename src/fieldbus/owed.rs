@@ -22,7 +22,7 @@ use super::request::Request;
 use crate::clock::Silence;
 use isotherm_core::quantity::Moment;
 
-/// Answers in time that show that a unit is prompt.
+/// Number of consecutive answers in time after which a unit counts as prompt.
 const PROOF: u32 = 100;
 /// Safety factor on the longest answer time of a prompt unit.
 const FACTOR: u32 = 3;
@@ -268,7 +268,8 @@ impl Owed {
         self.late.iter().map(|late| late.mark)
     }
 
-    /// Forgets late answers whose time is over, and which were not found on the line. A gateway may have kept one.
+    /// Removes late answers whose waiting time is over. A gateway may still keep the answer to a read. The order check
+    /// is informed of it.
     pub(super) fn forget(&mut self, spans: Spans) {
         let order = &mut self.order;
         self.late.retain(|late| {

@@ -23,21 +23,21 @@ pub enum Request<'a> {
     },
     /// Write with function 05.
     WriteCoil {
-        /// Zero-based coil.
+        /// Zero-based address of the coil.
         at: u16,
-        /// On or off.
+        /// New state of the coil: on or off.
         value: bool,
     },
     /// Write with function 06.
     WriteSingle {
-        /// Zero-based holding register.
+        /// Zero-based address of the holding register.
         at: u16,
-        /// New value.
+        /// New value of the register.
         value: u16,
     },
     /// Write with function 16.
     WriteMultiple {
-        /// Zero-based holding register.
+        /// Zero-based address of the first holding register.
         at: u16,
         /// New values, lowest address first.
         values: &'a [u16],
@@ -75,7 +75,7 @@ pub struct NodeReading {
     pub value: Result<Encoded, Reason>,
     /// Time stamp of the value.
     pub stamped: Stamped,
-    /// Time of the request that the value answers, if that was before this request.
+    /// Time of an earlier request that the value answers. `None` if the value answers this request.
     pub asked: Option<Moment>,
 }
 
@@ -179,7 +179,7 @@ impl Answer {
         self.node(field).map_or(Stamped::Unknown, |node| node.stamped)
     }
 
-    /// Returns the time of the request that this part answers, if that was before the present request.
+    /// Returns the time of an earlier request that this part answers. `None` if it answers the present request.
     pub fn asked(&self, field: &plan::Field) -> Option<Moment> {
         self.node(field)?.asked
     }

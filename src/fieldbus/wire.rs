@@ -31,7 +31,7 @@ pub enum Ending {
 /// Whole frame that is neither a request nor an answer of this line: another master uses the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Overheard {
-    /// Unit that is addressed, or that answers.
+    /// Unit that the frame addresses, or that sent it.
     pub unit: u8,
     /// Form of the answer; `None` if it is no read.
     pub form: Option<Mark>,
@@ -39,7 +39,7 @@ pub struct Overheard {
     pub is_question: bool,
 }
 
-/// Open connection.
+/// Open connection of one line, of any protocol.
 pub trait Wire: Send {
     /// Sends the request and waits for its answer, without a timeout. The answer is checked against the request:
     /// transaction, unit, function, length, echo.
@@ -91,13 +91,13 @@ pub trait Wire: Send {
     /// wire without transaction numbers ignores it.
     fn ask_behind(&mut self, _read: Option<(u8, Request<'static>)>) {}
 
-    /// Returns whether such a read is waiting to be sent, or is unanswered.
+    /// Returns true if a read that was set by [`Wire::ask_behind`] waits to be sent, or was sent and is unanswered.
     fn has_behind(&self) -> bool {
         false
     }
 
-    /// Returns the unit of such a read that was sent and is unanswered, the read, and its time of sending. The next
-    /// request for the same read takes it over.
+    /// Returns the read that was set by [`Wire::ask_behind`], if it was sent and is unanswered: its unit, the read, and
+    /// its time of sending. The next request for the same read takes it over.
     fn unanswered_behind(&self) -> Option<(u8, Request<'static>, Moment)> {
         None
     }

@@ -35,7 +35,7 @@ struct Claim {
     /// Random number: if two gateways start at the same moment, the lower one continues.
     order: u32,
     machine: String,
-    /// State directory.
+    /// State directory of the gateway.
     state: PathBuf,
     /// Whether the gateway has found no rival, and writes.
     is_held: bool,

@@ -52,7 +52,7 @@ pub(super) struct DeviceCount {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Lost {
     pub(super) fault: Explained,
-    /// Requests that failed since the loss.
+    /// Number of requests that failed since the loss.
     pub(super) missed: u64,
     /// Reported cause; `None` until the loss is reported.
     reported: Option<Cause<String>>,
@@ -87,7 +87,8 @@ const CHANGED_AFTER_REQUESTS: u32 = 20;
 pub(super) const JITTER_MS: [f64; 7] = [0.5, 1.0, 2.0, 5.0, 10.0, 50.0, 200.0];
 
 impl BusCount {
-    /// Counts `count` late cycles, of which the latest was `late` behind. Returns whether they must be reported.
+    /// Counts late cycles of a line. `count`: their number. `late`: delay of the latest one. Returns true if they must
+    /// be reported.
     pub(super) fn overrun(&mut self, count: u64, late: Duration, now: Moment) -> bool {
         self.overruns += count;
         if late < WORTH_A_WORD {
@@ -167,7 +168,7 @@ impl Contact {
         explain_on(self.profile.bus(self.profile.device(id).bus).transport, fault)
     }
 
-    /// Records that a device has answered, or that a frame of it was received.
+    /// Records an answer of a device, or a frame from it.
     pub(super) fn answers(&mut self, id: DeviceId, now: Moment, events: &mut Vec<Event>) {
         let count = &mut self.devices[id.0];
         if count.is_here() {
@@ -269,7 +270,7 @@ impl DeviceCount {
         self.answered && self.lost.is_none()
     }
 
-    /// Returns whether its loss was reported and its return was not.
+    /// Returns true if the loss of the device was reported, and its return was not.
     pub(super) fn is_reported_lost(&self) -> bool {
         self.lost.as_ref().is_some_and(|lost| lost.reported.is_some())
     }
@@ -279,7 +280,7 @@ impl DeviceCount {
         self.lost.as_ref().is_some_and(|lost| lost.answers_since.is_none())
     }
 
-    /// Counts a request that was not answered, or that could not be sent.
+    /// Counts a request without an answer, or one that could not be sent.
     fn misses(&mut self, fault: Explained) -> &mut Lost {
         let lost = self.lost.get_or_insert_default();
         (lost.missed, lost.answers_since, lost.fault) = (lost.missed + 1, None, fault);

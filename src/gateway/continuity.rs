@@ -18,10 +18,10 @@ use isotherm_profile::{AxisId, BusId, Device, DeviceId, Profile};
 pub(super) struct Devices {
     devices: Vec<DeviceContinuity>,
     of_axis: Vec<Vec<DeviceId>>,
-    /// For each device: the axes whose models read it, with the value that each held before the last round of checks
-    /// that passed.
+    /// For each device: the axes whose models read it. Each has the value that it held before the last round of passed
+    /// checks.
     held: Vec<Vec<(usize, ReturnTo)>>,
-    /// For each device: these values for the round that is under way.
+    /// For each device: the same axes, with the values at the beginning of the round that is under way.
     held_in_round: Vec<Vec<(usize, ReturnTo)>>,
     /// For each device: the axes whose models read it.
     read_by: Vec<Vec<usize>>,
@@ -73,7 +73,7 @@ impl Devices {
         }
     }
 
-    /// Returns the state of the axis's devices: of the first that has changed, else of one that is unconfirmed.
+    /// Returns the state of the axis's devices: of the first changed one, else of the first unconfirmed one.
     pub(super) fn of_axis(&self, axis: usize) -> &Continuity {
         let states = || self.of_axis[axis].iter().map(|device| self.of(*device).state());
         let changed = states().find(|state| matches!(state, Continuity::Changed(_)));
@@ -131,7 +131,7 @@ impl Devices {
             .for_each(|held| held.retain(|(axis, _)| is_kept(*axis)));
     }
 
-    /// Records the value that an axis held when it was armed, for each device that its models read.
+    /// Records the value that an axis held when it was armed, at each device of its models.
     pub(super) fn armed(&mut self, axis: usize, held: ReturnTo) {
         self.held_in_round.iter_mut().for_each(|of_device| of_device.retain(|(known, _)| *known != axis));
         for (read_by, of_device) in self.read_by.iter().zip(&mut self.held) {
@@ -196,7 +196,7 @@ fn identity(device: &Device) -> Identity {
     if device.is_checked() { Identity::Checks } else { Identity::None }
 }
 
-/// Returns the devices that any model of the axis reads, and those that its outputs write to.
+/// Returns the devices of an axis: those that its models read, and those that its outputs write to.
 fn devices_of(profile: &Profile, axis: AxisId) -> Vec<DeviceId> {
     let written = profile.outputs.iter().filter(|output| output.axis == axis).map(|output| output.device);
     let mut devices: Vec<DeviceId> = inputs_of(profile, axis).chain(written).collect();

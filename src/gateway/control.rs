@@ -69,7 +69,7 @@ pub use user::forbidden;
 
 /// Longest wait of a client that arms without `stay` for the result.
 const ARMING: Duration = Duration::from_secs(3);
-/// Delay before a client that stays connected is informed that its request waits.
+/// Delay after which a waiting client is informed that its request is still not carried out.
 const SHORTLY: Duration = Duration::from_millis(500);
 const LOOK_AGAIN: Duration = Duration::from_millis(50);
 /// Interval of the `still` lines to a client that stays.
@@ -264,7 +264,7 @@ fn said_in_a_line(word: &str, text: &str) -> String {
     format!("{word} {}\n", one_line(text))
 }
 
-/// Reports the result of arming or of a sign check. A client that stays also receives the conditions for which its
+/// Reports the result of arming or of a sign check. If the client stays, it also receives the conditions for which its
 /// request waits.
 async fn follow(source: &dyn Source, line: &Line<'_>, writer: &mut OwnedWriteHalf) -> std::io::Result<()> {
     let (mut waited, mut said, mut still) = (Duration::ZERO, String::new(), Duration::ZERO);

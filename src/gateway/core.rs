@@ -52,7 +52,7 @@ pub(super) struct Core {
     pub(super) releases: Releases,
     pub(super) storage: Storage,
     pub(super) restarts: Restarts,
-    /// For each axis: latest moment at which a change that it decided may be sent.
+    /// For each axis: last moment for sending a change that it has decided.
     pub(super) not_after: Vec<Moment>,
     pub(super) pauses: Pauses,
     pub(super) phase: RunPhase,
@@ -210,7 +210,8 @@ impl Core {
         true
     }
 
-    /// Records the outputs that may be written from now on. Returns whether the saved state lacks one of them.
+    /// Records the outputs that may be written from now on. Returns true if the saved state says of one of them that it
+    /// was only read.
     fn notes_driven(&mut self) -> bool {
         let Core { places, arming, outputs, given, .. } = self;
         let is_driven = |id: OutputId| {
@@ -240,7 +241,7 @@ impl Core {
         self.phase.stop() == Some(OnStop::FaultAction)
     }
 
-    /// Updates the control of each axis whose outputs, arming or probing may have changed. Returns whether such an axis
+    /// Updates the control of each axis whose outputs, arming or probing may have changed. Returns true if such an axis
     /// must be stepped at once.
     fn refresh_controls(&mut self, given: &Given, now: Moment) -> bool {
         let Given { profile, dry_run, .. } = given;
@@ -416,8 +417,9 @@ impl Core {
         })
     }
 
-    /// Verified Cz of the register that is farthest behind the last decision of the axis, among those that answer.
-    /// `None` if no register is behind. A corrected position is not counted: the next one follows within milliseconds.
+    /// Returns the verified Cz of the register that is farthest from the last decision of the axis. Only registers
+    /// whose device answers count. `None` if no register is behind. A corrected position does not count: the next one
+    /// follows within milliseconds.
     fn behind(&self, axis: usize) -> Option<Micron> {
         let Given { profile, dry_run, .. } = &self.given;
         let decision = self.compensation.decision(axis).filter(|_| !dry_run)?;
@@ -431,7 +433,8 @@ impl Core {
         farthest_behind(decision.cz, self.outputs.ids(axis).iter().filter_map(waits))
     }
 
-    /// Returns whether this verified Cz is the decided one, to half a count of its register.
+    /// Returns true if the verified Cz equals the decided one, to half a count of the register. A reference position is
+    /// always as decided.
     fn is_there(&self, decision: &Decision, output: &Output, state: &OutputState, cz: Micron) -> bool {
         output.writes == Writes::Reference
             || state.is_near(&self.given.profile, output, cz, part(decision, output.writes))
@@ -447,7 +450,8 @@ impl Core {
         }
     }
 
-    /// Handles an unknown register that was read and holds this Cz. Returns whether its axis resumes from it.
+    /// Handles a register that was unknown and was read now; it holds this Cz. Returns true if its axis resumes from
+    /// it.
     pub(super) fn found(&mut self, id: OutputId, cz: Micron) -> bool {
         let profile = &self.given.profile;
         let Output { axis: AxisId(axis), writes, .. } = *profile.output(id);
@@ -467,7 +471,8 @@ impl Core {
         writes.is_cz()
     }
 
-    /// Checks for a new result of the probing cycle of this axis. Returns whether a result was found.
+    /// Checks for a new result of the probing cycle of this axis. Returns true if there is a result, learned or
+    /// refused.
     pub(super) fn hear_probing(&mut self, axis: AxisId, now: Moment) -> bool {
         let (profile, place) = (&*self.given.profile, axis.0);
         let axis = profile.axis(axis);
@@ -487,7 +492,8 @@ impl Core {
         true
     }
 
-    /// Reports the results of probing that the axes received in this step. Returns whether an axis received one.
+    /// Reports the results of probing that the axes received in this step. Returns true if at least one axis received
+    /// one.
     fn report_probings(&mut self, profile: &Profile, now: Moment) -> bool {
         let mut any = false;
         for (place, axis) in profile.axes.iter().enumerate() {

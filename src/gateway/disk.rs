@@ -18,7 +18,7 @@ const FILE_MODE: u32 = 0o640;
 /// Write permission of users who are neither the owner nor in its group.
 const OTHERS_WRITE: u32 = 0o002;
 
-/// Storage of documents.
+/// Storage of documents. Tests replace it by one with faults.
 pub trait Disk: Send + Sync {
     /// Returns the content of a document.
     ///

@@ -58,8 +58,8 @@ pub(super) fn end_registers(shared: &Shared) {
     }
 }
 
-/// Makes the lines drop each strobe that is up, and each control word that may report an armed axis. Returns whether
-/// there is one.
+/// Makes the lines drop each strobe that is up, and each control word that may report an armed axis. Returns true if a
+/// line has a strobe or control word to drop.
 pub(super) fn leave(shared: &Shared) -> bool {
     let mut core = shared.core();
     // If the registers keep their values, the control continues with them.

@@ -31,7 +31,7 @@ pub(super) use single::Single;
 
 /// Upper limit of the exchanges in one turn of an output. The line then continues with its next turn.
 const MOST_EXCHANGES: usize = 12;
-/// Factor of `late`: a value whose write was not answered is recognised for this many times that time.
+/// Time for which an unanswered write is still recognised in the register, as a multiple of `late`.
 const REMEMBERED: u32 = 10;
 /// Timeout of the disk. A longer wait is a fault.
 const DISK_PATIENCE: Duration = Duration::from_secs(5);

@@ -52,8 +52,8 @@ impl Handover {
         handover
     }
 
-    /// Lets the axes continue as they were. An axis that was armed gets a request to arm, which waits for missing
-    /// conditions like the request of an operator.
+    /// Lets the axes continue as they were. An armed axis gets a request to arm. Like the request of an operator, it
+    /// waits for missing conditions.
     pub(super) fn go_on(&self, core: &mut Core, now: Moment) {
         let profile = core.given.profile.clone();
         for (place, axis) in profile.axes.iter().enumerate() {

@@ -52,14 +52,14 @@ struct Inspection {
     due: Moment,
     /// Consecutive attempts without a value, and the time of the last one.
     missed: (u32, Moment),
-    /// Whether polls, or frames that the device sends, show that the device is present.
+    /// Whether a device shows by polls, or by frames that it sends, that it is present.
     is_heard: bool,
     /// Whether other values than the checks are read from the device.
     is_polled: bool,
     identified: Identified,
-    /// Resets of the device before it was set up. `None` if it was not set up.
+    /// Number of resets of the device at its last setup. `None` if it was not set up.
     set_up: Option<u64>,
-    /// Breaks of its continuity when all checks were last read.
+    /// Number of breaks of the device's continuity when all checks were last read.
     read_after: u64,
     /// Repetitions of the checks, in the order of the profile.
     again: Vec<Repetition>,
@@ -69,7 +69,8 @@ struct Inspection {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Identified {
     ByChecks,
-    /// Only the namespaces of its server. `is_new`: they were not compared since the task of the line began.
+    /// The namespaces of its server alone identify the device. `is_new`: they were not compared since the task of the
+    /// line began.
     ByNamespaces {
         is_new: bool,
     },
@@ -210,16 +211,16 @@ impl Inspection {
         self.identified == Identified::ByChecks
     }
 
-    /// Returns whether the device did not answer. Its polls must then show first that it is present.
+    /// Returns true if the device did not answer its checks. A poll must then show first that the device is present.
     fn waits_for_polls(&self, shared: &LineHandle) -> bool {
         let core = shared.core();
         let lost = core.contact.devices[self.device.0].lost.as_ref();
         self.is_heard && self.missed.0 > 0 && lost.is_some_and(|lost| lost.answers_since.is_none())
     }
 
-    /// Reads the check of a confirmed device that is due first. Returns whether one was due. All checks are read if its
-    /// value is different. All are also read after several attempts without a value, between which the device delivered
-    /// other values.
+    /// Reads the check of a confirmed device that is due first. Returns true if a check was due. All checks are read
+    /// again if its value is different. They are also read again after several attempts without a value, if the device
+    /// delivered other values in between.
     async fn read_again(
         &mut self,
         line: &mut DeviceLine,
@@ -352,8 +353,8 @@ impl Inspection {
         CheckRound::Known(breaks, differences)
     }
 
-    /// Counts an attempt without a value. Returns whether the device delivers its polls and never this register. Some
-    /// devices are silent, or report that they are busy, if they do not have a register.
+    /// Counts an attempt without a value. Returns true if the device answers its polls, but never the request for this
+    /// register. Some devices are silent, or report that they are busy, if they do not have a register.
     fn is_in_vain(&mut self, fault: Fault, shared: &LineHandle) -> bool {
         let (attempts, last) = self.missed;
         let delivers = shared.core().devices.of(self.device).delivered_at() > last;
@@ -380,8 +381,8 @@ impl Inspection {
     }
 }
 
-/// Reads one check. Returns the difference, if there is one. A device that reports that it has no such register
-/// differs.
+/// Reads one check. Returns the difference from the expected value; `None` if they are equal. A missing register is a
+/// difference, too.
 ///
 /// # Errors
 /// The device did not answer, or refused the request for another reason.

@@ -1,7 +1,7 @@
 //! State of the outputs that must outlive the process: how a shared register is divided, and which values may still
 //! appear in a register. It also shows whether the last run ended in order. [`isotherm_core::output`] uses it.
 //!
-//! The [store](super::store) saves it. A caller that depends on that waits for the result.
+//! The [store](super::store) saves it. A caller waits for the result if it needs the saved state.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -34,11 +34,11 @@ pub(super) struct Ledger {
 /// Condition for a write that depends on a saved entry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Keeping {
-    /// None: the write need not wait.
+    /// The write need not wait.
     Needless,
-    /// This version must be on disk.
+    /// The write waits until this version of the document is on disk.
     Version(u64),
-    /// The entry would have to be on disk, but nothing is saved.
+    /// The write is not possible: it depends on an entry on disk, but nothing is saved.
     Impossible,
 }
 

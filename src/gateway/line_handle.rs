@@ -41,8 +41,8 @@ impl LineHandle {
         LineHandle { shared, bus }
     }
 
-    /// Steps each axis that is due, and wakes the other lines, which may have to write. The line that has just read
-    /// inputs calls it. Returns the time at which the next axis is due.
+    /// Steps each axis that is due. Then wakes the other lines, because their outputs may have to be written. A line
+    /// calls this after it has read inputs. Returns the time at which the next axis is due.
     pub(super) fn advance(&self, now: Moment) -> Option<Moment> {
         let mut core = self.core();
         let stepped = core.advance(now);
@@ -94,7 +94,8 @@ impl LineHandle {
         }
     }
 
-    /// Reports that the line reached an output so late that the readings of its decision are too old.
+    /// Reports a lapsed decision: the line reached the output after `not_after`, when the readings of the decision were
+    /// too old.
     pub(super) fn order_lapsed(&self, id: OutputId, not_after: Moment) {
         // The default moment means that no earlier decision may be used, so nothing is late.
         if not_after == Moment::default() {
@@ -187,7 +188,8 @@ impl Witness for LineHandle {
         }
     }
 
-    /// A dry run writes nothing, so it also reads the outputs of a device whose checks do not pass.
+    /// Returns whether the device has passed its checks. In a dry run always true: nothing is written, so the outputs
+    /// are read even if the checks do not pass.
     fn is_verified(&self, device: DeviceId) -> bool {
         let (now, mut core) = (self.clock.now(), self.core());
         core.devices.notice_silence(device, now);

@@ -11,11 +11,11 @@ use isotherm_core::quantity::Moment;
 /// Upper bounds of the buckets, µs.
 const BOUNDS_US: [u64; 8] = [2, 5, 10, 20, 50, 100, 500, 5000];
 
-/// One of this many locks is measured, because two clock samples cost more than most locks. The number is prime, so
-/// that a repeated sequence of locks is not always measured at the same lock.
+/// Number of locks of which one is measured, because two clock samples cost more than most locks. The number is prime,
+/// so that a repeated sequence of locks is not always measured at the same lock.
 const SAMPLED: u64 = 17;
 
-/// Histogram of the times for which measured locks were held. A task that waits for a lock is late by up to that time.
+/// Histogram of the duration of measured locks. A task that waits for a lock may be delayed by that duration.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct LockTimes {
     taken: u64,
@@ -30,7 +30,7 @@ impl LockTimes {
         bounds.zip(self.counts).collect()
     }
 
-    /// Counts a lock. Returns whether it must be measured.
+    /// Counts a lock. Returns true if this lock must be measured.
     fn take(&mut self) -> bool {
         self.taken += 1;
         self.taken.is_multiple_of(SAMPLED)
@@ -48,7 +48,7 @@ pub(super) struct Held<'a> {
     core: MutexGuard<'a, Core>,
     /// Start of the measurement, if this lock is measured.
     since: Option<Moment>,
-    /// This field follows the lock, so it is dropped after the lock.
+    /// Reports the events when it is dropped. The field follows the lock, so that it is dropped after the lock.
     after: Unreported<'a>,
 }
 

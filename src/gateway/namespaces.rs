@@ -24,7 +24,7 @@ pub(super) struct NamespaceWatch {
 }
 
 impl NamespaceWatch {
-    /// Checks for changes since the last call, saves them and reports them. Returns whether there were any.
+    /// Saves and reports the changes since the last call. Returns true if there were changes.
     pub(super) fn look(&mut self, bus: &Bus, table: &NamespaceTable, core: &mut Core) -> bool {
         let changes = table.changes();
         if changes == self.seen {

@@ -42,11 +42,11 @@ pub(super) struct OutputState {
     /// Operator offset and gateway share of that value, if the register is shared.
     pub(super) shares: Option<(f64, f64)>,
     pub(super) verified_at: Option<Moment>,
-    /// Value that the control reports as applied, in the unit of the output, and the time of that request.
+    /// Value that the control reports as applied, in the unit of the output, and the time of the request that read it.
     pub(super) applied: Option<(f64, Moment)>,
     /// Time after which no unanswered write can arrive any more.
     pub(super) waits_until: Option<Moment>,
-    /// A change waits for that time.
+    /// Whether a change waits for that time, `waits_until`.
     pub(super) is_waiting: bool,
     /// The write was only acknowledged, and the register is not read.
     pub(super) is_only_acknowledged: bool,
@@ -168,7 +168,7 @@ impl HandshakeStatus {
 }
 
 impl OutputState {
-    /// Longest time that a change still waits for a write that may arrive late.
+    /// Returns the maximum remaining time for which a change waits for a late write; `None` if no change waits.
     pub(super) fn waits(&self, now: Moment) -> Option<Duration> {
         self.waits_until.filter(|_| self.is_waiting).map(|until| until.since(now))
     }

@@ -262,7 +262,7 @@ impl CommandHandle {
         })
     }
 
-    /// Returns whether a command takes back something that one of these axes does or will do.
+    /// Returns true if the command withdraws something that one of these axes does or will do.
     fn withdraws(&self, command: Command, axes: &[usize]) -> bool {
         let core = self.0.core();
         let does = |axis: &usize| {
@@ -347,7 +347,8 @@ impl CommandHandle {
         self.progress(&core, axis)
     }
 
-    /// Returns the chosen axes that can be armed, and the names of those that have no model yet.
+    /// Returns the chosen axes that have a model, and the names of those without one. Only axes with a model can be
+    /// armed.
     fn armable(&self, axis: Option<&str>) -> Result<(Vec<usize>, Vec<&str>), Explained> {
         let profile = &self.0.profile;
         let (armable, unmodelled): (Vec<usize>, Vec<usize>) =

@@ -19,7 +19,7 @@ use isotherm_core::place::{
 use isotherm_core::quantity::Micron;
 use isotherm_profile::{AxisId, DeviceId, Output, OutputId, Profile, Share, Signal, Writes};
 
-/// Hint for an output that uses a whole register to which an operator also writes.
+/// Hint for a register to which an operator writes, although the output does not share it.
 const WHOLE: &str = "arming makes the whole register value the gateway share, also the operator offset; to \
                      keep the operator offset, write share = \"ledger\" again";
 
@@ -377,7 +377,8 @@ impl Moves {
         barred.collect()
     }
 
-    /// Records the outputs that are driven at their places. Returns whether one of them was only read before.
+    /// Records that these outputs may be written at their places. Returns true if one of them was only read there
+    /// before.
     pub(super) fn drive(&mut self, profile: &Profile, is_driven: impl Fn(OutputId) -> bool) -> bool {
         if self.places.only_read.is_empty() {
             return false;
@@ -406,7 +407,8 @@ impl Moves {
         self.places.namespaces.get(bus).cloned().unwrap_or_default()
     }
 
-    /// Saves the namespaces of these indices of the server with this address. Returns whether they have changed.
+    /// Saves the namespaces of these indices. `bus`: address of the server. Returns true if the saved namespaces have
+    /// changed.
     pub(super) fn remember_namespaces(
         &mut self,
         bus: &str,
@@ -422,7 +424,7 @@ impl Moves {
         true
     }
 
-    /// Returns whether this output had another place that is not confirmed.
+    /// Returns true if the output had another place, and the operator has not confirmed the new one.
     pub(super) fn is_in_doubt(&self, output: &str) -> bool {
         self.places.former.iter().any(|former| former.output == output)
     }
@@ -493,7 +495,7 @@ impl Moves {
     }
 }
 
-/// Event for a register that no output uses any more and that keeps a value of the gateway.
+/// Makes the event about a register that no output uses any more, although it contains a value of the gateway.
 pub(super) fn register_left(former: &Former, releases: &Releases, profile: &Profile) -> Event {
     let (output, path) = (former.output.clone(), profile.path.display());
     let hint = match releases.obstacle(&former.place) {

@@ -45,7 +45,7 @@ use pulse::Pulse;
 const IDLE: Duration = Duration::from_secs(1);
 /// Delay after which a read or a step becomes urgent. On a faster line nothing waits that long.
 const SLOW: Duration = Duration::from_millis(20);
-/// Largest number of consecutive urgent reads that are executed before a turn that was due earlier.
+/// Maximum number of consecutive urgent reads before a turn that was due earlier.
 const PRESSED: u32 = 8;
 
 /// Owns one line and everything that is read and written on it.
@@ -61,12 +61,12 @@ pub(super) struct LineTask {
     pulse: Option<Pulse>,
     /// The inputs of an axis are read on this line, so its steps are made here, directly after the reads.
     steps_axes: bool,
-    /// Values that are read here are used on another line: a position that is corrected there, or a result of probing.
+    /// Values that are read on this line are used on another line: for a corrected position, or as a result of probing.
     feeds_others: bool,
     step_due: Option<Moment>,
     pending: Pending,
     work: LineWork,
-    /// Counts of the news and of the pauses that were processed.
+    /// Number of wakeups of the line (`news`), and of pauses of the computer (`pauses`), that were processed.
     news: u64,
     pauses: u64,
     /// Number of urgent reads since the last other read or output.
@@ -77,7 +77,7 @@ pub(super) struct LineTask {
 /// Work that earlier turns left for the next ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Pending {
-    /// A device was read, or another task had news, since the last step of the axes.
+    /// A device was read, or another task has woken the line, since the last step of the axes.
     has_news: bool,
     /// A value was read that is used on another line.
     wakes_others: bool,
@@ -360,7 +360,9 @@ impl LineTask {
             || (self.pending.has_news && !is_outstanding(now))
     }
 
-    /// Read that is urgent: of a position that is corrected, or of readings that have reached half of their `max_age`.
+    /// Returns the index of the device with the most urgent read, `None` if no read is urgent. A read is urgent if an
+    /// output corrects its position and it waits for too long. It is also urgent if the readings have reached half of
+    /// their `max_age`.
     fn pressing(&self, now: Moment) -> Option<usize> {
         let polls = self.polls.iter().enumerate().filter(|(_, poll)| poll.due() <= now);
         let pressing = polls.filter(|(_, poll)| {

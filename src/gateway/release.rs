@@ -121,8 +121,8 @@ impl Releases {
         }
     }
 
-    /// Checks that an output may resume from a Cz that was read in its register. An output without a release always
-    /// may.
+    /// Checks whether an output may resume from a Cz that was read in its register. An output that releases no register
+    /// always may.
     ///
     /// # Errors
     /// No operator has seen this value in the register.
@@ -138,8 +138,8 @@ impl Releases {
 }
 
 impl Returning {
-    /// Checks that the axis may resume from a Cz that was read. `shares`: operator offset and gateway share of a shared
-    /// register.
+    /// Checks whether the axis may resume from a Cz that was read in its register. `shares`: operator offset and
+    /// gateway share of a shared register.
     ///
     /// # Errors
     /// No operator has seen this value in the register.

@@ -253,7 +253,7 @@ fn operators(core: &Core, Former { place, bounds, .. }: &Former) -> Option<f64> 
     found.or_else(saved)
 }
 
-/// Registers that no output uses any more and that keep a value of the gateway.
+/// Returns the registers that belong to no output any more, and still contain a value of the gateway.
 pub(super) fn left(core: &Core) -> Vec<LeftStatus> {
     let places = &core.places.places;
     let former = places.former.iter().filter(|former| former.is_left_behind(&places.outputs));

@@ -14,7 +14,7 @@ use isotherm_profile::{BusId, DeviceId, Output, OutputId, Profile};
 use super::board::Board;
 use super::continuity::Devices;
 
-/// Restarts of each output, and the signals that show them.
+/// Number of restarts of the control of each output, and the signals that show a restart.
 #[derive(Clone, Debug)]
 pub(super) struct Restarts {
     profile: Arc<Profile>,

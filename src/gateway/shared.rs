@@ -24,13 +24,13 @@ use isotherm_profile::{BusId, Profile};
 /// Work that the lines may do.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum LineWork {
-    /// All work.
+    /// All work: reads, steps and outputs.
     #[default]
     All,
     /// Reads, heartbeats and corrected positions. No output changes its state or its ledger entry.
     WithoutOutputs,
-    /// As `WithoutOutputs`. In addition, a line closes its connection in order if an OPC UA server keeps a state for
-    /// it.
+    /// Reads, heartbeats and corrected positions. In addition, a line closes its connection in order if an OPC UA
+    /// server keeps a state for it.
     Leave,
 }
 

@@ -21,7 +21,7 @@ pub const PATIENCE: Duration = Duration::from_secs(180);
 pub(super) struct SignCheck {
     pub(super) by: Arc<Asker>,
     pub(super) from: Micron,
-    /// Target of Cz.
+    /// Cz at which the gauge is read.
     pub(super) to: Micron,
     /// Time at which Cz returns without an answer.
     pub(super) until: Moment,

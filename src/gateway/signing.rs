@@ -145,7 +145,7 @@ pub(super) fn follow(core: &mut Core, now: Moment) {
     }
 }
 
-/// Ends a check. Returns whether there was one.
+/// Ends the sign check of an axis. Returns true if a check was running.
 pub(super) fn end(core: &mut Core, axis: usize, why: Explained) -> bool {
     let (profile, _) = given(core);
     let was = core.arming[axis].sign.is_some();

@@ -1,5 +1,5 @@
-//! The state of the gateway as people and programs see it, worked out from a copy: the lock is held only while that is
-//! made.
+//! The state of the gateway for people and programs. It is derived from a copy, so that the lock is held only while the
+//! copy is made.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -33,7 +33,7 @@ use isotherm_profile::{Axis, DeviceId, Purpose};
 
 struct Picture {
     now: Moment,
-    /// How long the machine has been running.
+    /// Time for which the machine has been running; `None` before it was seen running.
     machine_on: Option<Duration>,
     stopping: bool,
     runs_fault_actions: bool,
@@ -44,7 +44,7 @@ struct Picture {
     probes: Vec<Option<Probe>>,
     outputs: Outputs,
     latest: Latest,
-    /// The readings as they look at this moment.
+    /// Readings at the time of this picture: aged, and checked by their conditions.
     seen: Vec<Reading>,
     contact: Contact,
     devices: Devices,
@@ -146,7 +146,7 @@ pub(super) fn status(shared: &Shared) -> Status {
     status
 }
 
-/// Alarms whose end is no event.
+/// Returns the active alarms that have ended without an event, because the status shows that their cause is over.
 fn ended(status: &Status) -> Vec<String> {
     let calm = status.axes.iter().filter(|axis| !axis.warned);
     let good = status.signals.iter().filter(|signal| signal.quality == "good");
@@ -159,7 +159,8 @@ fn ended(status: &Status) -> Vec<String> {
         .collect()
 }
 
-/// Cz as last verified in the first register of an axis that holds it, and when that was asked.
+/// Returns the last verified Cz of an axis, and the time of the request that read it. It is the one in the axis's first
+/// output with a known Cz.
 fn verified(picture: &Picture, axis: usize) -> Option<(Micron, Moment)> {
     let mut outputs = picture.outputs.of_axis(axis).filter(|(output, _)| output.writes.is_cz());
     outputs.find_map(|(_, state)| state.cz.zip(state.verified_at))
@@ -233,7 +234,8 @@ fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
     .collect()
 }
 
-/// Returns whether an axis takes a register back. It compensates nothing, so the machine does not lack it.
+/// Returns whether the axis only returns a register to its base. Such an axis does not compensate, so it is not missing
+/// if it is off.
 fn is_release(axis: &Axis) -> bool {
     axis.purpose == Purpose::Release
 }

@@ -57,7 +57,8 @@ pub(super) struct Storage {
     remembered: Option<Moment>,
     /// Results of the sign checks, by axis.
     pub(super) signs: BTreeMap<String, SignMemory>,
-    /// Cz that the previous run left in the outputs, µm. It is kept until an output is read.
+    /// Cz that the previous run left in the outputs, µm. It is saved again for an output as long as its register has
+    /// not been read.
     pub(super) left_um: BTreeMap<String, f64>,
     /// Cz of each output as it was last given to the writer, in the order of the profile.
     handed_over: Vec<Option<Micron>>,
@@ -105,7 +106,8 @@ enum Job {
         at: Moment,
         stamped: Stamped,
         row: Vec<u8>,
-        /// Number of losses of output rows before this row was made.
+        /// Number of losses of output rows when this row was made. A higher number later shows that rows are missing in
+        /// between.
         tear: u64,
     },
     /// The rows that were written must be synced to disk.
@@ -263,7 +265,7 @@ impl Storage {
         self.dropped + self.outputs.dropped
     }
 
-    /// Queues a job. Returns whether there was space.
+    /// Queues a job. Returns `false` if the queue has no space; the job is then lost.
     fn hand_over(&mut self, job: Job) -> bool {
         // A full queue means that the disk has failed for a long time, which was reported.
         let Some(queue) = &self.queue else { return false };

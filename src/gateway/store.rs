@@ -66,7 +66,7 @@ const CHANGED_AFTER: u32 = 2;
 /// Reported cause of a failed save. `None` while saving works.
 pub(super) type DiskCause = Option<Cause<(ErrorKind, Option<i32>)>>;
 
-/// Records an error of the disk. Returns whether it must be reported.
+/// Records an error of the disk. Returns true if it must be reported: it is the first one, or its cause has changed.
 pub(super) fn is_news(known: &mut DiskCause, error: &io::Error) -> bool {
     Cause::is_news(known, (error.kind(), error.raw_os_error()), CHANGED_AFTER)
 }
@@ -89,7 +89,7 @@ pub(super) struct Opened {
     pub(super) found: Result<Option<Content>, String>,
     /// Layout of the files of an earlier version of the program, and a clause about them.
     pub(super) earlier: Option<(u32, String)>,
-    /// No run has left anything here.
+    /// Whether this is the first run: no earlier run has left anything in the directory.
     pub(super) is_first: bool,
     pub(super) file: StoreFile,
 }

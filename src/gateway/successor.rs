@@ -35,7 +35,7 @@ pub(super) const CHECKED_WITHIN: Duration = Duration::from_secs(60);
 /// The running program, even if there is another one at its path now.
 const OWN_IMAGE: &str = "/proc/self/exe";
 const LOOK_EVERY: Duration = Duration::from_millis(20);
-/// Largest output of a check that is kept, in bytes, and the number of its lines that are passed on.
+/// Maximum length of a check's output that is kept, in bytes. `LINES`: number of its lines that are passed on.
 const MOST_SAID: usize = 64_000;
 const LINES: usize = 5;
 /// Number of characters of these lines that are passed on.
@@ -46,7 +46,7 @@ const LAST_WORDS: Duration = Duration::from_secs(1);
 /// Exit code for a wrong profile.
 const WRONG_PROFILE: i32 = 64;
 
-/// This program, as it was started.
+/// Path and arguments with which this program was started.
 #[derive(Clone, Debug)]
 pub struct Program {
     path: PathBuf,
@@ -58,7 +58,7 @@ pub struct Program {
 pub(super) enum Unfit {
     /// The profile is wrong.
     Profile(String),
-    /// Another reason.
+    /// Another reason, in words.
     Other(String),
 }
 
@@ -95,8 +95,8 @@ impl Program {
         Program { path, arguments }
     }
 
-    /// Program of this process. This must be called before its file is replaced. The path is the name under which it
-    /// was started, if that is absolute, otherwise the present path of its file.
+    /// Returns the program of this process. Call it before the program's file is replaced. The path is the first
+    /// argument if that is absolute, otherwise the present path of the file.
     ///
     /// # Errors
     /// The system does not report the path.
@@ -107,7 +107,7 @@ impl Program {
         Ok(Program::new(path, arguments.collect()))
     }
 
-    /// Returns whether it was started with this file, which need not exist any more.
+    /// Returns true if the program was started with this file as an argument. The file need not exist any more.
     fn was_given(&self, file: &Path) -> bool {
         let place = |path: &Path| path.canonicalize().or_else(|_| std::path::absolute(path)).ok();
         place(file).is_some_and(|file| {
@@ -254,8 +254,8 @@ impl Successor {
         self.checked.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
-    /// Checks that the other program could run in the place of this gateway, and that this gateway can hand over to it.
-    /// Blocks for at most `within`, and for the time that the disk needs for one small file.
+    /// Checks that another program can run in the place of this gateway, and that this gateway can hand over to it.
+    /// Blocks for `within` at most, and for the time that the disk needs for one small file.
     pub(super) fn check(&self, within: Duration) -> Result<Checked, Unfit> {
         let checked = self.program.check(&self.socket, within)?;
         let directory = self.socket.parent().unwrap_or(Path::new("."));

@@ -131,7 +131,7 @@ impl Units {
         }
     }
 
-    /// Cz of each write that the register does not show yet and that may still arrive.
+    /// Returns the Cz of each write that may still arrive, and that the register does not show yet.
     pub(super) fn may_arrive(&self, state: &State) -> Vec<String> {
         let operator = state.kept().account.map_or(Counts::ZERO, |account| account.base - self.bias);
         let mut values: Vec<Counts> = state.may_arrive().collect();

@@ -163,8 +163,8 @@ impl Attendance {
         }
     }
 
-    /// Longest time for which a request that is found now may have waited. Within a second after a gap, it may have
-    /// come before the gap.
+    /// Returns the maximum time for which a request received now may have waited in its socket. Within a second after a
+    /// gap, the request may have come before the gap.
     fn longest_wait(&self, now: u64) -> Duration {
         let [last, before, after] =
             [&self.0.last, &self.0.before, &self.0.after].map(|moment| moment.load(Ordering::Relaxed));

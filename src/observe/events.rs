@@ -328,7 +328,7 @@ pub enum Event {
     KeptAgain { what: String },
     /// A sensor has a stand-in, or has none any more.
     StandIn(StandIn),
-    /// Touches show that an axis is worse with its model than without compensation, or do not show it any more.
+    /// Probings show that an axis is worse with its model than without compensation, or do not show it any more.
     Comparison(Comparison),
     /// The port of the page is in use, or can be used again.
     Page(PagePort),

@@ -47,7 +47,7 @@ pub(super) fn file(name: &str) -> Option<(&'static str, &'static str)> {
 /// Actions that the page offers to its user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum May {
-    /// Commands.
+    /// The user may send commands.
     Command,
     /// Viewing; commands after signing in with the operator's token.
     SignIn,

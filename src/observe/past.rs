@@ -68,7 +68,8 @@ impl Distances {
         self.0[power as usize] += 1;
     }
 
-    /// Distance of rows above which there is a gap: at least four times the distance of nine in ten of them.
+    /// Returns the largest distance of two rows that is no gap. It is at least four times the distance that nine in ten
+    /// pairs of rows do not exceed.
     fn gap(&self) -> u64 {
         let most = self.0.iter().sum::<u64>() * 9 / 10;
         let mut seen = 0;

@@ -104,7 +104,7 @@ pub enum Answer {
 }
 
 impl Answer {
-    /// Returns the sentence.
+    /// Returns the sentence of the answer.
     pub fn text(&self) -> &str {
         let (Answer::Done(text) | Answer::Waits(text) | Answer::TooSoon(text)) = self;
         text
@@ -132,9 +132,9 @@ pub enum Command {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Moved {
-    /// In the correct direction.
+    /// The gauge moved in the correct direction.
     Plus,
-    /// In the opposite direction.
+    /// The gauge moved in the opposite direction.
     Minus,
     /// The gauge did not move.
     None,
@@ -268,8 +268,8 @@ impl Status {
 }
 
 impl AxisStatus {
-    /// Returns whether the axis should compensate. An axis without a model should not. The same applies to an axis that
-    /// the operator keeps off, or that releases a register.
+    /// Returns whether the axis should compensate. An axis without a model should not, and neither should one that the
+    /// operator keeps off or that releases a register.
     pub fn is_wanted(&self) -> bool {
         self.has_model && !self.arming.left_off && !self.arming.release
     }
@@ -339,7 +339,7 @@ pub struct AxisStatus {
     pub why: Explained,
     /// Request to arm that waits; `None` without one.
     pub waiting: Option<WaitingStatus>,
-    /// Model in use.
+    /// Name of the model in use; `None` if no model is in use.
     pub model: Option<String>,
     /// Cz that the model requests, µm.
     pub raw_um: Option<f64>,
@@ -354,11 +354,11 @@ pub struct AxisStatus {
     pub verified_age_s: Option<f64>,
     /// Guard stages that changed the value: limit, deadband, step, rate, round.
     pub acted: Vec<&'static str>,
-    /// Largest |Cz|, µm.
+    /// Largest absolute value of Cz, µm.
     pub limit_um: f64,
     /// Warning level of |Cz|, µm.
     pub warn_um: Option<f64>,
-    /// |Cz| is above the warning level.
+    /// Whether |Cz| is above the warning level.
     pub warned: bool,
     /// Error level of a model's Cz, µm.
     pub error_um: Option<f64>,
@@ -391,8 +391,8 @@ pub struct ArmingStatus {
     pub armed: bool,
     /// The axis is off because the operator has switched it off, or must arm it first.
     pub left_off: bool,
-    /// The axis compensates nothing: it returns a register that belongs to no output any more to its base. No log has
-    /// its columns.
+    /// The axis does not compensate. It only returns a register to its base, because no output uses that register any
+    /// more. The logs have no columns for this axis.
     pub release: bool,
 }
 
@@ -401,7 +401,7 @@ pub struct ArmingStatus {
 pub struct TruthStatus {
     /// Error without compensation, µm.
     pub error_um: f64,
-    /// Residual error, µm.
+    /// Residual error with the present Cz, µm.
     pub left_um: f64,
 }
 
@@ -444,9 +444,9 @@ pub struct ExtrapolationStatus {
     pub outside: &'static str,
     /// Factor of the model's Cz.
     pub gain: f64,
-    /// Difference of the two halves of the model, µm; `None` if it is not used.
+    /// Difference of the Cz of the two models whose mean is the model in use, µm; `None` if it has no effect.
     pub apart_um: Option<f64>,
-    /// Text for display.
+    /// Description of the extrapolation, for display.
     pub text: String,
 }
 
@@ -474,7 +474,7 @@ pub struct SignalStatus {
     pub device: String,
     /// Last value; `None` if it must not be used.
     pub value: Option<f64>,
-    /// Engineering unit.
+    /// Engineering unit of the value.
     pub unit: &'static str,
     /// Quality: `good`, or the code of the reason.
     pub quality: &'static str,
@@ -489,11 +489,11 @@ pub struct SignalStatus {
 pub struct BusStatus {
     /// Name in the profile.
     pub name: String,
-    /// Host and port.
+    /// Host and port, or the serial port or interface.
     pub address: String,
     /// The bus has a connection.
     pub connected: bool,
-    /// Number of cycles.
+    /// Number of cycles since the start.
     pub cycles: u64,
     /// Number of cycles that ended later than their period allows.
     pub overruns: u64,
@@ -520,7 +520,7 @@ pub struct DeviceStatus {
     pub state: &'static str,
     /// Fault, for display; empty without one.
     pub fault: String,
-    /// Number of requests.
+    /// Number of requests since the start.
     pub requests: u64,
     /// Number of failed requests by cause: timeout, link, peer, exception.
     pub failures: BTreeMap<&'static str, u64>,
@@ -562,8 +562,8 @@ pub struct OutputStatus {
 /// Parts of a shared register value.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct SharesStatus {
-    /// Operator offset.
+    /// Operator offset, in the unit of the output.
     pub base: f64,
-    /// Gateway share.
+    /// Gateway share, in the unit of the output.
     pub share: f64,
 }

@@ -16,9 +16,9 @@ const REACTS_AFTER: Duration = Duration::from_millis(30);
 /// Values that a control has accepted from a set.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Taken {
-    /// Time of acceptance.
+    /// Time at which the control accepted the values.
     pub at: Moment,
-    /// The set.
+    /// Set that the values belong to.
     pub set: SetId,
     /// Words of each output, in the order of the set.
     pub words: Vec<Vec<u16>>,

@@ -21,7 +21,7 @@ mod units;
 
 use units::{Unit, overlap, units, well};
 
-/// All parts of a virtual machine except sockets.
+/// State of a virtual machine: plant, units, controls and faults. Sockets are not part of it.
 #[derive(Debug)]
 pub(super) struct Hardware {
     profile: Profile,
@@ -118,7 +118,7 @@ impl Hardware {
         self.probe(now);
     }
 
-    /// Runs the probing cycles that are due, for axes that the plant knows.
+    /// Runs the probing cycles that are due. An axis is skipped if the plant does not know its true error.
     fn probe(&mut self, now: Moment) {
         for place in 0..self.cycles.len() {
             let axis = AxisId(self.cycles[place].axis);
@@ -131,7 +131,7 @@ impl Hardware {
         }
     }
 
-    /// Samples the truth.
+    /// Samples the true error of each axis for the summary.
     pub(super) fn observe(&mut self, now: Moment) {
         let Some(plant) = &self.plant else { return };
         let axes = self.axes.iter().map(|(axis, name)| AxisTruth {
@@ -304,7 +304,7 @@ impl Hardware {
         }
     }
 
-    /// Restarts a unit, which loses everything that was written.
+    /// Restarts a unit. The unit loses all written values.
     fn restart(&mut self, place: usize, now: Moment) {
         let unit = &mut self.units[place];
         unit.restart();

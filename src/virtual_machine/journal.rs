@@ -15,7 +15,7 @@ pub struct Seen {
     pub function: u8,
     /// First register or bit, object, or field of a frame.
     pub address: Address,
-    /// Number of cells.
+    /// Number of cells that the request addresses.
     pub count: u16,
     /// Content of the cells before the request.
     pub before: Vec<u16>,

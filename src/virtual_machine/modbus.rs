@@ -10,7 +10,7 @@ pub(super) const HEADER: usize = 7;
 /// Largest protocol data unit in bytes.
 pub(super) const LARGEST_PDU: usize = 253;
 
-/// Exception codes.
+/// Exception codes of Modbus: what is wrong with a request.
 pub(super) const ILLEGAL_FUNCTION: u8 = 1;
 const ILLEGAL_ADDRESS: u8 = 2;
 const ILLEGAL_VALUE: u8 = 3;
@@ -89,7 +89,7 @@ fn rtu_request(bytes: &[u8]) -> Option<(Header, Range<usize>)> {
     is_right.then_some((Header { transaction: 0, unit: bytes[0] }, 1..end))
 }
 
-/// A well-formed request.
+/// Request that is valid Modbus.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Request {
     pub(super) function: u8,

@@ -7,16 +7,16 @@ use isotherm_core::quantity::Moment;
 /// Time of the first sample since the start of the run. The warm-up transient is included, the setup is not.
 const FIRST_SAMPLE: Duration = Duration::from_secs(60);
 
-/// One axis at one time, µm.
+/// True error and Cz of one axis at one time, µm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisTruth {
     /// Error without compensation.
     pub error_um: f64,
-    /// Active Cz.
+    /// Cz that acts in the machine.
     pub cz_um: f64,
 }
 
-/// All axes at one time, in the order of [`Summary::axes`].
+/// True errors of all axes at one time, in the order of [`Summary::axes`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct TruthRow {
     /// Time of the sample.
@@ -39,7 +39,7 @@ pub struct Extent {
 pub struct AxisSummary {
     /// Name in the profile.
     pub axis: String,
-    /// Number of samples.
+    /// Number of samples in both extents.
     pub samples: u64,
     /// Error without compensation.
     pub uncompensated: Extent,
@@ -81,7 +81,7 @@ pub(super) struct Observer {
     begin: Moment,
     pub(super) summary: Summary,
     pub(super) latest: Option<TruthRow>,
-    /// Some of the rows, until they are taken.
+    /// Rows at an interval of ten seconds, until they are taken.
     pub(super) course: Vec<TruthRow>,
 }
 

@@ -26,7 +26,7 @@ pub(super) fn wander(signal: &Signal, seed: u64, seconds: f64) -> f64 {
     }
 }
 
-/// Noise that changes every second, and is the same for every query of that second.
+/// Returns noise that changes every second. Within a second it is always the same.
 #[allow(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,

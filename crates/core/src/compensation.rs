@@ -226,8 +226,8 @@ pub struct Decision {
     pub stood_in: Option<StoodIn>,
     /// The model requested more than the error level. The axis runs its fault action until it is armed again.
     pub tripped: bool,
-    /// Measured errors which show that the model in use is worse than no compensation. While no model can be used,
-    /// those of the last one.
+    /// Comparison which shows that the model in use is worse than no compensation; `None` if none shows it. While no
+    /// model can be used, the comparison of the last model in use.
     #[serde(default)]
     pub worse: Option<Worse>,
     /// Distance of the machine from the range on which the model in use was identified; `None` inside that range.
@@ -245,12 +245,12 @@ pub struct Compensation {
     axes: Vec<Axis>,
 }
 
-/// Result of [`Compensation::step`].
+/// Result of [`Compensation::step`]: whether an axis decided, and which events of the machine were detected.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stepped {
     /// At least one axis decided, or an edge was detected. The log gets a row.
     pub anything: bool,
-    /// Machine start and zero command.
+    /// Whether a machine start or a zero command was detected.
     pub noticed: Noticed,
 }
 
@@ -421,7 +421,8 @@ impl Compensation {
         axis.probe.reports.check(report, (now, shift), datum)
     }
 
-    /// Remembers a report whose error was learned or waits for another report. The report does not count again.
+    /// Remembers a report whose error was learned, or waits for another report. A repetition of the report is then
+    /// rejected.
     pub fn take_report(&mut self, axis: usize, report: MeasuredReport, now: Moment) {
         if let Some(axis) = self.axes.get_mut(axis) {
             axis.probe.reports.take(report, now);
@@ -438,8 +439,8 @@ impl Compensation {
         self.take_beginnings();
     }
 
-    /// Stores the beginnings of sensors that are accepted again and could not be read at machine start. Returns whether
-    /// there are any.
+    /// Sets the references at machine start of sensors that are accepted again, if they could not be read at that time.
+    /// Their values are estimates. Returns true if at least one was set.
     fn take_beginnings(&mut self) -> bool {
         let mut any = false;
         for axis in &mut self.axes {

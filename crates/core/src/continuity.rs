@@ -1,4 +1,4 @@
-//! Continuity of devices: whether the device that answers is the one that was verified before.
+//! Continuity of devices: whether the answers still come from the device that was verified before.
 //!
 //! An address and a name do not identify a device. After contact was lost, another module or control may answer there,
 //! or the same one with other settings. [`DeviceContinuity`] collects what is known about one device.
@@ -74,7 +74,7 @@ pub enum Break {
 pub struct Difference {
     /// Register, object or node that was checked, for example `holding:90 (40091)`.
     pub what: String,
-    /// Expected value.
+    /// Value that the profile expects.
     pub was: String,
     /// Value found, or the reason why it cannot be read.
     pub is: Found,
@@ -87,7 +87,7 @@ pub struct Difference {
 /// Result of a check that did not pass.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Found {
-    /// Another value.
+    /// The check read another value than expected, given as text.
     Value(String),
     /// No value: the device answered that it has no such register, for this reason.
     Absent(String),
@@ -97,7 +97,7 @@ pub enum Found {
     Described(String),
 }
 
-/// How a device is identified.
+/// Means by which a device is identified.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Identity {
     /// The device has no checks.
@@ -123,7 +123,7 @@ pub struct DeviceContinuity {
     answered: Moment,
     /// Time of the last answer that was no refusal.
     delivered: Moment,
-    /// Requests without an answer since the last one.
+    /// Number of requests without an answer since the last answer.
     missed: u32,
     /// Whether the present silence has already broken continuity.
     is_silent: bool,
@@ -237,7 +237,8 @@ impl DeviceContinuity {
         self.delivered = now;
     }
 
-    /// Records a request without an answer. Several of them over two poll periods are one break.
+    /// Records a request without an answer. Two or more consecutive ones, at least two poll periods after the last
+    /// answer, are one break.
     pub fn misses(&mut self, now: Moment) {
         self.missed = self.missed.saturating_add(1);
         let is_silent = self.missed >= SILENT_REQUESTS && now.since(self.answered) >= self.silence;

@@ -37,17 +37,17 @@ pub enum Held {
 pub enum Display {
     /// Off because the profile has no model for the axis.
     Unmodelled,
-    /// Not armed.
+    /// Not armed: nothing is decided or written.
     Off,
     /// Not armed yet. The axis arms when the missing condition is met.
     Waiting,
-    /// Following its preferred model.
+    /// The axis follows its preferred model.
     Active,
-    /// Following a fallback model.
+    /// The axis follows a fallback model.
     Degraded,
-    /// Keeping its last value.
+    /// The axis keeps its last value.
     Holding,
-    /// Returning to zero.
+    /// Returning to zero at the axis's rate.
     Ramping,
     /// Zero was verified in the control.
     Zeroed,
@@ -71,7 +71,7 @@ pub enum Tone {
 }
 
 impl Tone {
-    /// Name for programs.
+    /// Returns the name in JSON and metrics.
     pub const fn name(self) -> &'static str {
         match self {
             Tone::Good => "good",
@@ -126,7 +126,7 @@ impl Display {
         }
     }
 
-    /// Name for programs.
+    /// Returns the name in JSON and metrics.
     pub fn name(self) -> &'static str {
         self.entry().1
     }

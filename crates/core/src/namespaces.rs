@@ -51,17 +51,17 @@ enum Meaning {
 pub enum Located {
     /// The namespace of OPC UA itself, or one that no URI identifies. The index is used as it is.
     Unidentified,
-    /// At the index, for the first time. The caller stores this URI.
+    /// The namespace at the index has not been stored yet. The caller stores this URI.
     New(String),
-    /// At the index, as stored.
+    /// The stored namespace is at its index on the server.
     Same,
-    /// At this other index.
+    /// The stored namespace is at this other index on the server.
     Moved(u16),
-    /// Not in the array of the server.
+    /// The server does not have the stored namespace.
     Gone,
-    /// At more than one index.
+    /// The server has the stored namespace at more than one index.
     Ambiguous,
-    /// At another index, but the profile may mean the namespace that is at the index now.
+    /// The stored namespace is at another index, but the profile may mean the namespace that is at its index now.
     Unclear,
 }
 

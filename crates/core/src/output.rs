@@ -131,7 +131,7 @@ pub use state::State;
 pub use strobe::{Awaited, Strobe, StrobeLevel};
 pub use transaction::Taking;
 
-/// Input of [`step`].
+/// Input of [`step`]: something that has happened to the register, its axis or its device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Fact {
     /// Call at the requested time, without news.
@@ -159,7 +159,7 @@ pub enum Fact {
     },
     /// The register was read, on request or together with others.
     Read {
-        /// Register value.
+        /// Register value that was read.
         found: Counts,
         /// Time before the first byte of the request was sent.
         asked: Moment,
@@ -192,7 +192,7 @@ pub enum Fact {
     Released,
     /// The output is armed. Give this fact after the first read of the register.
     Armed {
-        /// Who armed it.
+        /// Whether the operator or the profile has armed it.
         by: Who,
     },
     /// The output is disarmed. The register value stays.
@@ -223,13 +223,13 @@ pub enum Action {
         /// Time of the next [`Fact::Look`].
         until: Moment,
     },
-    /// Read the register.
+    /// Read the register. [`Fact::Read`] or [`Fact::NoAnswer`] is the result.
     Read,
     /// Write [`State::kept`] to disk.
     Keep,
     /// Write to the register.
     Write {
-        /// New register value.
+        /// Value to write to the register.
         value: Counts,
         /// Last moment for the first byte. After it, the write is not sent.
         not_after: Moment,

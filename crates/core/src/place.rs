@@ -36,7 +36,7 @@ pub enum Part {
     Address,
     /// Type and byte order.
     Type,
-    /// Units per count.
+    /// Units per count of the register.
     Scale,
     /// Number added to the raw count.
     Bias,
@@ -89,7 +89,7 @@ pub struct OutputPlace {
     /// Type and byte order.
     #[serde(rename = "type")]
     pub layout: String,
-    /// Units per count.
+    /// Units of the value per count of the register.
     pub scale: f64,
     /// Number added to the raw count.
     pub bias: i64,
@@ -116,7 +116,7 @@ pub struct SignalPlace {
     /// Type and byte order.
     #[serde(rename = "type")]
     pub layout: String,
-    /// Units per count.
+    /// Units of the value per count of the register.
     pub scale: f64,
     /// Value of raw zero.
     pub offset: f64,
@@ -280,7 +280,7 @@ impl KnownOutput {
 pub struct Former {
     /// Name of the output.
     pub output: String,
-    /// Former place.
+    /// Place that the output had before it was moved or removed.
     pub place: OutputPlace,
     /// Last verified Cz of the gateway in the register, µm. `None` if unknown.
     pub held_um: Option<f64>,
@@ -306,8 +306,8 @@ impl Former {
         Former { output, ..self }
     }
 
-    /// Returns the former places after a start, with the axes that wait for the operator. They are the places of
-    /// earlier starts that still wait (`open`), and those that were changed or removed since the last run.
+    /// Returns the former places after a start, with the axes that wait for the operator. These are places of earlier
+    /// starts that still wait (`open`), and places that were changed or removed since the last run.
     pub fn after(
         open: Vec<Former>,
         remembered: &BTreeMap<String, KnownOutput>,

@@ -176,7 +176,7 @@ impl Mul<Celsius> for MicronPerCelsius {
     }
 }
 
-/// Product in µm/mm, possibly infinite as above.
+/// Product in µm/mm. It may be infinite: a sum of such products is checked once, at its end.
 impl Mul<Celsius> for MicronPerMillimetreCelsius {
     type Output = f64;
     fn mul(self, rise: Celsius) -> f64 {
@@ -184,7 +184,7 @@ impl Mul<Celsius> for MicronPerMillimetreCelsius {
     }
 }
 
-/// Product in µm, possibly infinite as above.
+/// Product in µm. It may be infinite: a sum of such products is checked once, at its end.
 impl Mul<Millimetre> for MicronPerMillimetre {
     type Output = f64;
     fn mul(self, way: Millimetre) -> f64 {
@@ -252,7 +252,7 @@ impl fmt::Display for Counts {
 pub struct Moment(u64);
 
 impl Moment {
-    /// Latest possible moment.
+    /// Latest possible moment. It stands for "never".
     pub const END: Moment = Moment(u64::MAX);
 
     /// Creates the moment this many nanoseconds after the Unix epoch.

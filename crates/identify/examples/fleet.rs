@@ -1,4 +1,5 @@
-//! Identifies one model of several machines of the same type, from the stored products of the runs of each machine.
+//! Identifies one model of several machines of the same type, from the stored Gram products of the runs of each
+//! machine.
 //!
 //! ```text
 //! cargo run -p isotherm-identify --example fleet -- keep mill-1.toml mill-1/*.csv > mill-1.products.json

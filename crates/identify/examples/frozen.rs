@@ -53,7 +53,7 @@ fn main() -> ExitCode {
     if is_reached { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// Sensor that froze.
+/// Result of one simulated freeze of a sensor.
 struct Case {
     /// Minutes until it was suspected; `None` if it was not.
     found: Option<f64>,

@@ -42,9 +42,10 @@ struct Channel {
     probed: f64,
     /// Range with two training runs and with one, as a ratio to the range without compensation.
     few: [f64; 2],
-    /// With three sensors, and with eight.
+    /// Limits of the range with three sensors in the model, and with eight, µm.
     sensors: Option<[f64; 2]>,
-    /// With the spindle speed and its square: range, root mean square, and range with an hourly probe, µm.
+    /// Limits with the spindle speed and its square as inputs: range, root mean square, and range with an hourly probe,
+    /// µm.
     speeds: Option<[f64; 3]>,
 }
 
@@ -87,13 +88,13 @@ const fn stage(error: &'static str, range: f64, rms: f64, probed: f64, few: [f64
     Channel { error, range, rms, probed, few, sensors: None, speeds: None }
 }
 
-/// Percent by which a range may grow where one sensor freezes, the mean over the sensors.
+/// Largest growth of the range if one sensor freezes, percent: mean over the sensors.
 const FROZEN: f64 = 8.0;
-/// How soon a frozen sensor is noticed, min, half of the times.
+/// Largest median of the time until a frozen sensor is detected, min.
 const NOTICED: f64 = 240.0;
-/// Percent by which a range may grow where one sensor froze in one training run.
+/// Largest growth of the range if one sensor froze in one training run, percent.
 const SPOILT: f64 = 10.0;
-/// Least and greatest shares of the rows inside one and two times the expected error.
+/// Smallest and largest share of the rows within one and within two times the expected error.
 const INSIDE: [(f64, f64); 2] = [(0.55, 0.85), (0.84, 0.98)];
 /// Seconds of an hour.
 const HOUR: f64 = 3600.0;

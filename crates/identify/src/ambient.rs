@@ -14,7 +14,7 @@ const MINUTE: f64 = 60.0;
 const AFTER_START: usize = 20;
 /// Minimum number of starts for a result.
 const STARTS: usize = 3;
-/// Time constants of parts that the load may warm, min.
+/// Time constants that are tried for the lag between the load and the temperature of a part that it warms, min.
 const LAGS_MIN: [f64; 4] = [6.0, 25.0, 75.0, 200.0];
 /// Maximum ratio of the variance explained by the load to that explained by time. It is not zero: with few runs, every
 /// slow signal correlates a little with a slow lag.

@@ -5,7 +5,7 @@ use crate::dataset::{BadLog, Column, Dataset, Kind};
 use crate::statistics::least_and_most;
 use isotherm_profile::{Profile, Writes};
 
-/// Range of Cz below which it did nothing, µm.
+/// Range of a Cz column up to which Cz counts as constant, µm. A constant Cz does not change the drift.
 const STANDS_STILL: f64 = 1e-9;
 
 /// Source of the Cz that was active during the measurement of the error.
@@ -26,7 +26,7 @@ impl Applied {
         if text == "none" { Applied::Nothing } else { Applied::Column(text.to_owned()) }
     }
 
-    /// Returns whether this names the column.
+    /// Returns true if the Cz is taken from this column by its name.
     pub(crate) fn names(&self, column: &str) -> bool {
         matches!(self, Applied::Column(name) if name == column)
     }

@@ -1,11 +1,11 @@
-//! The bank: every input through every lag, as the gateway itself would compute it.
+//! The bank: values of every input with every lag, as the gateway itself would compute them.
 //!
-//! The gateway's own [`Compensation`] captures the references and its own [`Lag`] follows each input, row by row of the
-//! log as it was recorded; only then are rows averaged. So what is found on the bank is what runs: the replay of a run
-//! gives the same values.
+//! References are captured by the gateway's own [`Compensation`]. Each input is followed by its own [`Lag`], row by row
+//! of the log as it was recorded. Rows are averaged only after that. A model of the bank therefore gives the same
+//! values in a replay of the run.
 //!
-//! While the references settle the axis waits, and a rise is zero. Where an error is measured from the first visit of its
-//! place, so are the rises.
+//! A rise is zero until its reference has been captured, because the axis waits that long. If the error of a place is
+//! measured from its first visit, the rises are counted from that visit, too.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -22,55 +22,58 @@ use isotherm_core::quantity::Celsius;
 /// Time constants that are tried: none, 3, 6, 12, 25, 50, 100 and 200 minutes.
 pub(crate) const LAGS_MIN: [u32; 8] = [0, 3, 6, 12, 25, 50, 100, 200];
 
-/// The usual lags.
+/// Returns the time constants of [`LAGS_MIN`]; `None` means no lag.
 pub(crate) fn usual_lags() -> Vec<Option<Duration>> {
     LAGS_MIN.iter().map(|minutes| (*minutes > 0).then(|| Duration::from_mins((*minutes).into()))).collect()
 }
 
-/// One column of the bank.
+/// Column of the bank: an input with a lag, or a function of it. It can become a term of a model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Candidate {
-    /// Its place among the campaign's inputs.
+    /// Index of the input in the inputs of the campaign.
     pub input: usize,
-    /// Time constant; `None`: the rise itself.
+    /// Time constant of the lag; `None` for the rise without a lag.
     pub lag: Option<Duration>,
-    /// The square of what is read counts.
+    /// Whether the column contains the square of the input.
     pub squared: bool,
-    /// Multiplied with the distance from the campaign's reference position: a term of the slope, mm·°C.
+    /// Whether the column is multiplied by the distance from the campaign's reference position. It is then a term of
+    /// the slope, in mm·°C.
     pub along: bool,
 }
 
-/// Which rows of a log. Masked rows are none of them.
+/// Selection of the rows of a log. Masked rows are never selected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Rows {
-    /// Those in which the error is there.
+    /// Rows in which the error was measured.
     WithError,
-    /// All; where the error is missing the target is NaN.
+    /// All rows. If the error is missing in a row, the target is NaN.
     Every,
 }
 
-/// Every candidate over every run.
+/// Values of every candidate column in every run.
 #[derive(Clone, Debug)]
 pub(crate) struct Bank {
-    /// The columns.
+    /// Columns of the bank.
     pub(crate) candidates: Vec<Candidate>,
-    /// By input of the campaign.
+    /// For each input of the campaign: whether it is a speed.
     pub(crate) is_speed: Vec<bool>,
-    /// In the order of the dataset.
+    /// Values of each run, in the order of the dataset.
     pub(crate) runs: Vec<Traced>,
 }
 
-/// One run, row by row after averaging.
+/// Values of one run. Each row is the mean over one averaging window.
 #[derive(Clone, Debug)]
 pub(crate) struct Traced {
     pub(crate) name: String,
-    /// By row: which averaging window of the run it is. Other banks may lack some of them.
+    /// For each row, the number of its averaging window in the run. A bank with other columns may lack some of these
+    /// windows.
     pub(crate) windows: Vec<u128>,
-    /// Seconds since the run's first row.
+    /// Time of each row, in seconds since the first row of the run.
     pub(crate) seconds: Vec<f64>,
-    /// The Cz that would leave no error, µm: −(e − its cold value).
+    /// Cz that would compensate the whole error, µm: −(e − cold value of e).
     pub(crate) target: DVector<f64>,
-    /// One column per candidate: rises in the unit of their inputs, from where the target is measured.
+    /// Rises of the inputs, in their units. Each candidate has one column. The rises start at the same row as the
+    /// target.
     pub(crate) rises: DMatrix<f64>,
 }
 
@@ -81,8 +84,8 @@ impl Candidate {
 }
 
 impl Bank {
-    /// Every temperature through these lags; every speed and its square through those that are none at once: a spindle
-    /// warms nothing at once. And what else there is to be.
+    /// Makes the bank of all inputs with these lags, and of the candidates in `beside`. A speed also gives its square.
+    /// It is used only with a lag, because a spindle warms the machine with a delay.
     pub(crate) fn with_speeds(
         campaign: &Campaign<'_>,
         lags: &[Option<Duration>],
@@ -105,7 +108,7 @@ impl Bank {
         Bank::new(campaign, candidates)
     }
 
-    /// These inputs through these lags.
+    /// Makes the bank of these inputs with these lags.
     pub(crate) fn of_inputs(
         campaign: &Campaign<'_>,
         inputs: &[usize],
@@ -119,35 +122,35 @@ impl Bank {
         Bank::with(campaign, inputs.iter().flat_map(all).collect(), rows)
     }
 
-    /// Every input through these lags.
+    /// Makes the bank of every input with these lags.
     pub(crate) fn of(campaign: &Campaign<'_>, lags: &[Option<Duration>]) -> Bank {
         let inputs: Vec<usize> = (0..campaign.inputs.len()).collect();
         Bank::of_inputs(campaign, &inputs, lags, Rows::WithError)
     }
 
-    /// These candidates.
+    /// Makes the bank of these candidates, over the rows with a measured error.
     pub(crate) fn new(campaign: &Campaign<'_>, candidates: Vec<Candidate>) -> Bank {
         Bank::with(campaign, candidates, Rows::WithError)
     }
 
-    /// These candidates, over these rows.
+    /// Makes the bank of these candidates, over these rows.
     pub(crate) fn with(campaign: &Campaign<'_>, candidates: Vec<Candidate>, rows: Rows) -> Bank {
         let places = 0..campaign.dataset.runs.len();
         let runs = places.into_par_iter().map(|place| trace(campaign, place, &candidates, rows)).collect();
         Bank { candidates, is_speed: campaign.inputs.iter().map(|input| input.is_speed()).collect(), runs }
     }
 
-    /// The place of a candidate's column.
+    /// Returns the index of the candidate's column; `None` if the bank does not have it.
     pub(crate) fn column(&self, candidate: &Candidate) -> Option<usize> {
         self.candidates.iter().position(|known| known == candidate)
     }
 
-    /// The column of an input without a lag.
+    /// Returns the index of the column of an input without a lag; `None` if the bank does not have it.
     pub(crate) fn plain(&self, input: usize) -> Option<usize> {
         self.column(&Candidate::new(input, None))
     }
 
-    /// The rises of a column, over the rows of all runs.
+    /// Returns the rises of a column in the rows of all runs.
     pub(crate) fn rises(&self, column: usize) -> Vec<f64> {
         self.runs
             .iter()
@@ -155,20 +158,20 @@ impl Bank {
             .collect()
     }
 
-    /// The largest rise or fall of a column, over the rows of all runs.
+    /// Returns the largest absolute rise of a column in the rows of all runs.
     pub(crate) fn largest(&self, column: usize) -> f64 {
         self.runs.iter().map(|run| run.rises.column(column).amax()).fold(0.0, f64::max)
     }
 
-    /// The measured error, µm from its cold value, over the rows of all runs.
+    /// Returns the measured error in the rows of all runs, µm, counted from its cold value.
     pub(crate) fn errors(&self) -> Vec<f64> {
         self.runs.iter().flat_map(Traced::error).collect()
     }
 
-    /// Every run has a row.
+    /// Checks that every run has at least one row. `every` and `one` describe the inputs in the message.
     ///
     /// # Errors
-    /// A sentence that names the run, `every` input and `one` of them.
+    /// Returns a message that names the run without rows.
     pub(crate) fn check_rows(&self, every: &str, one: &str) -> Result<(), String> {
         match self.runs.iter().find(|run| run.target.is_empty()) {
             None => Ok(()),
@@ -180,25 +183,25 @@ impl Bank {
         }
     }
 
-    /// The products of each run.
+    /// Returns the Gram products X'X, X'y and y'y of each run.
     pub(crate) fn grams(&self) -> Vec<Gram> {
         self.runs_in_parallel(|run| Gram::of(&run.rises, &run.target))
     }
 
-    /// In the order of the runs.
+    /// Applies `of` to each run in parallel. The results are in the order of the runs.
     pub(crate) fn runs_in_parallel<T: Send>(&self, of: impl Fn(&Traced) -> T + Sync + Send) -> Vec<T> {
         self.runs.par_iter().map(of).collect()
     }
 }
 
 impl Traced {
-    /// The measured error, µm, from its cold value.
+    /// Returns the measured error, µm, counted from its cold value.
     pub(crate) fn error(&self) -> Vec<f64> {
         self.target.iter().map(|target| -target).collect()
     }
 }
 
-/// One run through the gateway's own references and lags.
+/// Computes the candidates of one run with the references and the lags of the gateway.
 pub(crate) fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate], wanted: Rows) -> Traced {
     let masked = campaign.masked(run);
     let run = &campaign.dataset.runs[run];
@@ -259,7 +262,8 @@ pub(crate) fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate
     }
 }
 
-/// Rows that are averaged: how many they are, in how many of them the error is there, and what they add up to.
+/// Sums of the rows in one averaging window: number of rows, number of rows with an error, and the sums of their
+/// values.
 struct Window {
     index: u128,
     rows: f64,
@@ -281,14 +285,15 @@ impl Window {
     }
 }
 
-/// A temperature counts from the start, a speed from standing still.
+/// Returns the input of a candidate. The rise of a temperature is counted from machine start, that of a speed from
+/// zero.
 fn input(campaign: &Campaign<'_>, candidate: &Candidate) -> Input {
     let own = &campaign.inputs[candidate.input];
     let reference = if own.is_speed() { Reference::Fixed(Celsius::ZERO) } else { Reference::Start };
     Input { squared: candidate.squared, ..Input::of(own.signal, reference, candidate.lag) }
 }
 
-/// NaN where the signal cannot be used; zero while its reference settles.
+/// Returns the rise of an input: NaN if the signal cannot be used, zero until its reference has been captured.
 fn rise_of(lag: Lag, input: &Input, known: &Inputs<'_>) -> f64 {
     match input.rise(known, &lag) {
         Ok(rise) => rise.get(),

@@ -153,8 +153,8 @@ impl<'a> Campaign<'a> {
         masked
     }
 
-    /// Returns the time that one row stands for after averaging, s: the averaging window, or the log's own step if that
-    /// is longer.
+    /// Returns the time between rows after averaging, s: the averaging window, or the step of the log if that is
+    /// longer.
     pub(crate) fn row_seconds(&self) -> f64 {
         let steps = self.dataset.runs.iter().flat_map(|run| run.times.windows(2));
         let mut steps: Vec<f64> = steps.map(|pair| pair[1].since(pair[0]).as_secs_f64()).collect();
@@ -234,8 +234,8 @@ impl<'a> Campaign<'a> {
 pub(super) struct Target {
     /// Target Cz, µm. NaN if the error is missing, and before the machine starts.
     pub(super) cz: f64,
-    /// Row from which the target is measured, if that is the first visit of a place after the references had settled.
-    /// The machine was warm then, so the rises of a model are also counted from that row.
+    /// Row of the first visit of this place, if that was after the references had settled; else `None`. The machine was
+    /// warm by then. Therefore the target and the rises of a model are both counted from that row.
     pub(super) since: Option<usize>,
 }
 
@@ -243,7 +243,8 @@ impl Target {
     const UNKNOWN: Target = Target { cz: f64::NAN, since: None };
 }
 
-/// Axis that moves nothing. References are captured only when an axis is due, so there must be one at every row.
+/// Returns an axis that moves nothing. It is due at every row, because references are captured only when an axis is
+/// due.
 fn onlooker() -> AxisSettings {
     AxisSettings {
         name: "onlooker".to_owned(),

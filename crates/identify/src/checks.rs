@@ -83,8 +83,7 @@ pub(super) fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<Strin
     }
 }
 
-/// Message about a recorded position on which the error may depend, and which no model was asked to use; `None` without
-/// one.
+/// Returns a message if the error may depend on a recorded position that no model uses; `None` if it does not.
 pub(super) fn unused_position(dataset: &Dataset, error: usize) -> Option<String> {
     let moved = |column: &usize| {
         let places = dataset.runs.iter().flat_map(|run| {

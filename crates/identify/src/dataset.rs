@@ -49,7 +49,7 @@ pub struct Dataset {
 pub struct Column {
     /// Name in the header.
     pub name: String,
-    /// Guessed kind.
+    /// Kind of quantity, guessed from unit, name and values.
     pub kind: Kind,
 }
 
@@ -97,7 +97,7 @@ pub type Units<'a> = &'a dyn Fn(&str) -> Option<&'static str>;
 /// hundreds of columns, of which a model requires ten.
 pub type Uses<'a> = &'a dyn Fn(&str) -> bool;
 
-/// Selects all columns.
+/// Selects all columns; see [`Uses`].
 #[must_use]
 pub fn every_column(_: &str) -> bool {
     true

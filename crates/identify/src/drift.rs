@@ -54,7 +54,7 @@ pub struct Drift {
     pub because: String,
     /// Time from the first row to the last, h.
     pub hours: f64,
-    /// Number of rows.
+    /// Number of rows of the run.
     pub rows: usize,
     /// Drift of each displacement column.
     pub displacements: Vec<Displacement>,
@@ -98,7 +98,7 @@ pub struct Temperature {
     pub begin_c: f64,
     /// Temperature in the last minutes, °C.
     pub end_c: f64,
-    /// Range, K.
+    /// Range of the temperature in the run (maximum minus minimum), K.
     pub range_k: f64,
     /// Largest range within any 60 min, K; `None` if the log is shorter.
     pub largest_60min_k: Option<f64>,

@@ -16,7 +16,7 @@ use crate::validate::HeldOut;
 
 const EVERY: usize = 5;
 const ROUNDS: usize = 12;
-/// Assumed interval of probe touches, s.
+/// Assumed interval of the probings of a machine, s.
 const TOUCHES_EVERY: f64 = 3600.0;
 
 /// The coefficients a and b of σ² = a·h + b.
@@ -27,7 +27,7 @@ pub type Growth = [f64; 2];
 pub struct Expected {
     /// Growth with the hours since the datum.
     pub since_datum: Growth,
-    /// Growth with the hours since the last touch of a probe.
+    /// Growth with the hours since the last probing.
     pub since_touch: Growth,
 }
 

@@ -40,7 +40,7 @@ const STANDS_STILL: f64 = 1e-6;
 /// Finding about a sensor.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
-    /// The signal.
+    /// Name of the sensor's signal.
     pub signal: String,
     /// Reason, with run, time or figures.
     pub reason: String,
@@ -71,16 +71,16 @@ pub struct Notes {
     pub remarks: Vec<String>,
 }
 
-/// Sensor that was faulty in one run, and is used nevertheless: the repair of its readings in that run.
+/// Repair of the readings of a sensor in one run. The sensor was faulty in that run, and is used nevertheless.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Repaired {
-    /// The signal.
+    /// Name of the sensor's signal.
     pub signal: String,
-    /// The run.
+    /// Name of the run with the fault.
     pub run: String,
     /// Fault, with its time.
     pub fault: String,
-    /// Repair.
+    /// Repair, as a message.
     pub done: String,
 }
 
@@ -108,18 +108,18 @@ pub(super) struct Fault {
 /// Effect of a fault on a run, in the order of repair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Damage {
-    /// Some separate rows.
+    /// Spikes: separate rows with wrong readings.
     Spikes,
-    /// All rows from one on, by a step.
+    /// A step that shifts all rows after it.
     Jump,
-    /// A constant stretch. Its rows are masked. They are rebuilt only for later lagged values.
+    /// Constant readings for a part of the run. Their rows are masked. They are rebuilt only for later lagged values.
     Frozen,
-    /// A constant stretch that is most of its run. It is rebuilt and used for learning, because a mask would leave too
+    /// Constant readings for most of the run. They are rebuilt and used for learning, because a mask would leave too
     /// few rows.
     Rebuilt,
-    /// A constant stretch that no other sensor can rebuild. Its rows are masked, and its readings are missing.
+    /// Constant readings that no other sensor can rebuild. Their rows are masked, and the readings count as missing.
     Missing,
-    /// Unknown rows.
+    /// Fault whose rows are unknown. The sensor must be left out.
     Whole,
 }
 
@@ -219,8 +219,8 @@ fn of_column(dataset: &Dataset, column: usize, frozen: &[Frozen]) -> Vec<Fault> 
     found
 }
 
-/// Returns the logs without the jumps at the ends of constant stretches. Only the other sensors can tell whether such a
-/// jump is the end of a freeze. They must not be learned from readings that contain the jump.
+/// Returns the logs without the jumps at the ends of constant readings. Such a jump may be the end of a freeze. Only
+/// the other sensors can show that, and they must not be learned from readings that contain the jump.
 pub(super) fn levelled<'a>(dataset: &'a Dataset, columns: &[usize]) -> Cow<'a, Dataset> {
     let mut levelled = Cow::Borrowed(dataset);
     for (number, run) in dataset.runs.iter().enumerate() {

@@ -1,5 +1,5 @@
-//! Products of runs, kept in files. The runs of a fleet are added up, and a model is learned from them without their
-//! records.
+//! Gram products of runs, stored in files. The runs of a fleet are added up, and a model is learned from the sums,
+//! without the records.
 //!
 //! ```text
 //! machine 1:  records ── RunProducts::of ── file ──┐
@@ -30,7 +30,8 @@ use isotherm_profile::sha256;
 const FORMAT: &str = "isotherm-products";
 const VERSION: u64 = 1;
 
-/// Products of runs, of one machine or of several, with their settings.
+/// Gram products (X'X, X'y, y'y) of the runs of one or more machines, with the settings under which they were
+/// calculated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunProducts {
@@ -62,7 +63,7 @@ struct Run {
     white: Sums,
 }
 
-/// Sums of a run: X'X row by row up to its diagonal, X'y, y'y and the number of rows.
+/// Sums over the rows of a run: X'X row by row up to its diagonal, X'y, y'y, and the number of rows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Sums {
@@ -77,12 +78,12 @@ struct Sums {
 struct File {
     format: String,
     version: u64,
-    /// Hash of the products as they are written here, without spaces.
+    /// SHA-256 of `products` as JSON without spaces.
     sha256: String,
     products: RunProducts,
 }
 
-/// Keys that are read first, because a file of another version may have other keys.
+/// Keys that identify the format. They are read first, because a file of another version may have other keys.
 #[derive(Deserialize)]
 struct Head {
     format: Option<String>,
@@ -92,7 +93,7 @@ struct Head {
 /// Model from several runs: Cz is the sum of its terms.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FleetModel {
-    /// The axis.
+    /// Name of the axis in the profiles.
     pub axis: String,
     /// Terms, in the order of the columns.
     pub terms: Vec<FleetTerm>,
@@ -104,7 +105,7 @@ pub struct FleetModel {
 /// One term of a [`FleetModel`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FleetTerm {
-    /// The signal.
+    /// Name of the signal in the profiles.
     pub signal: String,
     /// Unit of the signal. The gain is in µm per unit, or per its square.
     pub unit: String,
@@ -114,7 +115,7 @@ pub struct FleetTerm {
     pub squared: bool,
     /// Gain for Cz = −e.
     pub gain: f64,
-    /// Gains of the ridge and of the elastic net, whose mean is the gain. `None` with one or two runs.
+    /// Gains of the two models whose mean is `gain`: ridge regression, and elastic net. `None` with one or two runs.
     pub halves: Option<[f64; 2]>,
 }
 
@@ -125,17 +126,17 @@ pub struct RunLeft {
     pub machine: String,
     /// Name of the run.
     pub run: String,
-    /// Without compensation.
+    /// Error without compensation.
     pub uncompensated_rms_um: f64,
-    /// With a model from all other runs; `None` if there are none.
+    /// Error with a model from all other runs; `None` if there are none.
     pub rms_um: Option<f64>,
-    /// With a model from the runs of other machines; `None` if there are none.
+    /// Error with a model from the runs of other machines; `None` if there are none.
     pub other_machines_rms_um: Option<f64>,
 }
 
 impl RunProducts {
-    /// Computes the products of each run of a campaign. `machine` is the name by which its runs are distinguished from
-    /// others.
+    /// Calculates the Gram products of each run of a campaign. `machine`: name of the machine, which distinguishes its
+    /// runs from those of other machines.
     ///
     /// # Errors
     /// Returns a message if the settings are not `whitened` with every sensor, or if a run has no complete row.
@@ -247,7 +248,8 @@ impl RunProducts {
         Ok(())
     }
 
-    /// Checks whether the sums of both can be added.
+    /// Checks that the sums of both can be added: axis, averaging times and columns are the same, and no run is in
+    /// both.
     fn fits(&self, other: &RunProducts) -> Result<(), String> {
         let (own, others) = (self.machines(), other.machines());
         if self.axis != other.axis {
@@ -339,7 +341,7 @@ impl RunProducts {
         }
     }
 
-    /// Returns the columns without their rows.
+    /// Returns the columns as a bank that contains no rows.
     fn bank(&self) -> Bank {
         let mut signals: Vec<&str> = Vec::new();
         let mut is_speed = Vec::new();
@@ -386,7 +388,7 @@ impl Sums {
         }
     }
 
-    /// Returns whether the sums are of this number of columns.
+    /// Returns whether these are the sums for this number of columns.
     fn has(&self, width: usize) -> bool {
         self.cross.len() == width && self.square.len() == width * (width + 1) / 2
     }

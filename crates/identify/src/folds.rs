@@ -3,7 +3,7 @@
 
 use crate::gram::Gram;
 
-/// Products of the training runs, and of the runs that are held out.
+/// Gram products (X'X, X'y, y'y) of the training runs, and of the runs that are held out.
 #[derive(Clone, Debug)]
 pub(super) struct Fold {
     pub(super) training: Gram,
@@ -20,14 +20,14 @@ pub(super) fn folds(runs: &[usize]) -> Vec<Vec<usize>> {
     (0..FOLDS).map(|number| runs.iter().copied().skip(number).step_by(FOLDS).collect()).collect()
 }
 
-/// Products of all training runs, and their inner folds. A single run has no folds.
+/// Gram products of all training runs, and the folds of the inner cross-validation. A single run has no folds.
 pub(super) struct Inner {
     pub(super) all: Gram,
     pub(super) folds: Vec<Fold>,
 }
 
 impl Inner {
-    /// Adds every run once, whatever the number of folds is.
+    /// Makes the folds. `all` contains the products of every run once, whatever the number of folds is.
     pub(super) fn of(grams: &[Gram], runs: &[usize]) -> Inner {
         if runs.len() < 2 {
             return Inner { all: Gram::sum(grams, runs), folds: Vec::new() };
@@ -50,7 +50,7 @@ impl Inner {
         Inner { all, folds }
     }
 
-    /// Selects these columns.
+    /// Returns the products of some of the columns.
     pub(super) fn of_columns(self, columns: &[usize]) -> Inner {
         if columns.iter().copied().eq(0..self.all.cross.len()) {
             return self;
@@ -62,7 +62,7 @@ impl Inner {
         Inner { all: self.all.of_columns(columns), folds: self.folds.iter().map(fold).collect() }
     }
 
-    /// Adds a fold if there is none: a single run is validated on itself.
+    /// Adds a fold if there is none. It validates a single run on that run itself.
     pub(super) fn or_itself(mut self) -> Inner {
         if self.folds.is_empty() {
             self.folds.push(Fold { training: self.all.clone(), held: self.all.clone() });
@@ -70,14 +70,14 @@ impl Inner {
         self
     }
 
-    /// Folds with columns of root mean square 1.
+    /// Returns the folds with columns of root mean square 1.
     pub(super) fn scaled(&self) -> Vec<Scaled> {
         self.folds.iter().map(Scaled::of).collect()
     }
 }
 
-/// A fold with columns scaled to root mean square 1 in its training part. The training part is per row; the held-out
-/// part is not.
+/// Fold with columns of root mean square 1 in its training part. The products of the training part are divided by its
+/// number of rows; those of the held-out part are not.
 #[derive(Clone, Debug)]
 pub(super) struct Scaled {
     pub(super) training: Gram,

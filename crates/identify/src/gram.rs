@@ -6,21 +6,21 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::statistics::count;
 
-/// Products of one run, or the sum of several runs.
+/// Gram products of a run: X'X, X'y and y'y of its columns X and its target y. Products of several runs are added.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Gram {
-    /// X'X.
+    /// X'X: products of the columns with each other.
     pub(crate) square: DMatrix<f64>,
-    /// X'y.
+    /// X'y: product of each column with the target.
     pub(crate) cross: DVector<f64>,
-    /// y'y.
+    /// y'y: sum of the squares of the target.
     pub(crate) power: f64,
-    /// Number of rows.
+    /// Number of rows over which the products are summed.
     pub(crate) rows: f64,
 }
 
 impl Gram {
-    /// Products of the columns X and the target y.
+    /// Calculates the Gram products of the columns X and the target y.
     pub(crate) fn of(columns: &DMatrix<f64>, target: &DVector<f64>) -> Gram {
         Gram {
             // The plain matrix product has optimized kernels, the transposed one has none.
@@ -31,24 +31,24 @@ impl Gram {
         }
     }
 
-    /// Sum of these runs.
+    /// Sum of the products of these runs.
     pub(crate) fn sum(grams: &[Gram], runs: &[usize]) -> Gram {
         let mut sum = Gram::nothing(grams.first().map_or(0, |gram| gram.cross.len()));
         runs.iter().filter_map(|run| grams.get(*run)).for_each(|gram| sum += gram);
         sum
     }
 
-    /// Products of zero rows with this number of columns.
+    /// Gram products of zero rows with this number of columns.
     pub(crate) fn nothing(width: usize) -> Gram {
         Gram { square: DMatrix::zeros(width, width), cross: DVector::zeros(width), power: 0.0, rows: 0.0 }
     }
 
-    /// Sum of all runs.
+    /// Sum of the products of all runs.
     pub(crate) fn total(grams: &[Gram]) -> Gram {
         Gram::sum(grams, &(0..grams.len()).collect::<Vec<usize>>())
     }
 
-    /// Subtracts a part.
+    /// Subtracts the products of some of the runs.
     pub(crate) fn less(&self, part: &Gram) -> Gram {
         Gram {
             square: &self.square - &part.square,
@@ -58,7 +58,7 @@ impl Gram {
         }
     }
 
-    /// Products of the residual target after the contribution of these gains has been subtracted.
+    /// Gram products with the residual y − X·gains as the target.
     pub(crate) fn after(mut self, gains: &DVector<f64>) -> Gram {
         self.power = self.left(gains);
         self.cross -= &self.square * gains;
@@ -73,7 +73,7 @@ impl Gram {
         self
     }
 
-    /// Selects these columns.
+    /// Returns the products of some of the columns.
     pub(crate) fn of_columns(&self, columns: &[usize]) -> Gram {
         Gram {
             square: DMatrix::from_fn(columns.len(), columns.len(), |i, j| {
@@ -99,13 +99,14 @@ impl Gram {
         })
     }
 
-    /// Products per row with columns of root mean square 1, as penalties require, and the scales.
+    /// Gram products per row, with columns of root mean square 1, as penalties require. Also returns the divisor of
+    /// each column.
     pub(crate) fn scaled(&self) -> (Gram, DVector<f64>) {
         let scales = self.scales();
         (self.divided(&scales, self.rows.max(1.0)), scales)
     }
 
-    /// X'X and X'y with columns divided by these scales, and divided by this number of rows.
+    /// X'X and X'y with each column divided by its scale, and all of it divided by `rows`.
     pub(crate) fn divided(&self, scales: &DVector<f64>, rows: f64) -> Gram {
         let shares = scales.map(|scale| 1.0 / scale);
         let mut divided = self.clone();

@@ -38,9 +38,9 @@ const MOST_COUNTED: usize = 8;
 pub struct Identified {
     /// Name of the method.
     pub method: &'static str,
-    /// The axis.
+    /// Name of the axis in the profile.
     pub axis: String,
-    /// The column with the measured error.
+    /// Name of the column with the measured error.
     pub error: String,
     /// Terms of Cz = Σ gain·rise; empty for a network.
     pub terms: Vec<TermFound>,
@@ -55,7 +55,7 @@ pub struct Identified {
     /// Means of the held-out results.
     #[serde(flatten)]
     pub means: Means,
-    /// Means without compensation.
+    /// Means of the error without compensation, over the same runs.
     pub uncompensated: Means,
     /// Interval of the simulated probe, s; `None` without one.
     pub probe_s: Option<f64>,
@@ -98,7 +98,7 @@ pub struct Identified {
 /// Term of the sum.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TermFound {
-    /// The signal.
+    /// Name of the input's signal.
     pub signal: String,
     /// Time constant, s; 0 means no lag.
     pub lag_s: f64,
@@ -129,16 +129,16 @@ pub struct TermFound {
 pub struct ColumnShown {
     /// Name of the column.
     pub name: String,
-    /// Detected kind.
+    /// Kind of quantity, detected from unit, name and values.
     pub kind: Kind,
     /// Use of the column.
     pub used: &'static str,
     /// Smallest step between two values; 0 if the column never moved. `None` if the column was not read. The same
     /// applies to the smallest and the largest value.
     pub resolution: Option<f64>,
-    /// Smallest value.
+    /// Smallest value in the logs; `None` if the column was not read.
     pub min: Option<f64>,
-    /// Largest value.
+    /// Largest value in the logs; `None` if the column was not read.
     pub max: Option<f64>,
 }
 

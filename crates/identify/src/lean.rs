@@ -5,7 +5,7 @@
 use crate::bank::{Bank, Candidate};
 use crate::learn::Learned;
 
-/// Removes the smallest terms, whose sum never exceeds `most` µm.
+/// Removes the terms with the smallest effects. On every row, the sum of the removed effects is at most `most` µm.
 pub(crate) fn lean(learned: Learned, bank: &Bank, most: f64) -> Learned {
     let Some(gains) = learned.sum() else { return learned };
     let apart = match &learned {

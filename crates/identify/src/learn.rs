@@ -6,9 +6,9 @@ use crate::bank::{Bank, Candidate, Rows, trace};
 use crate::campaign::Campaign;
 use isotherm_core::compensation::model::network::Net;
 
-/// A method with its data.
+/// Identification method, combined with the data of a campaign.
 pub(crate) trait Learner: Sync {
-    /// Rows from which the method identifies, and on which it is validated.
+    /// Bank with the rows from which the method identifies a model, and on which the model is validated.
     fn bank(&self) -> &Bank;
 
     /// Identifies a model from these runs, without these inputs.
@@ -18,7 +18,7 @@ pub(crate) trait Learner: Sync {
     fn learn(&self, runs: &[usize], without: &[usize]) -> Result<Learned, String>;
 }
 
-/// An identified model.
+/// Identified model: a sum of gains times rises, a mean of two sums, or a network.
 #[derive(Clone, Debug)]
 pub enum Learned {
     /// Sum of gains times rises: µm per unit, for Cz.
@@ -30,11 +30,11 @@ pub enum Learned {
         /// Gains of the two models for each term: of ridge regression, and of the elastic net.
         halves: Vec<[f64; 2]>,
     },
-    /// Network over rises.
+    /// Network whose inputs are rises.
     Net {
         /// Inputs in the order of the network: columns of the bank.
         inputs: Vec<Candidate>,
-        /// The network itself.
+        /// Network that computes Cz from the rises.
         net: Box<Net>,
         /// Content of its model file.
         file: Box<serde_json::Value>,

@@ -21,7 +21,7 @@ mod trained;
 mod two_source;
 pub(crate) mod whitened;
 
-/// Identification method; [`Method::ALL`] has a description of each.
+/// Identification method. [`Method::ALL`] contains the description of each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
     /// Mean of a ridge regression and an elastic net on whitened rows.
@@ -33,9 +33,9 @@ pub enum Method {
     RidgeLag,
     /// Stepwise regression by partial F tests.
     Stepwise,
-    /// Ordinary least squares.
+    /// Ordinary least squares on the rises of all sensors, without lags.
     Ols,
-    /// Fitted time constants.
+    /// Sum of lagged terms, each with a fitted time constant.
     Lag,
     /// A constant part and a slope over a position.
     Position,
@@ -43,18 +43,18 @@ pub enum Method {
     TwoSource,
     /// Difference of two sensors.
     Difference,
-    /// Radial basis functions.
+    /// Network of radial basis functions.
     Rbf,
     /// Network trained by back-propagation.
     Network,
-    /// No model.
+    /// No model: the uncompensated machine, or a probe alone.
     None,
 }
 
 /// Options of the methods.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// Method.
+    /// Method that identifies the model.
     pub method: Method,
     /// Time constants to try; empty for the default of the method.
     pub lags: Vec<Option<Duration>>,
@@ -286,8 +286,8 @@ impl fmt::Display for Method {
     }
 }
 
-/// Linear method that needs only the products of each run. The arguments are the products, the training runs, and the
-/// columns that it may use.
+/// Linear method that needs only the Gram products of each run, not its rows. The arguments are the products by run,
+/// the training runs, and the columns that the method may use.
 type Rule = Box<dyn Fn(&[Gram], &[usize], &[usize]) -> Result<Gains, String> + Sync>;
 
 struct OnBank {

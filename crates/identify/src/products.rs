@@ -1,5 +1,5 @@
-//! Products of each run, of plain and of whitened rows. With them, a fit needs no second pass over the data. Products
-//! of several runs are added, also of runs of another machine of the same type.
+//! Gram products (X'X, X'y, y'y) of each run, of plain and of whitened rows. With them, a fit needs no second pass over
+//! the data. Products of several runs are added, also of runs of another machine of the same type.
 
 use nalgebra::DVector;
 
@@ -8,16 +8,17 @@ use crate::folds::folds;
 use crate::gram::Gram;
 use crate::whiten;
 
-/// Products by run.
+/// Gram products X'X, X'y and y'y of each run.
 #[derive(Clone, Debug)]
 pub(crate) struct Products {
-    /// Products of plain rows, on which models are validated.
+    /// Products of the rows as they are. Models are validated on them.
     plain: Vec<Gram>,
-    /// Products of whitened rows, from which models are identified.
+    /// Products of the whitened rows. Models are identified from them.
     white: Vec<Gram>,
 }
 
-/// Products of some columns, over the training runs and over the held-out runs.
+/// Gram products of some columns. `training`: whitened rows of the training runs. `plain`, `white`: rows of the
+/// held-out runs.
 #[derive(Clone, Debug)]
 pub(crate) struct Fold {
     pub(crate) training: Gram,
@@ -26,7 +27,7 @@ pub(crate) struct Fold {
 }
 
 impl Products {
-    /// Calculates the products. The weight of a run is halfway between equal weights and weights by drift.
+    /// Calculates the products of each run. The weight of a run is halfway between equal weights and weights by drift.
     pub(crate) fn of(bank: &Bank) -> Products {
         Products {
             plain: bank.grams(),
@@ -34,22 +35,22 @@ impl Products {
         }
     }
 
-    /// Restores stored products of each run: of plain and of whitened rows.
+    /// Restores products that were stored in a file: of plain and of whitened rows, by run.
     pub(crate) fn kept(plain: Vec<Gram>, white: Vec<Gram>) -> Products {
         Products { plain, white }
     }
 
-    /// Products of each run: of plain and of whitened rows.
+    /// Returns the products of each run: of its plain rows, and of its whitened rows.
     pub(crate) fn each(&self) -> impl Iterator<Item = (&Gram, &Gram)> {
         self.plain.iter().zip(&self.white)
     }
 
-    /// Sum of the whitened products of these runs, with columns divided by these units.
+    /// Adds up the whitened products of these runs, for some columns. Each column is divided by its unit.
     pub(crate) fn training(&self, runs: &[usize], columns: &[usize], units: &DVector<f64>) -> Gram {
         of(&self.white, runs, columns, units)
     }
 
-    /// Sum of the plain products of these runs.
+    /// Adds up the plain products of these runs.
     pub(crate) fn plain(&self, runs: &[usize]) -> Gram {
         Gram::sum(&self.plain, runs)
     }

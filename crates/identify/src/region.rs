@@ -25,7 +25,7 @@ impl Serialize for Region {
     }
 }
 
-/// Share of each variance that is added, so that the covariance of two equal sensors has an inverse.
+/// Share of each variance by which it is increased. The covariance of two equal sensors then has an inverse.
 const LOOSENED: f64 = 1e-6;
 
 impl Region {

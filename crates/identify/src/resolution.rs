@@ -1,7 +1,8 @@
 //! Resolution of a sensor: the smallest step that its readings can make.
 //!
-//! The profile knows it if the raw value is a whole number. Else the numbers at which readings stand still tell it: they
-//! are whole counts also in a log of means. Differences between rows of means do not: they are any part of a count.
+//! The profile contains the resolution if the raw value is a whole number. Otherwise it is estimated from plateaus,
+//! which are numbers at which consecutive readings are equal. They are whole counts, also in a log of means.
+//! Differences between rows of means are no whole counts.
 
 use crate::dataset::Dataset;
 use crate::faults;
@@ -9,21 +10,21 @@ use crate::statistics::count;
 use isotherm_core::codec::DataType;
 use isotherm_profile::Signal;
 
-/// Readings at one number that make a plateau. Means of a flickering reading are seldom the same so often.
+/// Minimum number of consecutive equal readings of a plateau. Means of a fluctuating reading are rarely equal so often.
 const PLATEAU: usize = 5;
-/// Share of a column's readings on plateaus from which on its counts are coarse.
+/// Minimum share of a column's readings on plateaus if its counts are coarse.
 const COARSE: f64 = 0.2;
-/// Plateaus from which on its counts are coarse, however few of its readings lie on them: a fine sensor has one for each time
-/// that it froze.
+/// Number of plateaus from which on the counts of a column are coarse, whatever the share of its readings on them. A
+/// fine sensor has one plateau for each time that it froze.
 const MANY: usize = 10;
-/// °C: numbers closer than this are the same.
+/// Difference below which two readings are equal, °C.
 const SAME: f64 = 1e-6;
-/// °C: no thermometer of a machine has larger counts.
+/// Largest count of a thermometer of a machine, °C.
 const MOST: f64 = 1.0;
-/// °C: what the usual module counts in; taken for a coarse sensor that never left its number.
+/// Count of the usual module, °C. It is assumed for a coarse sensor whose reading never changed.
 const USUAL: f64 = 0.1;
 
-/// The count of a signal in its unit; `None` if its raw value is no whole number.
+/// Returns the count of a signal in its unit; `None` if its raw value is no whole number.
 pub(crate) fn scale(signal: &Signal) -> Option<f64> {
     match signal.encoding.data_type {
         DataType::F32 | DataType::F64 | DataType::Bool | DataType::Bit(_) | DataType::Decimal24(_) => None,
@@ -31,7 +32,7 @@ pub(crate) fn scale(signal: &Signal) -> Option<f64> {
     }
 }
 
-/// The count of a column in its unit, from its plateaus; 0 if it has hardly any: then no count shows.
+/// Estimates the count of a column, in its unit, from its plateaus. Returns 0 if it has too few of them.
 pub(crate) fn estimated(dataset: &Dataset, column: usize) -> f64 {
     let (mut levels, mut still, mut all) = (Vec::new(), 0, 0);
     for run in &dataset.runs {
@@ -55,8 +56,8 @@ pub(crate) fn estimated(dataset: &Dataset, column: usize) -> f64 {
     if smallest.is_finite() { smallest.min(MOST) } else { USUAL }
 }
 
-/// The smallest step of a column between two rows, in its unit; 0 if it never steps. This is its count, unless rows are means:
-/// a step between two means is any part of a count.
+/// Returns the smallest step of a column between two rows, in its unit; 0 if the column never changes. The step is the
+/// count of the sensor, except if the rows are means.
 pub(crate) fn finest_step(dataset: &Dataset, column: usize) -> f64 {
     faults::resolution(dataset, column).min(MOST)
 }

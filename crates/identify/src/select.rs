@@ -73,16 +73,16 @@ pub struct Point {
 /// Groups in which every two members have at least this absolute correlation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Grouped {
-    /// Threshold.
+    /// Least absolute correlation between members of a group.
     pub correlation: f64,
     /// Names of the members. The first one has the strongest correlation with the error, and represents the group.
     pub groups: Vec<Vec<String>>,
 }
 
-/// Recommended points.
+/// Points that should be kept, and the reasons.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Recommended {
-    /// Number of points.
+    /// Number of recommended points.
     pub k: usize,
     /// Points, in the order in which the search added them.
     pub points: Vec<String>,

@@ -31,15 +31,16 @@ mod frozen;
 
 pub use frozen::{Frozen, frozen};
 
-/// Time after a change during which a sensor is not suspected, s.
+/// Time after a change of the reading during which a sensor is not suspected, s.
 const LATELY: f64 = 180.0;
-/// Smallest threshold, °C. Smaller differences are noise.
+/// Minimum of the threshold θ, °C. A smaller difference is noise.
 const LEAST: f64 = 0.05;
-/// Factor of the largest difference on good runs.
+/// Factor between the threshold θ and the largest D on good runs.
 const TIMES: f64 = 2.0;
-/// Number of runs from which on the largest difference may be ignored as a fault.
+/// Minimum number of runs with which the run with the largest D may be ignored, because its sensor may have been
+/// faulty.
 const ENOUGH_RUNS: usize = 4;
-/// Factor by which the largest difference must exceed the second largest to be ignored.
+/// Factor by which the largest D must exceed the second largest to be ignored.
 const FAR: f64 = 3.0;
 /// Penalty if there is only one run, which gives no validation.
 const UNCHOSEN: f64 = 0.3;
@@ -158,7 +159,7 @@ impl<'a> Others<'a> {
         sum.data.into()
     }
 
-    /// Returns D in each row of a run.
+    /// Returns D in each row of a run, °C: the predicted motion of the sensor since its reading last changed.
     fn apart(&self, sensor: usize, gains: &Gains, run: usize) -> Vec<f64> {
         let seconds = &self.bank.runs[run].seconds;
         apart(seconds, &self.predicted(gains, run), &self.changed(sensor, run))
@@ -181,7 +182,8 @@ impl<'a> Others<'a> {
         self.bank.runs[run].seconds.iter().map(|second| until(*second)).collect()
     }
 
-    /// Returns D in each row of each of these runs. The prediction is learned from the other runs.
+    /// Returns D (the predicted motion since the reading last changed, °C) in each row of these runs. The prediction
+    /// for a run is learned from the other runs.
     fn held_out(&self, sensor: usize, runs: &[usize]) -> Vec<(usize, Vec<f64>)> {
         let mut each = Vec::new();
         for held in folds(runs) {
@@ -196,7 +198,7 @@ impl<'a> Others<'a> {
         threshold(&self.held_out(sensor, runs))
     }
 
-    /// Returns the change of Cz in every row of a run if a sensor's rise changes by `other`.
+    /// Returns the change of Cz in every row of a run if the rise of a sensor changes by `other`.
     fn changes(&self, sensor: usize, learned: &[(Candidate, f64)], run: usize, other: &[f64]) -> Vec<f64> {
         let seconds = &self.bank.runs[run].seconds;
         let mut cz = vec![0.0; seconds.len()];
@@ -266,7 +268,7 @@ pub(crate) fn stand_ins(
     if others.sensors.len() < 2 { Vec::new() } else { sensors.iter().map(one).collect() }
 }
 
-/// Returns θ from D of each run.
+/// Returns the threshold θ, °C, from D (the predicted motion since the reading last changed) in each run.
 fn threshold(each: &[(usize, Vec<f64>)]) -> f64 {
     let mut largest: Vec<f64> =
         each.iter().map(|(_, apart)| apart.iter().copied().fold(0.0, f64::max)).collect();
@@ -279,7 +281,8 @@ fn threshold(each: &[(usize, Vec<f64>)]) -> f64 {
     (TIMES * seen).max(LEAST)
 }
 
-/// Returns D in each row.
+/// Returns D in each row, °C: the motion of `predicted` since the reading last changed. `changed`: time of that change,
+/// s.
 fn apart(seconds: &[f64], predicted: &[f64], changed: &[f64]) -> Vec<f64> {
     let then = |changed: f64| seconds.partition_point(|second| *second <= changed).saturating_sub(1);
     let rows = seconds.iter().zip(predicted).zip(changed);

@@ -63,7 +63,8 @@ fn jackknife(bank: &Bank, gains: &[(Candidate, f64)], left_out: &[&Learned]) -> 
     Some(gains.iter().map(error).collect())
 }
 
-/// Errors clustered by run: CR2 with the degrees of freedom of Bell and McCaffrey, from the products of each run.
+/// Standard errors of the gains, clustered by run: CR2 with the degrees of freedom of Bell and McCaffrey, from the Gram
+/// products of each run.
 fn by_runs(bank: &Bank, gains: &[(Candidate, f64)]) -> Option<Vec<f64>> {
     let columns: Vec<usize> =
         gains.iter().map(|(candidate, _)| bank.column(candidate)).collect::<Option<_>>()?;

@@ -63,9 +63,9 @@ impl RunScore {
 /// Means over all runs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Means {
-    /// Mean range, µm.
+    /// Mean of the ranges of the runs, µm.
     pub mean_range_um: f64,
-    /// Worst range, µm.
+    /// Largest range of a run, µm.
     pub worst_range_um: f64,
     /// Mean of the root mean squares, µm.
     pub mean_rmse_um: f64,
@@ -125,8 +125,8 @@ pub struct HeldOut {
 }
 
 impl HeldOut {
-    /// Returns the residual error in each row: e + Cz. With the interval of a probe, s, the residual at the last touch
-    /// is subtracted.
+    /// Returns the residual error in each row: e + Cz. With the interval of a probe, s, the residual at the last
+    /// probing is subtracted.
     pub fn residual(&self, probe: Option<f64>) -> Vec<f64> {
         residual(&self.seconds, &self.error, &self.cz, probe)
     }

@@ -13,7 +13,7 @@
 use crate::statistics::count;
 use crate::validate::HeldOut;
 
-/// Sampling interval, s.
+/// Interval at which the residual is sampled, s.
 const EVERY: f64 = 900.0;
 
 /// Rate q in µm²/h; `None` if all residuals are zero, or if there are too few.

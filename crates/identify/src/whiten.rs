@@ -16,10 +16,10 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::gram::Gram;
 
-/// Variance of the walk per hour, relative to that of a minute row.
+/// Variance that the random walk of the residual gains per hour, relative to the variance of a minute row.
 const WALK_PER_HOUR: f64 = 1.0;
 
-/// Gain K and √F of each row.
+/// Returns for each row the Kalman gain K, and the standard deviation √F by which its innovation is divided.
 fn steps(seconds: &[f64]) -> Vec<(f64, f64)> {
     let mut variance = 0.0;
     let mut last = seconds.first().copied().unwrap_or_default();
@@ -47,7 +47,8 @@ fn whiten(values: &mut [f64], steps: &[(f64, f64)]) {
     }
 }
 
-/// Products of the whitened rows of a run, from the times of its rows in seconds, their columns and their target.
+/// Whitens the rows of a run, and returns their products X'X, X'y and y'y. `seconds`: times of the rows. `rises`:
+/// columns X. `target`: y.
 pub(crate) fn gram(seconds: &[f64], rises: &DMatrix<f64>, target: &DVector<f64>) -> Gram {
     let steps = steps(seconds);
     let mut rises = rises.clone();

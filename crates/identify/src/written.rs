@@ -189,8 +189,8 @@ fn head(found: &Identified) -> Vec<String> {
     lines
 }
 
-/// Returns the keys `kind`, `terms` and `slope`. A gain has every digit, so that the validated model is the one that
-/// runs.
+/// Returns the keys `kind`, `terms` and `slope`. Gains are written with all digits, so that the gateway runs exactly
+/// the model that was validated.
 pub(crate) fn sum(terms: &[TermFound], position: Option<&(String, f64)>) -> String {
     let list = |of_slope: bool| -> String {
         terms.iter().filter(|term| term.slope == of_slope).map(listed).collect()

@@ -12,10 +12,10 @@ use crate::problem::Block;
 pub struct Cut {
     /// Direction: 0 x, 1 y, 2 z.
     pub axis: usize,
-    /// Position, mm.
+    /// Position of the plane in this direction, mm.
     pub at: f64,
-    /// Block that the plane divides, with the blocks that came from it; `None` for every block that the plane
-    /// intersects.
+    /// Name of the block that the plane divides; earlier cuts may already have divided it. `None` for every block that
+    /// the plane intersects.
     pub of: Option<String>,
 }
 
@@ -40,7 +40,7 @@ impl std::fmt::Display for Cut {
 /// Nodes of one block, before the candidates for its sensor are known.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Part {
-    /// Name.
+    /// Name of the block.
     pub name: String,
     /// Indexes of its nodes, ascending.
     pub nodes: Vec<usize>,
@@ -216,7 +216,7 @@ impl<'a> Surveyed<'a> {
         Surveyed { mesh, reach, volumes: volumes(mesh), cells, around }
     }
 
-    /// Implements [`blocks`].
+    /// Divides the nodes among the parts, and finds the centre and the candidates of each; see [`blocks`].
     pub(super) fn blocks(&self, parts: &[Part]) -> Result<Vec<Block>, Vec<String>> {
         let Surveyed { mesh, reach, volumes, .. } = self;
         let near = self.near_others(&owners(mesh, parts));

@@ -22,7 +22,7 @@ pub struct Material {
 /// Materials, and their assignment to the elements.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Materials {
-    /// All materials.
+    /// Materials of all elements, each once.
     pub list: Vec<Material>,
     /// Index of the material of each element in `list`.
     pub of_element: Vec<usize>,
@@ -45,7 +45,7 @@ impl Materials {
 /// Time range of a load case.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Case {
-    /// Steady state.
+    /// Steady state: temperatures that no longer change.
     Steady,
     /// Transient case over a period, in equal steps of the implicit Euler method. The last step may be shorter.
     Transient {
@@ -59,7 +59,7 @@ pub enum Case {
 /// Heat exchange of a face with a fluid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Film {
-    /// Face.
+    /// Face through which the heat flows.
     pub face: Face,
     /// Temperature of the fluid, °C.
     pub sink: f64,
@@ -79,11 +79,11 @@ pub enum Flux {
 /// One load case: initial temperatures, loads, and time range.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LoadCase {
-    /// Steady or transient.
+    /// Time range of the case: steady, or transient.
     pub case: Case,
     /// Initial temperature of each node, °C. Rises are relative to it.
     pub initial: Vec<f64>,
-    /// Films.
+    /// Heat exchange of faces with fluids.
     pub films: Vec<Film>,
     /// Heat flows through faces and in volumes.
     pub fluxes: Vec<Flux>,

@@ -40,7 +40,7 @@ pub enum CcxError {
     Lacks(String),
 }
 
-/// The program CalculiX.
+/// Program CalculiX, which computes temperatures and displacements.
 #[derive(Debug, Clone)]
 pub struct Ccx {
     /// Path of the program, or its name if it is on the search path.

@@ -12,7 +12,7 @@ use crate::methods::bounded::least_squares;
 use crate::problem::{Load, UM_PER_MM, in_directions};
 use crate::structure::Adjoint;
 
-/// Calculates the lower bound of the residual error for any division of the structure, in some directions under all
+/// Calculates for any division of the structure the lower bound of the residual error, in some directions under all
 /// load cases.
 #[derive(Debug)]
 pub struct Floors<'a> {
@@ -27,7 +27,7 @@ pub struct Floors<'a> {
 /// Data of a part from which bounds are calculated.
 #[derive(Clone, Debug)]
 struct Piece {
-    /// Column of P, µm/K.
+    /// Displacement of the guideway if this part is 1 K warmer, µm/K: a column of the matrix P.
     column: Vec<f64>,
     /// Lowest and highest rise of the part in each case, K.
     bounds: Vec<(f64, f64)>,

@@ -38,7 +38,7 @@ pub struct FeInput {
     pub mesh: Mesh,
     /// Materials of the elements.
     pub materials: Materials,
-    /// Loads.
+    /// Load case: initial temperatures, loads and time range.
     pub load: LoadCase,
     /// Names of the surfaces with films and fluxes.
     pub surfaces: SurfaceNames,
@@ -59,13 +59,13 @@ pub struct SurfaceNames {
 /// One error in an FE input file, with its location.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Fault {
-    /// File.
+    /// Path of the file with the error.
     pub file: PathBuf,
     /// Line, from 1; `None` if the error concerns the whole file.
     pub line: Option<usize>,
     /// Card with its asterisk; empty if the error concerns no card.
     pub card: String,
-    /// Cause and remedy.
+    /// Cause and remedy in one sentence.
     pub message: String,
 }
 

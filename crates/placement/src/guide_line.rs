@@ -7,7 +7,7 @@ use crate::mesh::{count, range};
 pub struct GuideLine {
     /// Direction of the guideway: 0 x, 1 y, 2 z.
     pub axis: usize,
-    /// Number of rails.
+    /// Number of rails of which the line is the mean.
     pub rails: usize,
     /// Positions of the points in this direction, mm, ascending.
     pub guide_mm: Vec<f64>,

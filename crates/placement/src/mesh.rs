@@ -59,12 +59,12 @@ impl Kind {
 const FACES: [[usize; 6]; 4] =
     [[0, 1, 2, 4, 5, 6], [0, 3, 1, 7, 8, 4], [1, 3, 2, 8, 9, 5], [2, 3, 0, 9, 7, 6]];
 
-/// A tetrahedron.
+/// Tetrahedral element of a mesh.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Element {
     /// Number in the FE input file.
     pub id: u32,
-    /// Linear or quadratic.
+    /// Linear or quadratic tetrahedron.
     pub kind: Kind,
     /// Indexes of its nodes in [`Mesh::nodes`]: four corners, then the midpoints of the edges 12, 23, 31, 14, 24, 34.
     pub nodes: Vec<usize>,
@@ -87,7 +87,7 @@ pub struct Mesh {
     pub nodes: Vec<NodeId>,
     /// Coordinates of each node in mm.
     pub xyz: Vec<[f64; 3]>,
-    /// Tetrahedra.
+    /// Elements of the mesh. All are tetrahedra.
     pub elements: Vec<Element>,
     /// Node sets by name in capitals: indexes in the order of the file, each once.
     pub node_sets: BTreeMap<String, Vec<usize>>,
@@ -170,7 +170,8 @@ pub(super) fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
 }
 
-/// Divides items into parts that `pairs` connect. Returns for each item the first item of its part.
+/// Divides the items into connected components; each pair connects two items. Returns for each item the lowest index in
+/// its component.
 pub(super) fn parts(things: usize, pairs: impl Iterator<Item = (usize, usize)>) -> Vec<usize> {
     fn first(of: &mut [usize], mut thing: usize) -> usize {
         while of[thing] != thing {

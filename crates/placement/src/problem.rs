@@ -7,7 +7,7 @@ use crate::mesh::{count, range};
 /// A block of the structure; one sensor measures its temperature.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Block {
-    /// Name.
+    /// Name of the block.
     pub name: String,
     /// Indexes of its nodes in the mesh, ascending.
     pub nodes: Vec<usize>,
@@ -20,11 +20,11 @@ pub struct Block {
 /// Result of one load case.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Load {
-    /// Name.
+    /// Name of the load case.
     pub name: String,
     /// Temperature rise of each node of the mesh, K.
     pub rise: Vec<f64>,
-    /// Displacement of the guideway (δ1), mm, rows 3·guide + component.
+    /// Displacement δ1 of the guideway in the load case, mm. Rows: 3·guide + component.
     pub moved_mm: Vec<f64>,
 }
 
@@ -34,7 +34,7 @@ impl Load {
         range(nodes.iter().map(|node| self.rise[*node]))
     }
 
-    /// δ1 in these directions, µm.
+    /// Returns the displacement δ1 of the guideway in these directions, µm.
     pub(super) fn moved_um(&self, components: &[usize]) -> DVector<f64> {
         let moved = in_directions(&self.moved_mm, components);
         DVector::from_iterator(moved.len(), moved.into_iter().copied()) * UM_PER_MM
@@ -47,24 +47,26 @@ impl Load {
 /// temperatures θ is δ1'δ1 − 2·θ'P'δ1 + θ'P'P·θ. Its cost does not depend on the number of guideway nodes.
 #[derive(Clone, Debug)]
 pub struct Problem {
-    /// Blocks.
+    /// Blocks of the structure, each with one temperature.
     pub blocks: Vec<Block>,
-    /// P in these directions, µm/K. The rows are guideway nodes, one direction after the other; the columns are blocks.
+    /// Matrix P in these directions, µm/K: displacement of the guideway if a block is 1 K warmer. The rows are guideway
+    /// nodes, one direction after the other; the columns are blocks.
     pub matrix: DMatrix<f64>,
-    /// P'P, µm²/K².
+    /// P'P, µm²/K²; see [`Problem::matrix`].
     pub(super) square: DMatrix<f64>,
     /// Target of each load case.
     pub targets: Vec<Target>,
 }
 
-/// Target of one load case for the block temperatures.
+/// Displacement that the block temperatures must reproduce in one load case, and the temperatures that are possible
+/// there.
 #[derive(Clone, Debug)]
 pub struct Target {
     /// Name of the load case.
     pub name: String,
-    /// δ1 in these directions, µm.
+    /// Displacement δ1 of the guideway in these directions, µm.
     pub moved: DVector<f64>,
-    /// P'δ1, µm²/K.
+    /// P'δ1, µm²/K; see [`Problem::matrix`].
     pub(super) cross: DVector<f64>,
     /// δ1'δ1, µm².
     pub(super) power: f64,

@@ -152,7 +152,8 @@ fn short(values: impl Iterator<Item = f64>) -> Vec<f64> {
     values.map(|value| format!("{value:.6e}").parse().unwrap_or(value)).collect()
 }
 
-/// Right-hand sides, mW (ports) and mW/K (sinks).
+/// Right-hand sides of the heat equation: the heat flow into each node. In mW for 1 W into a port, in mW/K for 1 K at a
+/// sink.
 struct Inputs {
     ports: BTreeMap<String, Vec<f64>>,
     sinks: BTreeMap<String, Vec<f64>>,
@@ -187,7 +188,7 @@ impl Inputs {
         Ok(Inputs { ports: fluxes.into_iter().map(port).collect::<Result<_, _>>()?, sinks })
     }
 
-    /// (K + shift·C)⁻¹·F.
+    /// Solves (K + shift·C)·x = F for each right-hand side F. K: conduction. C: heat capacity.
     fn answers(
         &self,
         conduction: &System<1>,
@@ -202,7 +203,7 @@ impl Inputs {
     }
 }
 
-/// Fields that are orthonormal with respect to C, mJ/K.
+/// Basis of temperature fields that are orthonormal with respect to the heat capacity C, mJ/K.
 struct Basis<'a> {
     capacity: &'a System<1>,
     vectors: Vec<Vec<f64>>,

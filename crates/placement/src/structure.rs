@@ -19,7 +19,7 @@ pub enum StructureError {
     /// No node is fixed.
     #[error("no node is fixed: the structure could move freely; name the node set that stands on the ground")]
     NothingFixed,
-    /// Rigid-body modes remain.
+    /// Rigid-body modes remain: the supports do not hold a part of the mesh.
     #[error(
         "the supports do not hold the part with node {node} ({nodes} nodes): it can still {motion}. Fix at \
          least three of its nodes that are not on one line, or join the parts of the mesh at common faces"
@@ -29,7 +29,7 @@ pub enum StructureError {
         node: NodeId,
         /// Number of nodes of the part.
         nodes: usize,
-        /// Possible motion.
+        /// Motion that the supports do not prevent, in words.
         motion: String,
     },
     /// The stiffness matrix is singular although the supports are sufficient.
@@ -64,7 +64,8 @@ impl Adjoint {
         &self.values[row * self.columns..(row + 1) * self.columns]
     }
 
-    /// Column of P for a block: displacements in mm if its `nodes` are 1 K warmer.
+    /// Returns the column of the matrix P for a block: displacements of the guideway in mm if its `nodes` are 1 K
+    /// warmer.
     #[must_use]
     pub fn block(&self, nodes: &[usize]) -> Vec<f64> {
         (0..self.rows).map(|row| nodes.iter().map(|node| self.row(row)[*node]).sum()).collect()

@@ -34,7 +34,7 @@ use sensor_counts::{other_divisions, other_divisions_at_most};
 pub struct Criteria {
     /// Directions in which errors are evaluated together: 0 x, 1 y, 2 z.
     pub components: Vec<usize>,
-    /// Method.
+    /// Method that selects the places of the sensors.
     pub method: Method,
     /// Load case for `patent` and `bounded`; `None` for the one with the largest displacement of the guideway.
     pub case: Option<usize>,
@@ -47,11 +47,12 @@ pub struct Criteria {
 /// A structure under its load cases.
 #[derive(Clone, Debug)]
 pub struct Study {
-    /// Mesh.
+    /// Mesh of the structure.
     pub mesh: Mesh,
     /// Indexes of the guideway nodes.
     pub guide: Vec<usize>,
-    /// P in mm/K: rows 3·guide + component, one column per part.
+    /// Matrix P, mm/K: displacement of the guideway if a block is 1 K warmer. Rows: 3·guide + component. Columns:
+    /// blocks.
     pub p: Vec<Vec<f64>>,
     /// Sensitivity of the guideway to every node. Without it, other divisions are not evaluated.
     pub adjoint: Option<Adjoint>,
@@ -71,12 +72,12 @@ impl Study {
     }
 }
 
-/// A placed sensor.
+/// Sensor with its place on the structure.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Sensor {
     /// Number of its node in the FE input file.
     pub node: u32,
-    /// Position, mm.
+    /// Position of the sensor, mm.
     pub xyz: [f64; 3],
     /// Block whose temperature it measures.
     pub block: String,
@@ -91,9 +92,9 @@ impl Sensor {
 /// Error along the guideway, µm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Residual {
-    /// Root mean square.
+    /// Root mean square of the error along the guideway.
     pub rms_um: f64,
-    /// Largest absolute value.
+    /// Largest absolute error along the guideway.
     pub max_um: f64,
 }
 
@@ -106,9 +107,9 @@ pub struct MethodResult {
     pub max_um: f64,
     /// Error with the requested block temperatures. It equals `rms_um` for a method that selects nodes directly.
     pub optimised_rms_um: f64,
-    /// Sensors.
+    /// Sensors that the method has selected, one for each block.
     pub sensors: Vec<Sensor>,
-    /// θg, rises in K, for a method that requests temperatures.
+    /// Block temperatures θg that the method requests (rises, K). Empty for a method that selects nodes directly.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub theta_k: Vec<f64>,
     /// Rounds of an iterative method.
@@ -119,12 +120,12 @@ pub struct MethodResult {
 /// Results for one load case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CaseResult {
-    /// Name.
+    /// Name of the load case.
     #[serde(skip)]
     pub name: String,
-    /// δ1, mm, rows 3·guide + component.
+    /// Displacement δ1 of the guideway in the case, mm. Rows: 3·guide + component.
     pub delta1_mm: Vec<f64>,
-    /// Largest δ1 in an evaluated direction, µm.
+    /// Largest displacement δ1 in an evaluated direction, µm.
     pub largest_um: f64,
     /// Error with a node at the centre of each block.
     pub naive_centroid: Residual,
@@ -154,7 +155,7 @@ pub struct CaseResult {
 /// Sensors of a method for one case, evaluated on all cases.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CrossCase {
-    /// Method.
+    /// Method that placed the sensors.
     pub method: Method,
     /// Case for which they were placed; `None` for all cases.
     pub placed_by: Option<String>,
@@ -165,7 +166,7 @@ pub struct CrossCase {
 /// Result for one number of sensors, one per block, after the best joins and cuts.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SensorCount {
-    /// Number of sensors.
+    /// Number of sensors, which is also the number of blocks.
     pub sensors: usize,
     /// Lower bound of the error with these blocks, µm RMS over all cases.
     pub floor_um: f64,
@@ -178,7 +179,8 @@ pub struct SensorCount {
 /// Places of the sensors, and residual errors.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Placement {
-    /// P in mm/K: rows 3·guide + component, columns blocks.
+    /// Matrix P, mm/K: displacement of the guideway if a block is 1 K warmer. Rows: 3·guide + component. Columns:
+    /// blocks.
     #[serde(rename = "P")]
     pub p: Vec<Vec<f64>>,
     /// Names of the blocks.
@@ -190,7 +192,7 @@ pub struct Placement {
     pub axes: Vec<usize>,
     /// Names of the directions: `z`, `y, z`.
     pub component: String,
-    /// Selected method.
+    /// Method that was selected for the placement.
     pub method: Method,
     /// Case for which it placed the sensors; `None` for all cases.
     pub placed_by: Option<String>,

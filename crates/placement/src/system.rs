@@ -168,7 +168,7 @@ impl System<1> {
     }
 }
 
-/// A factored system.
+/// Cholesky factor of a system, with which it is solved for any right-hand side.
 pub(super) struct Factor<const WIDTH: usize> {
     pattern: Arc<Pattern>,
     symbolic: Arc<SymbolicCholesky<usize>>,

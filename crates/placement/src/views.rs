@@ -42,7 +42,7 @@ impl Seen {
         self.corners.iter().zip(&self.shares).map(|(corner, share)| share * values[*corner]).sum()
     }
 
-    /// Nearest corner.
+    /// Returns the corner of the triangle that is nearest to this point.
     #[must_use]
     pub fn nearest(&self) -> usize {
         let nearest = (0..3).max_by(|one, other| self.shares[*one].total_cmp(&self.shares[*other]));

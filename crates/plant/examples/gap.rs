@@ -17,7 +17,7 @@ fn at(second: u32) -> Moment {
     Moment::from_nanos((1_800_000_000 + u64::from(second)) * 1_000_000_000)
 }
 
-/// Snapshot in which every temperature differs from that of the second before.
+/// Makes a snapshot for a second. Every temperature differs from the one of the second before.
 fn snapshot(second: u32) -> Snapshot {
     let signal = |number: u32| Metric {
         subject: Subject::Signal(format!("bed-{number}")),

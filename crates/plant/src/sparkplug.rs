@@ -85,7 +85,7 @@ pub struct Sparkplug {
     unconfirmed: Unconfirmed,
     /// Whether a host has requested a birth that is not due yet. No data are published before it.
     owes_birth: bool,
-    /// Events that occurred since that request.
+    /// Events since the request of the host.
     waiting: Vec<Happening>,
     /// Time and content of the last measured error without an identification. A broker may deliver it twice.
     last_asked: Option<(u64, Command)>,

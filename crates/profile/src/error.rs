@@ -264,7 +264,7 @@ pub fn nearest<'a>(word: &str, words: &[&'a str]) -> Option<&'a str> {
     let far = match word.chars().count() {
         // No name is that long.
         LONGEST_QUOTE.. => return None,
-        // Any other letter is one mistake away, so the result is only useful if there is a single word.
+        // Any other letter is one mistake away. Therefore the result is used only if there is a single word.
         ..=1 => usize::from(words.len() == 1),
         length => ((length + 1) / 3).max(1),
     };

@@ -11,9 +11,10 @@ use crate::sources::{Found, Sources, is_open_to_all, layer_name, names_in};
 /// Source of the files of one profile.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Files<'a> {
-    /// Files on disk, relative to the directory of the profile.
+    /// Files in the file system. The profile names them relative to its directory.
     Beside(&'a Disk<'a>),
-    /// Files as they were when these sources were kept, relative to this directory.
+    /// Files of a profile that has been loaded before. Their content comes from [`Sources`], a file in which the loader
+    /// has stored everything that it read. The path is the directory of the profile.
     Kept(&'a Path, &'a Sources),
     /// Files in memory, by name.
     Inside(&'a [(&'a str, &'a [u8])]),
@@ -22,7 +23,7 @@ pub(crate) enum Files<'a> {
 /// Whether the certificates and keys that a profile names must exist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Certificates {
-    /// They must exist.
+    /// They must exist; a missing file is an error.
     Needed,
     /// Missing ones are created later.
     ToBeMade,
@@ -40,7 +41,7 @@ pub(crate) struct Disk<'a> {
 #[derive(Debug, Default)]
 pub(crate) struct Reads {
     pub(crate) names: BTreeSet<String>,
-    /// Sources that keep the answers of the file system. `None` if they are not kept.
+    /// Sources in which every answer of the file system is stored. `None` if nothing is stored.
     pub(crate) sources: Option<Sources>,
 }
 
@@ -130,7 +131,7 @@ impl Files<'_> {
         }
     }
 
-    /// Returns whether this certificate or key is missing, and will be created later.
+    /// Returns true if this certificate or key is missing, and will be created later.
     pub(crate) fn is_to_be_made(&self, name: &str) -> bool {
         matches!(self, Files::Beside(disk) if disk.certificates == Certificates::ToBeMade)
             && !self.is_there(name)

@@ -27,7 +27,7 @@ const MARK: &str = "x-layers";
 const MODELS: &str = "model";
 const ARM: &str = "machine.arm";
 
-/// Rule for a key in the layers above the profile.
+/// Rule for a key that a layer above the profile sets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Rule {
     Less,
@@ -44,7 +44,8 @@ pub(crate) struct Refusal {
     error: ProfileError,
 }
 
-/// Returns the rule of a key or table in the schema. `Some(None)` if the key is free, `None` if it has no rule.
+/// Returns the rule of a key or table in the schema. `Some(None)` means that the schema frees it of any rule. `None`
+/// means that the schema says nothing about it.
 fn rule(schema: &Value) -> Option<Option<Rule>> {
     match schema.get(MARK)?.as_str()? {
         "less" => Some(Some(Rule::Less)),
@@ -143,7 +144,7 @@ pub(crate) fn refused(profile: &Value, layer: &Value, spans: &Spans) -> Vec<Refu
     guards.refused
 }
 
-/// Returns the refusals that matter for this machine. `merged` is all layers merged, with the keys of templates.
+/// Returns the refusals that concern this machine, as errors. `merged`: all layers merged, with the keys of templates.
 pub(crate) fn that_count(refused: Vec<Refusal>, profile: &Value, merged: &Value) -> Vec<ProfileError> {
     let counts = |one: &Refusal| [profile, merged].into_iter().any(|machine| one.counts(machine));
     refused.into_iter().filter(counts).map(|one| one.error).collect()
@@ -179,7 +180,8 @@ fn is_written(machine: &Value, device: &str) -> bool {
         || tables(machine, "signal").any(|(name, signal)| is_its(signal) && is_sent(machine, name))
 }
 
-/// Returns whether this signal is the position of an output, or a register is written before it is read.
+/// Returns true if a read of the signal may change the data sent to a device. Either an output corrects this position,
+/// or a register is written before each read.
 fn is_sent(machine: &Value, signal: &str) -> bool {
     let has_capture = machine.get("signal").and_then(|all| all.get(signal)?.pointer("/counter/capture"));
     has_capture.is_some()

@@ -17,7 +17,7 @@ pub enum NoPlace {
         /// Port after it, if it can be distinguished from the address.
         port: Option<u16>,
     },
-    /// Any other reason.
+    /// The text is invalid for any other reason.
     Other,
 }
 

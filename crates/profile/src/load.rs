@@ -70,7 +70,7 @@ pub fn load_before_certificates(
     Ok(read(path, settings, environment, Certificates::ToBeMade, None)?.0)
 }
 
-/// Loads a profile with the layers in `sources`, and stores there what was read.
+/// Loads a profile with the environment and options in `sources`, and stores all files that it reads in `sources`.
 ///
 /// # Errors
 /// All mistakes in the profile, each with its place.
@@ -81,7 +81,7 @@ pub fn load_and_keep(path: &Path, sources: Sources) -> Result<(Loaded, Sources),
     Ok((loaded, sources.ok_or_else(lost)?))
 }
 
-/// Loads a profile from kept sources, without the file system.
+/// Loads a profile from stored sources. The file system is not used.
 ///
 /// # Errors
 /// All mistakes in the profile, each with its place.
@@ -205,9 +205,9 @@ fn local_beside(path: &Path) -> PathBuf {
     path.with_extension("local.toml")
 }
 
-/// Loads the layers. Reading a large machine needs many times the memory of the result. The allocator of glibc returns
-/// that memory only if nothing that stays in use lies in between. Therefore a separate thread with its own memory reads
-/// the profile, and the result is copied from there.
+/// Loads the layers in a separate thread, which has its own memory. Reading a large machine needs many times the memory
+/// of the result. The allocator of glibc returns memory only if no block in use lies in between. Therefore the result
+/// is copied from the thread.
 fn layered(
     layers: &[(PathBuf, String)],
     files: &Files<'_>,
@@ -398,7 +398,7 @@ impl Loader<'_> {
     }
 }
 
-/// Merges the layers.
+/// Merges the layers. If that fails, reports an error and returns null.
 fn merge_all(layers: &[Value], errors: &mut Found) -> Value {
     merge::merged(layers).unwrap_or_else(|why| {
         errors.push(ProfileError::about("the layers", why.to_string(), None));

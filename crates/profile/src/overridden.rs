@@ -19,7 +19,7 @@ pub struct Overridden {
     pub key: String,
     /// Value in the profile. `None` if the profile does not have the key.
     pub profile: Option<String>,
-    /// Present value.
+    /// Value that the key has now.
     pub now: String,
     /// File with line, `environment ISOTHERM__…`, or `--set key`.
     pub from: String,

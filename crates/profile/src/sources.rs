@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::regular;
 
-/// First word of the file, in every version of its format.
+/// First word of every sources file, independent of the version of its format.
 pub const SOURCES_MARK: &str = "isotherm-sources ";
 /// First line of a file in the format of this version.
 const FORM: &str = "isotherm-sources 1\n";
@@ -28,7 +28,7 @@ const LONGEST_LINE: u64 = 16 * 1024 * 1024;
 /// Permission bits of other users: reading or writing.
 const OF_OTHERS: u32 = 0o006;
 
-/// Layers that are not files.
+/// Layers of the profile that are not files: environment variables and options `--set`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 struct Layers {
     environment: Vec<(String, String)>,
@@ -40,7 +40,7 @@ struct Layers {
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Found {
     Absent,
-    /// The file cannot be read, for this reason.
+    /// The file cannot be read. The text is the error.
     Unreadable(String),
     /// Length of the file, and whether any user may read or change it.
     File {
@@ -57,7 +57,8 @@ struct Record {
     found: Found,
 }
 
-/// Sources of one profile, and the file that contains them.
+/// Sources of one profile: everything that the loader read from files, environment and command line. `file` contains
+/// them.
 #[derive(Debug)]
 pub struct Sources {
     file: File,
@@ -66,7 +67,7 @@ pub struct Sources {
     layers: Layers,
     /// Answers by name relative to the directory of the profile, with the positions of their bytes.
     known: BTreeMap<String, (Found, u64)>,
-    /// First failed write.
+    /// First failed write. Later records are not stored.
     failed: Option<Error>,
 }
 
@@ -123,22 +124,23 @@ impl Sources {
         self.failed.map_or(Ok((self.file, self.end)), Err)
     }
 
-    /// Environment variables that were a layer.
+    /// Environment variables that set keys of the profile.
     pub fn environment(&self) -> &[(String, String)] {
         &self.layers.environment
     }
 
-    /// Settings of the command line that were a layer.
+    /// Options `--set` of the command line that set keys of the profile.
     pub fn settings(&self) -> &[(String, String)] {
         &self.layers.settings
     }
 
-    /// Returns whether the profile at this path was a file, not one that is part of the program.
+    /// Returns whether the profile at this path was read from a file. If not, it is a profile that is part of the
+    /// program.
     pub fn has_file(&self, path: &Path) -> bool {
         matches!(self.found(&layer_name(path)), Some(Found::File { .. }))
     }
 
-    /// Records that there is no file at this path, so that the profile is one that is part of the program.
+    /// Records that there is no file at this path. The profile is then one of those that are part of the program.
     pub fn put_absent(&mut self, path: &Path) {
         self.put(&layer_name(path), Found::Absent, &[]);
     }

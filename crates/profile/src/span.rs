@@ -12,7 +12,7 @@ use crate::unseen::veiled;
 /// Layer: a file with its text, a variable or a flag.
 #[derive(Clone, Debug)]
 struct Layer {
-    /// Name in messages.
+    /// Name of the layer in messages.
     name: String,
     /// Text of a file, with the beginning of each line. The beginnings are stored because a large profile may have a
     /// warning for every signal.

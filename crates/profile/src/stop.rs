@@ -6,11 +6,11 @@ use std::time::Duration;
 use crate::Profile;
 use isotherm_core::quantity::Micron;
 
-/// Time for the last reports and writes to disk.
+/// Time at the end of a stop for the last reports and writes to disk.
 const REST: Duration = Duration::from_secs(2);
-/// Time after that for the last messages to servers.
+/// Time after `REST` for the last messages to servers.
 pub const MESSAGES: Duration = Duration::from_secs(2);
-/// Time for the broker in parallel to that, to accept the last state and the disconnection.
+/// Time in parallel to that of [`MESSAGES`], in which the broker accepts the last state and the disconnection.
 pub const BROKER: Duration = Duration::from_secs(4);
 
 /// Returns the longest duration of the fault actions. `ways` are the distances of each axis: of its Cz, and of its
@@ -39,13 +39,14 @@ pub fn longest(profile: &Profile) -> Duration {
     fault_actions(profile, profile.axes.iter().map(at_limit))
 }
 
-/// Longest duration of the exchanges under way. A slow device may still write and read back a last value.
+/// Longest duration of a stop without fault actions: the exchanges under way end. A slow device may still write and
+/// read back a last value.
 pub fn hold(profile: &Profile) -> Duration {
     let slowest = profile.buses.iter().map(|bus| bus.timeout * 6).max();
     slowest.unwrap_or_default() + REST
 }
 
-/// Longest wait for broker and message servers after that. `None` without any.
+/// Longest wait for broker and message servers at the end of a stop. `None` if the profile has neither.
 pub fn told(profile: &Profile) -> Option<Duration> {
     let broker = profile.mqtt.as_ref().map(|_| BROKER);
     broker.max((!profile.notify.is_empty()).then_some(MESSAGES))

@@ -21,7 +21,7 @@ pub(super) const MACHINE: &str = "linuxcnc-mill";
 /// Bus of the profile on which the component of LinuxCNC listens.
 const BUS: &str = "control";
 
-/// Interval at which the virtual plant reads the offset that LinuxCNC applies.
+/// Interval at which the virtual plant reads the offset from LinuxCNC.
 const LOOKS: Duration = Duration::from_millis(10);
 
 macro_rules! files {

@@ -23,7 +23,7 @@ pub(super) struct Table {
 enum Mode {
     /// A table that is redrawn, because stdout is a terminal.
     Live,
-    /// Rows on stdout.
+    /// Rows on stdout, because stdout is no terminal.
     Rows,
     /// Progress on stderr, which is a terminal. The JSON document needs stdout.
     Progress,

@@ -20,7 +20,7 @@ pub(super) struct Answers {
     pub(super) control_unit: u8,
 }
 
-/// A Modbus line.
+/// Modbus line to which the module or the control is connected.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Line {
     Tcp(String),
@@ -82,7 +82,7 @@ impl Module {
     }
 }
 
-/// Target of Cz.
+/// Place to which Cz is written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Target {
     /// A template, and the name of one of its targets.

@@ -47,7 +47,7 @@ impl Questions<'_> {
         }
     }
 
-    /// Prints a line.
+    /// Prints a line to the output of the questions.
     pub(super) fn show(&mut self, line: &str) -> std::io::Result<()> {
         writeln!(self.out, "{line}")
     }

@@ -51,7 +51,8 @@ pub(super) fn study(
 
 /// Results of an engine.
 struct Computed {
-    /// P in mm/K, with rows 3·guide + component and one column for each block.
+    /// Matrix P, mm/K: displacement of the guideway if a block is 1 K warmer. Rows: 3·guide + component. Columns:
+    /// blocks.
     p: Vec<Vec<f64>>,
     /// Adjoint solution; `None` for CalculiX.
     adjoint: Option<Adjoint>,

@@ -36,7 +36,7 @@ pub enum SensorFault {
     Lost,
 }
 
-/// Sensor that is suspected of being frozen, and whose reading is still used.
+/// Sensor that is suspected of being frozen. Its reading is still used.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Suspicion {
     /// Signal of the sensor.
@@ -52,7 +52,7 @@ pub struct Suspicion {
 pub struct Hold {
     /// State: holding, ramping or zeroed.
     pub state: &'static str,
-    /// Cause.
+    /// Cause of the hold, as text.
     pub why: String,
 }
 

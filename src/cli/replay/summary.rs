@@ -41,11 +41,10 @@ pub struct AxisSummary {
     pub cz_um: Option<Range>,
     /// Share of the rows in each state that occurred.
     pub states: BTreeMap<&'static str, f64>,
-    /// Share of the rows with a model that touches had shown to be worse than no compensation; `None` if there were
-    /// none.
+    /// Share of the rows whose model was worse than no compensation, as probings had shown; `None` if there were none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub worse: Option<f64>,
-    /// Spans in which sensors were replaced or suspected, and in which the axis held.
+    /// Spans in which sensors were replaced or suspected, and spans in which the axis held.
     #[serde(flatten)]
     pub spans: AxisSpans,
     /// Error with and without compensation; `None` if the log has no measured error.
@@ -85,7 +84,7 @@ pub struct Reproduced {
     pub rows: u64,
     /// Number of rows with a different result.
     pub differing: u64,
-    /// First difference.
+    /// First row with a different result; `None` if there is none.
     pub first: Option<Difference>,
 }
 
@@ -110,7 +109,7 @@ pub(super) struct Tally {
     last: Option<Moment>,
     /// `time` of the last row.
     last_time: String,
-    /// Axis and model whose stand-ins file differs from the one with which the log was written.
+    /// First axis and model whose stand-ins file differs from the file at the time of the log; `None` if none differs.
     other_stand_ins: Option<(String, String)>,
     axes: Vec<AxisTally>,
 }
@@ -119,12 +118,12 @@ pub(super) struct Tally {
 struct AxisTally {
     name: String,
     every: Duration,
-    /// Rows that came later than a period after the one before.
+    /// Number of rows whose distance from the row before is longer than the update period of the axis.
     late: u64,
     raw: Spread,
     cz: Spread,
     states: BTreeMap<&'static str, u64>,
-    /// Rows in which the model was worse than no compensation.
+    /// Number of rows in which the model was worse than no compensation.
     worse: u64,
     spans: SpanTally,
     before: Spread,
@@ -156,7 +155,7 @@ impl Spread {
     }
 }
 
-/// No log has 2^53 rows.
+/// Converts a number of rows to floating point. It is exact, because no log has 2^53 rows.
 #[allow(clippy::cast_precision_loss)]
 fn count(rows: u64) -> f64 {
     rows as f64
@@ -219,14 +218,15 @@ impl Tally {
         }
     }
 
-    /// Takes in the findings of an axis at a row.
+    /// Adds the findings of an axis at a row.
     pub(super) fn findings(&mut self, place: usize, row: &LogRow, found: Findings) {
         if let Some(axis) = self.axes.get_mut(place) {
             axis.spans.row(row, found);
         }
     }
 
-    /// A run that begins with this.
+    /// Records that a run begins with this state. Stores the first axis and model whose stand-ins file differs from
+    /// that of the log.
     pub(super) fn begins(&mut self, profile: &Profile, memory: &Remembered) {
         let found = memory.other_stand_ins(profile.axes.iter().map(|axis| &axis.settings));
         let named = found.map(|(axis, model)| (axis.to_owned(), model.to_owned()));
@@ -280,7 +280,8 @@ impl AxisTally {
     }
 }
 
-/// The first column in which the log and the replay disagree, down to the last bit.
+/// Returns the first column in which the decision of the replay differs from the log, bit for bit. `None` if there is
+/// none.
 fn difference(axis: &str, line: u64, decided: &Decided, outcome: &Outcome<'_>) -> Option<Difference> {
     let decision = &outcome.decision;
     let (raw, cz) = (outcome.raw.map(|raw| raw.get()), decision.cz.get());

@@ -52,7 +52,7 @@ fn table(offers: &[Offer]) -> String {
     lines.collect()
 }
 
-/// Strongest security at which the server accepts a kind of user that the gateway supports.
+/// Strongest security with which the gateway could log in to the server, with some kind of user.
 fn strongest(offers: &[Offer]) -> Option<Security> {
     let order = [Security::SignAndEncrypt, Security::Sign, Security::None];
     let offered = |security: &Security| {

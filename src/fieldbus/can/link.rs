@@ -108,8 +108,8 @@ impl Link {
         }
     }
 
-    /// Returns whether the interface is down now. A socket may report an outdated error. A socket opened on an
-    /// interface that is down keeps one error, which is read after the interface is up.
+    /// Returns true if the interface is down now. The error of a socket may be outdated. If the interface was down when
+    /// the socket was opened, the socket returns that error even after the interface is up.
     pub fn is_down(&self) -> bool {
         !Interface::look(&self.interface).is_ok_and(|found| found.is_up)
     }

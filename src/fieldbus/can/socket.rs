@@ -33,12 +33,12 @@ use isotherm_core::codec::{CanId, CanMatch, Frame};
 const BUFFER: libc::c_int = 4 << 20;
 /// Maximum number of filters that the kernel accepts.
 const MOST_FILTERS: usize = 512;
-/// Readiness for frames, and for the error that reports an interface that went down.
+/// Readiness to read: frames, or the error when the interface goes down.
 const READING: Interest = Interest::READABLE.add(Interest::ERROR);
 /// Error classes to receive. Lost arbitration is normal on a healthy bus.
 const TROUBLES: u32 = libc::CAN_ERR_MASK & !libc::CAN_ERR_LOSTARB;
 
-/// Received frame.
+/// Frame that a socket has received.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Heard {
     /// A frame with data.

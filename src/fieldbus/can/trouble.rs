@@ -5,7 +5,7 @@ use std::fmt;
 use socketcan::errors::{ControllerProblems, ErrorCause, Location};
 use socketcan::{CanError, CanErrorFrame};
 
-/// One error frame.
+/// Error frame, by which the controller of this computer reports a problem of the bus.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trouble(CanError);
 
@@ -33,7 +33,7 @@ impl Trouble {
         Trouble::of(CanErrorFrame::new_error(class, &[0; 8]).unwrap())
     }
 
-    /// Returns the severity.
+    /// Returns the severity of the problem.
     pub fn gravity(&self) -> Gravity {
         let gravity = |cause: &ErrorCause| match cause {
             ErrorCause::BusOff => Gravity::BusOff,

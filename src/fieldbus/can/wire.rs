@@ -102,7 +102,7 @@ impl Wire for CanWire {
         })
     }
 
-    /// Keeps the connection: the task that receives frames detects nodes that come and go.
+    /// Returns [`Ending::Kept`]: the task that receives frames detects nodes that were lost or restarted.
     fn ending(&mut self) -> Ending {
         Ending::Kept
     }

@@ -8,7 +8,7 @@ use isotherm_core::codec::Frame;
 /// First identifier of emergency messages, to which the node's number is added.
 pub const SERVICE: u16 = 0x080;
 
-/// One emergency message.
+/// Emergency message of a node: its error code, error register and details.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Emergency {
     /// Error code; 0x00xx: the error is over.

@@ -30,20 +30,20 @@ pub struct Care {
 /// Condition on which the master starts a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Start {
-    /// Never: the node starts by itself, or another master starts it.
+    /// The master never starts the node: it starts by itself, or another master starts it.
     Never,
-    /// At the beginning, and after every boot-up.
+    /// The master starts the node at the beginning, and after every boot-up.
     AtOnce,
-    /// After its setup list is written: whenever [`Master::set_up`] is called.
+    /// The master starts the node after its setup list is written: whenever [`Master::set_up`] is called.
     WhenSetUp,
 }
 
 /// Output of the master, in order.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Output {
-    /// Frame to send.
+    /// Frame to send on the bus.
     Send(Frame),
-    /// Event to report.
+    /// Event of this node to report.
     Tell(NodeId, NodeEvent),
 }
 

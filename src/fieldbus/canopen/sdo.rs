@@ -40,7 +40,7 @@ const SETTLERS: [Entry; 4] =
 #[derive(Clone, Debug)]
 pub struct Client {
     node: NodeId,
-    /// Transfer in progress.
+    /// Transfer in progress; `None` between transfers.
     transfer: Option<Transfer>,
     /// Whether an answer to an older transfer may still be under way.
     is_unsettled: bool,

@@ -47,7 +47,7 @@ impl DeviceLine {
         let _ = self.patience.within(self.timeout, connection.wire().close()).await;
     }
 
-    /// Records that the other end closed the connection. Returns whether this happens too often to reconnect at once.
+    /// Records that the other end closed the connection. Returns true if this happens too often to reconnect at once.
     pub(super) fn is_contested(&mut self, now: Moment) -> bool {
         if now.since(self.history.opened_at) >= SHORT_LIFE {
             self.short_lives = 0;

@@ -14,8 +14,8 @@ use isotherm_core::quantity::Moment;
 
 /// A second orderly close within this time is a habit of the server.
 const HABIT: Duration = Duration::from_secs(3600);
-/// Shortest silence of a device after which a timeout on a connection that ended is a break. At the usual periods, one
-/// lost answer causes a shorter silence.
+/// Minimum silence of a device for a break: a timeout on a connection that then ended is a break only after this time.
+/// At the usual periods, one lost answer causes a shorter silence.
 const SILENCE: Duration = Duration::from_secs(3);
 
 impl DeviceLine {
@@ -80,7 +80,7 @@ impl Evidence {
         self.answers = 0;
     }
 
-    /// Records an answer.
+    /// Counts an answer on the present connection.
     pub(super) fn answered(&mut self) {
         self.answers = self.answers.saturating_add(1);
     }

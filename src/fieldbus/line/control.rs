@@ -28,8 +28,8 @@ impl DeviceLine {
         owed.order.control(request, is_allowed)
     }
 
-    /// Records the result of a control question. Returns whether the request that waits for it may be sent. The unit
-    /// must have answered, with data or with a refusal.
+    /// Records the result of a control question. Returns true if the request that waits for it may be sent: the unit
+    /// has answered, with data or with a refusal.
     pub(super) fn may_follow(
         &mut self,
         place: usize,
@@ -41,7 +41,8 @@ impl DeviceLine {
         fault.is_refusal() && !fault.is_of_a_gateway()
     }
 
-    /// Begins the pause after lost order. It doubles each time, even if some answers in between were good.
+    /// Begins a pause, because the unit's gateway has sent the answer to an earlier request. The pause doubles each
+    /// time, even if some answers in between were good.
     pub(super) fn rest_out_of_order(&mut self, place: usize, now: Moment) {
         let lost = self.units.owed(place).order.lost;
         let breaker = &mut self.units.at_mut(place).breaker;

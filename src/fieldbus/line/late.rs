@@ -65,7 +65,8 @@ impl DeviceLine {
         self.units.misses(place, (request, asked, missed), fault, now, self.spans());
     }
 
-    /// Records that a read which was sent after another request has lost its connection. Its answer may arrive late.
+    /// Records that a connection was lost with an unanswered read, which was sent after another request. Its answer may
+    /// arrive late.
     pub(super) fn note_lost_read(
         &mut self,
         (number, read, asked): (u8, Request<'static>, Moment),

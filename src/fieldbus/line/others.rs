@@ -21,7 +21,7 @@ use crate::fieldbus::wire::{Overheard, Request};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::DeviceId;
 
-/// Time without a frame of another master after which that master counts as gone.
+/// Time without a frame of another master until that master counts as gone.
 const AFTER: Duration = Duration::from_secs(600);
 /// Maximum number of stored forms. With more, every answer is ambiguous.
 const MOST_FORMS: usize = 64;

@@ -11,9 +11,11 @@ use crate::fieldbus::wire::Request;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Device, DeviceId, Functions, Quirks, Transport};
 
-/// Shortest pause of such a unit after a missing answer. With short timeouts, an answer may arrive after four of them.
+/// Shortest pause after a missing answer of a unit without reliable transaction numbers. With short timeouts, an answer
+/// may arrive after four of them.
 const SHORTEST_REST: Duration = Duration::from_millis(750);
-/// Missing answers in a row, of a unit on such a line that has answered before, without a longer pause.
+/// Number of consecutive missing answers after which the pause of a unit grows. It applies to units that have answered
+/// before, on lines without reliable transaction numbers.
 const PATIENT: u32 = 3;
 /// First pause after a failure.
 pub(super) const FIRST_PAUSE: Duration = Duration::from_secs(1);

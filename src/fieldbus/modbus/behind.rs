@@ -6,7 +6,7 @@ use crate::fieldbus::error::Fault;
 use crate::fieldbus::wire::{Answer, Request};
 use isotherm_core::quantity::Moment;
 
-/// At most one read after another request.
+/// Read that is sent directly after another request, without waiting for its answer. There is at most one.
 #[derive(Debug, Default)]
 pub(super) struct Behind {
     /// Read to send after the next request.

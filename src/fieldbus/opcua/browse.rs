@@ -63,7 +63,7 @@ pub struct Described {
     pub node: String,
     /// Depth below the first node.
     pub depth: usize,
-    /// Display name.
+    /// Display name of the node on the server.
     pub name: String,
     /// Value and type, if the node is a variable.
     #[serde(flatten)]

@@ -29,7 +29,7 @@ use x509_cert::time::{Time, Validity};
 
 use super::files::{application, certificate};
 
-/// Key length that every policy accepts, and that the computer of every control can process.
+/// Key length in bits. Every policy accepts it, and the computer of every control can process it.
 const KEY_BITS: usize = 2048;
 /// Time before its creation at which a certificate becomes valid, because the clock of a control may be slow.
 const EARLIER: Duration = Duration::from_hours(24);
@@ -41,7 +41,7 @@ const SHA256_DIGITS: usize = 64;
 /// Content of a certificate.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Certificate {
-    /// Subject.
+    /// Subject of the certificate, as text.
     pub subject: String,
     /// URI of the application in the certificate.
     pub application: Option<String>,

@@ -21,7 +21,8 @@ use tokio_util::codec::FramedRead;
 use super::chunks::Chunks;
 use super::contained::contained;
 
-/// Requested lifetime of the keys in milliseconds. They are renewed before a request after three quarters of it.
+/// Requested lifetime of the keys in milliseconds. The library renews them before a request, once three quarters of it
+/// have passed.
 const LIFETIME: u32 = 600_000;
 /// Largest chunk and message of this end. A read of a thousand nodes is far below.
 const CHUNK: usize = 65_535;
@@ -116,7 +117,7 @@ impl Connector for Socket {
     }
 }
 
-/// Open channel.
+/// Open secure channel to a server.
 pub(super) struct Link {
     pub(super) channel: Arc<AsyncSecureChannel>,
     events: SecureChannelEventLoop<Transport>,

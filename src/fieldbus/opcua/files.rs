@@ -14,7 +14,7 @@ use isotherm_profile::{NamedFile, OpcUa, ProfileError, User};
 /// Application URI of a gateway without a certificate.
 const APPLICATION: &str = "urn:isotherm:gateway";
 
-/// Content of the files.
+/// Certificates, keys and passwords that the profile names, as parsed.
 pub(super) struct Files {
     pub(super) own: Option<(X509, PrivateKey)>,
     pub(super) user: IdentityToken,

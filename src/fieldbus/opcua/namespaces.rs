@@ -11,7 +11,7 @@ use crate::fieldbus::namespaces::NamespaceTable;
 /// Namespaces of a server when the connection was opened.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Namespaces {
-    /// URIs by index.
+    /// Namespace URIs of the server; the position is the index.
     uris: Arc<[String]>,
     /// Namespaces that the profile names by index.
     table: NamespaceTable,

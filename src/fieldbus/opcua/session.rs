@@ -139,7 +139,7 @@ impl Session {
         self.activate(link, endpoint, own, user, held).await
     }
 
-    /// Creates the session.
+    /// Creates the session at the server and logs in the user.
     pub(super) async fn begin(
         &self,
         link: &mut Link,

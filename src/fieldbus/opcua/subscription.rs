@@ -37,7 +37,7 @@ const AT_ONCE: usize = 100;
 const LIFETIME: Duration = Duration::from_secs(60);
 /// Minimum of that time, in periods.
 const LEAST: u32 = 30;
-/// Time after which nodes that the server did not have are subscribed to again.
+/// Pause before missing nodes are subscribed to again: the server may have them by then.
 const AGAIN: Duration = Duration::from_secs(60);
 
 /// Subscription at the server.

@@ -35,7 +35,7 @@ impl fmt::Display for Files {
 /// Temperature sensor of this computer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Present {
-    /// Shortest unambiguous name.
+    /// Shortest name that fits no other sensor of this computer.
     pub sensor: PcSensor,
     /// Files of the sensor.
     pub files: Files,

@@ -20,7 +20,7 @@ pub struct Exchange {
     /// Time until the answer or the timeout.
     #[serde(rename = "took_ms", serialize_with = "millis")]
     pub took: Duration,
-    /// Modbus unit.
+    /// Modbus unit or CANopen node of the device.
     pub unit: u8,
     /// Request as readable text; empty for a message without a request.
     pub asked: String,

@@ -27,13 +27,13 @@ use isotherm_profile::{BusId, DeviceId};
 
 /// Interval of checks for an interface that is missing or down. It is wall-clock time, because the interface is real.
 const LOOK_AGAIN: Duration = Duration::from_millis(200);
-/// Delay after which a frame is sent again for which the queue was full.
+/// Delay after which a frame is sent again, if the queue was full.
 const SEND_AGAIN: Duration = Duration::from_millis(5);
 /// Interval of checks of the counts of full queues and lost frames.
 const MEASURE_EVERY: Duration = Duration::from_secs(1);
 /// Largest number of frames that wait for the queue: one for each possible node.
 const MOST_UNSENT: usize = 128;
-/// Longer than any other wait.
+/// Delay if nothing is due: longer than any other delay.
 const LONG: Duration = Duration::from_secs(3600);
 
 const DOWN: Fault = Fault::Link(LinkFault::Can(CanFault::Down));
@@ -131,7 +131,7 @@ impl CanListener {
         }
     }
 
-    /// Handles everything that was received and everything that is due. Returns when the next call is due.
+    /// Processes all received frames and everything that is due. Returns the time of the next call.
     fn look(&mut self) -> Moment {
         // A frame to be sent may be the first to find the interface down. Receiving reports nothing in that case.
         if let Some(fault) = self.can.link.fault().filter(|_| self.is_up) {

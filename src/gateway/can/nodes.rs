@@ -48,7 +48,7 @@ pub(super) enum Reaction {
     Silent(DeviceId, Duration, bool),
     /// An emergency was received that has not been reported yet.
     Emergency(DeviceId, Emergency),
-    /// All reported emergencies are over. They came in this many messages.
+    /// All reported emergencies of the device are over. The number is that of its emergency messages.
     EmergencyOver(DeviceId, u64),
 }
 
@@ -195,7 +195,8 @@ impl Silence {
     }
 }
 
-/// A device with a setup or checks is started after them.
+/// Returns the condition on which the master starts a device. A device with a setup list or checks is started after
+/// them.
 fn start(can: &CanDevice, is_unchecked: bool) -> Start {
     match can.start {
         false => Start::Never,

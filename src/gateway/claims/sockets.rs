@@ -16,7 +16,7 @@ use super::Claim;
 
 /// Prefix of all names. The number changes with the format of a claim.
 const PREFIX: &str = "isotherm/1/";
-/// Replaces the hashes if the name of a socket has no room for all of them.
+/// Text in the name of a socket that has no room for all hashes.
 const MANY: &str = "*";
 const MOST_HASHES: usize = 9;
 const HASH: usize = 8;

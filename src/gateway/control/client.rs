@@ -178,8 +178,8 @@ fn replaced(
     }
 }
 
-/// Reports to the running gateway that another program was to take its place, and that the profile is wrong. With a
-/// `profile`, only a gateway of that profile accepts the report.
+/// Reports a wrong profile to the running gateway, which another program should have replaced. With a `profile`, only a
+/// gateway of that profile accepts the report.
 ///
 /// # Errors
 /// No gateway runs there, it runs another profile, or it does not answer.

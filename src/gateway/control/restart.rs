@@ -72,7 +72,7 @@ impl<'a> Request<'a> {
         }
     }
 
-    /// Returns whether its client stays connected until another program has taken over.
+    /// Returns true if the client of this request stays connected until another program has taken over.
     pub(super) fn stays(self) -> bool {
         match self {
             Request::Restart { .. } | Request::Release { .. } => true,

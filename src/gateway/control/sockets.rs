@@ -16,8 +16,8 @@ pub fn listening(machine: &str) -> Vec<PathBuf> {
     found(&list, machine)
 }
 
-/// Paths of the accepting sockets in the list of the kernel whose name is that of this machine. A line of the list is
-/// `address: references protocol flags type state inode path`.
+/// Finds the command sockets of a machine in the kernel's list of sockets, by their file name. Only sockets that accept
+/// connections count. A line of the list is `address: references protocol flags type state inode path`.
 fn found(list: &str, machine: &str) -> Vec<PathBuf> {
     let name = path(Path::new(""), machine);
     let socket = |line: &str| {

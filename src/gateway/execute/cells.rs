@@ -59,7 +59,7 @@ fn held(output: &Output, cells: &Cells) -> Encoded {
     })
 }
 
-/// Registers of one stretch.
+/// Returns the values of consecutive registers, 0 for a register without a cell.
 fn registers(cells: &Cells, stretch: &Stretch) -> Vec<u16> {
     let registers = (0..stretch.count).map(|place| stretch.from.saturating_add(place));
     registers.map(|register| cells.get(&register).copied().unwrap_or_default()).collect()
@@ -112,9 +112,9 @@ pub(super) async fn write_own(
     write(turn, set.device, &stretches, &cells, Leave::Whenever).await
 }
 
-/// Writes these cells, with one request for each stretch. The first request is sent as `leave` allows. The others
-/// belong to it and are sent at any time. An error contains the outcome for all cells: after the first request, some
-/// have arrived.
+/// Writes these cells, with one request for consecutive registers. The first request is sent as `leave` allows. The
+/// others belong to it and are sent at any time. An error contains the outcome for all cells: after the first request,
+/// some have arrived.
 pub(super) async fn write(
     turn: &mut LineTurn<'_>,
     device: DeviceId,

@@ -13,9 +13,9 @@ use isotherm_profile::{OutputId, Writes};
 pub(super) struct OutputDemand {
     /// Cz, or the effect of the slope at the reach of the axis.
     pub(super) cz: Micron,
-    /// Target of `cz`.
+    /// Target that `cz` approaches.
     pub(super) target: Micron,
-    /// When the axis decided.
+    /// Time of the axis's decision.
     pub(super) decided: Moment,
     /// Who armed the axis. `None` if it is off.
     pub(super) armed: Option<Who>,

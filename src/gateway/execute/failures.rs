@@ -30,11 +30,11 @@ enum Alarm {
 /// Failures of the requests of one register.
 #[derive(Debug, Default)]
 pub(super) struct Failures {
-    /// Kind of the failed request that was reported, until a request of that kind succeeds.
+    /// Reported kind of failed request. It is cleared when a request of that kind succeeds.
     reported: Option<Access>,
     /// Reported cause, with the count of failures for another cause.
     cause: Option<Cause<Fault>>,
-    /// Writes that failed since the last one that was answered.
+    /// Number of failed writes since a write was last answered.
     failed_writes: u64,
     last_read: LastRead,
     alarm: Alarm,
@@ -80,7 +80,7 @@ impl Failures {
         self.alarm = Alarm::Raised;
     }
 
-    /// Ends the alarm. Returns whether there was one.
+    /// Ends the alarm. Returns true if an alarm had been raised.
     pub(super) fn end(&mut self) -> bool {
         std::mem::take(&mut self.alarm) == Alarm::Raised
     }

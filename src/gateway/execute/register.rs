@@ -204,7 +204,7 @@ impl Register {
         }
     }
 
-    /// Reads the value that the control applies, if that is due.
+    /// Reads the applied value from the control, if a read is due.
     pub(super) async fn read_applied(
         &mut self,
         turn: &mut LineTurn<'_>,

@@ -259,7 +259,7 @@ impl Set {
         self.result(turn, &SetInput::Sent { result, left })
     }
 
-    /// Registers for these values. Returns `None` if the control would read another value in one of them.
+    /// Encodes these values as registers. Returns `None` if the control would read another value in one of them.
     fn encoded(&self, shared: &LineHandle, values: &[SetValue]) -> Option<Vec<Encoded>> {
         let each = self.registers.iter().zip(self.controller.members()).zip(values).zip(&self.found);
         each.map(|(((register, controller), value), found)| match value {

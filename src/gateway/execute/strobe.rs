@@ -26,7 +26,7 @@ pub(super) async fn write(
     turn.line.request(device, request, Leave::Whenever).await.map(|_| ())
 }
 
-/// Reads the acknowledge. Returns whether it is up.
+/// Reads the acknowledge of the control. Returns true if it is up.
 pub(super) async fn read(
     turn: &mut LineTurn<'_>,
     device: DeviceId,

@@ -28,7 +28,7 @@ pub(super) async fn read(turn: &mut LineTurn<'_>, set: &OutputSet) -> Result<Fou
     }
 }
 
-/// Writes all values of the set. An error contains the outcome for all of them.
+/// Writes all values of the set. After an error, [`Outcome`] applies to the set as a whole.
 pub(super) async fn write(
     turn: &mut LineTurn<'_>,
     set: &OutputSet,

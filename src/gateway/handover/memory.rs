@@ -46,7 +46,7 @@ pub(super) fn is_stream(stream: u32, name: &str) -> bool {
     link.is_ok_and(|link| link == Path::new(&format!("/memfd:{name} (deleted)")))
 }
 
-/// Size of a memfd that this user has made and that cannot be changed.
+/// Returns the size of a memfd of this user that is sealed, so that nothing can change it.
 ///
 /// # Errors
 /// The reason why the memfd is not accepted.

@@ -18,7 +18,7 @@ use isotherm_profile::{SOURCES_MARK, Sources, sha256_of};
 
 /// Name of the memfd that a check writes to.
 const ANSWER: &str = "isotherm-checked";
-/// Name of the memfd that keeps the sources of the profile that runs.
+/// Name of the memfd with the sources of the running profile.
 const OWN: &str = "isotherm-profile";
 /// Largest size of the sources of one profile, in bytes.
 pub(super) const LARGEST: u64 = 256 * 1024 * 1024;
@@ -31,7 +31,8 @@ pub(super) struct SourcesSeal {
     pub(super) sha256: String,
 }
 
-/// Sources of one profile in sealed memory.
+/// Sources of one profile (everything that its loader read) in sealed memory. Another program can load the same profile
+/// from them.
 #[derive(Clone, Debug)]
 pub struct KeptProfile {
     memory: Arc<File>,
@@ -56,7 +57,7 @@ pub fn answer_of_check() -> Option<File> {
 }
 
 impl KeptProfile {
-    /// Seals the memory in which sources were kept.
+    /// Seals the memory that contains the sources of a profile. Nothing can change it afterwards.
     ///
     /// # Errors
     /// The system cannot seal it.

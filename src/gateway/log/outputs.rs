@@ -119,7 +119,7 @@ struct DemandDetail {
     interlock: Option<Condition>,
     #[serde(skip_serializing_if = "Option::is_none")]
     target: Option<Counts>,
-    /// When the axis decided.
+    /// Time of the decision; `None` without a decision.
     #[serde(skip_serializing_if = "Option::is_none")]
     at: Option<Moment>,
     /// `None` if the axis follows its model.

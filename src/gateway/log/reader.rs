@@ -27,7 +27,7 @@ pub struct LogError {
     pub line: u64,
     /// Name of the column; `None` if the error belongs to no column.
     pub column: Option<String>,
-    /// Error message.
+    /// Cause of the error, in words.
     pub message: String,
 }
 

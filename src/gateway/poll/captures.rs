@@ -9,9 +9,10 @@ use isotherm_core::codec::Table;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Capture, DeviceId};
 
-/// Commands of one device, each once, with the time at which it was last sent, or the reason why that failed.
+/// Capture commands of one device, each once. Each has the time at which it was last sent, or the reason why it could
+/// not be sent. `None` before the first attempt.
 ///
-/// They are part of reading. Therefore they are also sent in a dry run, and before anything is armed.
+/// The commands are part of reading. Therefore they are also sent in a dry run, and before anything is armed.
 #[derive(Debug)]
 pub(super) struct Captures(Vec<(Capture, Option<Result<Moment, Fault>>)>);
 
@@ -30,7 +31,7 @@ impl Captures {
         self.0.is_empty()
     }
 
-    /// Sends all commands.
+    /// Sends all capture commands, and records the time or the fault of each.
     pub(super) async fn send(&mut self, line: &mut DeviceLine, shared: &LineHandle, device: DeviceId) {
         for (capture, sent) in &mut self.0 {
             let (at, value) = (capture.address.offset, [capture.value]);
@@ -42,8 +43,8 @@ impl Captures {
         }
     }
 
-    /// Time at which the value was captured that is read now. `None` if it needs no command. An error means that there
-    /// is no new value: a value captured at another time is not a present reading.
+    /// Returns the time at which the present value was captured. `None` if the value needs no capture command. An error
+    /// means that the command failed: the value in the register is then from another time.
     pub(super) fn captured(&self, capture: Option<Capture>) -> Result<Option<Moment>, Fault> {
         self.0.iter().find(|(own, _)| Some(*own) == capture).and_then(|(_, sent)| *sent).transpose()
     }

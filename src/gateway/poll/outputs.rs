@@ -14,7 +14,8 @@ const SOON: Duration = Duration::from_millis(100);
 pub(super) struct Job {
     /// Time of the next turn. If the output waits for its turn, the time since which it waits.
     pub(super) due: Moment,
-    /// Time since which it waits, if its turn came too late for the decision. With the next decision it has priority.
+    /// Time since which the output waits, if its turn came too late for the decision. It has priority once there is
+    /// another decision.
     waits_since: Option<Moment>,
     work: Work,
     /// Device whose position it corrects. Such an output has priority over everything that can wait.

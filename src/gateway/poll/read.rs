@@ -23,7 +23,8 @@ pub(super) struct Poll {
     next: Moment,
     /// Round under way: the time at which it was due, and the index of its next request.
     under_way: Option<(Moment, usize)>,
-    /// Time at which that request is repeated, if it was not answered; and the number of repetitions in this round.
+    /// Time at which an unanswered request is repeated; `None` if there is none. `repeats`: number of repetitions in
+    /// this round.
     again: Option<Moment>,
     repeats: u32,
     /// A position of the device is corrected.
@@ -67,8 +68,8 @@ impl Poll {
         self.requests.len()
     }
 
-    /// Time at which an unanswered request is repeated, or at which the round under way was due. Otherwise the time of
-    /// the next round.
+    /// Time at which the device is due: an unanswered request is repeated, the present round was due, or the next round
+    /// begins.
     pub(super) fn due(&self) -> Moment {
         self.again.or(self.under_way.map(|(due, _)| due)).unwrap_or(self.next)
     }
@@ -110,7 +111,7 @@ impl Poll {
     }
 
     /// Executes one request and stores the values of its answer. Capture commands precede the first request. Returns
-    /// whether it was the last request of its round.
+    /// true if it was the last request of its round.
     pub(super) async fn read(
         &mut self,
         line: &mut DeviceLine,

@@ -24,7 +24,7 @@ pub(in crate::gateway) struct Stepped<'a> {
     pub(in crate::gateway) id: OutputId,
     pub(in crate::gateway) settings: &'a Settings,
     pub(in crate::gateway) before: &'a Controller,
-    /// Whether `before` is the state after the last recorded input.
+    /// Whether `before` equals the state after the last recorded input. If not, the state is recorded before the input.
     pub(in crate::gateway) goes_on: bool,
     pub(in crate::gateway) input: Input,
     pub(in crate::gateway) action: Action,
@@ -50,7 +50,7 @@ pub(in crate::gateway) enum Steady {
     Heartbeat,
 }
 
-/// Losses of rows of outputs, shared by both ends of the queue.
+/// Counters shared by both ends of the queue for rows of the output log: rows in the queue, and losses so far.
 #[derive(Debug, Default)]
 pub(super) struct Tears {
     waiting: AtomicUsize,
@@ -58,7 +58,7 @@ pub(super) struct Tears {
 }
 
 impl Tears {
-    /// Records that rows are lost. Returns the number of losses so far.
+    /// Counts a loss of one or more rows. Returns the number of losses so far.
     pub(super) fn tear(&self) -> u64 {
         self.count.fetch_add(1, Ordering::Relaxed) + 1
     }
@@ -68,7 +68,7 @@ impl Tears {
     }
 }
 
-/// Rows that belong together: rows of one file, with none missing between them.
+/// Rows without a gap: rows of one file, between which no row was lost. `tear`: number of losses before them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Stretch {
     day: Date,
@@ -86,7 +86,7 @@ pub(in crate::gateway) struct OutputsLog {
     counts: (usize, usize),
     /// Latest moment of a row. A turn that began before midnight and ended after it stays in the file of the new day.
     latest: Moment,
-    /// Stretch of the last row.
+    /// File and number of losses at the last row.
     stretch: Option<Stretch>,
     /// Rows of the outputs, then of the sets, then of the heartbeat.
     lines: Vec<Line>,
@@ -99,10 +99,10 @@ pub(in crate::gateway) struct OutputsLog {
 #[derive(Debug, Default)]
 struct Line {
     name: String,
-    /// Stretch in which the log has a beginning of this controller.
+    /// File and number of losses when the state of this controller was last written. `None` before that.
     begun: Option<Stretch>,
     last: Option<LastTurn>,
-    /// Turns since the last row that repeat it.
+    /// Number of turns since the last row that were the same as the turn in it.
     repetitions: u64,
     /// Start of the present counts of writes and failures.
     since: Option<Moment>,
@@ -116,7 +116,7 @@ struct Line {
 #[derive(Debug)]
 struct LastTurn {
     turn: Turn,
-    /// State after it.
+    /// State of the controller after the turn.
     state: ControllerState,
     at: Moment,
     /// Time at which a turn was last recorded, not counted.
@@ -141,7 +141,7 @@ impl OutputsLog {
         OutputsLog { queue: Some(queue), counts, lines, ..OutputsLog::default() }
     }
 
-    /// Losses of rows, for the other end of the queue.
+    /// Returns the counters for the other end of the queue, which writes the rows.
     pub(super) fn tears(&self) -> Arc<Tears> {
         Arc::clone(&self.tears)
     }
@@ -212,7 +212,8 @@ impl OutputsLog {
         self.hand_over(row, stretch);
     }
 
-    /// Queues the last turn of a controller, if it was counted, with the number of those before it.
+    /// Queues the last turn of a controller, if it repeats an earlier turn. The row contains the number of repetitions
+    /// since the last recorded turn.
     fn record_repetitions(&mut self, place: usize, stretch: Stretch) {
         let line = &mut self.lines[place];
         let repetitions = std::mem::take(&mut line.repetitions);
@@ -259,8 +260,8 @@ impl OutputsLog {
         }
     }
 
-    /// Returns the stretch of a row that is written now. If it is another one, counted turns of the previous stretch
-    /// are queued first. If the clock was set, the first row of the file contains the correction.
+    /// Returns file and number of losses for a row that is written now. If they have changed, counted turns are queued
+    /// first under the old ones. If the clock was set, the first row of the file contains the correction.
     fn stretch(&mut self, now: Moment) -> Stretch {
         let (stamped, latest) = (self.stamps.look(now), self.latest.max(now));
         let day = keeping::day(latest.shifted(stamped.shift));
@@ -287,7 +288,7 @@ impl OutputsLog {
         }
     }
 
-    /// Line in which a write is counted now. Older counts are recorded first.
+    /// Returns the counter of an output for a write now. If the counted time is over, the counts are recorded first.
     fn counted(&mut self, steady: Steady, now: Moment) -> Option<&mut Line> {
         let place = self.place(steady);
         let since = *self.lines.get_mut(place)?.since.get_or_insert(now);
@@ -310,7 +311,7 @@ impl OutputsLog {
         }
     }
 
-    /// Queues a row. Returns whether there was space.
+    /// Queues a row. Returns `false` if the queue has no space; the row is then lost.
     fn hand_over(&mut self, row: Vec<u8>, Stretch { stamped, tear, .. }: Stretch) -> bool {
         let at = self.latest;
         let Some(queue) = &self.queue else { return false };

@@ -94,8 +94,8 @@ pub(super) struct StorageThread {
     events: EventsFile,
     /// Whether the journal has reported new events.
     is_woken: Arc<AtomicBool>,
-    /// Smallest number of losses that a valid row contains. A row with fewer was made before the last loss, and follows
-    /// missing rows.
+    /// Number of losses after which rows can be used. A row with a smaller number was made before the last loss, so
+    /// that the rows before it are missing.
     whole_since: u64,
     failing: BTreeMap<&'static str, DiskCause>,
     torn: Arc<AtomicBool>,
@@ -191,8 +191,8 @@ impl StorageThread {
         }
     }
 
-    /// Writes a row of an output. Rows after missing ones can be replayed only from the next beginning of their output.
-    /// Until then they are left out.
+    /// Writes a row of the output log. After a loss, rows are left out until an output begins with its whole state.
+    /// Only from there can a replay continue.
     fn write_output(&mut self, (at, stamped): (Moment, Stamped), row: &[u8], tear: u64) {
         if tear < self.whole_since {
             return;

@@ -43,7 +43,8 @@ pub(in crate::gateway) struct Writer {
     is_slow: AtomicBool,
 }
 
-/// Newest version on disk, newest version that could not be saved, and newest version whose number is done as well.
+/// Progress of saving. `kept`: newest version on disk. `failed`: newest version that could not be saved. `settled`:
+/// newest version whose number file was handled, too.
 #[derive(Clone, Copy, Debug, Default)]
 struct Done {
     kept: u64,
@@ -104,7 +105,7 @@ impl Writer {
         self.put(|newest| drop(newest.outputs.insert(output, entry)))
     }
 
-    /// Saves a state.
+    /// Saves a state of the machine with the next document.
     pub(in crate::gateway) fn remember(&self, state: Memory) {
         self.put(|newest| newest.state = Some(Box::new(state)));
     }

@@ -9,20 +9,20 @@ use serde::Serialize;
 
 use super::{Broker, Comparison, Delivery, Entry, Event, Level, PagePort, StandIn};
 
-/// Active alarm.
+/// Alarm that has begun and not ended.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Alarm {
     /// Subject of the alarm. The alarm is acknowledged by it.
     pub id: String,
     /// Kind of the event that raised it.
     pub kind: String,
-    /// Severity.
+    /// Severity of the alarm.
     pub level: Level,
     /// Time since which it is active, RFC 3339.
     pub since: String,
     /// Text of the event.
     pub text: String,
-    /// Present cause.
+    /// Present cause of the alarm; `None` if it has none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cause: Option<String>,
     /// Hint: what to do about the cause.
@@ -35,7 +35,7 @@ pub struct Alarm {
 /// Acknowledgement of an alarm.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Seen {
-    /// Time, RFC 3339.
+    /// Time of the acknowledgement, RFC 3339.
     pub at: String,
     /// Person or program, and channel.
     pub by: String,
@@ -97,7 +97,7 @@ impl Alarms {
 }
 
 impl Event {
-    /// Returns the alarm that the event raises, and those that it ends.
+    /// Returns the alarm that this event raises, if any, and the alarms that it ends.
     fn about(&self) -> (Option<String>, Vec<String>) {
         let raises = |what: &str, name: &str| (Some(format!("{what} {name}")), Vec::new());
         let ends =

@@ -27,11 +27,11 @@ pub struct Expiry {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Whose {
-    /// The gateway.
+    /// The gateway owns the certificate.
     Gateway,
     /// The user as which the gateway signs in to the server.
     User,
-    /// The server.
+    /// The server owns the certificate.
     Server,
 }
 

@@ -14,7 +14,7 @@ pub enum Comparison {
     Worse {
         /// Axis of the model.
         axis: String,
-        /// Number of touches that show it; zero if they were taken before the last datum.
+        /// Number of probings that show it; zero if they were taken before the last datum.
         touches: usize,
         /// Root mean square of the error without compensation.
         #[serde(rename = "without_um")]
@@ -32,7 +32,7 @@ pub enum Comparison {
     },
 }
 
-/// Returns a sentence about a model that is worse than no compensation, with the figures of its touches.
+/// Returns a sentence about a model that is worse than no compensation. `touches`: number of probings that show it.
 pub(crate) fn found_worse(touches: usize, with: Micron, without: Micron) -> String {
     let shown = match touches {
         0 => "as touches before the last datum show".to_owned(),

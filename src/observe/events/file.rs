@@ -47,7 +47,7 @@ pub struct End {
 /// Content found on disk.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Found {
-    /// An event.
+    /// Event that was read from the file.
     Event(Entry),
     /// Damage, as a sentence with the name of the file.
     Damage(String),

@@ -36,7 +36,7 @@ pub struct Entry {
 /// An event that has just been reported, for the listener.
 #[derive(Clone, Copy, Debug)]
 pub struct Happened<'a> {
-    /// The event itself.
+    /// Event with its data.
     pub event: &'a Event,
     /// The event as it is shown and kept.
     pub entry: &'a Entry,
@@ -108,7 +108,7 @@ impl Journal {
         Journal { clock: clock.clone(), pages: Mutex::default(), listener: None }
     }
 
-    /// Adds a listener.
+    /// Adds a listener, which receives every event from now on.
     #[must_use]
     pub fn heard_by(self, listener: Option<EventListener>) -> Journal {
         Journal { listener, ..self }

@@ -1,4 +1,4 @@
-//! The sentence of each event, its word for programs, and how much it matters.
+//! The sentence of each event, its word for programs, and its severity.
 
 use std::time::Duration;
 
@@ -9,10 +9,10 @@ use isotherm_core::compensation::AxisState;
 use isotherm_core::explained::Explained;
 use isotherm_profile::{counted, duration_text};
 
-/// Hint for what does not answer, if the fault itself has none.
+/// Hint for a device or line that does not answer, if the fault has no hint of its own.
 const DOES_NOT_ANSWER: &str =
     "is it powered, is its cable plugged in? `isotherm check --online` asks it again";
-/// Hint for answers that get lost.
+/// Hint for a device whose answers are lost now and then.
 const LOSES_ANSWERS: &str =
     "if this happens often, answers are lost: check the cable, the converter and the load of the device";
 
@@ -20,7 +20,7 @@ fn seconds(span: &Duration) -> String {
     duration_text(Duration::from_secs(span.as_secs()))
 }
 
-/// A few of them by name, the others by their number.
+/// Joins the first five names, and adds the number of the others: `a, b, c, d, e and 3 more`.
 fn listed(names: &[String]) -> String {
     let named = names.iter().take(5).map(String::as_str).collect::<Vec<_>>().join(", ");
     match names.len().saturating_sub(5) {

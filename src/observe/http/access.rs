@@ -72,7 +72,7 @@ pub(super) struct Access {
     commands: Commands,
     hosts: Vec<String>,
     listens_at: SocketAddr,
-    /// With TLS, browsers send the cookie only over TLS.
+    /// Whether the page uses TLS. The cookie is then marked so that browsers send it only over TLS.
     is_secure: bool,
     tokens: Tokens,
     visits: Mutex<Visits>,
@@ -167,12 +167,12 @@ impl Access {
         }
     }
 
-    /// Returns whether there is an operator's token.
+    /// Returns true if the profile has an operator's token.
     pub(super) fn has_operator(&self) -> bool {
         self.tokens.has(Role::Operator)
     }
 
-    /// Returns whether there is a token to sign in with.
+    /// Returns true if the profile has a token with which a person can sign in: a viewer's or an operator's.
     pub(super) fn has_tokens(&self) -> bool {
         self.tokens.has(Role::Viewer) || self.tokens.has(Role::Operator)
     }

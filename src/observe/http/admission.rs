@@ -9,9 +9,9 @@ use super::tokens::TokenFile;
 pub struct Admission {
     /// Token for scraping the metrics, and nothing else.
     pub scraper: Option<TokenFile>,
-    /// Token for viewing.
+    /// Token for viewing page, API and metrics.
     pub viewer: Option<TokenFile>,
-    /// Token for commands.
+    /// Token for viewing and for commands.
     pub operator: Option<TokenFile>,
     /// Whether every client on this computer may also command.
     pub commands: Commands,
@@ -44,7 +44,7 @@ impl Admission {
         Ok(Admission { scraper, viewer, operator, commands, hosts })
     }
 
-    /// Returns whether there is a token. Without one, clients on other computers cannot be authenticated.
+    /// Returns true if the profile has any token. Without one, clients on other computers cannot be authenticated.
     pub fn has_token(&self) -> bool {
         [&self.scraper, &self.viewer, &self.operator].into_iter().any(Option::is_some)
     }

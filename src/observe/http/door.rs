@@ -39,7 +39,7 @@ impl From<TcpListener> for Door {
 }
 
 impl Door {
-    /// Sets the limits.
+    /// Sets the limits on connections and their timeouts.
     #[must_use]
     pub fn within(self, limits: Limits) -> Door {
         Door { limits, ..self }

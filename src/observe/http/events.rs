@@ -18,7 +18,7 @@ use isotherm_core::quantity::time;
 use isotherm_profile::one_line;
 use isotherm_profile::regular::without_numbers;
 
-/// Default time range.
+/// Time range of an answer if the query names none.
 const SINCE: &str = "12h";
 /// Maximum number of events in an answer. `isotherm events` shows all.
 const MOST: usize = 10_000;

@@ -118,8 +118,8 @@ struct Patience {
     all: Duration,
 }
 
-/// Sends the pieces from `read` as long as the client accepts them. A download that was cut off ends with an error, so
-/// that the client notices. One slot of the channel is reserved for it.
+/// Sends the pieces from `read` as long as the client accepts them. If the download is cut off, it ends with an error,
+/// which tells the client. One slot of the channel is reserved for that error.
 fn hand_over(
     sender: mpsc::Sender<Piece>,
     patience: Patience,

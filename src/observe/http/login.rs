@@ -28,8 +28,8 @@ fn wants_html(headers: &HeaderMap) -> bool {
         .is_some_and(|kinds| kinds.contains("text/html"))
 }
 
-/// Words in a language of the browser. The profile's language is read only once, so that a client that has not signed
-/// in does not cause work.
+/// Returns the words in a language of the browser. The language of the profile is read only once, so that requests of
+/// clients without access cost little.
 fn spoken(room: &Room, headers: &HeaderMap) -> &'static Words {
     words(*room.language.get_or_init(|| room.source.status().language), headers)
 }

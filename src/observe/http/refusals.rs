@@ -38,7 +38,7 @@ impl Reports {
 /// Wrong tokens from one address.
 #[derive(Clone, Copy, Debug)]
 struct Guesses {
-    /// Start of the current minute, which is used for counting, or in which the address is blocked.
+    /// Start of the minute in which wrong tokens are counted, or in which the address is blocked.
     since: Duration,
     count: u32,
 }
@@ -49,7 +49,7 @@ pub(super) struct Refusals {
     by_address: HashMap<IpAddr, Guesses>,
     /// Number of wrong tokens that are not reported yet.
     untold: u64,
-    /// Address of the last of them.
+    /// Address from which the last of these tokens came.
     last: Option<IpAddr>,
     told: Option<Duration>,
 }

@@ -30,7 +30,7 @@ pub(super) enum Role {
     Scraper,
     /// May read page, API and metrics.
     Viewer,
-    /// May also command.
+    /// May read everything, and send commands.
     Operator,
 }
 
@@ -188,7 +188,7 @@ pub(super) enum Change {
     Gone(String),
 }
 
-/// All token files.
+/// Token files of all roles, in the order of [`Role::ALL`].
 pub(super) struct Tokens(Mutex<[Option<TokenFile>; 3]>);
 
 impl Tokens {

@@ -11,7 +11,8 @@ use super::tokens::Role;
 const LONGEST: Duration = Duration::from_secs(12 * 3600);
 /// Longest time without use.
 const IDLE: Duration = Duration::from_secs(3600);
-/// Maximum number of sessions of each role. Beyond that, the one that was not used for the longest time ends.
+/// Maximum number of open sessions of each role. If there are more, the session that was unused for the longest time
+/// ends.
 const MOST: usize = 64;
 
 /// Identifier of a session.
@@ -44,7 +45,7 @@ struct Visit {
     used: Duration,
 }
 
-/// Open sessions.
+/// Open sessions of browsers, by their identifiers.
 #[derive(Debug, Default)]
 pub(super) struct Visits(HashMap<Key, Visit>);
 
@@ -75,7 +76,7 @@ impl Visits {
         Some((visit.role, visit.version))
     }
 
-    /// Ends a session.
+    /// Ends a session. Its cookie is then invalid.
     pub(super) fn end(&mut self, key: Key) {
         self.0.remove(&key);
     }

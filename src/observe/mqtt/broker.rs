@@ -7,7 +7,7 @@ use std::io::ErrorKind;
 use isotherm_core::quantity::Moment;
 use isotherm_plant::{Message, Subscription};
 
-/// Source of connections.
+/// Source of connections to a broker. Tests replace it.
 pub(super) trait Broker {
     /// Type of a connection.
     type Connection: Connection;
@@ -21,7 +21,7 @@ pub(super) trait Connection {
     /// Sends a message. `told` is the time at which it was made. Returns the message if there is no room for it now.
     fn send(&mut self, message: Message, told: Moment) -> Result<(), Message>;
 
-    /// Subscribes to messages.
+    /// Subscribes to the messages that match a filter.
     fn subscribe(&mut self, subscription: &Subscription) -> Result<(), Fault>;
 
     /// Waits for the next report. It is safe to drop this future: no report is lost.
@@ -82,7 +82,7 @@ pub enum Fault {
     TooLong(usize),
     /// The broker closed the connection, or the connection broke.
     Broken,
-    /// The library failed.
+    /// The MQTT library failed, for this reason.
     Inside(String),
 }
 

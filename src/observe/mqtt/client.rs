@@ -29,7 +29,7 @@ const CONNECT_WITHIN: Duration = Duration::from_secs(10);
 /// MQTT keep-alive interval. After twice this time without data, the client gives the broker up. After one and a half
 /// times, the broker publishes the will.
 const KEEP_ALIVE: Duration = Duration::from_secs(10);
-/// Longest delay between a ping of the library and its report of it.
+/// Longest delay between the ping that the library sends and its report about the ping.
 const MARGIN: Duration = Duration::from_secs(1);
 /// Maximum number of messages in the library at one time.
 const IN_LIBRARY: usize = 64;

@@ -12,7 +12,7 @@ const MOST: usize = 1000;
 /// Maximum number of old records that are published at a time, in addition to new ones.
 const AT_A_TIME: usize = 500;
 
-/// Records, oldest first.
+/// Queue of records that wait for the broker, oldest first.
 pub(super) enum Kept {
     /// Records in memory. They are removed when they are published; the publisher returns those that may not have
     /// arrived.

@@ -27,7 +27,7 @@ use isotherm_profile::stop;
 const CHANGED_AFTER: u32 = 2;
 /// First pause after a failed or broken connection. Each further pause is twice as long.
 const FIRST_PAUSE: Duration = Duration::from_secs(1);
-/// Longest pause.
+/// Longest pause between two attempts to connect.
 const LONGEST_PAUSE: Duration = Duration::from_secs(30);
 /// Longest wait for unpublished messages at the end of a run. The disconnect may take the same time again.
 const LAST_PATIENCE: Duration = Duration::from_secs(stop::BROKER.as_secs() / 2);
@@ -47,7 +47,7 @@ pub(super) struct Runner {
     pub(super) seen: (Moment, Snapshot),
     pub(super) kept: Kept,
     pub(super) commands: Commands,
-    /// Messages for which the connection had no room yet, with the times at which they were made.
+    /// Messages that wait until the connection has room, each with the time at which it was made.
     pub(super) outbox: VecDeque<(Moment, Message)>,
 }
 

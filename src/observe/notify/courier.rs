@@ -29,7 +29,7 @@ pub struct Rules {
 }
 
 impl Default for Rules {
-    /// With these values, the first message is tried for a quarter of an hour.
+    /// Returns the usual timeouts. With these, the first message is tried for a quarter of an hour.
     fn default() -> Rules {
         Rules {
             timeout: Duration::from_secs(10),

@@ -7,7 +7,7 @@ use crate::observe::events::{Change, Entry, Happened};
 /// Keys of the object that the event is about, if there is exactly one.
 const ABOUT: [&str; 5] = ["axis", "device", "bus", "signal", "output"];
 
-/// One message.
+/// Message about one event, for a server.
 #[derive(Clone, Debug)]
 pub(super) struct Message {
     machine: String,

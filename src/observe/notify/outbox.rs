@@ -133,8 +133,8 @@ impl Outbox {
         self.queue().dropped
     }
 
-    /// Records that the message has arrived, which contained the number `told` of dropped ones. Returns the number to
-    /// report now, if any.
+    /// Records that a message has arrived. `told`: number of dropped messages that it contained. Returns the number of
+    /// dropped messages to report now, if any.
     pub(super) fn arrived(&self, told: u64) -> Option<u64> {
         let mut queue = self.queue();
         queue.is_under_way = false;
@@ -168,7 +168,7 @@ impl Outbox {
     }
 }
 
-/// Returns whether an axis has stopped to follow its model. A stop of the gateway does not count.
+/// Returns true if the axis followed its model and does not follow it now. A stop of the gateway is no such event.
 fn loses_its_axis(event: &Event) -> bool {
     let follows =
         |name: &str| [AxisState::Active, AxisState::Degraded].iter().any(|state| state.name() == name);

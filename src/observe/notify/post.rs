@@ -23,9 +23,9 @@ use isotherm_profile::{Notify, Url};
 /// Timeout of each address of a name except the last one, which gets the remaining time.
 const EACH: Duration = Duration::from_secs(3);
 
-/// Receiver of messages.
+/// Receiver of messages: a server, or a replacement in tests.
 pub trait Post {
-    /// Sends one message.
+    /// Sends one message, and waits until it is accepted.
     fn post(&self, body: &str) -> impl Future<Output = Result<(), Failure>> + Send;
 }
 
@@ -44,7 +44,7 @@ pub enum Failure {
     /// The host cannot be reached.
     #[error("it cannot be reached: {0}")]
     Unreachable(String),
-    /// TLS failed.
+    /// The TLS handshake failed, for this reason.
     #[error("{0}")]
     Tls(String),
     /// The server closed the connection before it answered.
@@ -244,7 +244,8 @@ async fn exchange(mut stream: impl AsyncRead + AsyncWrite + Unpin, request: &str
         stream.flush().await
     };
     let sent = sent.await;
-    // A server may answer before it has received everything. Its answer is more useful than the error of the write.
+    // A server may answer before it has received everything. Its answer says more about the cause than the error of the
+    // write.
     match (answer::read(&mut stream).await, sent) {
         (Err(Failure::Closed), Err(error)) => Err(Failure::broken(&error)),
         (answered, _) => answered,

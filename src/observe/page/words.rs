@@ -69,7 +69,7 @@ mod tests {
     use super::*;
     use crate::observe::page::FILES as FILES_OF_THE_PAGE;
 
-    /// All files of the page that use words.
+    /// Returns the text of all files of the page that use words, for a test.
     fn uses() -> String {
         let scripts =
             FILES_OF_THE_PAGE.iter().filter(|(name, ..)| name.ends_with(".js")).map(|(.., text)| *text);

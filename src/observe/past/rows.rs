@@ -12,7 +12,7 @@ use isotherm_profile::regular;
 /// Distance in bytes below which the search stops and rows are read.
 const NEAR: u64 = 64 * 1024;
 
-/// One row.
+/// Row of a log, as text.
 pub(super) struct Row(ByteRecord);
 
 impl Row {

@@ -4,7 +4,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use serde::Serialize;
 
-/// State of publishing.
+/// State of publishing to the MQTT broker.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct BrokerStatus {
     /// Address of the broker.
@@ -38,7 +38,7 @@ impl BrokerFigures {
         self.get().clone()
     }
 
-    /// Changes the state.
+    /// Changes the state while it is locked.
     #[cfg(feature = "mqtt")]
     pub(in crate::observe) fn note(&self, change: impl FnOnce(&mut BrokerStatus)) {
         change(&mut self.get());

@@ -23,7 +23,7 @@ pub struct LeftStatus {
     pub limit_um: Option<f64>,
     /// Largest change of one update, µm.
     pub step_um: Option<f64>,
-    /// Largest speed, µm/s.
+    /// Largest speed at which Cz changes, µm/s.
     pub rate_um_per_s: Option<f64>,
     /// Shortest time until the register reaches its base, s.
     pub back_s: Option<f64>,
@@ -44,7 +44,7 @@ pub enum Wish<'a> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LeftState {
-    /// Not released.
+    /// The operator has not released the register.
     Left,
     /// Released by an operator; the gateway has not been restarted since.
     Asked,

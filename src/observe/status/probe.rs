@@ -7,7 +7,7 @@ use serde::Serialize;
 pub struct ProbeStatus {
     /// Present correction of the model's Cz, µm.
     pub correction_um: f64,
-    /// Largest correction, µm.
+    /// Largest absolute correction, µm.
     pub limit_um: f64,
     /// Warning level of a residual, µm.
     pub warn_um: Option<f64>,
@@ -19,14 +19,14 @@ pub struct ProbeStatus {
     pub history: Vec<(String, f64)>,
     /// Learned change of each gain; empty if gains are not learned.
     pub gains: Vec<GainStatus>,
-    /// Comparison that shows that the model in use is worse than no compensation; `None` if touches do not show that.
+    /// Comparison in which the model in use is worse than no compensation; `None` if probings do not show that.
     pub worse: Option<WorseStatus>,
 }
 
 /// Figures of a model that is worse than no compensation.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct WorseStatus {
-    /// Number of touches; zero directly after a new datum.
+    /// Number of probings in the comparison; zero directly after a new datum.
     pub touches: usize,
     /// Root mean square of the error without compensation, µm.
     pub without_um: f64,
@@ -39,7 +39,7 @@ pub struct WorseStatus {
 /// Result of one probing.
 #[derive(Clone, Debug, Serialize)]
 pub struct ProbedStatus {
-    /// Time, RFC 3339.
+    /// Time of the probing, RFC 3339.
     pub at: String,
     /// The measured error, µm.
     pub error_um: f64,

@@ -128,7 +128,7 @@ impl Taken {
         &self.field
     }
 
-    /// Cell that changes together with this object, if the object is the one at which the value is read back.
+    /// Returns the cell that holds the same value as this object, if the value is read back at the object; else `None`.
     pub(crate) fn shown_at(&self, object: &Address) -> Option<Address> {
         self.cells.first().filter(|_| self.cells.get(1) == Some(object)).cloned()
     }

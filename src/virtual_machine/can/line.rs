@@ -33,7 +33,7 @@ pub(crate) struct Port {
     interface: String,
     wanted: Vec<CanMatch>,
     clock: Clock,
-    /// Socket, with a gate that makes a virtual clock wait for frames that no device has received yet.
+    /// Socket, and its registration with a virtual clock: time stands still while a received frame is unread.
     socket: Option<(Socket, Inlet)>,
 }
 

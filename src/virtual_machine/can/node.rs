@@ -103,7 +103,8 @@ impl Pdo {
         u8::try_from(kind).ok().filter(|kind| *kind <= 240 && self.is_valid(objects))
     }
 
-    /// Returns whether its objects enable the PDO with the known identifier.
+    /// Returns true if the objects of the node enable this PDO with the identifier of the profile. A PDO without
+    /// objects is always enabled.
     fn is_valid(&self, objects: &Dictionary) -> bool {
         let Some(number) = self.number else { return true };
         let wanted = u64::from(self.id.raw()) | if self.id.is_extended() { 1 << 29 } else { 0 };
@@ -148,7 +149,7 @@ impl Node {
         pdos.filter(|_| self.state == State::Operational).chain(heartbeat).min()
     }
 
-    /// Advances the time.
+    /// Advances the time, and collects the actions that are due.
     pub(crate) fn tick(&mut self, now: Moment) {
         if let (Some(due), Some(period)) = (self.heartbeat, milliseconds(&self.objects, HEARTBEAT_TIME))
             && due <= now

@@ -10,7 +10,7 @@ use isotherm_profile::{DeviceId, Expected, Output, Profile, Verify};
 
 use super::can::CanUnit;
 
-/// One hardware unit.
+/// Hardware unit: the registers and the state of one physical device.
 #[derive(Debug)]
 pub(super) struct Unit {
     /// First device with this unit.

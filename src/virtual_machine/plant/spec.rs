@@ -90,7 +90,7 @@ pub(super) struct Span {
 pub(super) struct Node {
     #[serde(skip)]
     pub(super) name: String,
-    /// Heat capacity, J/K.
+    /// Heat capacity of the node, J/K.
     pub(super) capacity: f64,
     /// Temperature before the soak, °C.
     pub(super) initial: f64,
@@ -100,7 +100,7 @@ pub(super) struct Node {
 pub(super) struct Link {
     pub(super) node: usize,
     pub(super) other: Point,
-    /// Thermal conductance, W/K.
+    /// Thermal conductance of the link, W/K.
     pub(super) conductance: f64,
 }
 
@@ -146,7 +146,7 @@ pub(super) struct Position {
     pub(super) signal: String,
     pub(super) middle: f64,
     pub(super) stroke: f64,
-    /// Period in seconds.
+    /// Period of one stroke up and down, s.
     #[serde(deserialize_with = "seconds")]
     pub(super) period: f64,
 }

@@ -16,18 +16,18 @@ pub(super) enum Point {
     Spot(usize),
 }
 
-/// A reduced structure in its machine.
+/// Structure of a machine, reduced to thermal modes. Its state is the amplitude of each mode.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Structure {
     /// Temperature before the soak, °C.
     pub(super) initial: f64,
     /// Index of the position that selects the point of the guideway.
     pub(super) position: usize,
-    /// Remaining part of each mode after a step.
+    /// Factor by which the amplitude of each mode decays in one step.
     pub(super) keep: Vec<f64>,
-    /// Change of each mode in a step by an excitation of 1.
+    /// Amplitude that each mode gains in one step by an excitation of 1.
     pub(super) gain: Vec<f64>,
-    /// Modes at a uniform temperature of 1 °C.
+    /// Amplitude of each mode if the whole structure is 1 °C warmer.
     pub(super) uniform: Vec<f64>,
     /// Temperature of each port per unit of each mode. The same numbers give the excitation of the modes by one watt.
     pub(super) ports: Vec<Vec<f64>>,
@@ -40,12 +40,13 @@ pub(super) struct Structure {
     pub(super) moves: [Vec<Vec<f64>>; 3],
 }
 
-/// A medium at a film of the structure.
+/// Medium (air or a node of the plant) that exchanges heat with the structure through one film (`*FILM` of the FE
+/// input).
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Sink {
-    /// Node or air with its temperature.
+    /// The medium: the air, or a node. Its temperature is the temperature of the sink.
     pub(super) point: Point,
-    /// Thermal conductance, W/K.
+    /// Film coefficient times area: heat flow per kelvin between medium and structure, W/K.
     pub(super) conductance: f64,
     /// Conductance per unit of each mode, W/K.
     pub(super) modes: Vec<f64>,

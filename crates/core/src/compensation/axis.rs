@@ -240,8 +240,8 @@ impl Axis {
         error.is_some_and(|error| chosen.raw.abs() > error || chosen.slope.abs() > error)
     }
 
-    /// Returns the comparison of the model in use if it is worse than no compensation. While no model can be used, that
-    /// of the last one.
+    /// Returns the comparison of the model in use if it is worse than no compensation, else `None`. While no model can
+    /// be used, returns the comparison of the last decision.
     fn worse(&self, chosen: Option<Chosen>) -> Option<Worse> {
         match chosen {
             _ if self.settings.probe.is_none() => None,

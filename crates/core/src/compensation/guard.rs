@@ -13,7 +13,7 @@ use crate::quantity::Micron;
 
 mod deadband;
 
-/// Guard stages that changed the value.
+/// Set of guard stages: those that changed the value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Stages(u8);
 
@@ -38,12 +38,12 @@ impl Stages {
         (Stages::ROUND, "round"),
     ];
 
-    /// Returns whether this stage is contained.
+    /// Returns true if these stages include `stage`.
     pub fn contains(self, stage: Stages) -> bool {
         self.0 & stage.0 == stage.0
     }
 
-    /// Returns the stages of both.
+    /// Returns the stages that are in either of the two sets.
     pub(super) fn and(self, other: Stages) -> Stages {
         Stages(self.0 | other.0)
     }
@@ -67,18 +67,19 @@ impl fmt::Display for Stages {
     }
 }
 
-/// Kind of a change.
+/// Kind of change of Cz, which determines the guard stages that apply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Pace {
-    /// Towards a model's value, with every stage.
+    /// Cz follows the value of a model. Every guard stage applies.
     Follow,
-    /// To zero, at the axis's rate.
+    /// Cz goes to zero at the axis's rate, without deadband.
     Ramp,
-    /// To zero, one whole step at every update.
+    /// Cz goes to zero by one whole step at every update, whatever the rate is.
     Steps,
 }
 
-/// Offset in µm, and in whole counts of the register.
+/// Guard of one offset. `place`: the offset in µm before rounding. `counted`: the same offset, rounded to whole counts
+/// of the register.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Guard {
     place: Micron,
@@ -134,7 +135,8 @@ impl Guard {
         (self.counted, stages)
     }
 
-    /// Decides the whole counts nearest to the place, inside the limit and at most a step from the last ones.
+    /// Rounds the offset to whole counts: to the count nearest to `place` that is inside the limit and at most one step
+    /// from the previous result. Returns the stages that changed the value.
     fn count_off(&mut self, settings: &GuardSettings) -> Stages {
         let mut stages = Stages::default();
         let Some(count) = settings.count else {
@@ -174,7 +176,7 @@ impl Grid<'_> {
         self.value(self.counts(place).min(last + reach).max(last - reach))
     }
 
-    /// The count nearest to `place` inside the limit.
+    /// Returns the whole number of counts that is nearest to `place` and inside the limit.
     fn counts(&self, place: Micron) -> f64 {
         let most = self.whole_in(self.settings.limit);
         (place.get() / self.count.get()).round().min(most).max(-most)
@@ -184,13 +186,14 @@ impl Grid<'_> {
         (span.get() / self.count.get() * (1.0 + SAME)).floor()
     }
 
-    /// Adding zero turns −0 into 0; the clamp takes away the last digit by which 3 · 0.1 exceeds 0.3.
+    /// Returns the value of this number of counts, µm. Adding zero turns −0 into 0. The clamp removes the last digit by
+    /// which 3 · 0.1 exceeds 0.3.
     fn value(&self, counts: f64) -> Micron {
         Micron::new(counts * self.count.get() + 0.0).unwrap_or_default().clamp_to(self.settings.limit)
     }
 }
 
-/// The largest change now, and the stage that sets it.
+/// Returns the largest change of one update, and the stage that sets it: the rate times `dt`, or the step.
 fn allowance(dt: Duration, pace: Pace, settings: &GuardSettings) -> (Micron, Stages) {
     let by_rate = Micron::new(settings.rate.get() * dt.as_secs_f64()).unwrap_or(settings.step);
     if pace != Pace::Steps && by_rate < settings.step {

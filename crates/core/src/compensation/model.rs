@@ -130,7 +130,7 @@ impl From<&Instead> for Unusable {
 /// Inputs of a model.
 #[derive(Clone, Copy, Debug)]
 pub struct Inputs<'a> {
-    /// The readings.
+    /// Readings of all signals, from which the model takes its inputs.
     pub snapshot: Snapshot<'a>,
     /// Time since machine start, and references.
     pub machine: &'a Machine,
@@ -147,7 +147,7 @@ pub struct Outputs {
     pub cz: Micron,
     /// tanβ if the slope is split off, else zero.
     pub slope: MicronPerMillimetre,
-    /// Difference of the two halves of the model; zero without halves.
+    /// Difference of the Cz of the model's two halves; zero if the model is no mean of two models.
     pub apart: Micron,
 }
 
@@ -203,7 +203,7 @@ impl Model {
         Ok(Evaluated { outputs, coverage: worse(envelope, self.kind.model().coverage(&inputs.snapshot)) })
     }
 
-    /// Returns the difference of the two halves now.
+    /// Returns the difference of the Cz of the model's two halves (the models whose mean is this model).
     fn apart(&self, inputs: &Inputs<'_>) -> Result<Micron, Unusable> {
         let apart = self.envelope.as_ref().map_or(&[][..], Envelope::apart);
         let mut sum = 0.0;

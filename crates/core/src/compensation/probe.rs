@@ -61,9 +61,9 @@ pub struct Measured {
 pub struct Probed {
     /// Time at which the axis received the probing.
     pub at: Moment,
-    /// The measured error.
+    /// Measured error: actual minus commanded position.
     pub error: Micron,
-    /// Cz that acted.
+    /// Cz that acted in the machine during the measurement.
     pub acting: Micron,
     /// Error that would remain if the model's Cz with its correction acted. `None` if no model had a value.
     pub residual: Option<Micron>,
@@ -135,7 +135,7 @@ impl Probe {
     }
 
     /// Accounts for the time without the gateway. The times of manual measurements shift by the wall clock. The age of
-    /// a touch and the certainty of a correction use the longest possible time of the pause.
+    /// a probing and the certainty of a correction use the longest possible time of the pause.
     pub(super) fn away(&mut self, (by_the_clock, at_most): (Shift, Shift)) {
         self.last.shift(by_the_clock);
         self.history.shift(by_the_clock);

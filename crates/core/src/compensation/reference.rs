@@ -83,7 +83,7 @@ pub struct Captured {
     pub at: Moment,
 }
 
-/// Mean of the values so far.
+/// Sum of the values in a running capture. Their mean becomes the reference.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Gathering {
     until: Moment,
@@ -91,7 +91,7 @@ struct Gathering {
     count: u32,
 }
 
-/// Result of [`Machine::observe`].
+/// Result of [`Machine::observe`]: events of the machine in a snapshot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Noticed {
     /// The time since machine start is counted from now on.
@@ -271,8 +271,8 @@ impl Machine {
         self.known.is_complete = !self.start.iter().chain(&self.zero).any(is_open);
     }
 
-    /// Discards the references of this signal. They are captured again from the next snapshot on. Returns whether there
-    /// were any.
+    /// Discards the references of this signal. They are captured again from the next snapshot on. Returns true if at
+    /// least one had been captured.
     pub(super) fn forget(&mut self, signal: SignalId) -> bool {
         let mut was_captured = false;
         for capture in [&mut self.start, &mut self.zero].into_iter().filter_map(|all| all.get_mut(signal.0)) {
@@ -327,7 +327,7 @@ impl Gathering {
 }
 
 impl Capture {
-    /// Returns whether there is neither a value nor a running capture.
+    /// Returns true if no value has been captured, and no capture is running.
     fn is_nothing(&self) -> bool {
         self.value.is_none() && self.gathering.is_none()
     }

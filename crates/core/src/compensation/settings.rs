@@ -18,7 +18,7 @@ pub struct AxisSettings {
     pub models: Vec<Model>,
     /// Bounds of the offset.
     pub guard: GuardSettings,
-    /// Update period.
+    /// Time between two decisions of the axis.
     pub every: Duration,
     /// Action if no model can be used.
     pub on_fault: OnFault,
@@ -45,7 +45,7 @@ pub struct ProbeSettings {
     pub warn: Option<Micron>,
     /// Settings for learning the gains of linear models; `None` if they do not learn.
     pub gains: Option<GainSettings>,
-    /// Action while touches show that the axis is worse with the model than without compensation.
+    /// Action while probings show that the axis is worse with the model than without compensation.
     pub worse: OnWorse,
 }
 
@@ -59,13 +59,13 @@ impl ProbeSettings {
     }
 }
 
-/// Action of an axis while touches show that it is worse with its model than without compensation.
+/// Action of an axis while probings show that it is worse with its model than without compensation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum OnWorse {
     /// The axis continues to follow the model, and the result is reported.
     #[default]
     Warn,
-    /// Cz goes to zero at the axis's rate, until touches show that the model is better than no compensation.
+    /// Cz goes to zero at the axis's rate, until probings show that the model is better than no compensation.
     Ramp,
 }
 
@@ -131,7 +131,7 @@ pub struct InterceptSlope {
 }
 
 impl AxisSettings {
-    /// Returns whether Cz goes to zero while touches show that the model is worse than no compensation.
+    /// Returns true if Cz goes to zero while probings show that the model is worse than no compensation.
     pub fn leaves_what_is_worse(&self) -> bool {
         self.probe.is_some_and(|probe| probe.worse == OnWorse::Ramp)
     }
@@ -164,11 +164,11 @@ const SHORTEST_PERIOD: Duration = Duration::from_millis(100);
 /// Bounds of an offset. All values are positive and finite, except a deadband of zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GuardSettings {
-    /// Largest |Cz|.
+    /// Largest absolute value of Cz. The guard never exceeds it.
     pub limit: Micron,
     /// Largest change of one update.
     pub step: Micron,
-    /// Largest speed.
+    /// Largest speed at which Cz changes.
     pub rate: MicronPerSecond,
     /// Smallest change that is made.
     pub deadband: Micron,

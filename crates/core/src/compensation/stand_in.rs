@@ -461,7 +461,8 @@ impl Watch {
         self.bank.iter_mut().for_each(Gathered::begin_minute);
     }
 
-    /// Passes on, and clears, the beginnings of the sensors that were accepted again since the last call.
+    /// Calls `take` with the estimated start reading of each sensor that was accepted again since the last call, and
+    /// clears these readings.
     pub(super) fn take_beginnings(&mut self, settings: &StandIns, mut take: impl FnMut(SignalId, Beginning)) {
         for (known, beginning) in settings.sensors().iter().zip(&mut self.beginnings) {
             if let Some(beginning) = beginning.take() {

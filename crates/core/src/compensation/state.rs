@@ -34,15 +34,15 @@ pub enum AxisState {
     /// Not armed. The axis decides and writes nothing.
     #[default]
     Off,
-    /// Following its preferred model.
+    /// The axis follows its preferred model.
     Active,
-    /// Following a fallback model, because the preferred one cannot be used.
+    /// The axis follows a fallback model, because the preferred one cannot be used.
     Degraded,
-    /// Keeping its last value since this moment.
+    /// The axis has kept its last value since this moment.
     Holding(Moment),
-    /// Going to zero.
+    /// Going to zero at the axis's rate.
     Ramping,
-    /// At zero, until its inputs and outputs are good again.
+    /// Cz is zero until the inputs and outputs of the axis are good again.
     Zeroed,
 }
 
@@ -59,7 +59,7 @@ impl AxisState {
         }
     }
 
-    /// Every name.
+    /// Names of all states, as [`AxisState::name`] returns them.
     pub const NAMES: [&'static str; 6] = ["off", "active", "degraded", "holding", "ramping", "zeroed"];
 
     /// Words of events for the decided states. "At zero" is missing, because it is used only for a verified value.

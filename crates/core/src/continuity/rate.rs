@@ -26,7 +26,7 @@ pub enum RateFault {
 /// confirmed the device.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RateFilter {
-    /// Last good value.
+    /// Last good value with its time. Later values are compared with it.
     good: Option<(f64, Moment)>,
     /// Last value, good or not.
     last: Option<(f64, Moment)>,

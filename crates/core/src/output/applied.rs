@@ -48,7 +48,7 @@ impl Applied {
         self.shown == Shown::Applied
     }
 
-    /// Records the applied value. Returns whether it equals the register value within the tolerance.
+    /// Records the applied value. Returns true if it equals the register value within the tolerance.
     pub(super) fn read(&mut self, found: Option<i64>, asked: Moment, settings: &AppliedSettings) -> bool {
         self.read_at = Some(asked);
         let held = self.value.map(|known| known.value.0.saturating_mul(1000));
@@ -85,7 +85,7 @@ impl Applied {
         }
     }
 
-    /// Maps every moment.
+    /// Maps every moment, for the comparison of two states that differ only in time.
     pub(super) fn moved(self, to: impl Fn(Moment) -> Moment) -> Applied {
         Applied {
             value: self.value.map(|known| Seen { asked: to(known.asked), ..known }),

@@ -125,7 +125,7 @@ impl Controller {
         &self.policy
     }
 
-    /// How the output follows its axis.
+    /// Returns whether the output follows the decisions of its axis, and if not, why.
     pub fn follow(&self) -> Follow {
         self.policy.follow
     }
@@ -274,8 +274,8 @@ impl Controller {
         }
     }
 
-    /// Processes a new decision. An axis that holds its offset requests no write, and resumes from the register value
-    /// if that differs.
+    /// Processes a new decision. An axis that holds its offset requests no write. It resumes from the register value if
+    /// that differs from its offset.
     fn decide(&mut self, settings: &Settings, decision: &Demanded, now: Moment) {
         if self.policy.follow == Follow::Late {
             self.policy.follow = Follow::Target;

@@ -27,7 +27,7 @@ pub const MOST_REMEMBERED: usize = 24;
 /// Copy of a value on its way to the register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Sent {
-    /// Absolute register value.
+    /// Register value of the write, including the operator offset of a shared register.
     pub value: Counts,
     /// Time of sending, for messages.
     pub at: Moment,
@@ -44,7 +44,7 @@ pub struct Sent {
 /// Value without an answer, whose time to arrive is over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct LatelySent {
-    /// Absolute register value.
+    /// Register value of the write, including the operator offset of a shared register.
     pub value: Counts,
     /// Time of sending, for messages.
     pub at: Moment,
@@ -55,7 +55,8 @@ pub struct LatelySent {
 /// All values of the gateway that may still appear in one register.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Copies {
-    /// Two more than are ever sent: a promise and the register value, found on disk at a start.
+    /// Copies that may still arrive. There is room for two more than are ever sent: a promise and the register value,
+    /// both found on disk at a start.
     under_way: Slots<Sent, { MOST_UNDER_WAY + 2 }>,
     lately: Slots<LatelySent, { MOST_REMEMBERED + 2 }>,
 }
@@ -83,12 +84,12 @@ impl Copies {
         self.under_way.len() < MOST_UNDER_WAY && self.under_way.len() + self.lately.len() < MOST_REMEMBERED
     }
 
-    /// Copies under way.
+    /// Returns the copies that may still arrive in the register.
     pub fn under_way(&self) -> impl Iterator<Item = &Sent> {
         self.under_way.iter()
     }
 
-    /// Expired values.
+    /// Returns the values whose time to arrive is over, and that are still recognised.
     pub fn lately(&self) -> impl Iterator<Item = &LatelySent> {
         self.lately.iter()
     }
@@ -113,8 +114,8 @@ impl Copies {
         })
     }
 
-    /// Adds a copy that was sent directly after a read at `other_seen` had shown another value. Returns whether there
-    /// was capacity.
+    /// Adds a copy that was sent directly after a read at `other_seen` had shown another value. Returns false if the
+    /// list was full; the copy is then not added.
     #[must_use]
     pub(super) fn add(&mut self, mut sent: Sent) -> bool {
         if sent.answered.is_some()
@@ -139,7 +140,7 @@ impl Copies {
         self.under_way.push(sent)
     }
 
-    /// Adds an expired value. Returns whether there was capacity.
+    /// Adds an expired value. Returns false if the list was full; the value is then not added.
     #[must_use]
     pub(super) fn add_lately(&mut self, sent: LatelySent) -> bool {
         if let Some(same) = self.lately.iter_mut().find(|one| one.value == sent.value) {
@@ -149,7 +150,7 @@ impl Copies {
         self.lately.push(sent)
     }
 
-    /// Ends the copies that a read ends. Returns whether copies under way have changed.
+    /// Ends the copies that a read ends. Returns true if the list of copies under way has changed.
     pub(super) fn look(&mut self, look: Look) -> bool {
         let before = *self;
         self.under_way.retain(|sent| {
@@ -183,7 +184,7 @@ impl Copies {
         self.under_way.retain(|sent| asked <= sent.left.after(late));
     }
 
-    /// Forgets old expired values. Returns whether there were any.
+    /// Forgets expired values whose time is over. Returns true if at least one was forgotten.
     pub(super) fn expire(&mut self, now: Moment) -> bool {
         let before = self.lately.len();
         self.lately.retain(|sent| sent.until > now);
@@ -229,7 +230,7 @@ pub struct Room {
 }
 
 impl Room {
-    /// Returns whether this value may be sent.
+    /// Returns true if this value is in the range of the values that may be sent.
     pub fn contains(self, value: Counts) -> bool {
         (self.low..=self.high).contains(&value)
     }

@@ -98,7 +98,7 @@ impl From<Fact> for Input {
 }
 
 impl Input {
-    /// Returns whether this is the result of an exchange.
+    /// Returns true if this is the result of an exchange with the device.
     pub(super) fn is_result(self) -> bool {
         match self {
             Input::Fact(fact) => matches!(

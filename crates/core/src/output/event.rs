@@ -44,11 +44,11 @@ pub enum Event {
     /// Operator offset and gateway share of a register cannot be determined. The axis is off until the operator
     /// confirms.
     Doubted {
-        /// Reason.
+        /// Reason why operator offset and gateway share are not certain.
         doubt: Doubt,
         /// Register value.
         found: Counts,
-        /// Assumed gateway share.
+        /// Gateway share that is assumed until the operator confirms it.
         share: Counts,
     },
     /// A shared register is not zero when the gateway first uses it. The operator must confirm that all of it is the
@@ -94,7 +94,7 @@ pub enum Event {
     },
     /// The axis resumes from the verified value.
     TakeOver {
-        /// Reason.
+        /// Reason why the axis resumes from the register value.
         cause: Cause,
     },
     /// A write is verified.
@@ -110,9 +110,9 @@ pub enum Event {
     NotApplied,
     /// The division of a shared register into operator offset and gateway share is known and on disk.
     Opened {
-        /// Operator offset.
+        /// Operator offset, as it was recorded.
         base: Counts,
-        /// Gateway share.
+        /// Gateway share, as it was recorded.
         share: Counts,
     },
     /// Only the operator can divide the register value. The axis is off.

@@ -198,14 +198,15 @@ fn follow(
     }
 }
 
-/// Reports the event once, until a write is verified.
+/// Reports `event` unless a failed write was already reported since the last verified write. `how`: how this write
+/// failed.
 fn report_untaken(state: &mut State, how: Untaken, event: Event) {
     if state.untaken.replace(how).is_none() {
         state.reports.report(event);
     }
 }
 
-/// Computes the share from a known sum and an unchanged operator offset.
+/// Calculates the gateway share: the register value `sum` minus the operator offset, which has not changed.
 fn share_is(state: &mut State, sum: Counts) {
     if let Some(account) = state.account {
         account_is(state, Account { share: sum - account.base, ..account });
@@ -350,7 +351,7 @@ fn switch_off(state: &mut State, to: ArmState) {
     }
 }
 
-/// Ends the pending action if it is this one. Returns whether it was.
+/// Ends the pending action if it is `what`. Returns true if it has ended.
 fn ends(state: &mut State, what: Doing) -> bool {
     let is_it = state.doing == what;
     if is_it {

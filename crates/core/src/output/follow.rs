@@ -1,10 +1,10 @@
-//! How an output follows the decisions of its axis.
+//! Relation between an output and the decisions of its axis.
 
 use serde::{Deserialize, Serialize};
 
 use crate::quantity::Counts;
 
-/// How an output follows the decisions of its axis.
+/// Relation between an output and the decisions of its axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Follow {
@@ -27,7 +27,7 @@ pub enum Follow {
 pub enum Cause {
     /// The control was restarted.
     Restart,
-    /// Anything else.
+    /// Any cause other than a restart of the control.
     Other,
 }
 

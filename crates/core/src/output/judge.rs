@@ -10,7 +10,7 @@ use crate::quantity::{Counts, Moment};
 pub(super) enum Meaning {
     /// First read: any value is accepted.
     First,
-    /// Expected value.
+    /// The register holds the expected value.
     Same,
     /// Write of the gateway that was under way or expired, sent at this time. `is_late` means that an earlier read did
     /// not show it.

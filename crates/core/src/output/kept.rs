@@ -26,9 +26,9 @@ pub struct Kept {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Account {
-    /// Operator offset.
+    /// Operator offset: the part of the register value that the operator has entered.
     pub base: Counts,
-    /// Gateway share.
+    /// Gateway share: the part of the register value that the gateway has written.
     pub share: Counts,
     /// Reason why the account is not accepted. Only the operator ends a doubt.
     pub doubt: Option<Doubt>,

@@ -72,7 +72,7 @@ impl Numbers {
         Numbers { taken: number, count: 1, refused: 0, values: Values::Same, floor: Floor::Known }
     }
 
-    /// Numbers for a control that may not have taken the number in its register, which an earlier run sent.
+    /// Numbers for a control that may not have taken `number`, which an earlier run wrote to its register.
     pub(super) fn perhaps(number: u16) -> Numbers {
         let (values, floor) = (Values::Changed, Floor::Open);
         Numbers { taken: number.saturating_sub(1), count: 1, refused: 0, values, floor }

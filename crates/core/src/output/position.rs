@@ -37,7 +37,7 @@ pub struct PositionController {
     interlock: Interlock,
 }
 
-/// Interlock, as reported.
+/// State of the interlock that was reported last.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Interlock {
@@ -68,9 +68,9 @@ pub struct PositionDemand {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionDecision {
-    /// Decided Cz.
+    /// Cz that the axis has decided.
     pub cz: Micron,
-    /// Target of Cz.
+    /// Target that Cz approaches.
     pub target: Micron,
     /// Time of the decision.
     pub at: Moment,
@@ -80,7 +80,7 @@ pub struct PositionDecision {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PositionAction {
-    /// Nothing.
+    /// Nothing is written in this turn.
     Nothing,
     /// Nothing: the interlock does not allow writing, or its signal is unknown.
     Interlocked(Condition),
@@ -170,7 +170,7 @@ impl PositionTurn {
 }
 
 impl PositionController {
-    /// Creates a controller that continues from the Cz that the previous run wrote last. `None` if unknown.
+    /// Creates a controller that resumes from `left`, the Cz that the previous run wrote last. `None` if it is unknown.
     pub fn resuming(left: Option<Micron>) -> PositionController {
         PositionController {
             inside: left.map_or(Inside::Nothing, Inside::Left),

@@ -34,14 +34,14 @@ impl Said {
         1 << topic as u8
     }
 
-    /// Records the report of a topic. Returns whether it was not reported before.
+    /// Records that a topic is reported. Returns true if it was not reported before.
     pub(super) fn first(&mut self, topic: Topic) -> bool {
         let is_first = self.0 & Said::bit(topic) == 0;
         self.0 |= Said::bit(topic);
         is_first
     }
 
-    /// Ends a topic. Returns whether it was reported.
+    /// Ends a topic. Returns true if the topic had been reported.
     pub(super) fn over(&mut self, topic: Topic) -> bool {
         let was_said = self.0 & Said::bit(topic) != 0;
         self.0 &= !Said::bit(topic);

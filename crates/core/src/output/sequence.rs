@@ -17,7 +17,7 @@ const LATELY: u16 = 1024;
 /// Number of a set, as its register shows it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Sequence {
-    /// Latest number that the register has held, with the values at that time.
+    /// Latest number that the register has held, and the values of the set at that time.
     newest: Option<(u16, Vec<Counts>)>,
     /// Time since when the register has held an older number.
     older_since: Option<Moment>,
@@ -60,7 +60,7 @@ impl Sequence {
         *self = Sequence::default();
     }
 
-    /// Maps every moment.
+    /// Maps every moment, for the comparison of two states that differ only in time.
     pub(super) fn moved(&self, to: impl Fn(Moment) -> Moment) -> Sequence {
         Sequence { older_since: self.older_since.map(to), ..self.clone() }
     }

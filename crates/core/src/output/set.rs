@@ -16,7 +16,7 @@ use crate::quantity::{Counts, Moment, Shift, Shifted, shifted};
 pub struct SetSettings {
     /// Settings of each output.
     pub members: Vec<Settings>,
-    /// How the control takes the set.
+    /// Event at which the control takes over the values of the set.
     pub taking: Taking,
     /// Whether the set has a register for its number.
     pub has_number: bool,
@@ -44,9 +44,9 @@ pub enum SetWords {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Alone {
-    /// No: the control takes all of the set or nothing.
+    /// No: the control takes the set as a whole or not at all.
     No,
-    /// Yes.
+    /// Yes: a request with only these words is possible.
     Yes,
 }
 
@@ -81,9 +81,9 @@ impl ControlWord {
 pub struct SetDemand {
     /// Demand on each output.
     pub members: Vec<MemberDemand>,
-    /// Control word.
+    /// Control word to send: bits with the states of the axes.
     pub control: u16,
-    /// Heartbeat.
+    /// State of the heartbeat in the next request.
     pub beat: Beat,
     /// Whether the gateway is about to end. It then drops the strobe and waits for nothing.
     pub is_leaving: bool,
@@ -106,7 +106,7 @@ pub struct OwnWords {
     pub number: Option<u16>,
     /// Count of the heartbeat.
     pub beat: u16,
-    /// Control word.
+    /// Control word: bits with the states of the axes.
     pub control: u16,
 }
 
@@ -121,7 +121,7 @@ pub enum SetValue {
 }
 
 impl SetValue {
-    /// Value in counts.
+    /// Returns the value in counts of the register.
     pub fn counts(self) -> Counts {
         match self {
             SetValue::New(value) | SetValue::AsRead(value) => value,
@@ -209,7 +209,7 @@ impl OutputAnswer {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum WriteResult {
-    /// Answered as done.
+    /// The device answered that it has carried out the write.
     Done,
     /// Not answered, or partly carried out.
     Unknown,
@@ -249,11 +249,11 @@ impl WriteResult {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StrobeResult {
-    /// Answered as done.
+    /// The device answered that it has carried out the write.
     Done,
-    /// Not carried out.
+    /// The write was refused or not sent.
     NotDone,
-    /// Not answered.
+    /// The write was sent and not answered. The strobe may have changed.
     Unknown,
 }
 
@@ -281,11 +281,11 @@ pub enum SetAction {
     },
     /// Write heartbeat and control word alone.
     WriteOwn(OwnWords),
-    /// Read the acknowledge.
+    /// Read the acknowledge of the control.
     Acknowledge,
-    /// Raise the strobe.
+    /// Raise the strobe, so that the control takes the set.
     Raise,
-    /// Drop the strobe.
+    /// Drop the strobe after the acknowledge, after a failure, or at the end.
     Drop,
 }
 

@@ -100,7 +100,7 @@ impl SetController {
         self.members.controllers_mut()
     }
 
-    /// Strobe and acknowledge.
+    /// State of the handshake: level of the strobe, and the awaited level of the acknowledge.
     pub fn strobe(&self) -> &Strobe {
         &self.strobe
     }
@@ -336,7 +336,7 @@ impl SetController {
         }
     }
 
-    /// Records that the control has not taken the values that were sent, or that this is unknown.
+    /// Records that the control has not taken the sent values, or may not have taken them.
     fn doubt(&mut self, settings: &SetSettings, now: Moment) {
         self.tries_from = now.after(RETRY);
         self.transaction.doubt();

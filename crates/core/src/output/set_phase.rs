@@ -62,13 +62,13 @@ pub(super) enum Promised {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum After {
-    /// The turn begins.
+    /// The rest of an earlier handshake comes first, then the turn.
     Begin,
     /// The registers are read before a write.
     Clear(Reason),
     /// The strobe is raised.
     Raise,
-    /// The turn ends.
+    /// The handshake of this turn continues. The turn ends with it.
     End,
 }
 
@@ -76,9 +76,9 @@ pub(super) enum After {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Dropped {
-    /// An earlier turn or run left it up.
+    /// An earlier turn or run left the strobe up.
     Left,
-    /// Its level was unknown.
+    /// The level of the strobe was unknown.
     Clear(Reason),
     /// The control has acknowledged the set.
     Acknowledged(After),

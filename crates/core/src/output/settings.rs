@@ -27,7 +27,7 @@ pub struct Settings {
     pub refresh: Option<Duration>,
     /// Whether the register is shared with an operator, whose offset it also contains.
     pub is_shared: bool,
-    /// How a write is verified.
+    /// Way in which a write is verified.
     pub verify: Verify,
     /// Applied value that the control reports in another register, if there is one.
     #[serde(default)]
@@ -71,13 +71,13 @@ pub struct AppliedSettings {
     pub settle: Duration,
 }
 
-/// How a write is verified.
+/// Way in which a write is verified.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verify {
-    /// By reading the register.
+    /// The gateway reads the register after the write.
     Reading,
-    /// By the answer of the device alone: the register cannot be read, or is not to be read.
+    /// The answer of the device to the write is sufficient. The register cannot be read, or is not to be read.
     Echo,
 }
 

@@ -29,7 +29,7 @@ impl<T: Copy, const N: usize> Slots<T, N> {
         self.len == 0
     }
 
-    /// Appends an item. Returns whether there was capacity.
+    /// Appends an item. Returns false if the list was full; the item is then not appended.
     #[must_use]
     pub fn push(&mut self, item: T) -> bool {
         let slot = self.items.get_mut(self.len);

@@ -14,7 +14,7 @@ pub struct Seen {
     pub asked: Moment,
 }
 
-/// Pending action.
+/// Pending action of the register, whose result is awaited.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Doing {
@@ -103,7 +103,7 @@ pub(super) struct Evidence {
     pub(super) was_unsteady: bool,
 }
 
-/// How the last write failed.
+/// Failure of the last write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Untaken {

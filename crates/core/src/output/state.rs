@@ -41,8 +41,8 @@ pub struct State {
     pub(super) promised_until: Option<Moment>,
     #[serde(flatten)]
     pub(super) disk: DiskState,
-    /// After a start without an orderly stop, a whole register is not written until a read was requested after this
-    /// time.
+    /// Time after which a read permits writing a whole register, after a start without an orderly stop. `None` at other
+    /// starts, and for other registers.
     pub(super) settles_at: Option<Moment>,
     /// Earliest time for the first read of a pair.
     pub(super) pairs_from: Moment,
@@ -67,7 +67,7 @@ pub struct State {
     pub(super) keeps_from: Moment,
     /// Time of the last write.
     pub(super) written_at: Moment,
-    /// How the last write failed, if none has been verified since.
+    /// Failure of the last write; `None` if a write has been verified since.
     pub(super) untaken: Option<Untaken>,
     #[serde(skip)]
     pub(super) reports: Reports,
@@ -134,8 +134,8 @@ impl State {
         &self.copies
     }
 
-    /// Returns the values that the gateway has sent, or is sending now, and that the last read did not show. Each may
-    /// still appear in the register.
+    /// Returns the values that may still appear in the register: sent earlier or being sent now, and not shown by the
+    /// last read.
     pub fn may_arrive(&self) -> impl Iterator<Item = Counts> {
         let sent = self.copies.under_way().map(|sent| sent.value);
         sent.chain(self.being_written()).filter(|value| self.verified.map(|seen| seen.value) != Some(*value))
@@ -261,7 +261,8 @@ impl State {
         self.answered.or(self.verified.map(|verified| verified.value))
     }
 
-    /// Returns the last moment of a decision that was not sent, if that has passed.
+    /// Returns the last moment for sending the pending decision, if that moment has passed and the decision was not
+    /// sent.
     pub(super) fn overdue(&self, settings: &Settings, now: Moment) -> Option<Moment> {
         let order = self.order.filter(|order| now > order.not_after && !self.is_at(settings, order.offset));
         order.filter(|_| settings.rules.has(Rule::LastMoment)).map(|order| order.not_after)

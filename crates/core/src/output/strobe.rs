@@ -40,7 +40,7 @@ pub enum StrobeLevel {
     /// Unknown: an earlier run may have left it up. It is dropped before the first write.
     #[default]
     Unknown,
-    /// Dropped.
+    /// The strobe is dropped.
     Down,
     /// Raised, or perhaps raised. It is dropped as soon as the device can be reached.
     Up,
@@ -135,7 +135,7 @@ impl Strobe {
         self.level = StrobeLevel::Down;
     }
 
-    /// Records that the write that raises the strobe was not answered.
+    /// Records that a write to raise the strobe got no answer. It may raise the strobe until `until`.
     pub(super) fn may_rise_until(&mut self, until: Moment) {
         self.may_rise_until = Some(until);
     }
@@ -167,7 +167,7 @@ impl Strobe {
         Some(Heard::Missing(what))
     }
 
-    /// Records a failure. Returns whether to report it, because the last one was another.
+    /// Records a failure. Returns true if it must be reported, because the last reported failure was a different one.
     pub(super) fn fails(&mut self, fault: HandshakeFault) -> bool {
         self.reported.replace(fault) != Some(fault)
     }
@@ -176,7 +176,7 @@ impl Strobe {
         self.reported = None;
     }
 
-    /// Maps every moment.
+    /// Maps every moment, for the comparison of two states that differ only in time.
     #[doc(hidden)]
     pub fn moved(&self, to: impl Fn(Moment) -> Moment) -> Strobe {
         let wait = self.wait.map(|wait| Wait { until: to(wait.until), ask: to(wait.ask), ..wait });

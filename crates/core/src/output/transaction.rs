@@ -14,18 +14,18 @@ use super::numbers::{Attempt, Numbers};
 use super::sequence::Sequence;
 use crate::quantity::{Counts, Moment, shifted};
 
-/// How a control takes a set.
+/// Event at which a control takes over the values of a set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Taking {
-    /// With the request that contains the values. The control takes its register values, or takes them when the number
-    /// changes.
+    /// The request that writes the values. If the set has a number, the control takes the values when it changes; it is
+    /// in the same request.
     AtOnce,
-    /// When the number changes, which is written after the values.
+    /// A change of the number, which is written after the values.
     Number,
-    /// When the strobe rises. The control acknowledges that.
+    /// The rising edge of the strobe. The control acknowledges it.
     Strobe,
-    /// As its nodes are written. A server may carry out only a part of a call.
+    /// The write of each node: each value is taken by itself. A server may carry out only a part of a call.
     Nodes,
 }
 
@@ -39,13 +39,13 @@ enum NextNumber {
     PerhapsOld,
 }
 
-/// How the last run ended.
+/// End of the last run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum LastRun {
-    /// In order: the control has taken the first register values.
+    /// The run ended in order: the control has taken the first register values of this run.
     InOrder,
-    /// Not in order, or the registers have been read since.
+    /// The run did not end in order, or the registers have been read since.
     Over,
 }
 
@@ -235,8 +235,8 @@ impl Transaction {
         })
     }
 
-    /// Records that the control has taken the register values. Returns whether that is certain. With a number that the
-    /// control may have had before, it is not: the same values are then sent with the next number.
+    /// Records that the control has taken the register values. Returns true if that is certain. It is not certain if
+    /// the control may have had this number before; the same values are then sent with the next number.
     pub(super) fn is_taken(&mut self) -> bool {
         let is_known = std::mem::replace(&mut self.next_number, NextNumber::New) == NextNumber::New;
         if is_known {
@@ -245,12 +245,12 @@ impl Transaction {
         is_known
     }
 
-    /// Records that the control has not taken the values that were sent, or that this is unknown.
+    /// Records that the control has not taken the sent values, or may not have taken them.
     pub(super) fn doubt(&mut self) {
         self.taken = None;
     }
 
-    /// Maps every moment.
+    /// Maps every moment, for the comparison of two states that differ only in time.
     pub(super) fn moved(&self, to: impl Fn(Moment) -> Moment) -> Transaction {
         Transaction { sequence: self.sequence.moved(to), ..self.clone() }
     }
@@ -278,7 +278,7 @@ mod tests {
         set
     }
 
-    /// Lets the control take and acknowledge the register values. Returns whether that is certain.
+    /// Lets the control take and acknowledge the register values. Returns true if it is certain that it has taken them.
     fn takes(set: &mut Transaction, values: &[Counts]) -> bool {
         set.sends(Some(set.next_number()), values.to_vec(), true);
         set.read(Some(set.next_number()), values, LATE, NOW);

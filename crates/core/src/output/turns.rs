@@ -7,9 +7,10 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Number of changes by each of both.
+/// Number of changes that each of the two clients must have made before they are compared.
 const ENOUGH: u8 = 6;
-/// Largest difference between the two numbers.
+/// Largest difference between the two numbers of changes at which the other client can be a gateway. Above it, counting
+/// begins again.
 const AHEAD: u8 = 3;
 const MORE: u8 = 6;
 
@@ -18,7 +19,7 @@ const MORE: u8 = 6;
 pub(super) struct Turns {
     ours: u8,
     others: u8,
-    /// Number of own changes since there were enough.
+    /// Number of changes of this gateway since both clients had made enough changes; `None` before that.
     since: Option<u8>,
 }
 
@@ -52,7 +53,8 @@ impl Turns {
         }
     }
 
-    /// Returns whether both clients alternate as only gateways do.
+    /// Returns true if another gateway writes to the register: both clients have made about the same number of small
+    /// changes, more than an operator makes.
     pub(super) fn are_two_gateways(self) -> bool {
         self.since.is_some_and(|since| since >= MORE)
     }

@@ -19,13 +19,13 @@ use super::{Former, OutputPlace};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Bounds {
-    /// Largest |Cz|, µm.
+    /// Largest absolute value of Cz, µm.
     pub limit_um: f64,
     /// Largest change of one update, µm.
     pub step_um: f64,
-    /// Largest speed, µm/s.
+    /// Largest speed at which Cz changes, µm/s.
     pub rate_um_per_s: f64,
-    /// Update period, s.
+    /// Time between two updates, s.
     pub every_s: f64,
     /// Interlock of the output in the profile.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -102,7 +102,7 @@ pub struct Release {
     pub operator: Option<f64>,
     /// Last verified Cz, µm.
     pub held_um: f64,
-    /// Progress.
+    /// Progress of the release.
     pub stage: Stage,
     /// Operator and channel of the request.
     pub by: String,
@@ -128,7 +128,7 @@ impl Release {
         }
     }
 
-    /// Returns whether this Cz is the base.
+    /// Returns true if the register is back at its base: the Cz in it is zero, to half a count (`grain_um`).
     pub fn is_back(found_um: f64, grain_um: f64) -> bool {
         found_um.abs() <= grain_um
     }
@@ -139,7 +139,7 @@ impl Release {
         Former { bounds: Some(self.bounds.clone()), ..former }
     }
 
-    /// Returns whether this is the release of an output that had this name and place.
+    /// Returns true if this release is for the output that had this name and place.
     pub fn is_of(&self, output: &str, place: &OutputPlace) -> bool {
         self.output == output && self.place == *place
     }

@@ -24,7 +24,7 @@ impl Shift {
         Shift(nanos)
     }
 
-    /// Returns the nanoseconds.
+    /// Returns the shift in nanoseconds; positive is forward.
     pub const fn as_nanos(self) -> i64 {
         self.0
     }

@@ -113,17 +113,17 @@ const NAMES: [(u32, &str); 102] = [
 ];
 
 impl Status {
-    /// Code BadUserAccessDenied.
+    /// BadUserAccessDenied: the user may not read or write this node.
     pub const ACCESS_DENIED: Status = Status(0x801f_0000);
-    /// Code BadNodeIdUnknown.
+    /// BadNodeIdUnknown: the server does not have this node.
     pub const NO_SUCH_NODE: Status = Status(0x8034_0000);
-    /// Code BadNotWritable.
+    /// BadNotWritable: the node cannot be written.
     pub const NOT_WRITABLE: Status = Status(0x803b_0000);
-    /// Code BadOutOfRange.
+    /// BadOutOfRange: the node does not accept this value.
     pub const OUT_OF_RANGE: Status = Status(0x803c_0000);
-    /// Code BadWriteNotSupported.
+    /// BadWriteNotSupported: the server does not support such a write.
     pub const WRITE_NOT_SUPPORTED: Status = Status(0x8073_0000);
-    /// Code BadTypeMismatch.
+    /// BadTypeMismatch: the node has another type than the value.
     pub const TYPE_MISMATCH: Status = Status(0x8074_0000);
 
     /// Returns whether the value may be used.

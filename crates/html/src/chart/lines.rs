@@ -23,7 +23,7 @@ pub enum Look {
 /// A line over hours or a length.
 #[derive(Clone, Debug)]
 pub struct Line {
-    /// Style.
+    /// Style in which the line is drawn.
     pub look: Look,
     /// Pairs of an hour or position, and a value.
     pub points: Vec<(f64, f64)>,
@@ -35,8 +35,8 @@ const MOST_POINTS: usize = 200;
 const MOST_POINTS_FAINT: usize = 80;
 
 impl Line {
-    /// Makes a line from the finite values, and thins it out. Of each stretch it keeps the minimum and the maximum, so
-    /// that no spike is lost.
+    /// Makes a line from the finite values. If there are too many, it keeps the minimum and the maximum of each
+    /// interval, so that no spike is lost.
     pub fn new(look: Look, points: impl Iterator<Item = (f64, f64)>) -> Line {
         let all: Vec<(f64, f64)> = points.filter(|(_, value)| value.is_finite()).collect();
         let most = if look == Look::Faint { MOST_POINTS_FAINT } else { MOST_POINTS };

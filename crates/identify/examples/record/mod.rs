@@ -1,10 +1,10 @@
-//! The two public records as the examples read them: files, signals, a profile.
+//! Files, signals and profiles of the two public records that the examples read.
 
 use std::path::{Path, PathBuf};
 
 use isotherm_profile::Profile;
 
-/// A model that is still to be found, of this signal.
+/// Text of a model block for a profile. Its only term is this signal; the model is only a placeholder.
 fn no_model(signal: &str) -> String {
     format!(
         "[[axis.z.model]]\nname = \"none yet\"\nkind = \"linear\"\noffset = 0.0\n\
@@ -12,7 +12,8 @@ fn no_model(signal: &str) -> String {
     )
 }
 
-/// The files of the mill and of the stage that the command line names; `None` after a message if it names none.
+/// Returns the log files of the mill and of the stage from the command line. If there are none, prints the usage and
+/// returns `None`.
 pub(crate) fn files(example: &str) -> Option<[Vec<PathBuf>; 2]> {
     let mut files: [Vec<PathBuf>; 2] = [Vec::new(), Vec::new()];
     let mut which = 0;
@@ -32,7 +33,7 @@ pub(crate) fn files(example: &str) -> Option<[Vec<PathBuf>; 2]> {
     Some(files)
 }
 
-/// The temperatures of the record that has so many.
+/// Returns the names of the temperatures: `t01` to `t16` for 16 sensors, otherwise `t1`, `t2`, …
 pub(crate) fn names(sensors: usize) -> Vec<String> {
     match sensors {
         16 => (1..=16).map(|sensor| format!("t{sensor:02}")).collect(),
@@ -40,14 +41,14 @@ pub(crate) fn names(sensors: usize) -> Vec<String> {
     }
 }
 
-/// A profile with these signals and one axis whose model is still to be found.
+/// Makes a profile with these signals and one axis with a placeholder model.
 pub(crate) fn machine(names: &[String]) -> Profile {
     isotherm_profile::parse(Path::new("record.toml"), &text(names, &no_model(&names[0])), &[], &[])
         .unwrap_or_else(|errors| panic!("{errors}"))
         .profile
 }
 
-/// The text of a profile with these signals and one axis with this model.
+/// Makes the text of a profile with these signals and one axis with this model.
 pub(crate) fn text(names: &[String], model: &str) -> String {
     let mut text = "[machine]\nname = \"record\"\nsettle = \"3min\"\n[bus.cell]\ntype = \"modbus-tcp\"\n\
                     address = \"127.0.0.1:1502\"\ntimeout = \"300ms\"\n[device.module]\nbus = \"cell\"\nunit = 1\n\
@@ -64,7 +65,7 @@ pub(crate) fn text(names: &[String], model: &str) -> String {
     text + model
 }
 
-/// The mean of some values.
+/// Returns the mean of the values.
 #[allow(clippy::cast_precision_loss, reason = "a few hundred")]
 pub(crate) fn mean(values: impl Iterator<Item = f64>) -> f64 {
     let values: Vec<f64> = values.collect();

@@ -9,7 +9,7 @@ use jiff::tz::TimeZone;
 use super::{BadLog, Column, Dataset, Kind, Run, Split, every_column, read_table};
 use isotherm_profile::duration_text;
 
-/// Implements [`Dataset::add_gauge`].
+/// Adds the readings of a dial gauge; see [`Dataset::add_gauge`].
 pub(super) fn add(
     dataset: &mut Dataset,
     file: &Path,
@@ -86,7 +86,8 @@ fn nearest_row(runs: &[Run], at: Moment, within: Duration) -> Option<(usize, usi
     near.min().filter(|(away, ..)| *away <= within).map(|(_, run, row)| (run, row))
 }
 
-/// Names of two runs that overlap in time, as runs do whose times begin at zero.
+/// Returns the names of two runs whose times overlap, for example because both begin at zero; `None` if no runs
+/// overlap.
 fn overlapping(runs: &[Run]) -> Option<(&str, &str)> {
     let span = |run| {
         let Run { name, times, .. }: &Run = run;

@@ -18,7 +18,7 @@ pub enum Kind {
     Compensation,
     /// Column that contains only 0 and 1.
     Switch,
-    /// Any other column.
+    /// Column of numbers of no other kind.
     Other,
 }
 

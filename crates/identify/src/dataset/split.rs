@@ -46,7 +46,8 @@ fn of_table(mut table: Table, names: &[String], split: &Split) -> Result<Vec<Run
         let name = match label {
             _ if parts.len() == 1 => stem.to_owned(),
             Some(label) if is_alone => format!("{stem} {label}"),
-            // A value may occur again after another one: each stretch is a separate run.
+            // A value may occur again after another one. Each group of consecutive rows with one value is a separate
+            // run.
             Some(label) => format!("{stem} {label} {number}"),
             None => format!("{stem} {number}"),
         };

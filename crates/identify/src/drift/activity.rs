@@ -17,11 +17,11 @@ const SHORTEST_STAGE: f64 = 150.0;
 /// Period with one speed, with movement, or of standstill.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Stage {
-    /// Name of the column.
+    /// First minute of the stage, h since the first row of the run.
     pub column: String,
     /// First minute, h since the first row of the run.
     pub from_h: f64,
-    /// Last minute, h.
+    /// Last minute of the stage, h since the first row of the run.
     pub to_h: f64,
     /// Mean speed in the unit of the column; `None` for a position.
     pub speed: Option<f64>,
@@ -39,7 +39,7 @@ pub(super) struct Mover {
     is_speed: bool,
 }
 
-/// Columns of movements.
+/// Finds the columns of speeds and positions that may move in a run.
 pub(super) fn movers(dataset: &Dataset, units: Units<'_>) -> Vec<Mover> {
     let of = |(column, Column { name, kind }): (usize, &Column)| {
         let lower = name.to_ascii_lowercase();

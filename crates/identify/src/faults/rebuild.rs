@@ -3,7 +3,7 @@
 //! The reading is a sum of the neighbours' readings, with and without lags. The sum is learned by ridge regression on
 //! the donors and on the good rows of its own run. Donors are the runs in which all sensors were good. Its error is
 //! measured: the same hours are hidden in each donor in turn and rebuilt from the rest. The lags and the ridge with the
-//! smallest error are chosen. The rebuilt stretch is tied to the good readings at both ends.
+//! smallest error are chosen. The rebuilt readings are shifted so that they join the good readings at both ends.
 
 use std::ops::Range;
 
@@ -19,7 +19,7 @@ const LAGS: [f64; 4] = [180.0, 720.0, 3000.0, 12_000.0];
 const RIDGES: [f64; 4] = [1e-2, 1e-3, 1e-4, 1e-5];
 /// Ridge for the correction of a step. It has little effect, because the window is short.
 const STEP_RIDGE: f64 = 1e-3;
-/// Time over which the mean at an end of a stretch is taken, s.
+/// Time next to each end of the rebuilt rows over which the residuals of the prediction are averaged, s.
 const TIE: f64 = 300.0;
 /// Minutes over which the means before and after a step are taken.
 const WINDOWS: [usize; 4] = [1, 3, 10, 30];
@@ -167,7 +167,7 @@ impl Likeness<'_> {
         (all.power / all.rows.max(1.0)).sqrt()
     }
 
-    /// Returns the rows of a run that are at least `apart` from each other, s.
+    /// Returns the rows of a run whose times differ by at least `apart`, s.
     fn table(&self, run: usize, apart: f64) -> Table {
         let run = &self.dataset.runs[run];
         let seconds: Vec<f64> = run.seconds().collect();
@@ -227,7 +227,7 @@ impl Table {
         left.data.into()
     }
 
-    /// Returns the hidden rows as predicted by the neighbours, tied to the readings at both ends.
+    /// Predicts the hidden rows from the neighbours, and shifts them so that they join the readings at both ends.
     fn filled(&self, columns: &[usize], gains: &DVector<f64>, hidden: Span) -> Vec<f64> {
         let rows = self.inside(hidden);
         let left = self.left(columns, gains);
@@ -244,7 +244,7 @@ impl Table {
         };
         let before = end(&mut (0..rows.start).rev(), hidden.0);
         let after = end(&mut (rows.end..left.len()), hidden.1);
-        // Frozen from end to end: it held a true reading when it began.
+        // The sensor was frozen from the first row to the last. Its reading was true when it froze.
         let only = before.or(after).or_else(|| left.get(rows.start).copied()).unwrap_or(0.0);
         let (before, after) = (before.unwrap_or(only), after.unwrap_or(only));
         let lasts = (hidden.1.min(self.seconds.last().copied().unwrap_or(0.0)) - hidden.0).max(1.0);
@@ -295,7 +295,7 @@ fn lagged(seconds: &[f64], values: &[f64], constant: f64) -> Vec<f64> {
     seconds.iter().zip(values).map(&mut follow).collect()
 }
 
-/// Straight lines over what is missing; what is missing at an end has the value next to it.
+/// Replaces missing values by linear interpolation. Before the first and after the last value, that value is used.
 pub(super) fn bridged(seconds: &[f64], values: &[f64]) -> Vec<f64> {
     let good: Vec<usize> = (0..values.len()).filter(|row| values[*row].is_finite()).collect();
     let at = |row: usize| {

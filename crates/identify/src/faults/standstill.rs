@@ -1,13 +1,13 @@
-//! Constant stretches of a sensor's readings in a run, and how each of them ends.
+//! Periods of constant readings of a sensor in a run, and how each of them ends.
 //!
-//! The reading of a sensor at thermal equilibrium is constant, and so is that of a frozen sensor. The end of the
-//! stretch distinguishes them: a temperature leaves its value by one or two counts, a frozen sensor by everything that
-//! it missed.
+//! The reading of a sensor at thermal equilibrium is constant, and so is that of a frozen sensor. The end of the period
+//! distinguishes them. A temperature leaves its value by one or two counts, a frozen sensor by everything that it
+//! missed.
 
 use crate::dataset::Run;
 use crate::statistics::median;
 
-/// Minimum duration of a constant stretch, s.
+/// Minimum duration of constant readings, s.
 const LEAST: f64 = 180.0;
 /// Maximum time between two consecutive readings, as a factor of the usual time.
 const FOLLOWS: f64 = 2.0;
@@ -26,11 +26,11 @@ pub(crate) struct Standstill {
     pub(crate) from: f64,
     /// Time of the last row, s since the run's first row.
     pub(crate) to: f64,
-    /// End of the stretch.
+    /// Event that follows the constant readings.
     pub(crate) end: End,
 }
 
-/// End of a constant stretch.
+/// Event that follows a period of constant readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum End {
     /// The next reading has another value.
@@ -67,7 +67,7 @@ impl Readings {
     }
 }
 
-/// Returns every constant stretch of a column, in order of time. Missing readings do not end a stretch.
+/// Returns every period of constant readings of a column, in order of time. Missing readings do not end a period.
 pub(crate) fn standstills(run: &Run, column: usize) -> Vec<Standstill> {
     let Readings { seconds, good, apart } = Readings::of(run, column);
     let values = &run.values[column];
@@ -92,8 +92,8 @@ pub(crate) fn standstills(run: &Run, column: usize) -> Vec<Standstill> {
     found
 }
 
-/// Returns the largest step of a column between two consecutive readings, except near the ends of constant stretches.
-/// It is the largest step of the temperature itself; 0 if there is none.
+/// Returns the largest step of a column between two consecutive readings, except near the ends of constant readings. It
+/// is the largest step of the temperature itself; 0 if there is none.
 pub(crate) fn largest_step(run: &Run, column: usize) -> f64 {
     let Readings { seconds, good, apart } = Readings::of(run, column);
     let values = &run.values[column];

@@ -27,7 +27,7 @@ pub struct Fallback {
     /// Remaining sensor of a model with the time since machine start; `None` for other models.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub alone: Option<Alone>,
-    /// Expected error.
+    /// Expected error of the model. It grows with the hours.
     pub expected: Option<Expected>,
     /// Means of the held-out results.
     #[serde(flatten)]

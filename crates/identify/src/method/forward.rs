@@ -25,14 +25,16 @@ struct Search<'a> {
     left: f64,
 }
 
-/// Effect of a chosen column on the others.
+/// Effect of choosing one column on the rests of the other columns.
 struct Taken {
-    /// Squared norm of its rest when it was chosen, in the training runs and in the held-out runs.
+    /// Squared norm of the rest of the chosen column when it was chosen, in the training runs and in the held-out runs.
     own: f64,
     held_own: f64,
-    /// By column: multiple of its rest that was subtracted from the rest of that column.
+    /// For each other column: the factor by which the rest of the chosen column was multiplied before it was
+    /// subtracted.
     shares: DVector<f64>,
-    /// By column: product of both rests in the held-out runs, directly before the subtraction.
+    /// For each other column: product of its rest and that of the chosen column in the held-out runs, before the
+    /// subtraction.
     held: DVector<f64>,
 }
 

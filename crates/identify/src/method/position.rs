@@ -44,8 +44,8 @@ pub(super) fn bank(campaign: &Campaign<'_>, lags: &[Option<Duration>]) -> Result
     Ok(Bank::new(campaign, each(false).chain(each(true)).collect()))
 }
 
-/// Checks that most rows are at positions visited more than once. A position that is visited once gives no information,
-/// because its error is measured from that visit.
+/// Checks that the machine visits most positions more than once. A position that is visited once gives no information,
+/// because its error is counted from that visit.
 fn returns(campaign: &Campaign<'_>, name: &str) -> Result<(), String> {
     let (mut once, mut rows) = (0_usize, 0_usize);
     for run in &campaign.dataset.runs {

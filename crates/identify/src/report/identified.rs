@@ -15,11 +15,11 @@ use isotherm_profile::Profile;
 /// Content of the report: the model, its machine and its logs.
 #[derive(Clone, Copy, Debug)]
 pub struct Subject<'a> {
-    /// The machine.
+    /// Profile of the machine.
     pub profile: &'a Profile,
     /// Runs from which the model was learned.
     pub ready: &'a Ready<'a>,
-    /// The model.
+    /// Model with its cross-validation.
     pub found: &'a Identified,
     /// Time of the report.
     pub made: Moment,

@@ -1,4 +1,4 @@
-//! How the model fared on runs that it never saw.
+//! Results of the model on runs that were held out of its identification.
 
 use maud::{Markup, html};
 
@@ -9,7 +9,7 @@ use crate::statistics::{count, least_and_most};
 use crate::validate::{HeldOut, Means, RunScore};
 use isotherm_profile::counted;
 
-/// The headline: what is left of the error.
+/// Renders the headline: range and root mean square of the error with and without the model.
 pub(super) fn headline(means: &Means, uncompensated: &Means) -> Markup {
     let figures = [
         ("mean range of a run", means.mean_range_um, uncompensated.mean_range_um),
@@ -26,12 +26,12 @@ pub(super) fn headline(means: &Means, uncompensated: &Means) -> Markup {
     }
 }
 
-/// How much of the range is gone, in percent; below zero where it grew.
+/// Formats the reduction of the range in percent. It is negative if the range grew.
 fn cut(range: f64, before: f64) -> String {
     if before > 0.0 { format!("{} %", decimals(100.0 * (1.0 - range / before), 0)) } else { "–".to_owned() }
 }
 
-/// Bars and a table: every run held out.
+/// Renders bars and a table with the result of each held-out run.
 pub(super) fn cross_validation(runs: &[RunScore], means: &Means, uncompensated: &Means) -> Markup {
     let worst = runs.iter().map(|run| run.range_um).fold(0.0, f64::max);
     let bar = |run: &RunScore| Bar {
@@ -73,7 +73,8 @@ pub(super) fn cross_validation(runs: &[RunScore], means: &Means, uncompensated: 
     }
 }
 
-/// How many runs were left worse than uncompensated, and which.
+/// Returns a sentence with the number and the names of the runs that are worse with the model than without
+/// compensation.
 fn worse(runs: &[RunScore]) -> String {
     let worse: Vec<&str> = runs.iter().filter(|run| run.is_worse()).map(|run| run.name.as_str()).collect();
     match worse.len() {
@@ -86,7 +87,7 @@ fn worse(runs: &[RunScore]) -> String {
     }
 }
 
-/// Measured, predicted and residual of each run, over one scale.
+/// Renders a chart of measured, predicted and residual error for each run. All charts have one scale.
 pub(super) fn pictures(found: &Identified) -> Markup {
     let values = |held: &HeldOut| {
         let predicted = held.cz.iter().map(|cz| -cz);
@@ -126,7 +127,7 @@ fn of_run(held: &HeldOut, probe: Option<f64>, within: (f64, f64)) -> Markup {
     figure(&score.name, &chart::lines(480, 280, "µm", &says, &lines, Some(within)), &caption)
 }
 
-/// Predicted over measured, all runs; what is left over, over what was predicted.
+/// Renders the predicted error against the measured one, and the distribution of the residual error, over all runs.
 fn against(found: &Identified) -> Markup {
     const MOST: usize = 1200;
     let all: usize = found.held_out.iter().map(|held| held.error.len()).sum();
@@ -149,7 +150,7 @@ fn against(found: &Identified) -> Markup {
     }
 }
 
-/// Shares of the rows in nine equal steps, symmetric about zero.
+/// Returns the share of the rows in each of nine equal intervals, which are symmetric about zero.
 fn spread(left: &[f64]) -> Vec<Bar> {
     let largest = left.iter().fold(0.0_f64, |largest, value| largest.max(value.abs())).max(1e-3);
     let step = 2.0 * largest / 9.0;

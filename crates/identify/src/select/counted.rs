@@ -18,11 +18,11 @@ use crate::validate::{Means, Progress, RunScore, hold_out_each};
 /// Held-out result with one number of points.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Counted {
-    /// Number of points.
+    /// Number of points in the model.
     pub k: usize,
     /// Points, selected on all runs.
     pub points: Vec<String>,
-    /// Held-out means.
+    /// Means of the held-out results.
     #[serde(flatten)]
     pub means: Means,
 }
@@ -34,7 +34,8 @@ const AS_GOOD: f64 = 1.1;
 pub(crate) struct Counts {
     /// Order in which the search adds points, over all runs.
     path: Vec<usize>,
-    /// By run: the order over all other runs, and the scores by number of points. The last score is with all points.
+    /// For each held-out run: the order in which the search over the other runs adds points, and the scores by number
+    /// of points. The last score is with all points.
     held_out: Vec<(Vec<usize>, Vec<RunScore>)>,
     /// One row for each number of points, from zero on.
     pub(crate) table: Vec<Counted>,

@@ -28,7 +28,7 @@ impl Net<'_> {
         Net { scaled, l2, gains, columns: Vec::new(), signs: Vec::new(), factor: Vec::new() }
     }
 
-    /// Largest useful L1 penalty: below it, the first gain is not zero.
+    /// Smallest L1 penalty at which all gains are zero.
     pub(crate) fn first_penalty(&self) -> f64 {
         self.scaled.cross.amax()
     }

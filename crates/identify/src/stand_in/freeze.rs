@@ -6,8 +6,8 @@
 //!        with the second largest instead, if the largest exceeds three times it
 //! ```
 //!
-//! Each run is judged as if it came after all the others: x̂ and θ are learned from the others only. A constant stretch
-//! is a freeze if
+//! Each run is judged as if it came after all the others: x̂ and θ are learned from the others only. A period of
+//! constant readings is a freeze if
 //! - it **thaws** with a step of more than three counts to the next reading, and D exceeded θ before; or
 //! - it lasts to the end of its run, for at least half an hour, and D exceeds θ at the end.
 //!
@@ -40,9 +40,9 @@ const COUNTS: f64 = 3.0;
 const ROUNDING: f64 = 1e-6;
 /// Minimum number of runs for a judgement.
 const FEWEST_RUNS: usize = 3;
-/// Minimum duration of a constant stretch if there are only this many runs, s.
+/// Minimum duration of constant readings if there are only [`FEWEST_RUNS`] runs, s.
 const LONG: f64 = 3600.0;
-/// Minimum duration of a constant stretch at the end of a run, s. A shorter one may be equilibrium, and has little
+/// Minimum duration of constant readings at the end of a run, s. A shorter period may be equilibrium, and has little
 /// effect.
 const LONG_AT_THE_END: f64 = 1800.0;
 /// Factor by which the step of a thaw must exceed the largest own step of a coarse sensor.
@@ -50,7 +50,7 @@ const LARGER: f64 = 2.0;
 /// Share of the span of a sensor's rises. A sensor that is constant farther beyond them is not judged.
 const BEYOND: f64 = 0.25;
 
-/// Returns a message on constant stretches that were not tested; `None` if all were.
+/// Returns a message on constant readings that were not tested; `None` if all were tested.
 pub(crate) fn untested(campaign: &Campaign<'_>) -> Option<String> {
     if campaign.sensors().len() < 2 {
         return None;
@@ -64,7 +64,7 @@ pub(crate) fn untested(campaign: &Campaign<'_>) -> Option<String> {
     }
 }
 
-/// Returns every freeze of the sensors of a campaign. The end of a constant stretch is read from `logs`, which are as
+/// Returns every freeze of the sensors of a campaign. What follows constant readings is taken from `logs`, which are as
 /// recorded. Predictions are made from the campaign, in which other faults are repaired. `resolution` returns the count
 /// of a column of the logs in its unit, or 0 if it is unknown.
 pub(crate) fn freezes(
@@ -112,7 +112,7 @@ pub(crate) fn freezes(
     suspects.par_iter().map(|suspect| judge.frozen(suspect)).collect::<Vec<_>>().concat()
 }
 
-/// Constant stretches of a sensor in one run that may be freezes.
+/// Periods of constant readings of a sensor in one run that may be freezes.
 struct Suspect {
     /// Index of the sensor among the inputs.
     sensor: usize,
@@ -141,7 +141,7 @@ impl<'a> Judge<'a> {
         Judge { others, logs, spans }
     }
 
-    /// Returns the freezes among these constant stretches.
+    /// Returns those periods of constant readings that are freezes.
     fn frozen(&self, suspect: &Suspect) -> Vec<Frozen> {
         let Suspect { sensor, run, is_coarse, stills } = suspect;
         let (sensor, run) = (*sensor, *run);
@@ -175,8 +175,9 @@ impl<'a> Judge<'a> {
         found.into_iter().map(frozen).collect()
     }
 
-    /// Returns D of a constant stretch, °C: the largest if it thaws, else that at its end. `None` if no row shows it.
-    /// Also `None` if the sensor is constant far beyond its own readings in the training runs.
+    /// Returns D (the predicted motion, °C) of a period of constant readings: the largest if it ends with a step, else
+    /// that at its end. `None` if no row shows it. Also `None` if the sensor is constant far beyond its own readings in
+    /// the training runs.
     fn missed(
         &self,
         sensor: usize,

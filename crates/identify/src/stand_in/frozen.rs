@@ -31,7 +31,7 @@ pub struct Frozen {
     pub noticed_after: Option<f64>,
     /// Time from the freeze to the use of a stand-in, s; `None` if none was used.
     pub replaced_after: Option<f64>,
-    /// After the freeze, nothing was beyond the range of the other runs.
+    /// Whether all readings after the freeze were within the range of the other runs.
     pub inside: bool,
     /// Range of the error with the freeze, and without it, µm. Both are held out.
     pub range: (f64, f64),
@@ -186,7 +186,8 @@ impl Watched {
         (0..self.outside.len()).map(row).collect()
     }
 
-    /// Returns the first row in which the sensor is suspected. `rises`: its readings. `apart`: D of a row.
+    /// Returns the first row in which the sensor is suspected. `rises`: its readings. `apart`: predicted motion D of a
+    /// row, °C.
     fn first_missed(&self, rises: &[f64], from: usize, apart: impl Fn(usize) -> f64) -> Option<usize> {
         let mut missed = 0;
         (from..self.outside.len()).find(|row| {

@@ -13,7 +13,7 @@ enum Held {
     High,
 }
 
-/// Block temperatures θg (rises, K) with the least residual of a case.
+/// Returns the block temperatures θg (rises, K) with the least residual error in a load case.
 #[must_use]
 pub fn bounded(problem: &Problem, target: &Target) -> Vec<f64> {
     least_squares(&problem.square, &target.cross, &target.bounds)

@@ -29,7 +29,7 @@ pub struct Round {
 /// Block temperatures and the rounds that led to them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Iterated {
-    /// θg: rises, K.
+    /// Block temperatures θg that the iteration has reached (rises, K).
     pub theta: Vec<f64>,
     /// Rounds of the iteration.
     pub rounds: Vec<Round>,

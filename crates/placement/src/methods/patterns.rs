@@ -10,7 +10,7 @@ use crate::problem::Block;
 /// A pattern: its name, and the blocks that are one kelvin warmer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pattern {
-    /// Name.
+    /// Name of the pattern in the report.
     pub name: String,
     /// Whether each block is warmer.
     pub warmed: Vec<bool>,

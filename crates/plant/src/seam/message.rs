@@ -5,11 +5,11 @@ use isotherm_core::compensation::MeasuredReport;
 /// Message to a broker.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Message {
-    /// Topic.
+    /// Topic to which the message is published.
     pub topic: String,
-    /// Content.
+    /// Content of the message, in the chosen format.
     pub payload: Vec<u8>,
-    /// Quality of service.
+    /// Quality of service: how often the message may be delivered.
     pub qos: Qos,
     /// Whether the broker retains the message for later subscribers.
     pub retained: bool,
@@ -51,7 +51,7 @@ pub struct Reaction {
 pub enum Outcome {
     /// Allowed command. The gateway decides whether it executes it.
     Asked(Command),
-    /// Refused command.
+    /// Command that is not allowed or cannot be understood.
     Refused {
         /// Name of the command.
         command: String,

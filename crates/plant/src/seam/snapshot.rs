@@ -100,14 +100,14 @@ impl Value {
     }
 }
 
-/// An event.
+/// Event of the gateway, for publication.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Happening {
-    /// Wall-clock time.
+    /// Wall-clock time of the event.
     pub at: Moment,
     /// Kind for programs: `axis-state`.
     pub kind: String,
-    /// Importance.
+    /// Importance of the event.
     pub importance: Importance,
     /// Text for people.
     pub text: String,
@@ -118,7 +118,7 @@ pub struct Happening {
 /// Importance of an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Importance {
-    /// Information.
+    /// Information that requires no attention.
     Info,
     /// A person should know about it.
     Warning,
@@ -127,7 +127,7 @@ pub enum Importance {
 }
 
 impl Importance {
-    /// Name in messages.
+    /// Returns the name of the importance in messages.
     pub fn name(self) -> &'static str {
         match self {
             Importance::Info => "info",

@@ -27,7 +27,7 @@ impl Address {
     /// Makes the address of an edge node.
     ///
     /// # Errors
-    /// Message that names the part which MQTT does not allow in a topic.
+    /// Message with the part that MQTT does not allow in a topic.
     pub fn new(group: &str, node: &str) -> Result<Address, String> {
         for (what, name) in [("group", group), ("node", node)] {
             if name.is_empty() {

@@ -52,7 +52,7 @@ pub enum Datum {
 }
 
 impl DataType {
-    /// All data types.
+    /// All supported data types.
     pub const ALL: [DataType; 13] = [
         DataType::Int8,
         DataType::Int16,
@@ -69,7 +69,7 @@ impl DataType {
         DataType::DateTime,
     ];
 
-    /// Number in messages.
+    /// Returns the number of the type in messages, from the specification.
     pub const fn number(self) -> u32 {
         self as u32
     }

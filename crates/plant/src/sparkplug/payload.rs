@@ -11,7 +11,7 @@ pub struct Payload {
     /// Time of sending, ms since 1970.
     #[prost(uint64, optional, tag = "1")]
     pub timestamp: Option<u64>,
-    /// Metrics.
+    /// Metrics of the message.
     #[prost(message, repeated, tag = "2")]
     pub metrics: Vec<Metric>,
     /// Sequence number since the birth: 0 to 255, then 0 again. A death and a command have none.
@@ -40,10 +40,10 @@ pub struct Metric {
     /// Whether there is no value.
     #[prost(bool, optional, tag = "7")]
     pub is_null: Option<bool>,
-    /// Properties.
+    /// Properties of the metric, for example its quality.
     #[prost(message, optional, tag = "9")]
     pub properties: Option<PropertySet>,
-    /// Value.
+    /// Encoded value; `None` if there is no value.
     #[prost(oneof = "Raw", tags = "10, 11, 12, 13, 14, 15, 16")]
     pub value: Option<Raw>,
 }
@@ -77,10 +77,10 @@ pub enum Raw {
 /// Properties: as many names as values.
 #[derive(Clone, PartialEq, Message)]
 pub struct PropertySet {
-    /// Names.
+    /// Names of the properties.
     #[prost(string, repeated, tag = "1")]
     pub keys: Vec<String>,
-    /// Values.
+    /// Values of the properties, in the order of the names.
     #[prost(message, repeated, tag = "2")]
     pub values: Vec<Property>,
 }
@@ -94,7 +94,7 @@ pub struct Property {
     /// Whether there is no value.
     #[prost(bool, optional, tag = "2")]
     pub is_null: Option<bool>,
-    /// Value.
+    /// Encoded value; `None` if there is no value.
     #[prost(oneof = "PropertyRaw", tags = "3, 4, 5, 6, 7, 8")]
     pub value: Option<PropertyRaw>,
 }
@@ -169,7 +169,7 @@ impl Payload {
         }
     }
 
-    /// Encodes the message.
+    /// Encodes the message as Protocol Buffers.
     pub fn bytes(&self) -> Vec<u8> {
         self.encode_to_vec()
     }

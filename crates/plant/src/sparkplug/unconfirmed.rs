@@ -38,7 +38,8 @@ impl Unconfirmed {
         }
     }
 
-    /// Returns the records that may not have reached a broker which answered last at this time, and removes all.
+    /// Removes and returns the records that may not have reached the broker. `last_heard`: time of the broker's last
+    /// answer.
     pub(super) fn take(&mut self, last_heard: Moment) -> Vec<Record> {
         let all = std::mem::take(&mut self.told);
         self.bytes = 0;

@@ -24,7 +24,7 @@ const EXTENSION: &str = "records";
 pub(super) struct Segment {
     /// Number of its first record.
     pub(super) first: u64,
-    /// Number of records.
+    /// Number of valid records in the file.
     pub(super) count: u64,
     /// Length in bytes, including invalid data after the last record.
     pub(super) bytes: u64,
@@ -45,7 +45,7 @@ impl Segment {
         bytes.next_multiple_of(4096)
     }
 
-    /// Creates a file.
+    /// Creates a file whose first record will have the number `first`.
     pub(super) fn create(directory: &Path, first: u64) -> io::Result<(Segment, File)> {
         let segment = Segment { first, count: 0, bytes: HEADER };
         let mut file = super::create(&segment.path(directory))?;
@@ -56,7 +56,7 @@ impl Segment {
         Ok((segment, file))
     }
 
-    /// Appends a record.
+    /// Appends a record with its length and checksum to the file.
     pub(super) fn push(&mut self, file: &mut File, record: &Record) -> io::Result<()> {
         let length = u32::try_from(record.0.len()).map_err(io::Error::other)?;
         let mut frame = length.to_le_bytes().to_vec();

@@ -30,7 +30,7 @@ pub struct Load {
     pub polls_percent: f64,
     /// Share for writing, including the reads for it, in percent.
     pub writes_percent: f64,
-    /// Total, in percent.
+    /// Share of the line's time for all exchanges, in percent.
     pub percent: f64,
     /// Assumed answer time of a device in milliseconds, on a serial port without the transfer of the bytes.
     pub answer_ms: f64,

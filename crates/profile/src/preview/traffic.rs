@@ -13,7 +13,7 @@ use isotherm_core::reading::SignalId;
 /// second read of each pair comes after the cycle of the control.
 const ASKS: u8 = 5;
 
-/// Repeated exchange.
+/// Exchange that is repeated at a constant rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Exchange {
     pub(super) device: DeviceId,

@@ -92,7 +92,7 @@ enum DatumWord {
 /// Purpose of an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Purpose {
-    /// The axis compensates.
+    /// The axis compensates the error of its machine axis.
     #[default]
     Compensation,
     /// The axis returns a released register to its base. Such a register belongs to no output any more. No profile file
@@ -100,7 +100,7 @@ pub enum Purpose {
     Release,
 }
 
-/// Resolved axis.
+/// Axis of the profile, after all its keys were checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
     /// Settings for the pure step.

@@ -143,7 +143,7 @@ impl BusType {
     }
 }
 
-/// Resolved line.
+/// Line of the profile, after all its keys were checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bus {
     /// Name in the profile.
@@ -188,9 +188,9 @@ pub enum Transport {
 /// SYNC that the gateway sends on a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sync {
-    /// CAN identifier.
+    /// CAN identifier of the SYNC message.
     pub id: CanId,
-    /// Period.
+    /// Period at which SYNC is sent.
     pub every: Duration,
 }
 

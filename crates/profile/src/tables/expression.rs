@@ -8,10 +8,10 @@ use crate::error::allowed;
 use isotherm_core::compensation::model::{Condition, Expression, ExpressionError, Formula, Symbol};
 use isotherm_core::reading::SignalId;
 
-/// Names that an expression has itself.
+/// Words of the expression language. They cannot be names of inputs or constants.
 const WORDS: [&str; 9] = ["and", "or", "not", "abs", "exp", "ln", "sqrt", "min", "max"];
 
-/// Parses the condition at this key. `of` is the signal that it marks as bad.
+/// Parses the condition at this key. `of`: the signal that the condition marks as bad, `None` if it marks none.
 pub(super) fn condition(at: &At<'_>, text: Option<&String>, of: Option<&str>) -> Option<Condition> {
     let (text, signals) = (text?, &at.check.signals);
     match Condition::parse(text, &|name: &str| signals.place(name).map(SignalId)) {

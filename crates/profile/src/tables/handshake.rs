@@ -40,7 +40,7 @@ pub enum Bit {
     Node(Node),
 }
 
-/// Resolved handshake.
+/// Handshake of an output or a set, after its keys were checked.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Handshake {
     /// Strobe, written by the gateway.

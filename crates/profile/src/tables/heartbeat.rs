@@ -14,7 +14,7 @@ use crate::duration::{Timespan, shown};
 use crate::{DeviceId, Profile};
 use isotherm_core::codec::{Address, DataType, Node};
 
-/// Smallest useful range of a heartbeat's counter.
+/// Smallest value that the heartbeat's counter must be able to reach.
 const FEW: u16 = 100;
 
 /// Register or node with a counter that shows the control that the gateway runs.
@@ -37,7 +37,7 @@ pub(crate) struct RawHeartbeat {
     pub(super) every: Option<Timespan>,
 }
 
-/// Resolved heartbeat.
+/// Heartbeat of the profile, after its keys were checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Heartbeat {
     /// Device to which it is written.

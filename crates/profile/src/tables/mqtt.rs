@@ -138,7 +138,7 @@ pub struct Mqtt {
 pub struct MqttUser {
     /// Name of the user.
     pub name: String,
-    /// File with the password. The line end at its end does not count.
+    /// File that contains the password. A newline at the end of the file is not part of the password.
     pub password: Option<NamedFile>,
 }
 

@@ -29,8 +29,8 @@ pub const UNVERIFIED: &str = "unverified";
 /// Trigger: the time of this computer differs from the expected one.
 pub const CLOCK: &str = "clock";
 
-/// Words for `on`: the five words above, and every kind of event. The most useful ones come first, because the message
-/// on an unknown word shows only the first part of the list.
+/// Words for `on`: the five words above, and every kind of event. The words that most profiles need come first, because
+/// the message on an unknown word shows only the first part of the list.
 #[rustfmt::skip]
 pub const TRIGGERS: [&str; 116] = [
     ALARM, ALARM_OVER, AXIS_OFF, UNVERIFIED, CLOCK, "axis-state", "disarmed", "armed", "arm-refused", "arm-ended",

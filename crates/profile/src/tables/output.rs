@@ -107,7 +107,7 @@ pub(crate) struct RawOutput {
     stale: Option<RawStale>,
 }
 
-/// Resolved output.
+/// Output of the profile, after all its keys were checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Output {
     /// Name in the profile.

@@ -104,9 +104,9 @@ impl OwnWord {
 /// Adjacent registers for one request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stretch {
-    /// First register.
+    /// First holding register of the request.
     pub from: u16,
-    /// Number of registers.
+    /// Number of registers in the request.
     pub count: u16,
 }
 

@@ -118,7 +118,7 @@ fn units(_: &mut SchemaGenerator) -> Schema {
     schemars::json_schema!({ "type": "string", "enum": Unit::WORDS })
 }
 
-/// Resolved signal.
+/// Signal of the profile, after all its keys were checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Signal {
     /// Name in the profile.
@@ -131,7 +131,7 @@ pub struct Signal {
     pub address: Address,
     /// Encoding of the value.
     pub encoding: Encoding,
-    /// Engineering unit.
+    /// Engineering unit of the value.
     pub unit: Unit,
     /// Smallest and largest plausible value.
     pub range: Option<(f64, f64)>,

@@ -107,7 +107,7 @@ pub struct Web {
     pub viewer_token_file: Option<PathBuf>,
     /// File with the token for reading the metrics only.
     pub scrape_token_file: Option<PathBuf>,
-    /// Source of commands.
+    /// Clients that may send commands.
     pub commands: Commands,
     /// Names of the page, in addition to localhost and its addresses.
     pub hosts: Vec<String>,

@@ -67,7 +67,7 @@ pub struct SetTurn {
 pub struct HeartbeatTurn {
     /// Heartbeat of the turn.
     pub beat: Beat,
-    /// Count to write.
+    /// Count to write to the register; `None` if no heartbeat is sent.
     pub count: Option<u16>,
 }
 
@@ -105,8 +105,8 @@ impl Turn {
         }
     }
 
-    /// Returns whether this turn repeats `last`: the log counts such turns. `before`, `after`: state after each of
-    /// them.
+    /// Returns true if this turn repeats `last`. The log then only counts it. `before`, `after`: states before and
+    /// after this turn.
     pub(in crate::gateway) fn repeats(
         &self,
         last: &Turn,

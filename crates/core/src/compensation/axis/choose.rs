@@ -16,13 +16,13 @@ pub(in crate::compensation) struct Chosen {
     pub(in crate::compensation) model: usize,
     /// Requested Cz. It is K0 if the slope is split off.
     pub(in crate::compensation) raw: Micron,
-    /// Part of it that probings have added.
+    /// Correction from probings. `raw` contains it.
     pub(super) correction: Micron,
     /// Effect of the slope at the reach.
     pub(super) slope: Micron,
     /// Position of the machine inside or outside the range on which the model was identified.
     pub(super) coverage: Option<Coverage>,
-    /// Sensor of the model that has a stand-in.
+    /// Sensor of the model that has a stand-in; `None` if there is none.
     pub(super) stood_in: Option<StoodIn>,
 }
 
@@ -91,17 +91,17 @@ impl Axis {
         (None, lacks, outside)
     }
 
-    /// Returns whether this is a fallback model outside its own envelope. One that was outside stays so until it is
-    /// clearly inside.
+    /// Returns true if this is a fallback model, and its inputs are outside its own envelope. A fallback model that was
+    /// outside stays so until its inputs are clearly inside.
     fn is_fallback_outside(&self, place: usize, evaluated: &Evaluated) -> bool {
         let has_envelope = self.settings.models.get(place).is_some_and(|model| model.envelope.is_some());
         let edge = if self.fallback_outside == Some(place) { CLEARLY_INSIDE } else { 0.0 };
         place > 0 && has_envelope && evaluated.coverage.is_some_and(|coverage| coverage.excess > edge)
     }
 
-    /// Returns what a model requests, counted from its datum. If its envelope shrinks the value, datum and correction
-    /// shrink with it: far outside, Cz goes to zero. If the envelope limits the value to what the halves agree on, this
-    /// applies to the model's own value only. A correction was measured.
+    /// Returns what a model requests, counted from its datum. With `Outside::Shrink`, the envelope reduces datum and
+    /// correction together with the value: far outside, Cz goes to zero. With `Outside::Agree`, it reduces only the
+    /// value of the model, because the correction was measured.
     pub(super) fn chosen(&self, model: usize, evaluated: Evaluated, correction: f64) -> Option<Chosen> {
         let asked = self.asked(model, evaluated);
         let reach = self.settings.intercept_slope.map_or(0.0, |line| line.reach.get());
@@ -116,16 +116,16 @@ impl Axis {
         })
     }
 
-    /// Returns what a model requests, counted from its datum. If its envelope says so, it is limited to what the halves
-    /// agree on.
+    /// Returns what a model requests, counted from its datum. With `Outside::Agree`, a difference between the model's
+    /// two halves reduces the value.
     pub(super) fn asked(&self, model: usize, evaluated: Evaluated) -> Asked {
         Asked::of(evaluated, self.zeroing.of(model))
     }
 }
 
 impl Asked {
-    /// Returns what a model requests, counted from `datum`. If its envelope says so, it is limited to what the halves
-    /// agree on.
+    /// Returns what a model requests, counted from `datum`. With `Outside::Agree`, a difference between the model's two
+    /// halves reduces the value.
     pub(super) fn of(evaluated: Evaluated, datum: Outputs) -> Asked {
         let Evaluated { outputs, mut coverage } = evaluated;
         let cz = outputs.cz.get() - datum.cz.get();

@@ -98,7 +98,8 @@ impl Axis {
         Probed { at: snapshot.now, error: measured.error, acting, residual, refused }
     }
 
-    /// Returns why the model in use does not accept this Cz at once; `None` if it accepts it.
+    /// Returns why the model in use does not accept this Cz at once, for example because it deviates too much; `None`
+    /// if it accepts it.
     fn doubts(
         &self,
         chosen: &Chosen,
@@ -132,8 +133,8 @@ impl Axis {
         }
     }
 
-    /// Returns the errors of a probing for the comparison of a model. `None` while a reference of the model is being
-    /// captured, or if the axis would keep its value.
+    /// Returns the errors of a probing, without compensation and with the model, for their comparison. `None` while a
+    /// reference of the model is being captured, or if the axis would keep its value.
     fn touch(
         &self,
         place: usize,
@@ -203,8 +204,8 @@ impl Axis {
     }
 }
 
-/// Returns whether the inputs are outside the envelope and the model is not followed fully there. A value on which the
-/// halves agree is followed.
+/// Returns true if the inputs are outside the envelope, and the axis does not fully follow the model there. With
+/// `Outside::Agree`, it counts as following the model.
 fn is_left(coverage: Option<Coverage>) -> bool {
     let found = coverage.and_then(|coverage| coverage.extrapolating);
     let found = found.filter(|found| found.outside != Outside::Agree);

@@ -110,14 +110,15 @@ impl Axis {
         models.filter_map(|(model, watched)| model.stand_ins.as_ref().zip(watched.watch.as_ref()))
     }
 
-    /// Returns a sensor that a model reads, that a watch of the axis rejects, and that has no stand-in for this model.
+    /// Returns a sensor that the model cannot do without, `None` if there is none. A watch of the axis rejects its
+    /// reading, and this model has no stand-in for it.
     pub(super) fn unknown_in(&self, place: usize) -> Option<&Instead> {
         let watched = self.watched.get(place)?;
         let mut unknown = watched.instead.iter().filter(|instead| !instead.is_stood_in());
         unknown.find(|instead| watched.reads.contains(&instead.signal))
     }
 
-    /// Returns a sensor that a model reads and that has a stand-in.
+    /// Returns a sensor of the model that has a stand-in; `None` if there is none.
     pub(super) fn stood_in(&self, place: usize) -> Option<StoodIn> {
         let reads = &self.watched.get(place)?.reads;
         let mut found = self.distrusted_in(place).filter(|found| reads.contains(&found.signal));
@@ -188,7 +189,8 @@ impl Axis {
         self.present();
     }
 
-    /// Passes on, and clears, the beginnings of the sensors that were accepted again since the last call.
+    /// Calls `take` with the estimated start reading of each sensor that was accepted again since the last call, and
+    /// clears these readings.
     pub(in crate::compensation) fn take_beginnings(&mut self, mut take: impl FnMut(SignalId, Beginning)) {
         for (settings, _, watch) in self.watches_mut() {
             watch.take_beginnings(settings, &mut take);

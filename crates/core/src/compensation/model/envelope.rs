@@ -25,7 +25,8 @@ pub const MOST: usize = 64;
 /// of its reach.
 pub const CLEARLY_INSIDE: f64 = -0.05;
 
-/// Excess at which a difference of the halves begins to count, and the width on which its weight grows to 1.
+/// Excess above which a difference between the model's two halves reduces the value. Over the next `WIDTH` of excess,
+/// the weight of the difference grows from 0 to 1.
 const BEGINS: f64 = 0.10;
 const WIDTH: f64 = 0.25;
 
@@ -39,7 +40,8 @@ pub enum Outside {
     Hold,
     /// Follows `g·Cz` with `g = 1 / (1 + e²)`. The gain g is 1 at the edge, without a kink, and 1/2 if the excess is 1.
     Shrink,
-    /// Follows the model as far as its two halves agree.
+    /// Follows the model as far as its two halves agree. The halves are two models whose mean is this model. The more
+    /// they differ, the smaller is Cz.
     Agree,
 }
 
@@ -70,7 +72,8 @@ pub struct Envelope {
     factor: Vec<f64>,
     reach: f64,
     outside: Outside,
-    /// Difference of the gains of the two halves, by term of the model, µm per unit. Empty without halves.
+    /// Difference of the gains of the two halves (the models whose mean is this model), by term, µm per unit. Empty if
+    /// the model is no mean.
     apart: Vec<f64>,
 }
 
@@ -102,7 +105,7 @@ pub struct Extrapolation {
     pub outside: Outside,
     /// Factor of the model's Cz. It differs from 1 only for [`Outside::Shrink`] and [`Outside::Agree`].
     pub gain: f64,
-    /// Difference of the two halves of the model; `None` unless [`Outside::Agree`] uses it.
+    /// Difference of the Cz of the model's two halves; `None` unless [`Outside::Agree`] uses it.
     #[serde(default)]
     pub apart: Option<Micron>,
 }
@@ -157,13 +160,14 @@ impl Envelope {
         Ok(Envelope { factor: cholesky(covariance)?, inputs, reach, outside, apart: Vec::new() })
     }
 
-    /// Adds the difference of the gains of two halves, by term. The model is the mean of these halves.
+    /// Adds the difference of the gains of the two halves, by term. The halves are the models whose mean is this model.
     #[must_use]
     pub fn of_halves(self, apart: Vec<f64>) -> Envelope {
         Envelope { apart, ..self }
     }
 
-    /// Returns the difference of the gains of the halves, by term of the model; empty without halves.
+    /// Returns the difference of the gains of the model's two halves, by term; empty if the model is no mean of two
+    /// models.
     pub fn apart(&self) -> &[f64] {
         &self.apart
     }
@@ -256,7 +260,7 @@ impl Envelope {
     }
 }
 
-/// Returns the share of a Cz of `x` that is used at this excess, if the halves of the model differ by `apart`. The
+/// Returns the share of the Cz `x` that is used at this excess, if the two halves of the model differ by `apart`. The
 /// share is 1 if both are zero.
 pub(in crate::compensation) fn agreed(excess: f64, x: f64, apart: f64) -> f64 {
     let counts = ((excess - BEGINS) / WIDTH).clamp(0.0, 1.0) * apart;

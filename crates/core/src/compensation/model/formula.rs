@@ -28,7 +28,7 @@ pub struct Expression {
 pub enum Symbol {
     /// The value of a signal.
     Signal(SignalId),
-    /// A number.
+    /// Number that the name stands for: a constant of the model.
     Constant(f64),
     /// Time since machine start in seconds.
     Time,

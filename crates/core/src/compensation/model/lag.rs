@@ -41,7 +41,7 @@ impl TimeConstant {
         TimeConstant { span, per_nanosecond: 1e-9 / span.as_secs_f64() }
     }
 
-    /// Returns its duration.
+    /// Returns the time constant C as a duration.
     pub fn span(self) -> Duration {
         self.span
     }
@@ -73,15 +73,15 @@ pub struct Lag {
 /// Temperature, and the lagged temperature.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Lagged {
-    /// Time of both.
+    /// Time of the two temperatures.
     at: Moment,
-    /// Last reading.
+    /// Last usable reading of the sensor. The next step takes the way from it as a straight line.
     input: f64,
     /// Lagged temperature y.
     follower: f64,
-    /// Temperature from which the rise of y is measured.
+    /// Temperature y at the reference: the rise of y is counted from it.
     from: f64,
-    /// Time at which that reference was captured.
+    /// Time at which the reference of `from` was captured.
     captured: Moment,
 }
 

@@ -24,7 +24,7 @@ pub struct StandIns {
 pub struct Described {
     /// Signal of the sensor.
     pub signal: SignalId,
-    /// Threshold θ, °C. A prediction that moved by more while the reading was constant shows that the sensor is frozen.
+    /// Threshold θ, °C. The sensor is frozen if its prediction has moved by more than θ since its reading last changed.
     pub threshold: f64,
     /// The prediction replaces a lost sensor. It is `false` if a model without the sensor leaves less residual error.
     /// A frozen sensor is replaced in both cases. A prediction from a single other sensor replaces nothing.
@@ -51,7 +51,7 @@ pub(in crate::compensation) struct VirtualSensor {
     pub(in crate::compensation) signal: SignalId,
     pub(in crate::compensation) threshold: f64,
     pub(in crate::compensation) replaces: Replaces,
-    /// Number of predictors.
+    /// Number of other sensors from which this one is predicted.
     pub(in crate::compensation) others: usize,
     /// Indices in the bank, with their gains.
     pub(in crate::compensation) terms: Vec<(usize, f64)>,

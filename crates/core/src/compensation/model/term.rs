@@ -5,7 +5,7 @@ use std::ops::Mul;
 use super::{Input, Inputs, Lag, Unusable};
 use crate::quantity::{Celsius, MicronPerCelsius};
 
-/// Gain times rise.
+/// Term of a sum: gain times rise of an input.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Term<Gain = MicronPerCelsius> {
     /// Input of the term.

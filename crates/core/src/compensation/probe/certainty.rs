@@ -30,7 +30,7 @@ const LARGEST: f64 = 1e12;
 pub(super) struct Certainty {
     /// P after the last accepted probing, µm². `None` if there was none since the datum, at which P was 0.
     variance: Option<f64>,
-    /// Time of the last accepted probing.
+    /// Time of the last accepted probing; `None` if there was none since the datum.
     touched: Option<Moment>,
     /// Residual that waits for another one, µm.
     doubted: Option<f64>,
@@ -38,7 +38,7 @@ pub(super) struct Certainty {
 
 shifted!(Certainty: touched);
 
-/// Time of a probing, as a model counts it.
+/// Time of a probing, with the time since the datum of the model that judges it.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::compensation) struct Occasion {
     pub(in crate::compensation) now: Moment,
@@ -70,7 +70,7 @@ impl Certainty {
         self.touched
     }
 
-    /// Returns P now.
+    /// Returns the variance P of the correction at this probing, µm².
     fn variance(&self, walk: f64, occasion: Occasion) -> f64 {
         let since = self.touched.map_or(occasion.since_datum, |touched| occasion.now.since(touched));
         let grown = self.variance.unwrap_or(0.0) + walk * since.as_secs_f64() / 3600.0;

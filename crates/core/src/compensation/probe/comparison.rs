@@ -24,23 +24,23 @@ use serde::{Deserialize, Serialize};
 
 use crate::quantity::{Micron, Moment, shifted};
 
-/// Number of touches that count.
+/// Maximum number of touches in a comparison. A touch is the result of one probing.
 const WINDOW: usize = 8;
-/// Number of touches of a full window, as a factor.
+/// [`WINDOW`] as a floating-point number.
 const FULL: f64 = 8.0;
-/// Maximum age of a touch that counts.
+/// Maximum age of a touch in a comparison.
 const OLDEST: Duration = Duration::from_hours(7 * 24);
-/// Factor by which Σe₁² must exceed Σe₀².
+/// Factor by which the sum of the squared errors with the model must exceed the sum without compensation.
 const CLEARLY: f64 = 1.1;
-/// Number of σ² for each touch of a full window by which Σe₁² must exceed Σe₀².
+/// Minimum excess of that sum for each touch of a full window, in multiples of the variance σ² of a touch.
 const FOR_EACH: f64 = 4.0;
-/// Number of standard deviations of their difference within which two touches agree.
+/// Maximum difference of two touches that agree, in standard deviations of the difference.
 const AGREES: f64 = 4.0;
 
-/// Comparison of a model that is worse than no compensation, from the touches that count.
+/// Result of a comparison in which a model was worse than no compensation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Worse {
-    /// Number of touches that count; zero directly after a new datum.
+    /// Number of touches in the comparison; zero directly after a new datum.
     pub touches: usize,
     /// Root mean square of the error without compensation.
     pub without: Micron,
@@ -53,9 +53,9 @@ pub struct Worse {
 pub(in crate::compensation) struct Touch {
     /// Time at which the axis received the touch.
     pub(in crate::compensation) at: Moment,
-    /// e₀, µm.
+    /// e₀: error without compensation, µm.
     pub(in crate::compensation) without: f64,
-    /// e₁, µm.
+    /// e₁: error with the Cz of the model, µm.
     pub(in crate::compensation) with: f64,
 }
 
@@ -82,7 +82,7 @@ enum Verdict {
 /// Errors of one model at the last touches, and the verdict.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(in crate::compensation) struct Comparison {
-    /// Touches that count, oldest first.
+    /// Touches of the comparison, oldest first.
     touches: Vec<Touch>,
     /// Touch that is not accepted and waits for the next one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -93,7 +93,7 @@ pub(in crate::compensation) struct Comparison {
 shifted!(Touch: at);
 shifted!(Comparison: touches, waiting);
 
-/// Sums of squares, µm².
+/// Sums of the squared errors of some touches, µm²: without compensation, and with the model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Sums {
     without: f64,
@@ -204,7 +204,8 @@ impl Sums {
     }
 }
 
-/// Returns whether a touch shows that the waiting touch was no chip.
+/// Returns true if this touch confirms the waiting one: it agrees with it, or it is not accepted either and has the
+/// same sign. The waiting touch was then not caused by a chip under the probe.
 fn confirms(touch: &Touch, credit: Credit, waiting: &Touch, scatter: f64) -> bool {
     let agrees = (touch.with - waiting.with).abs() <= AGREES * std::f64::consts::SQRT_2 * scatter;
     agrees || (credit == Credit::Doubted && touch.with * waiting.with > 0.0)

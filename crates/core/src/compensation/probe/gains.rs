@@ -72,7 +72,7 @@ impl Gains {
         gains
     }
 
-    /// Returns θ.
+    /// Returns θ: the estimated relative error of each gain.
     pub(super) fn factors(&self) -> &[f64] {
         self.estimate.split_last().map_or(&[], |(_, factors)| factors)
     }

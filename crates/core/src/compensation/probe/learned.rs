@@ -140,7 +140,7 @@ impl Learned {
         }
     }
 
-    /// Adds the errors of a touch without compensation and with the model.
+    /// Adds the errors of a probing to the comparison: without compensation, and with the model.
     pub(in crate::compensation) fn compare(
         &mut self,
         touch: Touch,

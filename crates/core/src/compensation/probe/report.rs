@@ -21,7 +21,7 @@ use crate::quantity::{Moment, Shift, Shifted, shifted, time};
 
 /// Number of reports that are remembered for each axis: two and a half days with one in each hour.
 const KEPT: usize = 64;
-/// An equal error that arrives within this time is the same measurement, if neither report says which one it is.
+/// Time within which an equal error is the same measurement, if neither report has an `id` or a `time`.
 const REPEATED_WITHIN: Duration = Duration::from_secs(10);
 /// Accepted lead of a sender's clock.
 const AHEAD: Duration = Duration::from_secs(10);
@@ -120,7 +120,7 @@ pub enum Rejected {
     Ahead {
         /// `time` of the report.
         time: Moment,
-        /// Present time.
+        /// Wall-clock time at which the report arrived.
         now: Moment,
     },
 }

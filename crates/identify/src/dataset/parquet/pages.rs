@@ -1,4 +1,4 @@
-//! Checks of the pages of a column before they are decompressed. A small page can claim to be huge, and be so.
+//! Checks of the pages of a column before they are decompressed. A small compressed page can decompress to a huge one.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};

@@ -149,7 +149,8 @@ fn view(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
 pub(super) fn tanh(x: f64) -> f64 {
     /// Argument above which the result is 1.
     const FLAT: f64 = 20.0;
-    /// Number whose addition to a small number rounds it to an integer, which is then in the last bits of the sum.
+    /// Number that rounds a small number to an integer when it is added. The integer is then in the last bits of the
+    /// sum.
     const WHOLE: f64 = 6_755_399_441_055_744.0;
     const LN_2: (f64, f64) = (6.931_471_803_691_238e-1, 1.908_214_929_270_587_7e-10);
     /// Reciprocals of the factorials of 0 to 13.

@@ -37,9 +37,9 @@ mod stand_ins;
 /// All kinds of models. A new kind is a file next to the others and a line here.
 const KINDS: [&KindOfModel; 4] = [&linear::KIND, &formula::KIND, &matrix::KIND, &network::KIND];
 
-/// Kind of model.
+/// Kind of model: its keys, its parser and its preview.
 struct KindOfModel {
-    /// Value of `kind`.
+    /// Word for the kind in the key `kind`.
     word: &'static str,
     /// Name with its article in messages: "a matrix".
     one: &'static str,

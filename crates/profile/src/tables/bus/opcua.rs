@@ -58,7 +58,7 @@ pub struct OpcUa {
     pub own: Option<(NamedFile, NamedFile)>,
     /// Certificates of trusted servers.
     pub trusted: Vec<NamedFile>,
-    /// Directory of these certificates, as written.
+    /// Directory of the trusted certificates, as written in the profile.
     pub trusted_in: Option<String>,
     type_at: ProfileError,
 }
@@ -66,13 +66,13 @@ pub struct OpcUa {
 /// User of the gateway.
 #[derive(Clone, Debug, PartialEq)]
 pub enum User {
-    /// Anonymous user.
+    /// The gateway logs in without a user name.
     Anonymous,
     /// User with a password.
     Named {
         /// Name of the user.
         name: String,
-        /// File with the password. The line end at its end does not count.
+        /// File that contains the password. A newline at the end of the file is not part of the password.
         password: NamedFile,
     },
     /// User with a certificate.
@@ -87,7 +87,7 @@ pub enum User {
 /// File that a key of the profile names.
 #[derive(Clone, PartialEq)]
 pub struct NamedFile {
-    /// Name, as written.
+    /// Name of the file, as written in the profile.
     pub name: String,
     /// Content of the file.
     pub bytes: Vec<u8>,
@@ -121,7 +121,7 @@ impl OpcUa {
         }
     }
 
-    /// Creates an error about the type of the line.
+    /// Creates an error at the key `type` of the line.
     pub fn wrong_type(&self, message: &str, help: &str) -> ProfileError {
         let (message, help) = (message.to_owned(), Some(help.to_owned()));
         ProfileError { message, help, ..self.type_at.clone() }

@@ -18,7 +18,7 @@ const FASTEST_BY_CHARACTERS: u32 = 19_200;
 pub struct Serial {
     /// Baud rate in bits per second.
     pub baud: u32,
-    /// Parity bit.
+    /// Parity bit of each character.
     pub parity: Parity,
     /// Stop bits, 1 or 2.
     pub stop_bits: u8,

@@ -37,7 +37,7 @@ pub const TLS_PORT: u16 = 802;
 /// Security of a line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tls {
-    /// Trusted certificates.
+    /// Certificates that the gateway trusts on this line.
     pub ca: PemFile,
     /// Certificate of the gateway.
     pub cert: PemFile,
@@ -52,7 +52,7 @@ pub struct Tls {
 /// File that a key of the profile names.
 #[derive(Clone, PartialEq)]
 pub struct PemFile {
-    /// Name, as written.
+    /// Name of the file, as written in the profile.
     pub name: String,
     /// Content of the file.
     pub bytes: Vec<u8>,

@@ -3,7 +3,7 @@
 /// Meaning of an emergency code, or of a class of codes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Emergency {
-    /// Emergency code.
+    /// Emergency code of CiA 301, or of the manufacturer.
     pub code: u16,
     /// Bits of the code that are compared: 0xFFFF for one code, 0xFF00 for a class.
     pub mask: u16,

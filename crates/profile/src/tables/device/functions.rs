@@ -24,21 +24,21 @@ pub(super) enum Function {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(clippy::struct_excessive_bools, reason = "eight independent permissions")]
 pub struct Functions {
-    /// Function 01.
+    /// Function 01 is allowed.
     pub read_coils: bool,
-    /// Function 02.
+    /// Function 02 is allowed.
     pub read_discrete: bool,
-    /// Function 03.
+    /// Function 03 is allowed.
     pub read_holding: bool,
-    /// Function 04.
+    /// Function 04 is allowed.
     pub read_input: bool,
-    /// Function 05.
+    /// Function 05 is allowed.
     pub write_coil: bool,
-    /// Function 06.
+    /// Function 06 is allowed.
     pub write_single: bool,
-    /// Function 15.
+    /// Function 15 is allowed.
     pub write_coils: bool,
-    /// Function 16.
+    /// Function 16 is allowed.
     pub write_multiple: bool,
 }
 
@@ -62,7 +62,7 @@ impl WriteFunction {
 }
 
 impl Functions {
-    /// All functions.
+    /// All functions are allowed.
     pub const ALL: Functions = Functions {
         read_coils: true,
         read_discrete: true,

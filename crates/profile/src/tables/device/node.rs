@@ -70,7 +70,7 @@ pub struct CanDevice {
 /// Object that is written before the node starts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Setup {
-    /// Object to write.
+    /// Entry of the object dictionary that is written.
     pub object: Object,
     /// Value to write. It fits the type.
     pub value: i64,

@@ -56,7 +56,7 @@ pub struct Expected {
     pub address: Address,
     /// Encoding of the value, with scale 1.
     pub encoding: Encoding,
-    /// Expected value.
+    /// Value that the profile expects.
     pub equals: i64,
     /// Meaning of the value, for messages.
     pub what: String,
@@ -89,7 +89,7 @@ impl Expected {
         }
     }
 
-    /// Creates the difference for a device that answered that it has no such register.
+    /// Creates the difference for a missing register: the device answered that it does not have it.
     pub fn absent(&self, why: impl fmt::Display) -> Difference {
         self.differs(Found::Absent(why.to_string()))
     }

@@ -59,7 +59,7 @@ pub struct Display {
 /// Further word of a display.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Beside {
-    /// Holding register.
+    /// Holding register of the word.
     pub register: u16,
     /// Word while the axis follows its first model.
     pub good: u16,
@@ -74,7 +74,7 @@ pub struct Beside {
 pub struct Stale {
     /// Text as written.
     pub text: String,
-    /// First holding register.
+    /// First holding register of the text.
     pub register: u16,
     /// Words with the characters.
     pub words: Vec<u16>,

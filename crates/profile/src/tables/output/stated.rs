@@ -10,8 +10,8 @@ use crate::span::child;
 use isotherm_core::codec::{ControlView, Encoding, Scale};
 use isotherm_core::quantity::Micron;
 
-/// Scale, bias, diameter and limit of an output in the profile file, without the layers above it. The value of the
-/// merged profile is used for a key that the file does not have, or that it names in `allow_override`.
+/// Scale, bias, diameter and limit of an output as the profile file states them, without the layers above it. If the
+/// file lacks a key or names it in `allow_override`, the value of the merged profile is used.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stated {
     scale: Scale,

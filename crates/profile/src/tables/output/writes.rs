@@ -16,7 +16,7 @@ use crate::tables::axis::Axis;
 use isotherm_core::quantity::Micron;
 use isotherm_core::reading::SignalId;
 
-/// µm per mm.
+/// Number of µm in a mm, for outputs in mm.
 pub(super) const MICRONS: f64 = 1000.0;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -81,7 +81,8 @@ impl Writes {
         matches!(self, Writes::Offset | Writes::Intercept)
     }
 
-    /// Returns whether the value is written with the period of the axis, into a register that holds only that value.
+    /// Returns true if the value is written with the period of the axis, into a register of its own. A corrected
+    /// position is not.
     pub const fn is_scheduled(self) -> bool {
         !matches!(self, Writes::Corrected { .. })
     }

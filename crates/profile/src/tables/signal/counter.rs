@@ -34,7 +34,7 @@ struct RawCapture {
     value: Option<u16>,
 }
 
-/// Command by which a counter copies its count into the registers that are read.
+/// Command on which a counter copies its count into its registers, before each read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Capture {
     /// Coil or holding register of the same device.

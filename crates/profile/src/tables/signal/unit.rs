@@ -6,7 +6,7 @@ use toml::de::{DeString, DeValue};
 
 use crate::error::{also, listed};
 
-/// Engineering unit.
+/// Engineering unit, one of [`Unit::WORDS`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unit(pub &'static str);
 
@@ -21,12 +21,12 @@ struct Other {
     shift: f64,
 }
 
-/// Scale and offset of the table that contains a unit.
+/// Scale and offset of the table that contains a unit. They are needed for a hint on how to convert another unit.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Scaling {
     pub(crate) scale: Option<f64>,
     pub(crate) offset: Option<f64>,
-    /// Whether another layer or a template may contain them.
+    /// Whether another layer or a template may set scale and offset.
     pub(crate) may_stand_elsewhere: bool,
 }
 

@@ -109,7 +109,7 @@ impl<'a> Displacements<'a> {
         self.along(&place, &file.axis, &file.position, everywhere);
     }
 
-    /// Adds a stretch along the position with this name.
+    /// Adds a part of the travel to the axis. `position`: name of the signal with the position along the travel.
     fn along(&mut self, place: &str, axis: &str, position: &str, stretch: Stretch) {
         let Some(position) = self.positions.iter().position(|known| known.signal == position) else {
             self.check.demand(false, || format!("{place}: there is no position `{position}`"));

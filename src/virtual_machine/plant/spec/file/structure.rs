@@ -107,7 +107,7 @@ impl StructureFile {
 }
 
 impl ModesFile {
-    /// Names of ports, which can be linked, and of points, which can be measured.
+    /// Returns the names of the points of the structure: ports, which links can use, and spots, which sensors can use.
     pub(super) fn names(&self) -> Vec<(String, Point)> {
         let ports = self.ports.keys().enumerate().map(|(place, name)| (name.clone(), Point::Port(place)));
         let spots = self.points.keys().enumerate().map(|(place, name)| (name.clone(), Point::Spot(place)));

@@ -141,7 +141,7 @@ impl<'a> Parser<'a> {
         Ok(())
     }
 
-    /// Every kind of nesting passes here, so its depth is counted here.
+    /// Parses an operand with its sign or `not`. Every kind of nesting passes here, so its depth is counted here.
     fn unary(&mut self) -> Result<(), ExpressionError> {
         self.nesting += 1;
         if self.nesting > 4 * DEPTH {

@@ -24,11 +24,11 @@ pub struct Layer {
 /// Function that a neuron applies to its sum.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Activation {
-    /// Hyperbolic tangent.
+    /// Hyperbolic tangent of the sum.
     Tanh,
     /// The sum if it is above zero, else zero.
     Relu,
-    /// The sum itself.
+    /// The sum itself, without a change.
     Linear,
 }
 

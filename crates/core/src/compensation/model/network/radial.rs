@@ -11,7 +11,7 @@ pub struct Radial {
     output: (f64, f64),
 }
 
-/// Radial basis function.
+/// Node of the network: a radial basis function, which depends on the distance of the inputs from its centre.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Node {
     /// Centre of the function: one scaled number for each input.

@@ -30,7 +30,7 @@ pub(crate) struct AllOver {
 
 /// Value of a model at this temperature.
 pub(crate) struct Asked {
-    /// Cz, µm.
+    /// Cz that the model requests, µm.
     pub(crate) cz: f64,
     /// Position signal, and the position at which the absolute value is largest. `None` if the value is the same
     /// everywhere.

@@ -14,7 +14,7 @@ use crate::tables::At;
 use isotherm_core::compensation::model::{Input, Kind, Linear, Reference, Slope, Term};
 use isotherm_core::quantity::{Micron, MicronPerCelsius, MicronPerMillimetreCelsius, Millimetre};
 
-/// µm per mm.
+/// Number of µm in a mm, for thermal expansion.
 const MICRONS: f64 = 1000.0;
 
 pub(super) const KIND: KindOfModel = KindOfModel {

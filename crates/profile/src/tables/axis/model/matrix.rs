@@ -20,7 +20,7 @@ use crate::tables::At;
 use isotherm_core::compensation::model::{Kind, Matrix};
 use isotherm_core::quantity::Millimetre;
 
-/// µm per mm.
+/// Number of µm in a mm: a matrix file has mm, a gain µm.
 const MICRONS: f64 = 1000.0;
 
 pub(super) const KIND: KindOfModel = KindOfModel {
