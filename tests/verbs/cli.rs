@@ -308,7 +308,7 @@ fn a_stopped_gateway_is_at_rest_remembers_and_its_log_replays_bit_for_bit() {
     gateway.hears("the correction from probings is removed");
     std::thread::sleep(Duration::from_secs(3));
     gateway.signal("TERM");
-    gateway.hears("stopping: the fault actions run, at most");
+    gateway.hears("stopping: the fault actions run; this takes at most");
     assert_eq!(gateway.ends_within(PATIENCE).code(), Some(0), "{}", gateway.said.join("\n"));
     assert!(gateway.said.join("\n").contains("stopped; cnc_z holds 0.0 µm"), "{}", gateway.said.join("\n"));
     assert!(home.path().join("interop.state.json").exists());
@@ -365,7 +365,7 @@ fn a_second_signal_ends_it_at_once_and_says_what_is_left() {
     // After this time, the way back is longer than the delay of a busy computer until the second signal.
     std::thread::sleep(Duration::from_secs(20));
     gateway.signal("TERM");
-    gateway.hears("stopping: the fault actions run, at most");
+    gateway.hears("stopping: the fault actions run; this takes at most");
     gateway.signal("TERM");
     assert_eq!(gateway.ends_within(PATIENCE).code(), Some(1), "{}", gateway.said.join("\n"));
     let said = gateway.said.join("\n");
