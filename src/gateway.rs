@@ -101,7 +101,7 @@ pub(crate) use why::why_by_decision;
 pub use wire_log::WireLog;
 
 /// Why an axis waits for a person.
-const NOT_BELIEVED: &str = "the saved state did not fit (see the events) or was put back from a backup, and \
+const NOT_BELIEVED: &str = "the saved state was rejected (see the events) or was put back from a backup, and \
                             the operator has not armed since";
 /// How long the end of a run waits until the state is on disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);

@@ -160,7 +160,7 @@ impl Arming {
         if let Some(wanted) = beyond_error {
             let name = &profile.axes[axis].settings.name;
             return Attempt::Refused(Explained::new(
-                format!("its model asks for {wanted}, more than axis.{name}.error"),
+                format!("the model requests a Cz of {wanted}, more than axis.{name}.error"),
                 "find the cause first, for example a faulty sensor",
             ));
         }

@@ -124,7 +124,7 @@ fn axis_lines(name: &str, axis: &Value, dry_run: bool) -> String {
     let probed = &axis["probe"]["last"];
     if let Some(why) = probed["refused"].as_str() {
         let (at, error) = (moment(&probed["at"]), micron(&probed["error_um"]));
-        let _ = writeln!(text, "  probed {error} at {at}, not learned from: {why}");
+        let _ = writeln!(text, "  probed {error} at {at}, not used for the correction: {why}");
     }
     if let worse @ Value::Object(_) = &axis["probe"]["worse"] {
         let _ = writeln!(text, "  {}", worse_model(worse));
@@ -225,7 +225,10 @@ mod tests {
             "{text}"
         );
         assert!(
-            text.contains("probed +9.0 µm at 2026-01-05 12:00:00, not learned from: measure again\n"),
+            text.contains(
+                "probed +9.0 µm at 2026-01-05 12:00:00, not used for the correction: measure \
+                 again\n"
+            ),
             "{text}"
         );
         (axis["expected_um"], axis["probe"]["last"]["refused"]) = (Value::Null, Value::Null);
@@ -241,7 +244,7 @@ mod tests {
         });
         assert!(
             axis_lines("z", &axis, false).ends_with(
-                "\n  its model is worse than no compensation: the residual error is 3.2 µm with the model, \
+                "\n  the model is worse than no compensation: the residual error is 3.2 µm with the model, \
                  2.0 µm without (root mean square of the last 5 touches); Cz follows it all the same\n"
             ),
             "{}",
@@ -250,7 +253,7 @@ mod tests {
         (axis["probe"]["worse"]["touches"], axis["probe"]["worse"]["ramps"]) = (json!(0), json!(true));
         assert!(
             axis_lines("z", &axis, false).ends_with(
-                "\n  its model is worse than no compensation: as touches before the last datum show; Cz goes to zero until \
+                "\n  the model is worse than no compensation: as touches before the last datum show; Cz goes to zero until \
                  touches show that the model is better\n"
             ),
             "{}",

@@ -52,11 +52,13 @@ impl StandIn {
                 let (taken, hint) = match count {
                     Some(count) => (
                         format!("taken from {}", others(*count)),
-                        "look at the sensor, its cable and its channel; the axis uses its own reading again by itself",
+                        "look at the sensor, its cable and its channel; the axis uses the reading of this \
+                         sensor again by itself",
                     ),
                     None => (
                         "and not taken from others".to_owned(),
-                        "look at the sensor, its cable and its channel; its own reading is used meanwhile",
+                        "look at the sensor, its cable and its channel; the reading of this sensor is used \
+                         meanwhile",
                     ),
                 };
                 let cause = format!("{signal} {is} for {span}, {taken}");

@@ -69,14 +69,16 @@ fn secured(fault: TlsFault) -> Fault {
         TlsFault::OtherName => {
             Some("write that name into `broker`, or name the certificate itself with `tls = { ca = \"…\" }`")
         }
-        TlsFault::UnknownAuthority => Some("name its certificate authority with `tls = { ca = \"…\" }`"),
+        TlsFault::UnknownAuthority => {
+            Some("name the authority that signed the certificate of the broker with `tls = { ca = \"…\" }`")
+        }
         TlsFault::BadCertificate => {
             Some("to trust a self-signed certificate, name it with `tls = { ca = \"…\" }`")
         }
         TlsFault::OursMissing => Some("name `cert` and `key` in `tls`"),
         TlsFault::OursExpired => Some("renew the certificate that `cert` names in `tls`"),
         TlsFault::OursRefused => {
-            Some("does it trust the authority of the certificate that `cert` names in `tls`?")
+            Some("does the broker trust the authority of the certificate that `cert` names in `tls`?")
         }
         TlsFault::NoTls => Some("try another port, or mqtt://"),
         TlsFault::Silent => Some("does the server speak TLS there, or plain MQTT (mqtt://)?"),
