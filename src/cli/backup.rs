@@ -104,10 +104,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for name in &names {
         let shown = beside.join(name);
         if secrets.contains(name) && !arguments.secrets {
-            say_beside!("left out, because it is secret: {} (--secrets includes it)", shown.display());
+            say_beside!("left out as secret: {} (--secrets includes such files)", shown.display());
         } else if !is_below(Path::new(name)) {
             say_beside!(
-                "left out, because it is outside the profile's directory: {}; copy this file yourself",
+                "left out as outside the profile's directory: {}; copy such files yourself",
                 shown.display()
             );
         } else {

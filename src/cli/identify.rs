@@ -159,7 +159,7 @@ fn methods() -> impl TypedValueParser<Value = Method> {
 
 fn outsides() -> impl TypedValueParser<Value = Outside> {
     one_of([
-        (Outside::Agree, "agree", "Follows the model as far as the two models whose mean it is agree"),
+        (Outside::Agree, "agree", "Follows the model as far as the two halves of the model agree"),
         (Outside::Warn, "warn", "Follows the model"),
         (Outside::Hold, "hold", "Keeps the last Cz"),
         (Outside::Shrink, "shrink", "Follows the model less with increasing distance"),

@@ -131,7 +131,7 @@ fn validity(certificate: &Certificate) -> String {
     let (from, to, now) = (certificate.from, certificate.to, Clock::wall().time_of_day());
     let how = match now {
         _ if now < from => "not valid yet, or this computer's clock is wrong".to_owned(),
-        _ if now > to => "it has expired, or this computer's clock is wrong".to_owned(),
+        _ if now > to => "expired, or this computer's clock is wrong".to_owned(),
         _ => format!("{} left", counted(to.since(now).as_secs() / DAY.as_secs(), "day")),
     };
     format!("{} to {}: {how}", day(from), day(to))

@@ -49,7 +49,8 @@ impl Port {
         let is_local = addresses.iter().all(|address| address.ip().is_loopback());
         anyhow::ensure!(
             admission.has_token() || is_local,
-            "the page may listen on {} only with web.token_file in the profile; without one, on loopback",
+            "the page may listen on {} only with web.token_file in the profile; without this key, only on \
+             loopback",
             web.listen
         );
         anyhow::ensure!(

@@ -108,37 +108,40 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 fn read(bytes: &[u8]) -> anyhow::Result<(Manifest, Vec<Vec<u8>>)> {
     let mut archive = tar::Archive::new(bytes);
     // With `raw`, entries that only describe the next one (a long name, a size, holes) stay visible, and are rejected.
-    let mut entries = archive.entries().context("it is no backup")?.raw(true);
-    let first = entries.next().context("it is empty")?;
-    let text = plain(first, MANIFEST, LARGEST_MANIFEST).context("it is not a backup of isotherm")?;
+    let mut entries = archive.entries().context("this is no backup")?.raw(true);
+    let first = entries.next().context("the file is empty")?;
+    let text = plain(first, MANIFEST, LARGEST_MANIFEST).context("this is no backup of isotherm")?;
     let manifest: Manifest = serde_json::from_slice(&text).map_err(|error| {
-        anyhow::anyhow!("this program cannot read its {MANIFEST}: {}", one_line(&error.to_string()))
+        anyhow::anyhow!("this program cannot read {MANIFEST} in the backup: {}", one_line(&error.to_string()))
     })?;
     ensure!(
         manifest.form == FORM,
-        "its format is version {}, and this program reads version {FORM}: restore it with the version of \
-         isotherm that wrote it",
+        "the backup has format version {}, but this program reads version {FORM}: restore the backup with \
+         the version of isotherm that wrote it",
         manifest.form
     );
     check(&manifest)?;
     let mut files = Vec::new();
     for Entry { path, bytes, sha256: sealed, .. } in &manifest.files {
-        let next = entries.next().with_context(|| format!("it ends before {path}"))?;
+        let next = entries
+            .next()
+            .with_context(|| format!("the backup ends before {path}: copy the backup again"))?;
         let found = plain(next, path, LARGEST)?;
         ensure!(
             found.len() as u64 == *bytes && sha256(&found) == *sealed,
-            "{path} was changed, or damaged, since the backup was made: its SHA-256 does not fit"
+            "{path} was changed, or damaged, since the backup was made: its SHA-256 is wrong; restore \
+             another backup"
         );
         files.push(found);
     }
-    ensure!(entries.next().is_none(), "it contains more files than its manifest lists");
+    ensure!(entries.next().is_none(), "the backup contains more files than its manifest lists");
     Ok((manifest, files))
 }
 
 /// Reads a regular file with this name.
 fn plain(entry: std::io::Result<tar::Entry<'_, &[u8]>>, name: &str, largest: u64) -> anyhow::Result<Vec<u8>> {
     // The original error would quote the content, which may be secret.
-    let entry = entry.map_err(|_| anyhow::anyhow!("it is damaged, or is not a tar archive"))?;
+    let entry = entry.map_err(|_| anyhow::anyhow!("the file is damaged, or is no tar archive"))?;
     ensure!(
         entry.header().entry_type() == tar::EntryType::Regular && *entry.path_bytes() == *name.as_bytes(),
         "the next entry must be the file {name}, but it is a link, a device or another file"
@@ -147,17 +150,17 @@ fn plain(entry: std::io::Result<tar::Entry<'_, &[u8]>>, name: &str, largest: u64
     let size = entry.size();
     let mut bytes = Vec::new();
     entry.take(size).read_to_end(&mut bytes)?;
-    ensure!(bytes.len() as u64 == size, "it ends within {name}");
+    ensure!(bytes.len() as u64 == size, "the backup ends within {name}: copy the backup again");
     Ok(bytes)
 }
 
 /// Checks a manifest: no path leads outside its directory, no file has another mode than in a backup, and none occurs
 /// twice.
 fn check(manifest: &Manifest) -> anyhow::Result<()> {
-    ensure!(manifest.files.len() <= MOST_FILES, "its manifest lists more than {MOST_FILES} files");
+    ensure!(manifest.files.len() <= MOST_FILES, "the manifest lists more than {MOST_FILES} files");
     let is_plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
     let machine = &manifest.machine;
-    ensure!(!machine.is_empty() && machine.bytes().all(is_plain), "its manifest has no valid machine name");
+    ensure!(!machine.is_empty() && machine.bytes().all(is_plain), "the manifest has no valid machine name");
     let mut known = std::collections::BTreeSet::new();
     for Entry { path, mode, .. } in &manifest.files {
         let shown = one_line(path);
@@ -165,17 +168,21 @@ fn check(manifest: &Manifest) -> anyhow::Result<()> {
         let is_clean = !path.chars().any(char::is_control) && !path.contains("//") && !path.contains("/./");
         ensure!(
             [PROFILE, STATE].contains(&room) && is_clean && is_below(Path::new(name)) && !name.ends_with('/'),
-            "its file {shown} would be outside the directories of profile and state"
+            "file {shown} of the backup would be outside the directories of profile and state"
         );
         ensure!(room != STATE || !name.contains('/'), "{shown} is no file of a state directory");
         ensure!(
             [SECRET_MODE, MODE, PROFILE_MODE].contains(mode),
-            "its file {shown} has a file mode that no backup uses"
+            "file {shown} of the backup has a file mode that no backup uses"
         );
-        ensure!(known.insert(path), "it contains {shown} twice");
+        ensure!(known.insert(path), "the backup contains {shown} twice");
     }
     let profile = format!("{PROFILE}/{}", manifest.profile);
-    ensure!(known.contains(&profile), "it does not contain the profile {}", one_line(&manifest.profile));
+    ensure!(
+        known.contains(&profile),
+        "the backup does not contain the profile {}",
+        one_line(&manifest.profile)
+    );
     Ok(())
 }
 

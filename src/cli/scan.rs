@@ -194,7 +194,7 @@ impl Seen {
                 self.ranges.push((unit, range));
             });
             if let Err(fault) = walked.await {
-                self.say(&format!("unit {unit}: its other registers are skipped: {fault}"));
+                self.say(&format!("unit {unit}: the other registers of the unit are skipped: {fault}"));
             }
         }
     }

@@ -76,7 +76,7 @@ fn correlation(text: &str) -> Result<f64, String> {
     if (0.0..=1.0).contains(&value) {
         Ok(value)
     } else {
-        Err("a correlation lies between 0 and 1".to_owned())
+        Err("write correlations between 0 and 1".to_owned())
     }
 }
 

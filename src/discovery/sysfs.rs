@@ -108,8 +108,11 @@ fn advice(root: &Path, sensor: &PcSensor, reason: Reason) -> String {
     match (others.is_empty(), present.is_empty()) {
         (false, _) => format!("{reason}; present sensors of this kind: {others}"),
         (true, false) => {
-            format!("{reason}, and no other of this kind: {driver}? Present sensors: {}", called(&|_| true))
+            format!(
+                "{reason}, and no other sensor of this kind: {driver}? Present sensors: {}",
+                called(&|_| true)
+            )
         }
-        (true, true) => format!("{reason}, and no other in {}: {driver}?", root.display()),
+        (true, true) => format!("{reason}, and no other sensor in {}: {driver}?", root.display()),
     }
 }

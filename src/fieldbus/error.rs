@@ -27,7 +27,7 @@ pub enum Fault {
     #[error("the server answers {0}")]
     Status(Status),
     /// The server has written some of the nodes of one call, and refuses another with this status.
-    #[error("the server has written only some nodes of one call: it answers {status} to node {place}")]
+    #[error("the server has written only some nodes of one call, and answers {status} to node {place}")]
     Part {
         /// Status of the first node that was not written.
         status: Status,
@@ -123,7 +123,7 @@ pub enum LinkFault {
     #[error("no connection")]
     Down,
     /// Nothing was sent: another device may answer now, so its checks must pass first.
-    #[error("waits for the checks of the device: its connection was lost, and another device may answer")]
+    #[error("waits for the checks of the device: the connection was lost, and another device may answer")]
     Unverified,
 }
 
@@ -137,7 +137,7 @@ pub enum CanFault {
     #[error("no CAN interface")]
     NotCan,
     /// The kernel of this computer has no CAN.
-    #[error("this computer's kernel has no CAN")]
+    #[error("the kernel of this computer does not support CAN")]
     NoKernel,
     /// This user has no permission to use the interface.
     #[error("no permission for CAN")]
@@ -149,7 +149,7 @@ pub enum CanFault {
     #[error("the interface's queue is full")]
     Full,
     /// The interface does not support CAN FD, or CAN cannot carry the frame.
-    #[error("a frame that the interface cannot carry")]
+    #[error("the interface does not support this frame")]
     TooLong,
 }
 

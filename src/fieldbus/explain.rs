@@ -31,7 +31,9 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
         Fault::Exception(3) => {
             "the device does not accept this value, or not so many registers in one request"
         }
-        Fault::Exception(4) => "the device could not execute the request: its own display or log says why",
+        Fault::Exception(4) => {
+            "the device could not execute the request: the display or log of the device says why"
+        }
         Fault::Exception(5) => {
             "the device has accepted the request and needs more time for it: try again later"
         }
@@ -77,7 +79,8 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
         Fault::Link(LinkFault::Can(fault)) => return remedy_of_an_interface(fault),
         Fault::Link(LinkFault::Tls(fault)) => return remedy_inside_tls(fault),
         Fault::Peer(PeerFault::Malformed) => {
-            "on a serial line: baud rate, parity, or two units with one number; over TCP: is it RTU over TCP?"
+            "on a serial line, check baud rate and parity, and that no two units have one number; over TCP: \
+             is it RTU over TCP?"
         }
         Fault::Peer(PeerFault::Foreign) => "is another master on the line?",
         Fault::Peer(PeerFault::Unasked) => "is it a late reply, or another master on the same line?",
@@ -109,7 +112,8 @@ pub const fn remedy(fault: Fault) -> Option<&'static str> {
             "the node has another type: write the node's own `type` at the output. An OPC UA browser shows it"
         }
         Fault::Status(status) if status.is(Status::NO_SUCH_NODE) => {
-            "there is no such node: is its name right, is its namespace still the same after an update of the server (`isotherm read --browse` shows the namespaces)?"
+            "there is no such node. Is the name of the node right? Is its namespace still the same after an \
+             update of the server (`isotherm read --browse` shows the namespaces)?"
         }
         Fault::Status(status) if status.is(Status::OUT_OF_RANGE) => {
             "the server does not accept this value for the node: are `scale`, the axis's `limit` and the \
@@ -171,7 +175,9 @@ pub const fn remedy_of_a_reading(reason: Reason) -> &'static str {
         Reason::PowerOnValue | Reason::AllZero => {
             "is the sensor's supply steady, are all its wires connected?"
         }
-        Reason::Stale => "is the device slow, is its line full? `isotherm check` shows the load",
+        Reason::Stale => {
+            "is the device slow, is the line of the device overloaded? `isotherm check` shows the load"
+        }
         Reason::Refused | Reason::Status(_) | Reason::Exception(_) => {
             "the log or display of the server or device says why"
         }

@@ -48,8 +48,8 @@ fn one_put_back(
     let wrong = |why: String| format!("{name} of the backup is rejected: {why}");
     if name != file_name(machine) {
         return Err(wrong(format!(
-            "it is not a state of {machine} that this version can read: restore it with the version that \
-             made it"
+            "this is no state of {machine} that this version can read: restore it with the version that made \
+             it"
         )));
     }
     let (seal, content) = read(bytes, machine).map_err(|unfit| wrong(unfit.to_string()))?;
@@ -67,7 +67,8 @@ fn one_put_back(
             Some((since, number)) if since == seal.since && number <= seal.number => {}
             Some((since, number)) if since == seal.since => {
                 return Err(format!(
-                    "{} is newer than the backup (its number is {number}, not {}): {remedy}",
+                    "{} is newer than the backup (the number of the saved state is {number}, not {}): \
+                     {remedy}",
                     path.display(),
                     seal.number
                 ));

@@ -15,7 +15,7 @@ pub(super) fn cause(axis: &AxisSettings, decision: &Decision) -> Option<Explaine
     let is_left = decision.worse.is_some()
         && axis.leaves_what_is_worse()
         && matches!(decision.state, AxisState::Ramping | AxisState::Zeroed);
-    is_left.then(|| Explained::new("its model is worse than no compensation", IDENTIFY))
+    is_left.then(|| Explained::new("the model is worse than no compensation", IDENTIFY))
 }
 
 /// Returns the event when a model is found worse, and when it is not worse any more. `reported` is the state after the
@@ -78,14 +78,14 @@ mod tests {
             };
             let found = Some(Worse { touches: 5, without: um(2.0), with: um(3.2) });
             let text = format!(
-                "axis z: its model is worse than no compensation: the residual error is 3.2 µm with the \
+                "axis z: the model is worse than no compensation: the residual error is 3.2 µm with the \
                  model, 2.0 µm without (root mean square of the last 5 touches); {hint}"
             );
             assert_eq!(told(None, AxisState::Active), (None, None));
             assert_eq!(told(found, AxisState::Active), (Some(text), None));
-            let why = (worse == OnWorse::Ramp).then(|| "its model is worse than no compensation".to_owned());
+            let why = (worse == OnWorse::Ramp).then(|| "the model is worse than no compensation".to_owned());
             assert_eq!(told(found, AxisState::Ramping), (None, why));
-            let over = "axis z: its model is not worse than no compensation any more".to_owned();
+            let over = "axis z: the model is not worse than no compensation any more".to_owned();
             assert_eq!(told(None, AxisState::Active), (Some(over), None));
         }
     }

@@ -148,7 +148,7 @@ impl Contact {
         let (digits, device) = (usize::from(age < 10.0), &self.profile.device(signal.device).name);
         Some(Explained::new(
             format!("{}: stamped {age:.digits$} s ago by the server", Reason::Stale),
-            format!("write source_time = \"changed\" at device {device} if it stamps only changes"),
+            format!("write source_time = \"changed\" at device {device} if the server stamps only changes"),
         ))
     }
 

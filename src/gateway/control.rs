@@ -116,7 +116,7 @@ pub fn open(path: &Path) -> std::io::Result<std::os::unix::net::UnixListener> {
     }
     if let Ok(found) = path.symlink_metadata() {
         if !found.file_type().is_socket() {
-            let why = "the command socket belongs here, but another file has this name: move that file away";
+            let why = "another file is at the path of the command socket: move that file away";
             return Err(refused(ErrorKind::AlreadyExists, why.to_owned()));
         }
         match presence(path) {

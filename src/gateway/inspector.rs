@@ -491,7 +491,8 @@ fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Dif
         return;
     }
     let is_of_settings = before == Continuity::Confirmed && is_evident;
-    let found = if is_of_settings { format!("its settings were changed: {found}") } else { found };
+    let found =
+        if is_of_settings { format!("the settings of the device were changed: {found}") } else { found };
     let why = Explained::new(format!("device {name}: {found}"), "correct the setting, then arm the axis");
     let told = match has_remedies {
         true => Explained::new(found, "until the setting is correct, no axis that needs the device is armed"),

@@ -253,18 +253,20 @@ fn another_master(signals: &[&Signal]) -> Explained {
     let mut cause =
         "another master is on the line: messages arrived that answer no request of this gateway".to_owned();
     if !signals.is_empty() {
-        let agree =
-            "its messages look like answers for these signals, which are used only if two in a row agree";
+        let agree = "messages of the other master look like answers for these signals; the gateway uses a \
+                     value only if two in a row agree";
         cause += &format!("; {agree}: {}", list(signals));
         let (_, unlimited): (Vec<&Signal>, Vec<&Signal>) =
             signals.iter().copied().partition(|signal| signal.max_rate.is_some());
         if !unlimited.is_empty() {
-            let same = "without `max_rate` two equal answers of the other master cannot be distinguished from theirs";
+            let same = "for these signals without `max_rate`, two equal answers of the other master cannot \
+                        be detected";
             cause += &format!("; {same}: {}", list(&unlimited));
         }
     }
     Explained::new(
         cause,
-        "one master per line: disconnect the other one, or let it read the values elsewhere",
+        "only one master is allowed on a line: disconnect the other master, or let it read the values on \
+         another line",
     )
 }

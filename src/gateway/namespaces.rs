@@ -134,8 +134,8 @@ pub(super) fn confirm_namespaces(
     if let Some(output) = profile.outputs.iter().find(is_concerned) {
         return Err(Explained::new(
             format!(
-                "output {} shares its register with an operator, and its ledger entry belongs to the former \
-                 namespace",
+                "output {} shares its register with an operator, and the ledger entry of the register is for \
+                 the former namespace",
                 output.name
             ),
             "write the intended namespace as nsu=... in the profile, and restart",

@@ -427,7 +427,10 @@ impl CommandHandle {
             Some(0) => Ok("already acknowledged".to_owned()),
             Some(1) => Ok("one alarm acknowledged".to_owned()),
             Some(count) => Ok(format!("{count} alarms acknowledged")),
-            None => Err(Explained::new("there is no such alarm", "it has ended, or has another name")),
+            None => Err(Explained::new(
+                "there is no such alarm",
+                "the alarm has ended, or has another name: `isotherm status` lists the alarms",
+            )),
         };
         let answered = answer.as_ref().map(String::as_str).map_err(Explained::clone);
         shared.report(&reported(command, Vec::new(), asker, answered));
@@ -455,7 +458,7 @@ impl CommandHandle {
                     return Ok(Answer::Done(format!("{device}: confirmed; {accepted}")));
                 }
                 let hint = "change the setting at the device, or correct `verify` in the profile";
-                return Err(Explained::new(format!("its checks do not pass: {found}"), hint));
+                return Err(Explained::new(format!("the checks of the device do not pass: {found}"), hint));
             }
             let jumped = core.board.confirm(DeviceId(place));
             Ok(Answer::Done(match jumped.as_slice() {

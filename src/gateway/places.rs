@@ -324,7 +324,7 @@ impl Places {
         let moved = self.outputs.get(output).and_then(|is| Moved::between(place, is));
         let (Some(Moved { was, is, .. }), Some(now)) = (moved, self.outputs.get(output)) else {
             if let Some(name) = former.becomes_whole(&self.outputs) {
-                let holds = holds.map_or(String::new(), |holds| format!("; it holds {holds} now"));
+                let holds = holds.map_or(String::new(), |holds| format!("; the register holds {holds} now"));
                 return Explained::new(
                     format!(
                         "output {output} shared {place} with an operator offset; output {name} uses the \
@@ -343,10 +343,10 @@ impl Places {
                  zero at the control, unless the operator needs the value. Then arm the axis",
             );
         };
-        let held = held.map_or("its value is not known".to_owned(), |held| {
-            format!("{held} from the gateway were verified there")
+        let held = held.map_or("the value in the register is not known".to_owned(), |held| {
+            format!("{held} from the gateway were verified in the register")
         });
-        let holds = holds.map_or(String::new(), |holds| format!("; its register holds {holds} now"));
+        let holds = holds.map_or(String::new(), |holds| format!("; the register holds {holds} now"));
         let hint = match (place.share, now.share) {
             (Owner::Ledger, Owner::Whole) => WHOLE,
             _ => {
@@ -520,7 +520,7 @@ pub(super) fn renamed<T>(all: BTreeMap<String, T>, names: &BTreeMap<String, Stri
 /// Explains why a reference that was captured from a signal is not used.
 pub(super) fn why_forgotten(signal: &str, Moved { was, is, .. }: &Moved) -> Explained {
     Explained::new(
-        format!("signal {signal} was {was}, it is {is}; its captured reference is not used"),
+        format!("signal {signal} was {was}, it is {is}; the captured reference of the signal is not used"),
         "the reference is captured again from now on; measure a part, or write the former place again",
     )
 }

@@ -45,7 +45,7 @@ pub(super) enum Missed {
 impl Missed {
     pub(super) fn message(self) -> &'static str {
         match self {
-            Missed::NoResult => "its result could not be read",
+            Missed::NoResult => "the result of the probing could not be read",
             Missed::Acting => "it is not certain which Cz acted in the machine",
         }
     }
@@ -99,15 +99,16 @@ pub(super) fn acting(axis: usize, outputs: &Outputs, arming: &Arming) -> Option<
 /// Cause and hint for a result that was not learned.
 pub(super) fn why_refused(profile: &Profile, axis: usize, refused: Refused, probed: &Probed) -> Explained {
     match refused {
-        Refused::NoModel => {
-            Explained::new("no model of the axis can be used now", "look at the alarms of its signals")
-        }
+        Refused::NoModel => Explained::new(
+            "no model of the axis can be used now",
+            "look at the alarms of the signals of the axis",
+        ),
         Refused::Tripped => Explained::new(
             "its model requested more than the error level and is not used",
             "arm the axis again when the cause is found",
         ),
         Refused::Outside => Explained::new(
-            "the inputs are outside the range on which its model was identified",
+            "the inputs are outside the range on which the model was identified",
             "if such days are usual, identify the model again with their data",
         ),
         Refused::Implausible => {

@@ -107,7 +107,7 @@ impl Releases {
         if let Some(one) = self.returning.iter().find(|one| one.waits.contains(&axis)) {
             return Attempt::Refused(Explained::new(
                 format!(
-                    "the former register of its output, {}, is still returning to its base",
+                    "the former register of the output, {}, is still returning to its base",
                     one.release.place
                 ),
                 "arm the axis when the release has ended: `isotherm status` shows its progress, and \
@@ -157,8 +157,8 @@ impl Returning {
             (Some(was), Some((is, _))) if (is - was).abs() <= self.grain_um => Ok(()),
             (Some(was), Some((is, _))) => Err(Explained::new(
                 format!(
-                    "{place} holds {is:.1} beside the {ours:.1} µm from the gateway, but the operator offset \
-                     was {was:.1}: perhaps the gateway share was removed by hand"
+                    "{place} holds {is:.1} besides the {ours:.1} µm from the gateway, but the operator \
+                     offset was {was:.1}: perhaps the gateway share was removed by hand"
                 ),
                 compare,
             )),
@@ -201,7 +201,7 @@ pub(super) fn layout(encoding: &Encoding) -> String {
 
 /// Obstacle of a shared register whose ledger entry is in doubt.
 pub(super) fn in_doubt() -> Explained {
-    Explained::new("the operator offset in it is in doubt", BY_HAND)
+    Explained::new("the operator offset in this register is in doubt", BY_HAND)
 }
 
 fn unknown() -> Explained {
@@ -222,7 +222,9 @@ fn why_not(profile: &Profile, former: &Former, kept: &[Entry]) -> Result<(), Exp
         let entry = kept.iter().find(|entry| entry.lies_at(&former.place));
         match entry.and_then(|entry| entry.kept.account) {
             None => {
-                return by_hand("the saved state does not contain the operator offset in it".to_owned());
+                return by_hand(
+                    "the saved state does not contain the operator offset in this register".to_owned(),
+                );
             }
             Some(account) if account.doubt.is_some() => return Err(in_doubt()),
             Some(_) => {}
@@ -230,7 +232,7 @@ fn why_not(profile: &Profile, former: &Former, kept: &[Entry]) -> Result<(), Exp
     }
     let held = former.found_um.or(former.held_um).unwrap_or_default();
     if held.abs() > bounds.limit_um + bounds.step_um * GRAIN_OF_A_STEP {
-        return by_hand(format!("{held:.1} µm is more than its former limit of ±{} µm", bounds.limit_um));
+        return by_hand(format!("{held:.1} µm is more than the former limit of ±{} µm", bounds.limit_um));
     }
     Ok(())
 }
@@ -266,7 +268,10 @@ fn way(profile: &Profile, place: &OutputPlace, bounds: &Bounds) -> Result<Way, E
         .ok_or_else(|| by_hand(format!("no register can be read as {} {}", place.address, place.layout)))?;
     let device = device_at(profile, place).ok_or_else(|| {
         Explained::new(
-            format!("the profile does not have its device any more, unit {} at {}", place.unit, place.bus),
+            format!(
+                "the profile does not have the device of this register any more, unit {} at {}",
+                place.unit, place.bus
+            ),
             "put that bus and device into the profile again and restart with `isotherm restart --keep`. Or \
              set that register to zero at the control, unless the operator needs the value",
         )
@@ -280,19 +285,24 @@ fn way(profile: &Profile, place: &OutputPlace, bounds: &Bounds) -> Result<Way, E
         })
     };
     if same_lines(profile, profile.device(device).bus).into_iter().any(is_written) {
-        return Err(Explained::new("an output of the profile writes to it", "arm the axis of that output"));
+        return Err(Explained::new(
+            "an output of the profile writes to this register",
+            "arm the axis of that output",
+        ));
     }
     let settings = profile.device(device);
     if settings.functions.writes(count).is_none() || !settings.functions.reads(Table::Holding) {
         return Err(by_hand(format!(
-            "`functions` of device {} do not allow it to be read and written",
+            "`functions` of device {} do not allow this register to be read and written",
             settings.name
         )));
     }
     let signal = |name: &str| profile.signals.iter().position(|signal| signal.name == name).map(SignalId);
     let when = bounds.when.as_ref().map(|text| {
         Condition::parse(text, &signal).map_err(|_| {
-            by_hand(format!("its interlock, {text}, has a signal that the profile does not have any more"))
+            by_hand(format!(
+                "the interlock of this register, {text}, has a signal that the profile does not have any more"
+            ))
         })
     });
     Ok(Way { device, register, encoding, when: when.transpose()? })

@@ -29,7 +29,7 @@ const AS_SHOWN_UM: f64 = 0.05;
 
 /// Cause and hint for the axis of a release that is over.
 const OVER: (&str, &str) = (
-    "its register is back at its base: the release is over",
+    "the register is back at its base: the release is over",
     "nothing is left to do: the next start does not have this axis",
 );
 
@@ -189,7 +189,8 @@ pub(super) fn ask(core: &mut Core, (output, seen): (&str, &[f64]), by: String) -
     let of_output: Vec<&LeftStatus> = all.iter().filter(|left| left.output == output).collect();
     if of_output.is_empty() {
         let cause = format!(
-            "no value of the gateway is in a register of an output {} that was moved or removed",
+            "output {}: there is nothing to release. Either it was not moved or removed, or no former \
+             register of it still holds a value of the gateway",
             quoted(output)
         );
         return Err(Explained::new(cause, "`isotherm status` shows what is left"));

@@ -36,7 +36,10 @@ pub(super) fn begin(
         return Err(format!("no output writes the Cz of axis {name}: nothing would move").into());
     }
     if core.arming[axis].sign.is_some() {
-        return Err(format!("the sign of axis {name} is being checked already").into());
+        return Err(format!(
+            "the sign of axis {name} is being checked already: wait until that check has ended"
+        )
+        .into());
     }
     let decision = core.compensation.decision(axis).filter(|_| core.arming[axis].is_armed());
     let Some(decision) = decision else {
@@ -48,7 +51,8 @@ pub(super) fn begin(
     if !decision.state.is_following() || !core.has_arrived(axis) {
         let why = core.why(axis, now);
         let does = AxisState::display_of(decision.state.name());
-        let why = if why.cause.is_empty() { "its offset has not arrived yet".into() } else { why };
+        let why =
+            if why.cause.is_empty() { "the offset of the axis has not arrived yet".into() } else { why };
         return Err(Explained::new(
             format!("axis {name} is {does}: {why}"),
             "check the sign when the axis compensates and its offset has arrived",

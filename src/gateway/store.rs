@@ -149,7 +149,8 @@ pub(super) fn open(
     let aside: Vec<(PathBuf, PathBuf)> = files.map(beside).collect();
     let names: Vec<String> = aside.iter().map(|(_, beside)| beside.display().to_string()).collect();
     let names = names.join(" and ");
-    let kept = if names.is_empty() { String::new() } else { format!("; it is kept as {names}") };
+    let kept =
+        if names.is_empty() { String::new() } else { format!("; the rejected files are kept as {names}") };
     let since = known.map(|known| known.since).or(seal.as_ref().map(|seal| seal.since)).unwrap_or(now);
     let of_here = seal.as_ref().filter(|seal| seal.since == since);
     let named = known.map_or(0, |known| known.number);
@@ -168,7 +169,7 @@ pub(super) fn open(
     });
     let found =
         found.map_err(|why| format!("the saved state {} is rejected: {why}{kept}", document.display()));
-    let earlier = is_earlier.then(|| (layout, format!("its files are kept as {names}")));
+    let earlier = is_earlier.then(|| (layout, format!("the earlier files are kept as {names}")));
     let file = StoreFile {
         disk: Arc::clone(disk),
         document,

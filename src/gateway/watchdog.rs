@@ -60,7 +60,10 @@ impl Watchdog {
                 if !is_reported {
                     is_reported = true;
                     let task = format!("bus {late}");
-                    shared.report(&Event::TaskFailed { task, why: "it does not cycle any more".to_owned() });
+                    shared.report(&Event::TaskFailed {
+                        task,
+                        why: "the task of this bus does not run any more".to_owned(),
+                    });
                     stop();
                 } else if stuck > Duration::from_secs(10) {
                     give_up();

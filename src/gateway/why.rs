@@ -101,7 +101,8 @@ impl Reasons<'_> {
                 permit == Permit::Unverified && !has_its_reference(profile, output, state)
             })
             .map(|(output, _)| {
-                format!("output {} does not hold the reference position yet", output.name).into()
+                format!("the register of output {} does not contain the reference position yet", output.name)
+                    .into()
             });
         let troubled = troubled.or(displaced);
         if decision.tripped {
@@ -187,7 +188,10 @@ fn lacking(
     match lacks {
         Unusable::Signal(id) => bad(id),
         Unusable::Reference(id) if !has_run => Explained::new(
-            format!("the machine has not been seen running yet, and {} is measured from its start", name(id)),
+            format!(
+                "the machine has not been seen running yet, and {} is measured from machine start",
+                name(id)
+            ),
             RUN_IT,
         ),
         Unusable::Reference(id) => format!("the reference of {} is not captured yet", name(id)).into(),
@@ -211,7 +215,10 @@ fn lacking(
 fn hint_at(output: &Output, standing: Standing) -> Option<Cow<'static, str>> {
     Some(match standing {
         Standing::Interlocked => {
-            let when = output.when.as_ref().map_or("its condition holds", |when| when.text.as_str());
+            let when = output
+                .when
+                .as_ref()
+                .map_or("the condition `when` of the output is true", |when| when.text.as_str());
             format!("the gateway writes again when {when}").into()
         }
         Standing::Foreign => "correct the value at the control, then arm the axis".into(),

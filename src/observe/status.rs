@@ -157,7 +157,8 @@ impl Moved {
             ),
             Moved::None => Explained::new(
                 format!(
-                    "the gauge did not move: the control does not apply the offset, or the gauge does not stand along {axis}"
+                    "the gauge did not move: the control does not apply the offset, or the gauge does not \
+                     measure along {axis}"
                 ),
                 format!("disarm {axis} and look for the cause"),
             ),

@@ -230,7 +230,7 @@ fn files_of_no_use_are_reported_at_their_keys_all_at_once() {
     let found = refused("plc:802", "", &authority.cert, &mixed);
     assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
     assert_eq!((found[0].key.as_str(), found[0].line.is_some()), ("bus.cell.tls.key", true));
-    assert!(found[0].message.contains("does not belong to the certificate"), "{}", found[0]);
+    assert!(found[0].message.contains("is not the key of the certificate"), "{}", found[0]);
 
     let swapped = Signed { cert: ours.key.clone(), key: ours.cert.clone() };
     let found = refused("plc:802", "", "nothing", &swapped);

@@ -171,7 +171,7 @@ fn what_lies_in_the_place_of_the_command_socket_is_left_alone_and_named() {
         let home = Home::new(MACHINE);
         let socket = home.state.join("interop.sock");
         lay(&socket);
-        home.refuses(1, &["interop.sock", "another file has this name"]);
+        home.refuses(1, &["interop.sock", "another file is at the path of the command socket"]);
         assert!(socket.symlink_metadata().is_ok());
     }
     // A listener that accepts no connection.

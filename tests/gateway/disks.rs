@@ -86,7 +86,7 @@ impl Home {
             let replay = replay.arg("replay").arg(&self.profile).arg(self.state.join(name)).output().unwrap();
             let said = String::from_utf8([replay.stdout, replay.stderr].concat()).unwrap();
             assert!(replay.status.success(), "{name}: {said}");
-            assert!(said.contains("bit for bit") || said.contains("came out again"), "{name}: {said}");
+            assert!(said.contains("bit for bit") || said.contains("of the log again"), "{name}: {said}");
         }
         logs.len()
     }

@@ -61,17 +61,17 @@ async fn posted(answer: &'static str) -> Result<(), Failure> {
 async fn what_a_server_answers_is_said_in_words() {
     assert_eq!(posted("HTTP/1.1 202 Accepted\r\nContent-Length: 2\r\n\r\nok").await, Ok(()));
     for (answer, words) in [
-        ("HTTP/1.1 500 Oops\r\n\r\n", "it answered 500: it had an internal error"),
-        ("HTTP/1.1 401 Who\r\n\r\n", "it answered 401: is the token in `token_file` right?"),
-        ("HTTP/1.1 404 Where\r\n\r\n", "it answered 404: is the path in `url` right?"),
-        ("HTTP/1.1 429 Slow\r\nRetry-After: 30\r\n\r\n", "it answered 429: it is overloaded"),
+        ("HTTP/1.1 500 Oops\r\n\r\n", "the server answered 500: the server had an internal error"),
+        ("HTTP/1.1 401 Who\r\n\r\n", "the server answered 401: is the token in `token_file` right?"),
+        ("HTTP/1.1 404 Where\r\n\r\n", "the server answered 404: is the path in `url` right?"),
+        ("HTTP/1.1 429 Slow\r\nRetry-After: 30\r\n\r\n", "the server answered 429: the server is overloaded"),
         (
             "HTTP/1.1 301 Moved\r\nLocation: https://elsewhere.example/?secret\r\n\r\n",
-            "it answered 301: it is elsewhere (https://elsewhere.example); the gateway does not follow: \
-             write that address into `url`",
+            "the server answered 301, a redirection to another address (https://elsewhere.example). The \
+             gateway does not follow it: write that address into `url`",
         ),
-        ("HTTP/1.1 200 OK\r\nA: ", "it closed the connection before it had answered"),
-        ("", "it closed the connection before it had answered"),
+        ("HTTP/1.1 200 OK\r\nA: ", "the server closed the connection before it had answered"),
+        ("", "the server closed the connection before it had answered"),
         ("220 mail.example ESMTP\r\n", "does not speak HTTP/1.1"),
     ] {
         let failure = posted(answer).await.unwrap_err().to_string();

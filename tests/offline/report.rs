@@ -271,7 +271,7 @@ fn the_groups_asked_for_are_the_groups_reported_and_nonsense_is_refused() {
     let wrong = wrong.args(["select", "--error", "z_error_um", "--group", "9"]).args(days(home.path()));
     let ended = wrong.output().unwrap();
     assert_eq!(ended.status.code(), Some(2));
-    assert!(String::from_utf8_lossy(&ended.stderr).contains("a correlation lies between 0 and 1"));
+    assert!(String::from_utf8_lossy(&ended.stderr).contains("write correlations between 0 and 1"));
 }
 
 #[test]

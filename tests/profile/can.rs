@@ -108,8 +108,8 @@ fn frames_become_values_with_the_shared_sentinels_scales_and_conditions() {
 
 #[test]
 fn keys_of_one_kind_of_line_are_refused_on_the_other() {
-    wrong("node = 127", "node = 127\nunit = 1", "device.encoder.unit", &["belongs to a Modbus device"]);
-    wrong("unit = 1", "unit = 1\nnode = 5", "device.cnc.node", &["belongs to a device on a CAN line"]);
+    wrong("node = 127", "node = 127\nunit = 1", "device.encoder.unit", &["only for a Modbus device"]);
+    wrong("unit = 1", "unit = 1\nnode = 5", "device.cnc.node", &["only for a device on a CAN line"]);
     wrong("unit = 1", "unit = 1\nheartbeat = \"1s\"", "device.cnc.heartbeat", &["on a CAN line"]);
     wrong(
         "interface = \"vcan0\"",
@@ -124,7 +124,7 @@ fn keys_of_one_kind_of_line_are_refused_on_the_other() {
         "pdo    = { cob_id = 0x185, start = 0, length = 16, signed = true }",
         "register = \"input:0\"",
         "signal.column.register",
-        &["belongs to a Modbus device", "write dbc, pdo, sdo or frame"],
+        &["only for a Modbus device", "write dbc, pdo, sdo or frame"],
     );
     let extra = |place: &str| format!("[signal.more]\ndevice = \"cnc\"\n{register}{place}\n\n[axis.x]");
     for place in
@@ -132,7 +132,7 @@ fn keys_of_one_kind_of_line_are_refused_on_the_other() {
     {
         let found = errors(lathe(&changed("[axis.x]", &extra(place))));
         assert!(
-            found.iter().any(|error| error.message.contains("belongs to a device on a CAN line")),
+            found.iter().any(|error| error.message.contains("only for a device on a CAN line")),
             "{found:?}"
         );
     }
@@ -146,7 +146,7 @@ fn keys_of_one_kind_of_line_are_refused_on_the_other() {
         "position = \"scale_x\"",
         "position = \"scale_x\"\nword_order = \"msw-first\"",
         "output.shown_x.word_order",
-        &["belongs to a Modbus device"],
+        &["only for a Modbus device"],
     );
     wrong(
         "[device.cnc]",
@@ -185,9 +185,9 @@ fn what_only_a_node_has_needs_a_node_number() {
         "device.axtc.heartbeat",
         &["one every 1s 500ms", "at least two heartbeats in this time"],
     );
-    wrong("value = 100,", "value = 70000,", "device.axtc.setup[1].value", &["u16 never holds 70000"]);
+    wrong("value = 100,", "value = 70000,", "device.axtc.setup[1].value", &["u16 cannot contain 70000"]);
     wrong("\"1800:05\"", "\"1800.5\"", "device.axtc.setup[1].sdo", &["as \"7130:01\""]);
-    wrong("equals = 3", "equals = -3", "device.axtc.verify[0].equals", &["never holds -3"]);
+    wrong("equals = 3", "equals = -3", "device.axtc.verify[0].equals", &["cannot contain -3"]);
 }
 
 #[test]
@@ -218,7 +218,7 @@ fn a_field_that_no_frame_holds_is_reported_with_how_many_bytes_it_needs() {
     let field = field(&loaded.profile, "coolant");
     assert!(field.is_fd && field.frames.id.is_extended());
     wrong("id = 0x100,", "id = 0x800, extended = false,", "signal.coolant.frame.extended", &["29 bits"]);
-    wrong("raw = -512, means", "raw = -70000, means", "signal.column.bad", &["i16 never holds -70000"]);
+    wrong("raw = -512, means", "raw = -70000, means", "signal.column.bad", &["i16 cannot contain -70000"]);
     wrong(
         "means = \"open circuit\"",
         "means = \"open cicuit\"",
@@ -358,7 +358,7 @@ fn a_can_line_is_explained_in_words_and_figures() {
         "    frame 0x002: wheelhead (22 bits from 18 up (Intel), unsigned), wheelhead_status (2 bits from 16 up (Intel), unsigned)",
         "  axtc: CANopen node 5",
         "    node 5 is started by NMT at the beginning and after each boot-up",
-        "    its heartbeat counts as missing after 2s, also if it was never seen",
+        "    the heartbeat of the node counts as missing after 2s, also if none was ever received",
         "    before each start writes 1800:05 = 100 (u16): TPDO1 every 100 ms",
         "    object 6150:01, u8, every 1s: column_status",
         "    before arming and every 1m object 6110:01 must read 3: sensor type of channel 1",
@@ -368,7 +368,7 @@ fn a_can_line_is_explained_in_words_and_figures() {
          -1 or -512 (open circuit)",
         "  coolant: 0x100, 16 bits from 7 down (Motorola), signed, from canmod, 0.1 °C per count",
         "  shown_x: 0x20c, 32 bits from 0 up (Intel), signed, to display, 0.001 mm per count\n",
-        "    accepted as soon as it is sent: it is only displayed, and not verified",
+        "    accepted as soon as the value is sent: it is only displayed, and not verified",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }

@@ -84,7 +84,7 @@ fn figures_that_contradict_each_other_are_reported_with_both() {
         "bad = [32768]",
         "signal.wheelhead.bad",
         "[32768]",
-        &["never holds 32768"],
+        &["cannot contain 32768"],
     );
     refused(
         "max_age = \"5s\"",
@@ -136,12 +136,18 @@ fn a_register_must_hold_the_limit() {
         narrow,
         "output.cnc_z.type",
         "\"i16\"",
-        &["-40 to 40 µm do not fit i16", "-32768 to 32767"],
+        &["-40 to 40 µm exceed the range of i16", "-32768 to 32767"],
     );
     refused(wide, "type = \"u16\"\nscale = 0.1\nrefresh", "output.cnc_z.type", "\"u16\"", &["bias 0"]);
     assert!(with(wide, "type = \"u16\"\nscale = 0.1\nbias = 32768\nrefresh").is_ok());
     let corrected = "scale = 0.0001";
-    refused(corrected, "scale = 1e-8", "output.readout_z.type", "\"i32\"", &["500.04 mm do not fit i32"]);
+    refused(
+        corrected,
+        "scale = 1e-8",
+        "output.readout_z.type",
+        "\"i32\"",
+        &["500.04 mm exceed the range of i32"],
+    );
 }
 
 #[test]
@@ -395,7 +401,7 @@ fn what_a_control_applies_is_read_elsewhere_and_of_a_whole_offset_alone() {
     assert_eq!((applied.address.to_string(), applied.settle.as_millis()), ("input:112".to_owned(), 500));
     assert_eq!(applied.encoding.scale, output.encoding.scale, "as the output's, where nothing else is said");
     let reported = |text: &str| parse(text).unwrap_err().to_string();
-    assert!(reported(&with("\"6004:00\"")).contains("belongs to CAN"));
+    assert!(reported(&with("\"6004:00\"")).contains("only for CAN"));
     assert!(reported(&with("{ register = \"coil:3\" }")).contains("cannot hold an offset"));
     assert!(reported(&with("{ tolerance = 0.2 }")).contains("`register` is missing"));
     assert!(

@@ -93,8 +93,8 @@ fn a_matrix_that_does_not_fit_is_refused_with_the_names_of_both() {
         (with("[0, 400]", "[400, 0]"), &["must ascend"]),
         (with("[0, 400]", "[0, 400, 800]"), &["P has 6 rows; 3 points in guide_mm need 9 rows"]),
         (with("\"guide_nodes\"", "\"guide_node\""), &["unknown field `guide_node`"]),
-        (with("\"version\": 1", "\"version\": 2"), &["version is 2"]),
-        (with("isotherm-matrix", "isotherm-network"), &["its format is \"isotherm-network\""]),
+        (with("\"version\": 1", "\"version\": 2"), &["the version of the file is 2"]),
+        (with("isotherm-matrix", "isotherm-network"), &["the format is \"isotherm-network\""]),
         (MATRIX[..100].to_owned(), &["no JSON of isotherm"]),
         (with("0.001", "1e999"), &["out of range"]),
     ] {
@@ -167,16 +167,16 @@ fn a_network_that_does_not_fit_is_refused_with_the_names_of_both() {
         &three,
         &n(NETWORK),
         ".file",
-        &["n.json: it has 2 inputs (a, b)", "names 3: bed, wheelhead, scale_z"],
+        &["n.json: the file has 2 inputs (a, b)", "names 3: bed, wheelhead, scale_z"],
     );
     refused_at(
         &three,
         &n(RADIAL),
         ".file",
-        &["n.json: it takes 2 inputs, the model names 3: bed, wheelhead, scale_z"],
+        &["n.json: the network has 2 inputs, but the model names 3: bed, wheelhead, scale_z"],
     );
     for (from, to, words) in [
-        ("\"bp\"", "\"cnn\"", "its type is \"cnn\""),
+        ("\"bp\"", "\"cnn\"", "the type of the network is \"cnn\""),
         ("\"tanh\"", "\"tan\"", "unknown variant `tan`"),
         ("[[0.5, -0.5]]", "[[0.5]]", "layer 1, neuron 1: 1 weights"),
         ("\"scale\": [4, 4]", "\"scale\": [4, 0]", "the scale not zero"),
@@ -245,10 +245,10 @@ fn an_onnx_file_is_found_beside_its_profile_and_must_fit_it() {
     assert_eq!(loaded, load(&keys).unwrap(), "the same files are the same profile");
     assert!(reported(&loaded).contains("Cz = ONNX network of nets/n.onnx µm, over bed, wheelhead"));
     let one = errors(load(&keys.replace(", \"wheelhead\"", ""))).remove(0).to_string();
-    assert!(one.contains("nets/n.onnx: it takes 2 inputs, the model names 1: bed"), "{one}");
+    assert!(one.contains("nets/n.onnx: the network has 2 inputs, but the model names 1: bed"), "{one}");
     std::fs::write(directory.path().join("nets/n.onnx"), &file[..file.len() / 2]).unwrap();
     let cut = errors(load(&keys)).remove(0).to_string();
-    assert!(cut.contains("nets/n.onnx: it is no ONNX file, or not the whole of one"), "{cut}");
+    assert!(cut.contains("nets/n.onnx: this is no ONNX file, or the file is incomplete"), "{cut}");
 }
 
 #[test]
@@ -266,8 +266,8 @@ fn an_envelope_belongs_to_any_model_and_says_what_happens_outside() {
         ("[[4, 1], [1, 4]]", "[[4, 4], [4, 4]]", "not positive definite: wheelhead"),
         ("[[4, 1], [1, 4]]", "[[4]]", "1 rows of 1 columns; 2 inputs need as many rows and columns"),
         ("[[4, 1], [1, 4]]", "[[4, 1], [2, 4]]", "not symmetric: bed with wheelhead"),
-        ("\"mean\": 24", "\"mean\": 34", "bed: its mean must lie between"),
-        ("\"bed\"", "\"scale_z\"", "the model does not read `scale_z`"),
+        ("\"mean\": 24", "\"mean\": 34", "bed: `mean` must be between"),
+        ("\"bed\"", "\"scale_z\"", "input `scale_z` of this file is not a signal of the model"),
         ("\"mean\": 24", "\"median\": 24", "unknown field `median`"),
     ] {
         let file = ENVELOPE.replace(from, to);
@@ -319,7 +319,7 @@ fn halves_of_another_model_are_refused_with_the_term() {
         (
             ", { \"signal\": \"wheelhead\", \"lag_s\": 0, \"ridge\": 1, \"net\": 1 }",
             "",
-            "they have 1 terms, the model has 2",
+            "they have 1 terms, but the model has 2",
         ),
         ("\"version\": 1", "\"version\": 2", "this program reads version 1"),
         ("isotherm-halves", "isotherm-envelope", "\"isotherm-halves\" is required"),
@@ -371,10 +371,14 @@ fn stand_ins_say_who_is_watched_and_for_whom_others_stand_in() {
         ),
         ("\"wheelhead\", \"lag_s\": 360", "\"bed\", \"lag_s\": 360", "bed: a sensor cannot replace itself"),
         ("\"wheelhead\", \"threshold\"", "\"bed\", \"threshold\"", "bed is listed twice"),
-        ("0.31", "0", "bed: its threshold must be above 0 °C"),
+        ("0.31", "0", "bed: the threshold must be above 0 °C"),
         ("360", "-1", "bed: a lag of -1 s is not between 0 and a week"),
         ("360", "1e9", "is not between 0 and a week"),
-        ("[{ \"signal\": \"bed\", \"lag_s\": 0, \"gain\": 1.1 }]", "[]", "wheelhead: it has 0 terms"),
+        (
+            "[{ \"signal\": \"bed\", \"lag_s\": 0, \"gain\": 1.1 }]",
+            "[]",
+            "wheelhead: this sensor has 0 terms",
+        ),
         ("\"gain\": 1.1", "\"gain\": \"1.1\"", "invalid type"),
         ("isotherm-stand-ins", "isotherm-halves", "\"isotherm-stand-ins\" is required"),
         ("\"version\": 1", "\"version\": 2", "this program reads version 1"),

@@ -21,11 +21,11 @@ fn how_wrong_a_model_was_becomes_what_it_is_expected_to_be() {
     let root = |square: f64| isotherm_core::quantity::Micron::new(square.sqrt());
     let (datum, touch, preview) = touched(BOTH);
     assert_eq!((datum, touch), (root(0.9 * 4.0 + 1.1), root(0.8 + 0.2)));
-    let words = "expected within ±√(0.9·h + 1.1) µm after h hours since its datum, ±√(0.8·h + 0.2) µm since a probing (1 σ)";
+    let words = "expected within ±√(0.9·h + 1.1) µm after h hours since the datum, ±√(0.8·h + 0.2) µm since a probing (1 σ)";
     assert!(preview.contains(words), "{preview}");
     let (datum, touch, preview) = touched(&BOTH.replace(", since_touch = [0.8, 0.2]", ""));
     assert_eq!((datum, touch), (root(0.9 * 4.0 + 1.1), datum));
-    assert!(preview.contains("hours since its datum (1 σ)"), "{preview}");
+    assert!(preview.contains("hours since the datum (1 σ)"), "{preview}");
     assert!(!parse(GRINDER).unwrap().profile.axes[0].says_how_wrong());
 }
 

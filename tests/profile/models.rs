@@ -39,7 +39,7 @@ fn a_lag_a_slope_levels_and_a_datum_are_taken() {
          changes by +0.7 µm",
         "beyond ±30 µm the gateway warns",
         "a model value beyond ±60 µm switches the axis off until it is armed",
-        "measured from its value at the last zero",
+        "Cz counts from the last zero",
     ] {
         assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
@@ -97,7 +97,7 @@ fn a_slope_has_a_position_in_mm_a_reference_and_terms_in_um_per_mm() {
         assert!(found[0].to_string().contains(words), "{}", found[0]);
     }
     let found = errors(with("kind = \"formula\"", &SLOPE.replacen("linear", "formula", 1)));
-    assert!(found[0].to_string().contains("`slope` belongs to a linear model"), "{}", found[0]);
+    assert!(found[0].to_string().contains("`slope` is only for a linear model"), "{}", found[0]);
 }
 
 #[test]
@@ -159,9 +159,14 @@ fn a_control_that_applies_the_line_itself_is_given_its_parts() {
 #[test]
 fn a_line_that_cannot_be_applied_is_refused() {
     for (from, to, key, words) in [
-        ("travel = [-350.0, 0.0], ", "", "axis.z.model[0].slope.travel", "it limits the effect of the slope"),
+        (
+            "travel = [-350.0, 0.0], ",
+            "",
+            "axis.z.model[0].slope.travel",
+            "the travel limits the effect of the written slope",
+        ),
         ("writes = \"reference\"", "writes = \"offset\"", "output.p0.writes", "act twice"),
-        ("writes = \"intercept\"", "writes = \"slope\"", "axis.z", "writes its intercept (K0)"),
+        ("writes = \"intercept\"", "writes = \"slope\"", "axis.z", "writes the intercept (K0)"),
         ("rate = 0.5", "rate = 0.5\ndiameter = true", "axis.z.diameter", "to the radius"),
         (
             "scale = 0.0001\n\n[output.p0]",

@@ -40,18 +40,18 @@ fn what_is_wrong_with_it_is_said_at_its_key() {
         ("group = \"a//b\"", "mqtt.group", "cannot begin a topic"),
         ("every = \"10ms\"", "mqtt.every", "published this often"),
         ("every = \"1min\"\nrefresh = \"30s\"", "mqtt.refresh", "shorter than `every`"),
-        ("buffer = \"100MB\"", "mqtt.buffer", "belongs to format = \"sparkplug-b\""),
+        ("buffer = \"100MB\"", "mqtt.buffer", "only for format = \"sparkplug-b\""),
         (
             "format = \"sparkplug-b\"\ngroup = \"a\"\nbuffer = \"0MB\"",
             "mqtt.buffer",
-            "does not hold one minute",
+            "too small for one minute",
         ),
         (
             "format = \"sparkplug-b\"\ngroup = \"a\"\nhome_assistant = true",
             "mqtt.home_assistant",
-            "belongs to format = \"json\"",
+            "only for format = \"json\"",
         ),
-        ("tls = { ca = \"ca.pem\" }", "mqtt.tls", "belongs to mqtts://"),
+        ("tls = { ca = \"ca.pem\" }", "mqtt.tls", "only for mqtts://"),
         ("user = { name = \"gw7\", password_file = \"none\" }", "mqtt.user.password_file", ""),
     ] {
         let lines = if lines.contains("broker") || words.contains("`broker`") {

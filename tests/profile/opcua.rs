@@ -348,13 +348,7 @@ fn a_set_in_nodes_has_no_word_that_would_have_to_come_last() {
             &["may write the nodes of a call in any order", "`handshake`"],
         );
     }
-    no_set(
-        "[set.line]\n",
-        "[set.line]\nzeros = true\n",
-        "set.line.zeros",
-        "zeros",
-        &["belongs to registers"],
-    );
+    no_set("[set.line]\n", "[set.line]\nzeros = true\n", "set.line.zeros", "zeros", &["only for registers"]);
 }
 
 #[test]
@@ -365,14 +359,14 @@ fn what_is_wrong_with_the_words_of_a_set_in_nodes_is_told_at_their_keys() {
     no_set(beat, untyped, "set.line.heartbeat.type", "heartbeat", &["`type` is missing"]);
     let at_type = "set.line.heartbeat.type";
     let small = beat.replace("i16", "u8");
-    no_set(beat, &small, at_type, "\"u8\"", &["u8 does not hold 32767"]);
+    no_set(beat, &small, at_type, "\"u8\"", &["u8 cannot contain 32767"]);
     no_set(beat, &beat.replace("i16", "f64"), at_type, "\"f64\"", &["no integer type"]);
     no_set(
         "type = \"u32\", value = 17",
         "type = \"u8\", value = 4711",
         "set.line.version.type",
         "\"u8\"",
-        &["u8 does not hold 4711"],
+        &["u8 cannot contain 4711"],
     );
     no_set("s=taken", "s=strobe", "set.line.handshake.acknowledge", "{ node", &["the strobe itself"]);
     no_set(
@@ -411,10 +405,10 @@ fn a_register_has_no_place_for_a_node() {
     let restart = "share = \"whole\"\nrestart = { boot_counter = { node = \"ns=2;s=boots\" } }";
     let text = with("share = \"whole\"", restart);
     let error = only_error(&text, "output.cnc_z.restart.boot_counter", "{ node");
-    assert!(error.to_string().contains("belongs to an OPC UA server"), "{error}");
+    assert!(error.to_string().contains("only for an OPC UA server"), "{error}");
     let text = with("register = \"holding:100\"", "register = \"holding:100\"\nnode = \"ns=2;s=life\"");
     let error = only_error(&text, "heartbeat.node", "node");
-    assert!(error.to_string().contains("belongs to an OPC UA server"), "{error}");
+    assert!(error.to_string().contains("only for an OPC UA server"), "{error}");
 }
 
 #[test]

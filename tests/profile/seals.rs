@@ -58,7 +58,7 @@ fn a_network_is_sealed_as_the_others_are() {
         &keys(&sha256(b"another")),
         files,
         ".file",
-        &["n.json: the file was changed, or belongs to another model"],
+        &["n.json: the file was changed, or is of another model"],
     );
 }
 
@@ -68,7 +68,7 @@ fn what_seals_nothing_or_is_no_seal_is_refused() {
         "kind = \"linear\"\nterms = [ {{ signal = \"bed\", gain = 2, reference = 0.0 }} ]\nsha256.halves = \"{}\"",
         sha256(b"")
     );
-    refused_at(&none, &[], ".sha256.halves", &["the model has no `halves` to which this SHA-256 belongs"]);
+    refused_at(&none, &[], ".sha256.halves", &["the model has no `halves` for this SHA-256"]);
     let short = sealed().replace(&sha256(HALVES.as_bytes()), "cafe");
     refused_at(&short, &FILES, ".sha256.halves", &["64 hex digits", "`sha256sum h.json` prints"]);
     let other = format!("{}\nsha256.nets = \"\"", sealed());

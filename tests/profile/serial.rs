@@ -58,10 +58,10 @@ fn settings_that_no_line_has_are_refused() {
     is_refused(&line("baud = 19200\nstop_bits = 3"), "bus.cell.stop_bits", "3", &["1", "2"]);
     is_refused(&line("baud = 19200\nparity = \"mark\""), "bus.cell.parity", "\"mark\"", &["even"]);
     let address = line("baud = 19200\naddress = \"10.0.0.1:502\"");
-    is_refused(&address, "bus.cell.address", "address", &["belongs to a TCP line"]);
+    is_refused(&address, "bus.cell.address", "address", &["only for a TCP line"]);
     let error =
         only_error(&GRINDER.replacen(TCP, &format!("{TCP}\nbaud = 9600"), 1), "bus.cell.baud", "baud");
-    assert!(error.to_string().contains("belongs to a modbus-rtu line"), "{error}");
+    assert!(error.to_string().contains("only for a modbus-rtu line"), "{error}");
 }
 
 #[test]
@@ -151,7 +151,7 @@ fn a_line_of_rtu_frames_has_no_gateway_that_stamps_transactions() {
     let with_gateway = GRINDER.replacen("max_gap = 4 }", "gateway = true }", 1);
     let line = with_gateway.replacen("type = \"modbus-tcp\"", "type = \"modbus-rtu-over-tcp\"", 1);
     let error = only_error(&line, "bus.cell.quirks.gateway", "gateway");
-    assert!(error.to_string().contains("belongs to a modbus-tcp line"), "{error}");
+    assert!(error.to_string().contains("only for a modbus-tcp line"), "{error}");
     let line = GRINDER.replacen("type = \"modbus-tcp\"", "type = \"modbus-rtu-over-tcp\"", 1);
     let line = line.replacen("quirks = { max_gap = 0 }", "quirks = { gateway = false }", 1);
     let error = only_error(&line, "device.counter.quirks.gateway", "gateway");

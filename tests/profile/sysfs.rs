@@ -65,7 +65,7 @@ fn check_says_which_sensor_is_read_and_where_it_is_looked_for() {
     for said in [
         "bus pc: sensors of this computer at /sys, timeout 2s",
         "only read; all sensors of a device at the same time; a sensor that does not answer is read again \
-         when it has returned",
+         when the driver has returned",
         "probes: every 5s: 1 request touching 3 sensors for 3 signals",
         "read 3 sensors at once: bed, cabinet, column",
         "bed: sensor w1:28-0316a2794f01 of probes, plus -0.25; rejected with a wrong checksum, or with all \
@@ -117,7 +117,7 @@ fn what_is_wrong_with_a_sensor_is_told_at_its_key() {
     );
     let on_modbus = GRINDER.replacen("[signal.bed]\n", "[signal.bed]\nsensor = \"iio:mcp9808\"\n", 1);
     let said = Errors(errors(parse(&on_modbus))).to_string();
-    for words in ["more than one place", "`sensor` belongs to a sensor of this computer"] {
+    for words in ["more than one place", "`sensor` is only for a sensor of this computer"] {
         assert!(said.contains(words), "{said}");
     }
 }

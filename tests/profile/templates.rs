@@ -172,7 +172,13 @@ fn channels_variants_bases_and_expectations_must_fit_the_template() {
         &["did you mean `type_code`?"],
     );
     let high = "template = \"icp-das-m7019r\"\nexpect = { open_circuit = 2 }";
-    wrong("template = \"icp-das-m7019r\"", high, "device.module.verify[2].equals", "2", &["never holds 2"]);
+    wrong(
+        "template = \"icp-das-m7019r\"",
+        high,
+        "device.module.verify[2].equals",
+        "2",
+        &["cannot contain 2"],
+    );
     wrong("template = \"icp-das-m7019r\"\n", "", "signal.bed.channel", "0", &["has no template"]);
     wrong("base = 100", "base = 65530", "device.cnc.template", "\"plc", &["beyond the last register"]);
 }
@@ -198,7 +204,10 @@ fn an_error_in_what_a_template_brought_stands_at_the_channel_and_says_so() {
         "signal.bed.register",
         "0",
     );
-    assert!(error.to_string().contains("it comes from channel `0` of template `icp-das-m7019r`"), "{error}");
+    assert!(
+        error.to_string().contains("this value comes from channel `0` of template `icp-das-m7019r`"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -279,7 +288,7 @@ fn registers_of_a_device_without_a_template_are_checked_before_arming_as_well() 
         "unit = 4\nvariant = \"T\"",
         "device.cnc.variant",
         "variant",
-        &["belongs to a device template"],
+        &["only for a device template"],
     );
 }
 

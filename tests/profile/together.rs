@@ -106,7 +106,7 @@ fn what_cannot_be_exchanged_is_refused() {
 fn a_set_must_be_whole() {
     let (none, at) = (errors(parse(&PLC.replace("set = \"block\"\n", ""))), "set.block");
     assert_eq!((none.len(), none[0].key.as_str()), (1, at), "{}", none[0]);
-    assert!(none[0].to_string().contains("no output belongs to this set"), "{}", none[0]);
+    assert!(none[0].to_string().contains("no output is in this set"), "{}", none[0]);
     plc_refused("set = \"block\"", "set = \"blok\"", "output.plc_x.set", "\"blok\"", &["`block`"]);
     plc_refused("holding:103", "input:103", "set.block.sequence", "\"input", &["read-only"]);
     plc_refused("holding:103", "coil:103", "set.block.sequence", "\"coil", &["one bit"]);

@@ -117,13 +117,9 @@ fn a_page_without_its_certificate_is_refused_at_the_start_with_the_file_and_what
     let [one, other] = ["127.0.0.1", "localhost"].map(|name| authority.signs(name, (2020, 2090)));
     for (cert, key, words) in [
         (None, Some(&one.key), "page.pem cannot be read (web.tls)"),
-        (Some(&one.key), Some(&one.key), "page.pem (web.tls): there is no certificate in it"),
-        (Some(&one.cert), Some(&one.cert), "page.key (web.tls): there is no private key in it"),
-        (
-            Some(&one.cert),
-            Some(&other.key),
-            "page.key (web.tls): this key does not belong to the certificate",
-        ),
+        (Some(&one.key), Some(&one.key), "page.pem (web.tls): there is no certificate in PEM form"),
+        (Some(&one.cert), Some(&one.cert), "page.key (web.tls): there is no private key in PEM form"),
+        (Some(&one.cert), Some(&other.key), "page.key (web.tls): this key is not the key of the certificate"),
     ] {
         let home = tempfile::tempdir().unwrap();
         for (name, text) in [("page.pem", cert), ("page.key", key)] {

@@ -332,7 +332,7 @@ fn a_stopped_gateway_is_at_rest_remembers_and_its_log_replays_bit_for_bit() {
         let alone = ended(isotherm(home.path()).arg("replay").arg(&profile).arg(&of_outputs));
         assert_eq!(alone.code, Some(0), "{}", alone.said);
         assert!(
-            alone.out.contains("output cnc_z: the ") && alone.out.contains("came out again"),
+            alone.out.contains("output cnc_z: the ") && alone.out.contains("of the log again"),
             "{}",
             alone.out
         );

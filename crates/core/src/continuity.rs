@@ -266,13 +266,13 @@ impl fmt::Display for Break {
         f.write_str(match self {
             Break::Start => "the gateway has just started",
             Break::Refused => "a connection was refused",
-            Break::ConnectionLost => "its connection was lost",
+            Break::ConnectionLost => "the connection to the device was lost",
             Break::NewConnection => "a new connection was made",
             Break::InterfaceDown => "the interface was down",
-            Break::Restarted => "it was restarted",
+            Break::Restarted => "the device was restarted",
             Break::MachineOn => "the machine was switched on",
             Break::Pause => "the computer stood still",
-            Break::Silence => "it did not answer for two poll periods",
+            Break::Silence => "the device did not answer for two poll periods",
         })
     }
 }

@@ -84,16 +84,16 @@ fn acting(
     };
     if let Some(slope) = moved("_slope_um").into_iter().find(is_logged) {
         return refused(format!(
-            "{} changed: the control applied a slope, and its part of {error} depends on the position of the \
-             axis. Leave these logs out, or add --cz none if no Cz acted on the error",
+            "{} changed, and the control applied a slope. The part of {error} that this slope causes depends \
+             on the position of the axis. Leave these logs out, or add --cz none if {error} contains no Cz",
             names(&[slope])
         ));
     }
     let (logged, foreign): (Vec<usize>, Vec<usize>) = moved("_cz_um").into_iter().partition(is_logged);
     if let Some(first) = foreign.first() {
         return refused(format!(
-            "{} changed, but this log does not have the form of a gateway log: it is not known whether that \
-             Cz acted on {error}. Add --cz {} if it did, otherwise --cz none",
+            "{} changed, but this log does not have the form of a gateway log: it is not known whether \
+             {error} contains this Cz. Add --cz {} if it does, otherwise --cz none",
             names(&foreign),
             names(&[*first])
         ));
@@ -104,14 +104,14 @@ fn acting(
         ([one], None) => {
             let name = names(&[*one]);
             refused(format!(
-                "{name} changed, but without the profile, or with a corrected readout, it is not known \
-                 whether {error} contains it. Add --cz {name} if the axis moved by it, or --cz none if the \
-                 error was measured without compensation"
+                "{name} changed. It is not known whether {error} contains this Cz, because there is no \
+                 profile, or an output only corrects a readout. Add --cz {name} if the Cz moved the axis, or \
+                 --cz none if the error was measured without compensation"
             ))
         }
         (several, _) => refused(format!(
-            "{} changed, but it is not known which of them acted on {error}; name it with --cz, or add --cz \
-             none",
+            "{} changed, but it is not known which of these Cz {error} contains; name this Cz with --cz, or \
+             add --cz none",
             names(several)
         )),
     }

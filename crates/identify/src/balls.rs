@@ -75,7 +75,9 @@ pub struct RoundTerms {
 /// Messages that say what to do.
 pub fn terms(dataset: &Dataset, origin: Option<f64>) -> Result<Terms, BadLog> {
     let rounds = rounds(dataset)?;
-    let Some(cold) = rounds.first() else { return Err(one("there are no touches")) };
+    let Some(cold) = rounds.first() else {
+        return Err(one("there are no touches: write one row for each touch of a ball"));
+    };
     let (along, extent) = direction(cold)?;
     let places = || cold.iter().map(|touch| touch.at_mm[along]);
     let origin_mm = origin.or(places().next()).unwrap_or_default();

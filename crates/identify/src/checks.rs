@@ -26,8 +26,8 @@ pub(super) fn check_runs(dataset: &Dataset, wrong: &mut Vec<String>) {
 pub(super) fn one_run_only(dataset: &Dataset) -> Option<String> {
     let [only] = dataset.runs.as_slice() else { return None };
     Some(format!(
-        "there is only one run, {}, but a model must be judged on a run that it was not learnt from. Record \
-         another day, or split this log with --run-column COLUMN or --gap 1h",
+        "there is only one run, {}, but a model must be tested on a run that was not used to identify it. \
+         Record another day, or split this log with --run-column COLUMN or --gap 1h",
         only.name
     ))
 }
@@ -36,10 +36,10 @@ pub(super) fn one_run_only(dataset: &Dataset) -> Option<String> {
 pub(super) fn odd_length(run: &Run) -> Option<String> {
     let odd = match run.lasts() {
         lasts if lasts < SHORTEST_RUN => {
-            "too short for a drift; if its time is in minutes, name the column time_min"
+            "too short for a drift; if the log counts minutes, name the column time_min"
         }
         lasts if lasts > LONGEST_RUN => {
-            "if its time is in seconds, name the column time; otherwise split the log with --gap 1h"
+            "if the log counts seconds, name the column time; otherwise split the log with --gap 1h"
         }
         _ => return None,
     };

@@ -127,7 +127,8 @@ pub fn drift(
     let columns: Vec<usize> = (0..dataset.columns.len()).filter(is_asked).collect();
     if columns.is_empty() && wrong.is_empty() {
         wrong.push(format!(
-            "no column is a displacement: name it so that it ends with _um, or give it with --displacement; there are {all}"
+            "no column is a displacement: let the name of the column end with _um, or name the column with \
+             --displacement; there are {all}"
         ));
     }
     for run in &dataset.runs {

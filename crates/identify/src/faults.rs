@@ -183,7 +183,7 @@ fn of_column(dataset: &Dataset, column: usize, frozen: &[Frozen]) -> Vec<Fault> 
     let series: Vec<Minutes> = dataset.runs.iter().map(|run| Minutes::of(run, column)).collect();
     let least = (2.0 * resolution(dataset, column)).clamp(STANDS_STILL, 0.05);
     if series.iter().all(|run| range(&run.values) < least) {
-        let message = "constant: it gives no information".to_owned();
+        let message = "constant: this sensor gives no information".to_owned();
         return vec![Fault { column, run: None, message, damage: Damage::Whole, rows: Vec::new() }];
     }
     let mut found = Vec::new();

@@ -145,7 +145,7 @@ impl RunProducts {
         if settings.method != Method::Whitened || settings.sensors.is_some() || settings.prior.is_some() {
             return Err(
                 "products are only made for the method whitened, without --sensors and without a prior: \
-                 these are chosen when a model is learnt from the products"
+                 these are chosen when a model is identified from the products"
                     .to_owned(),
             );
         }
@@ -200,7 +200,7 @@ impl RunProducts {
         let head: Head =
             serde_json::from_slice(bytes).map_err(|why| format!("this is no file of run products: {why}"))?;
         if head.format.as_deref() != Some(FORMAT) {
-            return Err(format!("this is no file of run products: its format is not \"{FORMAT}\""));
+            return Err(format!("this is no file of run products: the format is not \"{FORMAT}\""));
         }
         if head.version != Some(VERSION) {
             return Err(format!("products of another version: this program reads version {VERSION}"));
@@ -209,7 +209,7 @@ impl RunProducts {
             serde_json::from_slice(bytes).map_err(|why| format!("this is no file of run products: {why}"))?;
         if file.sha256 != file.products.seal()? {
             return Err(
-                "its checksum is wrong: the file was changed or damaged; make the products from the records \
+                "the checksum is wrong: the file was changed or damaged; make the products from the records \
                  again"
                     .to_owned(),
             );
@@ -217,7 +217,10 @@ impl RunProducts {
         let width = file.products.columns.len();
         let is_right = |run: &Run| run.plain.has(width) && run.white.has(width);
         match file.products.runs.iter().find(|run| !is_right(run)) {
-            Some(run) => Err(format!("run {} has products of another number of columns", run.run)),
+            Some(run) => Err(format!(
+                "run {} has products of another number of columns: make the products from the records again",
+                run.run
+            )),
             None => Ok(file.products),
         }
     }
@@ -427,7 +430,7 @@ impl FleetModel {
         let terms: Vec<TermFound> = self.terms.iter().map(term).collect();
         let runs = self.runs.len();
         format!(
-            "# Cz = −e, learnt from the products of {runs} runs.\n\
+            "# Cz = −e, identified from the products of {runs} runs.\n\
              # No envelope and no stand-ins: products do not contain the values of the inputs.\n\
              # {}\n\
              [[axis.{}.model]]\nname = \"fleet\"\n{}\n{}\n",

@@ -313,8 +313,8 @@ fn worth(runs: usize, has_prior: bool) -> Option<String> {
              that fails can be replaced. Record another day before you rely on the model"
         ),
         _ => format!(
-            "two runs: each was judged with a model of the other run{share}. The model of both runs, which \
-             is written, was not judged. Record a third day"
+            "two runs: each was tested with a model of the other run{share}. The written model is of both \
+             runs and was not tested. Record a third day"
         ),
     })
 }
@@ -328,8 +328,8 @@ fn check_count(bank: &Bank, method: Method) -> Result<(), String> {
         return Ok(());
     }
     Err(format!(
-        "{terms} terms cannot be learnt from the {left} rows that remain while the longest run is held out. \
-         Name fewer inputs with --inputs, record longer, average less with --resample, or let --method \
+        "{terms} terms cannot be identified from the {left} rows that remain while the longest run is held \
+         out. Name fewer inputs with --inputs, record longer, average less with --resample, or let --method \
          sparse-lag choose"
     ))
 }

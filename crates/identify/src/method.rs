@@ -164,7 +164,8 @@ impl Method {
         (
             Method::SparseLag,
             "sparse-lag",
-            "Some pairs of sensor and lag, chosen on held-out runs; at most N with --terms N",
+            "Mean of a forward search and an elastic net on pairs of sensor and lag, tuned on held-out runs. \
+             With --terms N, the forward search alone, with at most N pairs",
         ),
         (Method::RidgeLag, "ridge-lag", "Ridge regression on every sensor through every lag"),
         (

@@ -50,7 +50,10 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
             None => "# No envelope: too many inputs, or an input that never changed.".to_owned(),
             Some(region) => {
                 let envelope = named("envelope", file, &region.file(), &mut files);
-                format!("# The rises it was identified on.\n{envelope}outside = {}", json!(outside))
+                format!(
+                    "# The rises on which the model was identified.\n{envelope}outside = {}",
+                    json!(outside)
+                )
             }
         };
         format!("[[axis.{}.model]]\nname = {}\n{body}\n{envelope}\n", found.axis, json!(name))
@@ -136,7 +139,8 @@ pub(crate) fn identified_with(settle_s: f64) -> String {
 /// Returns a message on `isotherm zero`: rises that are counted from machine start do not change with a zero.
 pub(crate) fn zero_needs(axis: &str) -> String {
     format!(
-        "Its rises count from the start of the machine: `isotherm zero` needs datum = \"zero\" under [axis.{axis}]."
+        "The rises of this model count from the start of the machine. `isotherm zero` needs datum = \"zero\" \
+         under [axis.{axis}]."
     )
 }
 
@@ -160,7 +164,10 @@ fn head(found: &Identified) -> Vec<String> {
                 before.mean_rmse_um
             ),
         },
-        format!("Rises are measured from the first {settle}: [machine] settle = \"{settle}\" belongs to it."),
+        format!(
+            "Rises are measured from the mean of the first {settle}: write settle = \"{settle}\" in \
+             [machine]."
+        ),
         zero_needs(&found.axis),
     ];
     if !found.runs.is_empty() {
@@ -170,7 +177,7 @@ fn head(found: &Identified) -> Vec<String> {
             false => format!(": {}", found.worse_runs.join(", ")),
         };
         lines.push(format!(
-            "With it, {share:.0} % of {runs} held-out runs are worse than uncompensated{worse}."
+            "With this model, {share:.0} % of {runs} held-out runs are worse than uncompensated{worse}."
         ));
     }
     lines.extend(found.probe_q.map(|q| {

@@ -63,7 +63,7 @@ fn headline(placement: &Placement) -> Markup {
             (item("sensors at block centres", root_mean_square(&centres),
                 "residual error, RMS over all cases"))
             (item("these sensors", placement.rms_um, "residual error, RMS over all cases"))
-            (item("these blocks at best", placement.floor_um, "residual error, RMS over all cases"))
+            (item("lower bound with these blocks", placement.floor_um, "residual error, RMS over all cases"))
         }
     }
 }
@@ -103,7 +103,7 @@ fn displacements(placement: &Placement, line: &GuideLine) -> Markup {
         @for axis in &placement.axes {
             p { "Along " (AXES[*axis]) @if line.rails > 1 { ", the mean of the rails" } "." }
             ul .keys { li { "true" } li .dashed {
-                "predicted by nodes at block centres" } li .ring { "predicted by the sensors" } }
+                "predicted by sensors at block centres" } li .ring { "predicted by the sensors" } }
             div .gallery { @for case in &placement.cases { (figure(&case.name, &picture(case, *axis), "")) } }
         }
     }
@@ -126,11 +126,11 @@ fn errors(placement: &Placement) -> Markup {
     html! {
         h2 { "Residual error of each case" }
         p {
-            "µm, RMS over the guideway. Patent and bounded are placed for the case itself and judged on it; \
+            "µm, RMS over the guideway. Patent and bounded are placed for the case itself and tested on it; \
              multi-case is one placement for all cases. Asked: with the block temperatures at the end of the \
              iteration. Read back: with the temperatures at its nodes. Left out: multi-case placed for all \
              the other cases." }
-        (table(&["case", "largest", "block centres", "block means", "patent, asked", "patent, read back", "bounded", "multi-case", "its largest", "blocks at best", "left out"], &rows))
+        (table(&["case", "largest", "block centres", "block means", "patent, asked", "patent, read back", "bounded", "multi-case", "its largest", "lower bound with these blocks", "left out"], &rows))
     }
 }
 
@@ -147,7 +147,7 @@ fn crossed(placement: &Placement) -> Markup {
     };
     html! {
         h2 { "Sensors of one case under the others" }
-        p { "µm, RMS over the guideway: each row is one placement, each column the case it is judged on." }
+        p { "µm, RMS over the guideway: each row is one placement, each column the case that tests it." }
         (table(&heads, &rows))
     }
 }
@@ -193,9 +193,9 @@ fn numbers(placement: &Placement) -> Markup {
             "RMS over guideway and all cases. For fewer sensors, the neighbouring blocks with the smallest \
              loss are joined. For more sensors, the best further cut is added, one after the other." }
         ul .keys { li {
-            "residual error with the sensors" } li .dashed { "blocks at best" } li .ring { "these blocks" } }
+            "residual error with the sensors" } li .dashed { "lower bound with these blocks" } li .ring { "these blocks" } }
         (figure("", &picture, ""))
-        (table(&["sensors", "residual µm", "at best µm", "blocks:"], &rows))
+        (table(&["sensors", "residual µm", "lower bound µm", "blocks:"], &rows))
     }
 }
 

@@ -17,12 +17,15 @@ use crate::system::{Factor, System};
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum StructureError {
     /// No node is fixed.
-    #[error("no node is fixed: the structure could move freely; name the node set that stands on the ground")]
+    #[error(
+        "no node is fixed: the structure could move freely; name the node set that is fixed to the ground"
+    )]
     NothingFixed,
     /// Rigid-body modes remain: the supports do not hold a part of the mesh.
     #[error(
-        "the supports do not hold the part with node {node} ({nodes} nodes): it can still {motion}. Fix at \
-         least three of its nodes that are not on one line, or join the parts of the mesh at common faces"
+        "the supports do not hold the part with node {node} ({nodes} nodes), which can still {motion}. Fix \
+         at least three nodes of this part that are not on one line, or join the parts of the mesh at common \
+         faces"
     )]
     Loose {
         /// A node of the part.

@@ -121,7 +121,7 @@ impl DbcFile {
             },
         };
         let Some(id) = id else {
-            let what = format!("the identifier of `{}` does not fit 11 bits", message.name);
+            let what = format!("the identifier of `{}` has more than 11 bits", message.name);
             let mut wrong = self.at(&format!(" {}:", message.name), None, what);
             wrong.help = "a message with 29 bits is written with 2147483648 (bit 31) added to its identifier"
                 .to_owned();
@@ -135,7 +135,10 @@ impl DbcFile {
                 help: "correct the DBC file".to_owned(),
             }),
             (true, false) => {
-                let message = format!("`{}` has 11 bits, and a J1939 parameter group has 29", message.name);
+                let message = format!(
+                    "message `{}` has an identifier of 11 bits, but a J1939 parameter group has 29",
+                    message.name
+                );
                 let help = "remove `source_address` of the device, or correct the DBC file".to_owned();
                 Err(Wrong { at: None, message, help })
             }

@@ -239,7 +239,7 @@ impl Guards<'_> {
             (Some(own), value) if is_same(own, value) => {}
             (Some(own), value) => {
                 let why = match rule {
-                    Rule::Arrives => "and it changes what arrives at the machine",
+                    Rule::Arrives => "and this key changes what arrives at the machine",
                     _ => "and only the profile may set the action on a fault",
                 };
                 let why = format!("{} is not the {} of the profile, {why}", short(value), short(own));
@@ -260,7 +260,7 @@ impl Guards<'_> {
         }
         if layer.get("allow_override").is_some() {
             let why = "only the profile itself names the keys that a layer may change";
-            let help = "write it into the profile, or remove it here".to_owned();
+            let help = "write this key into the profile, or remove it here".to_owned();
             let error = self.spans.at_key("machine.allow_override", why, Some(help));
             self.push("allow_override", error, Vec::new());
         }
@@ -270,7 +270,7 @@ impl Guards<'_> {
         // If the profile has the key with a wrong value, that has been reported.
         if self.spans.rank(path).0 > 0 {
             let why = match rule {
-                Rule::Arrives => "and it changes what arrives at the machine",
+                Rule::Arrives => "and this key changes what arrives at the machine",
                 _ => "and a layer can only tighten a guard that the profile has",
             };
             let why = format!("the profile has no `{path}`, {why}");
@@ -281,7 +281,8 @@ impl Guards<'_> {
     fn refuse(&mut self, (guard, key): (&str, &str), path: &str, why: String, remedy: &str) {
         if !self.allowed.iter().any(|allowed| allowed == guard) {
             let allow = [self.allowed.as_slice(), &[guard.to_owned()]].concat();
-            let help = format!("{remedy}; or have the profile allow it: [machine] {}", allowing_line(&allow));
+            let help =
+                format!("{remedy}; or allow this key in the profile: [machine] {}", allowing_line(&allow));
             let error = self.spans.at_value(path, why, Some(help));
             self.push(key, error, allow);
         }

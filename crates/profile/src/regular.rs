@@ -37,7 +37,7 @@ pub fn read(path: &Path, largest: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     open(path)?.take(largest + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > largest {
-        let text = format!("it is larger than {} MB: name another file", largest >> 20);
+        let text = format!("the file is larger than {} MB: name another file", largest >> 20);
         return Err(io::Error::new(ErrorKind::FileTooLarge, text));
     }
     Ok(bytes)
@@ -57,7 +57,7 @@ pub fn read_text(path: &Path) -> io::Result<String> {
 /// Those of [`read_text`].
 pub fn read_text_of(path: &Path, largest: u64) -> io::Result<String> {
     String::from_utf8(read(path, largest)?)
-        .map_err(|_| io::Error::new(ErrorKind::InvalidData, "it is no text in UTF-8"))
+        .map_err(|_| io::Error::new(ErrorKind::InvalidData, "the file is no text in UTF-8"))
 }
 
 /// Removes " (os error N)" from a sentence that contains messages of the system.
@@ -162,7 +162,8 @@ impl<R: Read> Read for Lines<R> {
         if self.open > LONGEST_ROW {
             let limit = LONGEST_ROW / 1_000_000;
             let text = format!(
-                "this row is longer than {limit} MB: is it a log, and is a quotation mark (\") in it never closed?"
+                "this row is longer than {limit} MB: is the file a log? Is a quotation mark (\") in the row \
+                 never closed?"
             );
             return Err(io::Error::new(ErrorKind::FileTooLarge, text));
         }
@@ -174,8 +175,10 @@ fn regular(metadata: &Metadata) -> io::Result<()> {
     if metadata.is_file() {
         return Ok(());
     }
-    let text =
-        format!("it is {}, no regular file: name a file, or put one there", what(metadata.file_type()));
+    let text = format!(
+        "this is {}, no regular file: name a regular file, or put one at this path",
+        what(metadata.file_type())
+    );
     Err(io::Error::new(ErrorKind::InvalidInput, text))
 }
 
@@ -204,7 +207,10 @@ mod tests {
         let found = [(pipe, "a named pipe"), (socket, "a socket"), (link, "a device")];
         for (path, what) in found.into_iter().chain([(directory.path().to_owned(), "a directory")]) {
             let why = read(&path, 1).unwrap_err().to_string();
-            assert_eq!(why, format!("it is {what}, no regular file: name a file, or put one there"));
+            assert_eq!(
+                why,
+                format!("this is {what}, no regular file: name a regular file, or put one at this path")
+            );
         }
     }
 

@@ -88,7 +88,7 @@ impl Sources {
     /// The file cannot be read, or has the format of another version.
     pub fn open(file: File, length: u64) -> Result<Sources> {
         let invalid =
-            || Error::new(ErrorKind::InvalidData, "its format belongs to another version of the program");
+            || Error::new(ErrorKind::InvalidData, "the format is of another version of the program");
         let mut reader = BufReader::new(&file);
         reader.seek(SeekFrom::Start(0))?;
         let mut end = 0;

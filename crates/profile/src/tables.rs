@@ -389,7 +389,7 @@ impl<'c> At<'c> {
     /// Reports keys of this table that belong to something else.
     fn foreign(&self, keys: &[&str], owner: &str, help: &str) {
         for key in keys.iter().filter(|key| self.has(key)) {
-            self.key(key).wrong_key(format!("`{key}` belongs to {owner}"), help);
+            self.key(key).wrong_key(format!("`{key}` is only for {owner}"), help);
         }
     }
 

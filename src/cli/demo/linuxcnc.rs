@@ -110,7 +110,8 @@ impl Mill {
     /// Last line of the log of LinuxCNC, with a hint.
     fn complaint(&self) -> String {
         let log = std::fs::read_to_string(self.directory.join(LOG)).unwrap_or_default();
-        let last = log.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("its log is empty");
+        let last =
+            log.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("the log of LinuxCNC is empty");
         format!(
             "{last}. Only one LinuxCNC can run on a computer at a time; it needs python3-pymodbus and \
              python3-serial-asyncio"

@@ -28,7 +28,7 @@ pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Dur
     for omission in &found.notes.omissions {
         writeln!(
             out,
-            "  {}: error of held-out runs {:.2} µm RMS without it, {:.2} µm with it",
+            "  {}: error of held-out runs {:.2} µm RMS without this signal, {:.2} µm with it",
             omission.signal, omission.without_um, omission.with_um
         )?;
     }
@@ -129,7 +129,8 @@ fn held_out(out: &mut impl Write, found: &Identified) -> io::Result<()> {
 /// Prints the replacement of each lost sensor.
 fn lost(out: &mut impl Write, found: &Identified) -> io::Result<()> {
     let virtually = found.stand_ins.iter().filter(|stand_in| stand_in.stands_in);
-    let virtually = virtually.map(|own| (&own.signal, "its value from the others".to_owned(), own.means));
+    let virtually = virtually
+        .map(|own| (&own.signal, "the value predicted from the other sensors".to_owned(), own.means));
     let models = found.fallbacks.iter().map(|own| (&own.without, own.kind(), own.means));
     for (signal, kind, means) in virtually.chain(models) {
         match found.runs.is_empty() {

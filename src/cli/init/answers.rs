@@ -133,10 +133,13 @@ pub(super) fn name(text: &str) -> Result<String, String> {
 pub(super) fn signals(text: &str, most: usize) -> Result<Vec<String>, String> {
     let names: Vec<String> = text.split(',').map(|text| name(text.trim())).collect::<Result<_, _>>()?;
     if names.len() > most {
-        return Err(format!("{} names are given, but the module has {most} channels", names.len()));
+        return Err(format!(
+            "{} names are given, but the module has {most} channels: give at most {most} names",
+            names.len()
+        ));
     }
     match names.iter().enumerate().find(|(place, name)| names[..*place].contains(name)) {
-        Some((_, twice)) => Err(format!("{twice} is given twice")),
+        Some((_, twice)) => Err(format!("{twice} is given twice: give each name once")),
         None => Ok(names),
     }
 }

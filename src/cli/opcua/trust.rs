@@ -93,8 +93,8 @@ fn agreed(thumbprint: Option<&str>, certificate: &Certificate) -> anyhow::Result
         let is_it = certificate.has_thumbprint(thumbprint).map_err(anyhow::Error::msg)?;
         anyhow::ensure!(
             is_it,
-            "the server shows another certificate ({}): it is not trusted. Is this the right server, has the \
-             server a new certificate, or does another computer answer in its place?",
+            "the server shows another certificate ({}), which is not trusted. Is this the right server, has \
+             the server a new certificate, or does another computer answer in its place?",
             certificate.thumbprint
         );
         return Ok(());

@@ -51,8 +51,8 @@ impl Display for Text<'_> {
         }
         writeln!(
             f,
-            "  patent and bounded: placed for the case itself; misplaced: added by sensors {} mm off their \
-             places; noise of {} K\n  adds {:.2} µm",
+            "  patent and bounded: placed for the case itself. At best: lower bound with these blocks. \
+             Misplaced: added by sensors {} mm off their places; noise of {} K\n  adds {:.2} µm",
             placement.misplaced_mm, placement.noise_k, placement.noise_um
         )?;
         let columns = |cell: &dyn Fn(usize, &CaseResult) -> String| -> String {

@@ -72,7 +72,11 @@ fn finite(text: &str) -> Result<f64, String> {
 
 fn scale(text: &str) -> Result<f64, String> {
     let number = finite(text)?;
-    if number.abs() > 0.0 { Ok(number) } else { Err("a scale of 0 makes every value the same".to_owned()) }
+    if number.abs() > 0.0 {
+        Ok(number)
+    } else {
+        Err("a scale of 0 makes every value the same: write another scale".to_owned())
+    }
 }
 
 impl One {

@@ -95,7 +95,7 @@ impl Findings {
                 let is_used = used.is_none_or(|used| used == place);
                 let why = match is_used {
                     true => why_not_replaced(profile, watch, found.signal, &distrusted, &row.readings),
-                    false => "the model in use has no stand-in for it".to_owned(),
+                    false => "the model in use has no stand-in for this sensor".to_owned(),
                 };
                 suspicions.push(Suspicion { signal, for_s, why });
             }
@@ -136,17 +136,19 @@ fn why_not_replaced(
     let name = |id: SignalId| &profile.signal(id).name;
     let others = predictors(stand_ins, signal);
     if let [only] = others[..] {
-        return format!("its stand-in depends on {} alone", name(only));
+        return format!("the stand-in depends on {} alone", name(only));
     }
     let is_distrusted = |id: &&SignalId| distrusted.iter().any(|other| other.signal == **id);
     if let Some(doubted) = others.iter().find(is_distrusted) {
-        return format!("{}, on which its stand-in depends, is frozen or lost, too", name(*doubted));
+        return format!("the stand-in depends on {}, which is frozen or lost, too", name(*doubted));
     }
     let is_missing = |id: &&SignalId| readings.get(id.0).is_none_or(|reading| reading.usable().is_none());
     if let Some(missing) = others.iter().find(is_missing) {
-        return format!("{}, on which its stand-in depends, has no value", name(*missing));
+        return format!("the stand-in depends on {}, which has no value", name(*missing));
     }
-    "its stand-in would move the target by more than one step, or is outside its range".to_owned()
+    "the stand-in would change the target of the axis by more than one `step`, or is outside the range of \
+     the sensor"
+        .to_owned()
 }
 
 /// Returns whether an axis is on hold after this row, and why.
@@ -163,7 +165,7 @@ fn held(profile: &Profile, compensation: &Compensation, axis: usize, row: &LogRo
         match row.readings.get(id.0).map(|reading| reading.quality) {
             Some(Quality::Bad(Reason::NotInLog)) => format!("{name} has no value in the log").into(),
             Some(Quality::Bad(reason)) => format!("{name}: {reason}").into(),
-            Some(Quality::Good) | None => format!("{name} was not good").into(),
+            Some(Quality::Good) | None => format!("{name} had no good value").into(),
         }
     };
     let why = match control.permit {
@@ -173,8 +175,10 @@ fn held(profile: &Profile, compensation: &Compensation, axis: usize, row: &LogRo
     };
     let why = match (why.is_empty(), decision.model) {
         (false, _) => why,
-        (true, Some(_)) => "its inputs are not clearly inside the envelope of its model again".to_owned(),
-        (true, None) => "its model has no value".to_owned(),
+        (true, Some(_)) => {
+            "the inputs of the axis are not clearly inside the envelope of the model again".to_owned()
+        }
+        (true, None) => "no model of the axis has a value".to_owned(),
     };
     Held::Yes(Hold { state: decision.state.name(), why })
 }

@@ -84,7 +84,8 @@ pub fn replay_outputs(log: impl Read, name: &str) -> anyhow::Result<OutputsSumma
     }
     let left_out = unknown.into_iter().map(|(output, (line, rows))| {
         format!(
-            "{name}, line {line}: no row says from which value {output} resumes; {rows} of its rows are left out"
+            "{name}, line {line}: no row contains the value from which {output} resumes; {rows} rows of this \
+             output are left out"
         )
     });
     let warnings = reader.warnings().iter().cloned().chain(left_out).collect();
@@ -99,12 +100,13 @@ impl fmt::Display for OutputsSummary {
         for (name, output) in &self.outputs {
             let Some(first) = &output.first else {
                 let actions = counted(output.rows, "action");
-                writeln!(f, "output {name}: the {actions} in the log came out again")?;
+                writeln!(f, "output {name}: the replay gives the {actions} of the log again")?;
                 continue;
             };
             writeln!(
                 f,
-                "output {name}: {} of {} came out different; first in {}, line {}: it is `{}` in the log, `{}` here",
+                "output {name}: {} of {} differ in the replay; first in {}, line {}: `{}` in the log, `{}` \
+                 in the replay",
                 output.differing,
                 counted(output.rows, "action"),
                 self.log,

@@ -370,13 +370,13 @@ impl fmt::Display for Reproduced {
         let Some(first) = &self.first else {
             return writeln!(
                 f,
-                "  the {} in the log came out again, bit for bit",
+                "  the replay gives the {} of the log again, bit for bit",
                 counted(self.rows, "decision")
             );
         };
         writeln!(
             f,
-            "  {} of {} came out different; first in line {}: {} is `{}` in the log, `{}` here",
+            "  {} of {} differ in the replay; first in line {}: {} is `{}` in the log, `{}` in the replay",
             self.differing,
             counted(self.rows, "decision"),
             first.line,

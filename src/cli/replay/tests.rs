@@ -344,5 +344,5 @@ fn a_decision_that_does_not_come_out_again_is_reported_with_its_line() {
     assert_eq!((first.recorded.as_str(), first.replayed.as_str()), ("1", "0.5"));
     assert!(reproduced.differing > 10);
     assert_eq!(summary.axes["x"].reproduced.as_ref().unwrap().differing, 0);
-    assert!(summary.to_string().contains("first in line 2: z_cz_um is `1` in the log, `0.5` here"));
+    assert!(summary.to_string().contains("first in line 2: z_cz_um is `1` in the log, `0.5` in the replay"));
 }

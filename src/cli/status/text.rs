@@ -252,7 +252,7 @@ mod tests {
         (axis["probe"]["worse"]["touches"], axis["probe"]["worse"]["ramps"]) = (json!(0), json!(true));
         assert!(
             axis_lines("z", &axis, false).ends_with(
-                "\n  its model is worse than no compensation: as touches before the last datum show; Cz goes to zero until \
+                "\n  the model is worse than no compensation: as touches before the last datum show; Cz goes to zero until \
                  touches show that the model is better\n"
             ),
             "{}",

@@ -53,7 +53,7 @@ const fn state_name(state: CanState) -> &'static str {
         CanState::ErrorActive => "well",
         CanState::ErrorWarning => "warning: many errors",
         CanState::ErrorPassive => "passive: too many errors",
-        CanState::BusOff => "bus-off: it has disconnected itself from the bus",
+        CanState::BusOff => "bus-off: the controller has disconnected itself from the bus",
         CanState::Stopped => "stopped",
         CanState::Sleeping => "asleep",
     }

@@ -37,7 +37,10 @@ impl<R> Chunks<R> {
                 let [.., a, b, c, d] = self.header;
                 let length = usize::try_from(u32::from_le_bytes([a, b, c, d])).unwrap_or(usize::MAX);
                 if !(HEADER..=self.longest).contains(&length) {
-                    return Err(Error::new(ErrorKind::InvalidData, "a chunk of a length that none may have"));
+                    return Err(Error::new(
+                        ErrorKind::InvalidData,
+                        "a chunk has a length that is not allowed",
+                    ));
                 }
                 (self.known, self.rest) = (0, length - HEADER);
             }

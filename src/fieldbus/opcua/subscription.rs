@@ -177,7 +177,10 @@ pub(super) async fn subscribe(
             other => return Err(refused(&other)),
         };
         if results.len() != some.len() {
-            return Err(Error::new(StatusCode::BadUnknownResponse, "another number of nodes"));
+            return Err(Error::new(
+                StatusCode::BadUnknownResponse,
+                "the server answered for another number of nodes than was requested",
+            ));
         }
         for ((place, _), made) in some.iter().zip(results) {
             if is_of_the_subscription(made.status_code) {

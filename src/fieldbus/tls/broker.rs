@@ -33,7 +33,7 @@ pub fn broker(mqtt: &Mqtt) -> Result<Option<Arc<ClientConfig>>, Vec<ProfileError
     let config = builder.with_client_auth_cert(chain, private).map_err(|error| {
         vec![match error {
             Error::InconsistentKeys(InconsistentKeys::KeyMismatch) => {
-                key.wrong("this key does not belong to the certificate in `cert`")
+                key.wrong("this key is not the key of the certificate in `cert`")
             }
             Error::InvalidCertificate(_) => cert.wrong(&format!("the certificate cannot be used: {error}")),
             _ => key.wrong(&format!("the key cannot be used: {error}")),

@@ -143,7 +143,7 @@ fn config(
     config.map_err(|error| {
         Box::new(match error {
             Error::InconsistentKeys(InconsistentKeys::KeyMismatch) => {
-                tls.key.wrong("this key does not belong to the certificate in `cert`")
+                tls.key.wrong("this key is not the key of the certificate in `cert`")
             }
             Error::InvalidCertificate(_) => {
                 tls.cert.wrong(&format!("the certificate cannot be used: {error}"))
@@ -167,7 +167,7 @@ impl Trust {
     pub(super) fn new(known: &[CertificateDer<'static>]) -> Result<Trust, String> {
         let mut roots = RootCertStore::empty();
         for (place, certificate) in known.iter().enumerate() {
-            let unreadable = |error| format!("certificate {} in it cannot be read: {error}", place + 1);
+            let unreadable = |error| format!("certificate {} in the file cannot be read: {error}", place + 1);
             roots.add(certificate.clone()).map_err(unreadable)?;
         }
         let authorities =

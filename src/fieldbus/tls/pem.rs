@@ -13,10 +13,10 @@ pub(super) fn certificates(text: &[u8]) -> Result<Vec<CertificateDer<'static>>, 
     let found: Result<Vec<_>, _> = CertificateDer::pem_slice_iter(text).collect();
     match found {
         Ok(found) if found.is_empty() => {
-            Err("there is no certificate in it in PEM form (-----BEGIN CERTIFICATE-----)".to_owned())
+            Err("there is no certificate in PEM form in the file (-----BEGIN CERTIFICATE-----)".to_owned())
         }
         Ok(found) => Ok(found),
-        Err(error) => Err(format!("it is not in PEM form: {error}")),
+        Err(error) => Err(format!("the file is not in PEM form: {error}")),
     }
 }
 
@@ -32,6 +32,7 @@ pub(super) fn private_key(text: &[u8]) -> Result<PrivateKeyDer<'static>, String>
                 .to_owned(),
         );
     }
-    PrivateKeyDer::from_pem_slice(text)
-        .map_err(|_| "there is no private key in it in PEM form (-----BEGIN PRIVATE KEY-----)".to_owned())
+    PrivateKeyDer::from_pem_slice(text).map_err(|_| {
+        "there is no private key in PEM form in the file (-----BEGIN PRIVATE KEY-----)".to_owned()
+    })
 }

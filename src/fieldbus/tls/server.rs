@@ -28,7 +28,7 @@ pub fn server(cert: &[u8], key: &[u8]) -> Result<ServerConfig, Wrong> {
         .and_then(|config| config.with_no_client_auth().with_single_cert(chain, key));
     config.map_err(|error| match error {
         Error::InconsistentKeys(InconsistentKeys::KeyMismatch) => {
-            Wrong::Key("this key does not belong to the certificate in `cert`".to_owned())
+            Wrong::Key("this key is not the key of the certificate in `cert`".to_owned())
         }
         Error::InvalidCertificate(_) => Wrong::Cert(format!("the certificate cannot be used: {error}")),
         _ => Wrong::Key(format!("the key cannot be used: {error}")),

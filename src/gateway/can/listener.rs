@@ -353,7 +353,7 @@ impl CanListener {
         let mut core = self.shared.core();
         let Core { contact, devices, events, .. } = &mut *core;
         let hint =
-            "is it powered, is its cable plugged in, are its node number and bitrate those of the profile?";
+            "is the node powered, is its cable plugged in? Are node number and bitrate those of the profile?";
         contact.is_silent(device, Explained::new(what, hint), events);
         devices.breaks(device, Break::Silence, self.shared.clock.now());
     }

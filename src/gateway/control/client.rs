@@ -37,8 +37,8 @@ pub enum Failure {
     #[error("{0}")]
     WrongProfile(String),
     /// A gateway is running, but does not answer.
-    #[error("no answer within {} s; not known whether it was done (see `isotherm events` when the gateway \
-             answers again)", PATIENCE.as_secs())]
+    #[error("no answer within {} s; it is not known whether the command was carried out (see `isotherm \
+             events` when the gateway answers again)", PATIENCE.as_secs())]
     NoAnswer,
     /// Another program took the place of the gateway and has ended.
     #[error(
@@ -52,7 +52,8 @@ pub enum Failure {
     NewProgramSilent(Duration),
     /// The gateway has ended before it answered.
     #[error(
-        "the gateway has ended before it answered; not known whether it was done (see `isotherm events`)"
+        "the gateway has ended before it answered; it is not known whether the command was carried out (see \
+         `isotherm events`)"
     )]
     Ended,
 }

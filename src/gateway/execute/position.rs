@@ -208,7 +208,7 @@ impl Position {
             self.failures.raise();
             shared.report(&Event::VerifyFailed { output, wrote, found, is_in_a_node });
         }
-        self.is_unverified(shared, &"something else is read back than was written");
+        self.is_unverified(shared, &"the value read back is not the written value");
     }
 
     /// Handles a failed write. A lost device is reported elsewhere; a device that refuses is reported here.

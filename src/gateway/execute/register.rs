@@ -133,7 +133,7 @@ impl Register {
                     shared.report(&report::question(of, &output.name));
                     let hint = "follow the alarm of the output, then arm the axis";
                     let why =
-                        Explained::new("the gateway share in the register of its output is in doubt", hint);
+                        Explained::new("the gateway share in the register of the output is in doubt", hint);
                     shared.core().disarm(output.axis, why);
                 }
                 output::Event::TakeOver { cause } => resumes = Some(cause),

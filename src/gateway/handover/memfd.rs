@@ -224,7 +224,7 @@ impl Arrival {
                 "the state directory has no digest of the handover, or the handover was used before",
             )),
             Some(digest) if digest != found.digest => {
-                Err(refused("the digest in the state directory belongs to another handover"))
+                Err(refused("the digest in the state directory is of another handover"))
             }
             Some(_) => Ok(Some(found.handover)),
         }
@@ -236,20 +236,20 @@ impl Found {
     fn read(memory: &File, process: &Process) -> Result<Found, String> {
         let size = memory::size_of_sealed(memory).map_err(refused)?;
         let (bytes, place) = document(memory, size)?;
-        let unknown = || refused("this version of the program does not know its format");
+        let unknown = || refused("this version of the program cannot read the format of the handover");
         let document: Document<Handover> = serde_json::from_slice(&bytes).map_err(|_| unknown())?;
         if document.process != *process {
-            return Err(refused("another process wrote it"));
+            return Err(refused("another process wrote the handover"));
         }
         let profile = match document.sources {
             None if place > 0 => return Err(unknown()),
             None => None,
             Some(seal) => {
-                let unreadable = |_| refused("it cannot be read");
+                let unreadable = |_| refused("the handover cannot be read");
                 (&mut &*memory).seek(SeekFrom::Start(0)).map_err(unreadable)?;
                 let sha256 = sha256_of(memory.take(place)).map_err(unreadable)?;
                 if (place, sha256) != (seal.length, seal.sha256.clone()) {
-                    return Err(refused("its profile is a different one"));
+                    return Err(refused("the profile in the handover was changed"));
                 }
                 Some(KeptProfile::of_handover(memory, seal).map_err(unreadable)?)
             }
@@ -266,7 +266,7 @@ fn refused(why: &str) -> String {
 fn document(memory: &File, size: u64) -> Result<(Vec<u8>, u64), String> {
     let read = |place: u64, length: u64| {
         let mut bytes = vec![0; usize::try_from(length).unwrap_or_default()];
-        memory.read_exact_at(&mut bytes, place).map_err(|_| refused("it cannot be read"))?;
+        memory.read_exact_at(&mut bytes, place).map_err(|_| refused("the handover cannot be read"))?;
         Ok::<_, String>(bytes)
     };
     let mark = SOURCES_MARK.len() as u64;
@@ -274,12 +274,12 @@ fn document(memory: &File, size: u64) -> Result<(Vec<u8>, u64), String> {
         let trailer = read(size.saturating_sub(TRAILER), TRAILER.min(size))?;
         let length = u64::from_le_bytes(trailer.try_into().unwrap_or_default());
         let place = size.checked_sub(TRAILER).and_then(|end| end.checked_sub(length));
-        (place.ok_or_else(|| refused("it is incomplete"))?, length)
+        (place.ok_or_else(|| refused("the handover is incomplete"))?, length)
     } else {
         (0, size)
     };
     if length > LARGEST || place > LARGEST_SOURCES {
-        return Err(refused("it is too large"));
+        return Err(refused("the handover is too large"));
     }
     Ok((read(place, length)?, place))
 }

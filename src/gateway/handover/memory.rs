@@ -51,11 +51,11 @@ pub(super) fn is_stream(stream: u32, name: &str) -> bool {
 /// # Errors
 /// The reason why the memfd is not accepted.
 pub(super) fn size_of_sealed(memory: &File) -> Result<u64, &'static str> {
-    let Ok(found) = memory.metadata() else { return Err("it cannot be examined") };
+    let Ok(found) = memory.metadata() else { return Err("the handover cannot be examined") };
     match () {
-        () if !is_sealed(memory) => Err("it is not sealed"),
-        () if found.uid() != rustix::process::geteuid().as_raw() => Err("it belongs to another user"),
-        () if found.mode() & 0o7777 != MODE => Err("other users may open it"),
+        () if !is_sealed(memory) => Err("the handover is not sealed"),
+        () if found.uid() != rustix::process::geteuid().as_raw() => Err("another user owns the handover"),
+        () if found.mode() & 0o7777 != MODE => Err("other users may open the handover"),
         () => Ok(found.size()),
     }
 }

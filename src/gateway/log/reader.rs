@@ -148,7 +148,7 @@ impl<R: Read> LogReader<R> {
         let mut places = HashMap::new();
         for (place, name) in names.iter().enumerate() {
             if !name.is_empty() && places.insert(name.as_str(), place).is_some() {
-                return Err(error(format!("the column {} is there twice", quoted(name))));
+                return Err(error(format!("the column {} occurs twice; rename one", quoted(name))));
             }
         }
         let columns = Columns::find(profile, &places).ok_or_else(|| {
@@ -385,7 +385,7 @@ impl<R: Read> LogReader<R> {
 /// Returns the error of an invalid record. `line`: position of the reader, if the cause contains no position.
 pub(super) fn unreadable(file: &str, line: u64, cause: &csv::Error) -> LogError {
     let message = match cause.kind() {
-        csv::ErrorKind::Utf8 { .. } => "this is not text in UTF-8".to_owned(),
+        csv::ErrorKind::Utf8 { .. } => "this is not text in UTF-8; save the file again as UTF-8".to_owned(),
         _ => cause.to_string(),
     };
     let line = cause.position().map_or(line, csv::Position::line);

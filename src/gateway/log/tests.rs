@@ -90,7 +90,7 @@ fn what_cannot_be_read_is_named_with_its_place() {
         ("zeit,bed\n0,1\n", "there is no column time; there are zeit, bed"),
         ("time;bed\n0;1,5\n5;1.5\n", "line 3, column bed: `1.5` and `1,5`"),
         ("time,oil\n0,1\n", "none of the profile's signals is in the log: bed,"),
-        ("time,bed,bed\n0,1,1\n", "the column bed is there twice"),
+        ("time,bed,bed\n0,1,1\n", "the column bed occurs twice"),
         (
             "time,bed\n0,1\n5,\"27,5\"\n",
             "day.csv, line 3, column bed: `27,5` has a decimal comma; write 27.5",

@@ -66,13 +66,13 @@ fn a_moved_output_bars_its_axis_until_a_person_confirms_and_its_first_read_is_re
     assert_eq!(barred.iter().map(|(axis, _)| *axis).collect::<Vec<_>>(), [axis]);
     let why = &barred[0].1;
     let was = format!(
-        "output {name} was scale {scale}, 20.0 µm from the gateway were verified there; it is scale -{scale}"
+        "output {name} was scale {scale}, 20.0 µm from the gateway were verified in the register; it is scale -{scale}"
     );
     assert_eq!(why.cause, was);
     assert_eq!(kinds(&moves.events(&Releases::default(), &after)), ["output-moved"]);
     let (event, why) = moves.read(OutputId(id), &name, || "-20.0 µm".to_owned()).unwrap();
     assert_eq!(kinds(&[event]), ["output-moved"]);
-    assert_eq!(why.cause, format!("{was}; its register holds -20.0 µm now"));
+    assert_eq!(why.cause, format!("{was}; the register holds -20.0 µm now"));
     let name_of_axis = &after.axis(axis).settings.name;
     assert!(moves.is_why(name_of_axis, &barred[0].1) && moves.is_why(name_of_axis, &why));
     assert!(!moves.is_why("another axis", &why));

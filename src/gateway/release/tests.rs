@@ -74,7 +74,10 @@ fn a_register_whose_device_the_profile_does_not_have_is_not_released() {
     for mut changed in [elsewhere, other_unit] {
         let before = changed.clone();
         let why = why_not(&changed, &former(&bench), &[]).unwrap_err();
-        let words = ["does not have its device any more, unit 1 at 127.0.0.1:1505", "restart --keep"];
+        let words = [
+            "does not have the device of this register any more, unit 1 at 127.0.0.1:1505",
+            "restart --keep",
+        ];
         assert!(words.iter().all(|word| why.to_string().contains(word)), "{why}");
         assert_eq!(extend(&mut changed, &[release(&bench)]), []);
         assert_eq!((changed.axes.len(), changed.outputs.len()), (before.axes.len(), before.outputs.len()));
@@ -97,7 +100,7 @@ fn a_register_that_the_profile_writes_to_under_another_name_of_its_line_is_not_r
     let place = changed.outputs.iter().position(|output| output.name == "cnc_z").unwrap();
     (changed.outputs[place].device, changed.outputs[place].address) = (id, cnc(&bench).address.clone());
     let why = why_not(&changed, &former(&bench), &[]).unwrap_err();
-    assert!(why.to_string().contains("the profile writes to it"), "{why}");
+    assert!(why.to_string().contains("the profile writes to this register"), "{why}");
 }
 
 #[test]
@@ -213,7 +216,7 @@ fn each_obstacle_is_said_with_what_to_do() {
         (
             "limit",
             Former { held_um: Some(40.5), ..plain.clone() },
-            "40.5 µm is more than its former limit of ±40 µm",
+            "40.5 µm is more than the former limit of ±40 µm",
         ),
         (
             "node",
@@ -223,18 +226,22 @@ fn each_obstacle_is_said_with_what_to_do() {
         (
             "interlock",
             bounded(&|bounds| bounds.when = Some("door == 1".into())),
-            "its interlock, door == 1, has a signal",
+            "the interlock of this register, door == 1, has a signal",
         ),
-        ("taken", placed(&|place| place.address = "holding:106 (40107)".into()), "the profile writes to it"),
+        (
+            "taken",
+            placed(&|place| place.address = "holding:106 (40107)".into()),
+            "the profile writes to this register",
+        ),
         (
             "heartbeat",
             placed(&|place| place.address = "holding:100 (40101)".into()),
-            "the profile writes to it",
+            "the profile writes to this register",
         ),
         (
             "line",
             placed(&|place| place.bus = "/dev/ttyUSB7".into()),
-            "the profile does not have its device any more, unit 1 at /dev/ttyUSB7",
+            "the profile does not have the device of this register any more, unit 1 at /dev/ttyUSB7",
         ),
     ];
     for (what, former, words) in rows {

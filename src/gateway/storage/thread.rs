@@ -316,6 +316,6 @@ impl DayFile {
                 return Ok(rows);
             }
         }
-        Err(std::io::Error::other("no free name for the log"))
+        Err(std::io::Error::other("no free name for the log: move old logs away"))
     }
 }

@@ -64,11 +64,13 @@ pub(in crate::gateway) enum Unfit {
 impl fmt::Display for Unfit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Unfit::Later(found) => write!(f, "it has layout {found}, this program writes {VERSION}"),
+            Unfit::Later(found) => {
+                write!(f, "the file has layout {found}, but this program writes {VERSION}")
+            }
             Unfit::Earlier(found) => write!(
                 f,
-                "it has layout {found} of an earlier version, which this program does not read: start a \
-                 version in between once, or let the operator arm"
+                "the file has the old layout {found}, which this program cannot read: start a version in \
+                 between once, or let the operator arm"
             ),
             Unfit::Because(why) => f.write_str(why),
         }
@@ -118,12 +120,12 @@ pub(in crate::gateway) fn read(bytes: &[u8], machine: &str) -> Result<(Seal, Con
 /// Parses a document of this form. A document of another form may have another version.
 pub(super) fn parse<'a, T: Deserialize<'a>>(bytes: &'a [u8], version: u32) -> Result<T, Unfit> {
     if bytes.is_empty() {
-        return Err(Unfit::Because("it is empty".to_owned()));
+        return Err(Unfit::Because("the file is empty".to_owned()));
     }
     serde_json::from_slice(bytes).map_err(|_| match serde_json::from_slice(bytes) {
         Ok(Versioned { version: found }) if found > version => Unfit::Later(found),
         Ok(Versioned { version: found }) if found < version => Unfit::Earlier(found),
-        _ => Unfit::Because("it is damaged, or is not a document of this program".to_owned()),
+        _ => Unfit::Because("the file is damaged, or is no document of this program".to_owned()),
     })
 }
 
@@ -135,8 +137,8 @@ pub(super) fn check(bytes: &[u8], found: &str, (of, machine): (&str, &str)) -> R
         digits.copy_from_slice(UNSEALED.as_bytes());
     }
     match place.is_some() && found == checksum(&unsealed) {
-        false => Err(Unfit::Because("its checksum does not fit: it was changed, or damaged".to_owned())),
-        true if of != machine => Err(Unfit::Because(format!("it belongs to another machine, {of}"))),
+        false => Err(Unfit::Because("the checksum is wrong: the file was changed or damaged".to_owned())),
+        true if of != machine => Err(Unfit::Because(format!("the file is of another machine, {of}"))),
         true => Ok(()),
     }
 }

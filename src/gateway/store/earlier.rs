@@ -81,15 +81,15 @@ fn judge(both: &[Option<Document>; 2]) -> Option<&'static str> {
     let number = |place: usize| seal(place).map_or(0, |seal| seal.number);
     let known = |place: usize| seal(1 - place).map_or(0, |seal| seal.other);
     match [seal(0), seal(1)] {
-        [Some(state), Some(ledger)] if state.since != ledger.since => Some(
-            "it does not belong to the ledger in the same directory: one of them is a copy from elsewhere",
+        [Some(state), Some(ledger)] if state.since != ledger.since => {
+            Some("state and ledger in this directory do not match: one of them is a copy from elsewhere")
+        }
+        _ if number(0) < known(0) => Some(
+            "the state is older than the ledger records, or is missing: a file was replaced by an older copy",
         ),
-        _ if number(0) < known(0) => {
-            Some("it is older than the ledger says, or missing: a copy from another day")
-        }
-        _ if number(1) < known(1) => {
-            Some("the ledger is older than it says, or missing: a copy from another day")
-        }
+        _ if number(1) < known(1) => Some(
+            "the ledger is older than the state records, or is missing: a file was replaced by an older copy",
+        ),
         _ => None,
     }
 }

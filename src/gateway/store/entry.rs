@@ -50,7 +50,7 @@ impl Entry {
 /// Returns a clause about an entry that no register can have.
 pub(super) fn misfit(entries: &Entries) -> Option<String> {
     let (name, _) = entries.iter().find(|(_, entry)| !all_fit(&entry.kept))?;
-    Some(format!("its number of counts for {name} is larger than any register can hold"))
+    Some(format!("the number of counts for {name} is larger than any register can contain"))
 }
 
 /// Returns whether a register can hold this number of counts.

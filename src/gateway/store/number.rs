@@ -55,9 +55,9 @@ pub(in crate::gateway) fn look(
     let path = if is_begun { begun } else { path };
     let parse = |bytes: &[u8]| {
         let number = std::str::from_utf8(bytes).ok().and_then(Number::parse);
-        number.ok_or_else(|| Unfit::Because("it was changed, or damaged".to_owned()))
+        number.ok_or_else(|| Unfit::Because("the file was changed or damaged".to_owned()))
     };
-    let found = read(disk, &path, parse).map_err(|why| format!("its number in {}: {why}", path.display()));
+    let found = read(disk, &path, parse).map_err(|why| format!("number file {}: {why}", path.display()));
     (path, found)
 }
 
@@ -65,21 +65,22 @@ pub(in crate::gateway) fn look(
 pub(super) fn judge(document: Option<&Seal>, number: Option<Number>, has_logs: bool) -> Option<String> {
     match (document, number) {
         (None, None) => {
-            has_logs.then(|| "it is missing, but the directory contains logs of a run".to_owned())
+            has_logs.then(|| "the file is missing, but the directory contains logs of a run".to_owned())
         }
         (None, Some(Number { number, .. })) => {
-            Some(format!("it is missing, but its number exists ({number})"))
+            Some(format!("the file is missing, but the number file exists ({number})"))
         }
-        (Some(seal), None) => (seal.named > 0).then(|| "its number is missing".to_owned()),
+        (Some(seal), None) => (seal.named > 0).then(|| "the number file is missing".to_owned()),
         (Some(seal), Some(known)) if seal.since != known.since => {
-            Some("it does not belong to its number: it is a copy from elsewhere".to_owned())
+            Some("state and number file do not match: one of them is a copy from elsewhere".to_owned())
         }
         (Some(seal), Some(Number { number, .. })) if seal.number < number => Some(format!(
-            "it is older than its number: it is a copy from another day (it has {}, not {number})",
+            "the file is an older copy: it has the number {}, but the number file contains {number}",
             seal.number
         )),
         (Some(seal), Some(Number { number, .. })) if number < seal.named => Some(format!(
-            "its number is a copy from another day ({number}, and it had {} before)",
+            "the number file is an older copy: it contains {number}, but contained {} when the state was \
+             saved",
             seal.named
         )),
         (Some(_), Some(_)) => None,

@@ -121,7 +121,7 @@ fn cut_at_every_length_neither_is_accepted() {
 #[test]
 fn an_older_document_and_an_older_number_do_not_fit() {
     for (ending, words) in
-        [(STATE, "it is a copy from another day"), (NUMBER, "its number is a copy from another day")]
+        [(STATE, "the file is an older copy"), (NUMBER, "the number file is an older copy")]
     {
         let bench = Bench::new(2);
         let older = bench.bytes(ending);
@@ -144,7 +144,7 @@ fn a_number_that_is_older_by_one_was_killed_before_it_and_one_that_is_newer_by_o
     assert_eq!(bench.unfit(), None);
     bench.put(STATE, &document);
     bench.put(NUMBER, &newer);
-    bench.is_unfit("it is older than its number");
+    bench.is_unfit("the file is an older copy");
 }
 
 #[test]
@@ -164,14 +164,14 @@ fn killed_between_the_very_first_document_and_its_number_it_fits_and_later_a_mis
     assert_eq!(bench.unfit(), None);
     (0..2).for_each(|_| bench.write());
     std::fs::remove_file(bench.path(NUMBER)).unwrap();
-    bench.is_unfit("its number is missing");
+    bench.is_unfit("the number file is missing");
 }
 
 #[test]
 fn a_document_that_is_gone_is_missed_by_its_number() {
     let bench = Bench::new(2);
     std::fs::remove_file(bench.path(STATE)).unwrap();
-    bench.is_unfit("it is missing, but its number exists (2)");
+    bench.is_unfit("the file is missing, but the number file exists (2)");
     std::fs::remove_file(bench.path(NUMBER)).unwrap();
     assert!(bench.open().is_first, "to begin anew, a person removes both");
 }
@@ -197,7 +197,7 @@ fn a_document_of_another_machine_or_of_one_of_the_same_name_elsewhere_does_not_f
     bench.is_unfit("a copy from elsewhere");
     let other = Seal { machine: "lathe-2".to_owned(), ..seal };
     bench.put(STATE, document::render(&other, b"0", []).unwrap());
-    bench.is_unfit("it belongs to another machine, lathe-2");
+    bench.is_unfit("the file is of another machine, lathe-2");
 }
 
 #[test]

@@ -41,7 +41,7 @@ pub(crate) fn found_worse(touches: usize, with: Micron, without: Micron) -> Stri
              {count} touches)"
         ),
     };
-    format!("its model is worse than no compensation: {shown}")
+    format!("the model is worse than no compensation: {shown}")
 }
 
 impl Comparison {
@@ -60,7 +60,7 @@ impl Comparison {
             }
             Comparison::Over { axis } => info(
                 "worse-over",
-                format!("axis {axis}: its model is not worse than no compensation any more"),
+                format!("axis {axis}: the model is not worse than no compensation any more"),
             ),
         }
     }

@@ -128,12 +128,12 @@ pub fn read(path: &Path, mut found: impl FnMut(Found)) -> std::io::Result<End> {
                 &format!("after event {} comes event {}: lines are missing", end.count, line.n),
             ));
         } else if line.after != end.seal {
-            found(damage(place, "it does not follow the line before it"));
+            found(damage(place, "this line does not follow the line before"));
         }
         match seal {
             Ok(seal) => end.seal = seal,
             Err(seal) => {
-                found(damage(place, "it was changed: its checksum does not fit"));
+                found(damage(place, "the line was changed: its checksum is wrong"));
                 end.seal = seal;
             }
         }

@@ -90,7 +90,7 @@ impl Event {
                     let why = Some(why.cause.as_str()).filter(|cause| !cause.is_empty()).map(Explained::from);
                     return Described { why, ..info("axis-state", about) };
                 }
-                let hint = "look at the alarms of its signals, devices and outputs";
+                let hint = "look at the alarms of the signals, devices and outputs of the axis";
                 let why = match why.cause.as_str() {
                     "" => "the cause has already ended".into(),
                     _ => why.clone().or_hint(hint),
@@ -132,7 +132,7 @@ impl Event {
             }
             Event::SignEnded { axis, why } => warning(
                 "sign-ended",
-                format!("axis {axis}: its sign check has ended, Cz returns"),
+                format!("axis {axis}: the sign check has ended, Cz returns"),
                 why.clone().or_hint("check the sign again"),
             ),
             Event::Disarmed { axis, why } => warning(
@@ -157,7 +157,7 @@ impl Event {
                 "warned",
                 format!("axis {axis}"),
                 Explained::new(
-                    format!("Cz is {cz}, beyond its warning level of ±{warn}"),
+                    format!("Cz is {cz}, beyond the warning level of ±{warn}"),
                     "measure a part, and compare the sensors of the axis with each other",
                 ),
             ),
@@ -181,8 +181,8 @@ impl Event {
             Event::Probed { axis, error, residual, correction } => info(
                 "probed",
                 format!(
-                    "axis {axis}: probed {error}; the model was wrong by {residual}, its correction is {correction} \
-                     now"
+                    "axis {axis}: probed {error}; the model was wrong by {residual}; the correction is \
+                     {correction} now"
                 ),
             ),
             Event::ProbeRefused { axis, error, why } => {
@@ -205,7 +205,7 @@ impl Event {
                 "saturated",
                 format!("output {output}"),
                 Explained::new(
-                    format!("{wanted} does not fit the register and was limited"),
+                    format!("{wanted} is outside the range of the register and was limited"),
                     "is `scale` right? Else write to a wider register, or lower the limit of the axis",
                 ),
             ),
@@ -227,7 +227,7 @@ impl Event {
                 "not-applied",
                 format!("output {output}"),
                 Explained::new(
-                    format!("its register holds {stands}, but the control applies {applies} ({register})"),
+                    format!("the register holds {stands}, but the control applies {applies} ({register})"),
                     "is the compensation function on in the control, does it need longer than `settle`?",
                 ),
             ),
@@ -238,7 +238,7 @@ impl Event {
             ),
             Event::ReadFailed { output, fault } => warning(
                 "read-failed",
-                format!("output {output}: its register cannot be read"),
+                format!("output {output}: the register cannot be read"),
                 fault.clone().or_hint(DOES_NOT_ANSWER),
             ),
             Event::HeartbeatFailed { device, place, fault } => warning(
@@ -258,7 +258,7 @@ impl Event {
                 format!("output {output}"),
                 Explained::new(
                     format!(
-                        "its register holds {found}, which this gateway did not write ({expected} expected); \
+                        "the register holds {found}, which this gateway did not write ({expected} expected); \
                          the value is kept"
                     ),
                     "find what changed the offset, correct the value at the control, then arm the axis",
@@ -280,7 +280,7 @@ impl Event {
                 format!("output {output}"),
                 Explained::new(
                     format!(
-                        "its register holds {value}, perhaps a write from before the gateway started; the \
+                        "the register holds {value}, perhaps a write from before the gateway started; the \
                          gateway continues from this value"
                     ),
                     "if the gateway did not write the value, disarm the axis and correct the value at the \
@@ -300,7 +300,7 @@ impl Event {
             ),
             Event::NotReadBack { output } => info(
                 "not-read-back",
-                format!("output {output}: acknowledged, not read back: its register cannot be read"),
+                format!("output {output}: acknowledged, not read back: the register cannot be read"),
             ),
             Event::OperatorChange { output, from, to, share } => info(
                 "operator-change",
@@ -317,7 +317,7 @@ impl Event {
                 "first-account",
                 format!("output {output}"),
                 Explained::new(
-                    format!("its register holds {holds}, and the gateway share in it is not known"),
+                    format!("the register holds {holds}, and the gateway share in it is not known"),
                     "if the whole value is your own offset, arm the axis; if not, first set the register to \
                      your own offset",
                 ),
@@ -340,7 +340,7 @@ impl Event {
             ),
             Event::RegisterReleased { output, register } => info(
                 "register-released",
-                format!("output {output}: its former register, {register}, is back at its base"),
+                format!("output {output}: the former register, {register}, is back at its base"),
             ),
             Event::PlaceConfirmed { output } => {
                 info("place-confirmed", format!("output {output}: the operator has confirmed its place"))
@@ -356,8 +356,8 @@ impl Event {
                 format!("bus {bus}"),
                 Explained::new(
                     format!(
-                        "namespace {uri} is ns={to} at the server, not ns={from}; the gateway uses its nodes \
-                         there"
+                        "namespace {uri} is ns={to} at the server, not ns={from}; the gateway uses the nodes \
+                         at the new index"
                     ),
                     format!("write nsu={uri};... in place of ns={from};... in the profile"),
                 ),
@@ -366,7 +366,7 @@ impl Event {
                 "position-from-zero",
                 format!("output {output}"),
                 Explained::new(
-                    "the Cz of its corrected position was not saved: the output begins at Cz 0",
+                    "the Cz of the corrected position was not saved: the output begins at Cz 0",
                     "compare the position at the display with the scale before a part is made",
                 ),
             ),
@@ -374,7 +374,7 @@ impl Event {
                 "cnc-restarted",
                 format!("output {output}"),
                 Explained::new(
-                    format!("its register went from {expected} to zero; the CNC was restarted"),
+                    format!("the register went from {expected} to zero; the CNC was restarted"),
                     "if the CNC was not restarted, find what sets the register to zero",
                 ),
             ),
@@ -391,8 +391,8 @@ impl Event {
                 format!("device {device}"),
                 Explained::new(
                     format!(
-                        "its boot counter went from {from} to {to}: the CNC was restarted; the gateway reads \
-                         its registers again"
+                        "the boot counter went from {from} to {to}: the CNC was restarted; the gateway reads \
+                         the registers again"
                     ),
                     "if the operator did not restart the CNC, check its power supply",
                 ),
@@ -417,7 +417,7 @@ impl Event {
             ),
             Event::EmergencyOver { device, count } => info(
                 "emergency-over",
-                format!("device {device}: its emergencies have ended, after {}", counted(count, "message")),
+                format!("device {device}: the emergencies have ended, after {}", counted(count, "message")),
             ),
             Event::BusTrouble { bus, address, what } => warning(
                 "bus-trouble",
@@ -456,7 +456,7 @@ impl Event {
             ),
             Event::Subscription { device, what } => warning(
                 "subscription",
-                format!("device {device}: its subscription"),
+                format!("device {device}: the subscription"),
                 Explained::new(
                     what,
                     "let the server send values as often as `every` says, or write a longer `every`",
@@ -489,7 +489,7 @@ impl Event {
                 String::new(),
                 Explained::new(
                     format!("the computer's clock was set, from {from} to {to}"),
-                    "if the operator did not set the clock, check its time server",
+                    "if the operator did not set the clock, check the time server of this computer",
                 ),
             ),
             Event::ClockDoubtful { last } => warning(
@@ -500,7 +500,7 @@ impl Event {
                         "the computer's clock does not continue from {last}, the newest time stamp in state \
                          and log: the time without measurements is assumed to be long"
                     ),
-                    "set the clock, and replace its battery if the time is lost at each start",
+                    "set the clock; if the time is lost at each start, replace the battery of the clock",
                 ),
             ),
             Event::LogsDeleted { names, why } => {

@@ -89,17 +89,17 @@ pub enum Fault {
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Fault::NoAddress => f.write_str("its host name has no address"),
+            Fault::NoAddress => f.write_str("the host name of the broker has no address"),
             Fault::Unreachable(ErrorKind::ConnectionRefused) => f.write_str("nothing listens at that port"),
-            Fault::Unreachable(kind) => write!(f, "it cannot be reached ({kind})"),
+            Fault::Unreachable(kind) => write!(f, "the broker cannot be reached ({kind})"),
             Fault::Silent => f.write_str("no answer"),
             Fault::Tls(why) => f.write_str(why),
             Fault::WrongUser => {
-                f.write_str("it rejects this user name or password, or this user may not connect")
+                f.write_str("the broker rejects this user name or password, or this user may not connect")
             }
             Fault::NotAllowed => f.write_str(
-                "it does not allow the gateway to connect: name a `user` that may connect, or a certificate \
-                 in `tls`",
+                "the broker does not allow the gateway to connect: name a `user` that may connect, or a \
+                 certificate in `tls`",
             ),
             Fault::Refused(why) => f.write_str(why),
             Fault::NoMqtt => {
@@ -107,8 +107,8 @@ impl fmt::Display for Fault {
             }
             Fault::TooLong(most) => write!(
                 f,
-                "it sends a message of more than {most} MB on a topic of commands: remove the client or the \
-                 retained message that causes this"
+                "the broker sends a message of more than {most} MB on a topic of commands: remove the client \
+                 or the retained message that causes this"
             ),
             Fault::Broken => f.write_str("the connection broke"),
             Fault::Inside(why) => write!(f, "the MQTT library failed: {why}"),

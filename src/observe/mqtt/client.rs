@@ -293,9 +293,15 @@ fn fault(error: &ConnectionError) -> Fault {
         ConnectionError::ConnectionRefused(code) => match code {
             ConnectReturnCode::BadUserNamePassword => Fault::WrongUser,
             ConnectReturnCode::NotAuthorized => Fault::NotAllowed,
-            ConnectReturnCode::RefusedProtocolVersion => Fault::Refused("it does not speak MQTT 3.1.1"),
-            ConnectReturnCode::BadClientId => Fault::Refused("it rejects the name of this client"),
-            ConnectReturnCode::ServiceUnavailable => Fault::Refused("it says that it is not available"),
+            ConnectReturnCode::RefusedProtocolVersion => {
+                Fault::Refused("the broker does not support MQTT 3.1.1")
+            }
+            ConnectReturnCode::BadClientId => {
+                Fault::Refused("the broker rejects the client name of the gateway")
+            }
+            ConnectReturnCode::ServiceUnavailable => {
+                Fault::Refused("the broker reports that it is not available")
+            }
             ConnectReturnCode::Success => Fault::NoMqtt,
         },
         ConnectionError::MqttState(StateError::Deserialization(Unreadable::PayloadSizeLimitExceeded(_))) => {

@@ -49,7 +49,7 @@ impl Commands {
     /// Rejects a retained message. It may be old, and its sender does not wait any more.
     pub(super) fn refuse_retained(&mut self, now: Moment, topic: &str, source: &dyn Source) {
         let command = topic.rsplit('/').next().unwrap_or(topic).chars().take(40).collect::<String>();
-        let why = "it is a retained message: publish commands without the retain flag";
+        let why = "the message is retained: publish commands without the retain flag";
         self.refuse(now, &command, why, source);
     }
 

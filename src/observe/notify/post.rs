@@ -36,19 +36,22 @@ pub enum Failure {
     #[error("{0}")]
     Token(String),
     /// The host name cannot be resolved.
-    #[error("its host name has no address on this computer (`getent hosts NAME` asks as the gateway does)")]
+    #[error(
+        "the host name of the server has no address on this computer (`getent hosts NAME` asks as the \
+         gateway does)"
+    )]
     Unresolved,
     /// No program listens at the address.
     #[error("no program listens there: is the port in `url` right, does the server run?")]
     Refused,
     /// The host cannot be reached.
-    #[error("it cannot be reached: {0}")]
+    #[error("the server cannot be reached: {0}")]
     Unreachable(String),
     /// The TLS handshake failed, for this reason.
     #[error("{0}")]
     Tls(String),
     /// The server closed the connection before it answered.
-    #[error("it closed the connection before it had answered")]
+    #[error("the server closed the connection before it had answered")]
     Closed,
     /// The server did not answer in time.
     #[error("no answer within {} s", .0.as_secs_f64())]
@@ -57,11 +60,11 @@ pub enum Failure {
     #[error("the server there does not speak HTTP/1.1, or it requires https")]
     NoHttp,
     /// The server redirects to another address.
-    #[error("it answered {0}: it is elsewhere{at}; the gateway does not follow: write that address into \
-             `url`", at = place(.1.as_deref()))]
+    #[error("the server answered {0}, a redirection to another address{at}. The gateway does not follow it: \
+             write that address into `url`", at = place(.1.as_deref()))]
     Elsewhere(u16, Option<String>),
     /// The server rejects the message, and may request a pause.
-    #[error("it answered {0}{means}", means = meaning(*.0))]
+    #[error("the server answered {0}{means}", means = meaning(*.0))]
     Answered(u16, Option<Duration>),
 }
 
@@ -73,11 +76,11 @@ fn meaning(code: u16) -> &'static str {
     match code {
         401 | 403 => ": is the token in `token_file` right?",
         404 | 410 => ": is the path in `url` right?",
-        405 => ": it accepts no POST there",
-        408 | 425 | 429 => ": it is overloaded",
-        400..500 => ": it does not accept such a message",
-        502..505 => ": the server behind it does not answer",
-        500..600 => ": it had an internal error",
+        405 => ": the server accepts no POST at this path",
+        408 | 425 | 429 => ": the server is overloaded",
+        400..500 => ": the server does not accept such a message",
+        502..505 => ": this server passes messages on, and the next server does not answer",
+        500..600 => ": the server had an internal error",
         _ => ", which is not an expected answer",
     }
 }

@@ -18,7 +18,9 @@ const OTHERS: u32 = 0o007;
 pub fn read(path: &Path) -> Result<String, String> {
     let at = path.display();
     let cannot = |error: std::io::Error| match error.kind() {
-        ErrorKind::NotFound => format!("the token file {at} is not there"),
+        ErrorKind::NotFound => {
+            format!("the token file {at} is not there: write the token of the server into this file")
+        }
         _ => format!("the token file {at} cannot be read: {}", regular::without_numbers(&error.to_string())),
     };
     let file = regular::open(path).map_err(cannot)?;
@@ -29,10 +31,15 @@ pub fn read(path: &Path) -> Result<String, String> {
     let length = file.take(LONGEST + 1).read_to_string(&mut text).map_err(cannot)?;
     let token = text.trim();
     match () {
-        () if token.is_empty() => Err(format!("the token file {at} is empty")),
-        () if length as u64 > LONGEST => Err(format!("the token file {at} is larger than 4 kB")),
+        () if token.is_empty() => {
+            Err(format!("the token file {at} is empty: write the token of the server into this file"))
+        }
+        () if length as u64 > LONGEST => {
+            Err(format!("the token file {at} is larger than 4 kB: write only the token into this file"))
+        }
         () if !token.bytes().all(|byte| byte.is_ascii_graphic()) => Err(format!(
-            "the token in {at} has spaces, more than one line, or characters that a request cannot contain"
+            "the token in {at} has spaces, more than one line, or characters that a request cannot contain: \
+             write the token on one line"
         )),
         () => Ok(token.to_owned()),
     }

@@ -91,8 +91,12 @@ impl Port {
                     "there is no such interface; a virtual one is made by: ip link add dev {interface} type \
                      vcan && ip link set {interface} up"
                 ),
-                Fault::Link(LinkFault::Can(CanFault::NoKernel)) => "this kernel has no CAN".to_owned(),
-                Fault::Link(LinkFault::Can(CanFault::NotCan)) => "this is no CAN interface".to_owned(),
+                Fault::Link(LinkFault::Can(CanFault::NoKernel)) => {
+                    "this kernel does not support CAN: run `modprobe can-raw` as root".to_owned()
+                }
+                Fault::Link(LinkFault::Can(CanFault::NotCan)) => {
+                    "this is no CAN interface: name one, as \"can0\" or \"vcan0\"".to_owned()
+                }
                 fault => fault.to_string(),
             })
         })?;
@@ -164,7 +168,7 @@ impl Port {
                 );
             }
             _ => {
-                tracing::debug!(interface = self.interface, %fault, "the interface is gone");
+                tracing::debug!(interface = self.interface, %fault, "the interface does not exist any more");
                 self.socket = None;
             }
         }

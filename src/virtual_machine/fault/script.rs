@@ -152,13 +152,16 @@ impl FaultFile {
             Kind::Reply(ReplyFault::WrongTransaction | ReplyFault::OneBehind { stale_transaction: true })
                 if !is_tcp =>
             {
-                return Err("an RTU line has no transactions".to_owned());
+                return Err("an RTU line has no transactions: choose another kind of fault".to_owned());
             }
             Kind::Reply(ReplyFault::Shift { .. } | ReplyFault::Keep { .. }) if !is_tcp => {
-                return Err("an RTU line has no gateway that stamps transactions".to_owned());
+                return Err(
+                    "an RTU line has no gateway that stamps transactions: choose another kind of fault"
+                        .to_owned(),
+                );
             }
             Kind::Reply(ReplyFault::WrongChecksum) if is_tcp => {
-                return Err("Modbus TCP has no checksum of its own".to_owned());
+                return Err("Modbus TCP has no checksum of its own: choose another kind of fault".to_owned());
             }
             _ => {}
         }
@@ -171,21 +174,28 @@ impl FaultFile {
         };
         match kind {
             Kind::Refuse if self.replies.is_some() => {
-                return Err("a closed listener gives no replies to count; give `for_time`".to_owned());
+                return Err(
+                    "a closed listener gives no replies, so `for` cannot count them: write `for_time`"
+                        .to_owned(),
+                );
             }
             Kind::Can(CanFault::Emergency(_)) if self.replies.is_some() => {
-                return Err("an emergency is sent once; give `for_time`".to_owned());
+                return Err(
+                    "an emergency is sent once, so `for` cannot count replies: write `for_time`".to_owned()
+                );
             }
             Kind::Can(CanFault::Babbling { every, .. } | CanFault::Errors { every: Some(every), .. })
                 if every < Duration::from_micros(100) =>
             {
-                return Err("`every` is 100 µs at least: no bus carries more".to_owned());
+                return Err("`every` must be at least 100 µs: no bus is faster".to_owned());
             }
             Kind::Can(CanFault::Errors { every: None, .. }) if lasts != Lasts::Ever => {
                 return Err("happens once: write `every`, or remove `for` and `for_time`".to_owned());
             }
             Kind::Acknowledge(_) if self.replies.is_some() => {
-                return Err("an acknowledge is no reply to count; give `for_time`".to_owned());
+                return Err(
+                    "an acknowledge is no reply, so `for` cannot count it: write `for_time`".to_owned()
+                );
             }
             Kind::Acknowledge(_) if !answers_strobes(profile, DeviceId(device)) => {
                 return Err(format!("no output or set of `{}` has a handshake", self.device));
@@ -201,19 +211,20 @@ impl FaultFile {
 
     fn exception(&mut self) -> Result<Kind, String> {
         let code = self.code.take().ok_or("`code` is missing, for example 4")?;
-        reply(ReplyFault::Exception(u8::try_from(code).map_err(|_| "`code` is 255 at most")?))
+        reply(ReplyFault::Exception(u8::try_from(code).map_err(|_| "`code` must be at most 255")?))
     }
 
     /// Delay of the unit, and the code with which a gateway gives it up.
     fn given_up(&mut self) -> Result<(Duration, Option<u8>), String> {
-        let code = self.code.take().map(u8::try_from).transpose().map_err(|_| "`code` is 255 at most")?;
+        let code =
+            self.code.take().map(u8::try_from).transpose().map_err(|_| "`code` must be at most 255")?;
         Ok((self.delay()?, code))
     }
 
     fn babbling(&mut self) -> Result<Kind, String> {
         let raw = self.id.take().unwrap_or(CanId::LARGEST_STANDARD);
         let id = CanId::standard(raw).or_else(|| CanId::extended(raw));
-        let id = id.ok_or("`id` is 0x1FFFFFFF at most")?;
+        let id = id.ok_or("`id` must be at most 0x1FFFFFFF")?;
         let every = self.every.take().unwrap_or(Duration::from_millis(1));
         Ok(Kind::Can(CanFault::Babbling { id, every }))
     }
@@ -221,7 +232,7 @@ impl FaultFile {
     fn emergency(&mut self) -> Result<Kind, String> {
         let code = self.code.take().ok_or("`code` is missing, for example 0x5030")?;
         let code = u16::try_from(code).ok().filter(|code| *code > 0);
-        Ok(Kind::Can(CanFault::Emergency(code.ok_or("`code` is from 1 to 0xFFFF")?)))
+        Ok(Kind::Can(CanFault::Emergency(code.ok_or("`code` must be from 1 to 0xFFFF")?)))
     }
 
     fn error_frame(&mut self) -> Result<Kind, String> {
@@ -240,7 +251,10 @@ impl FaultFile {
         let words = self.words.take().ok_or("`words` is missing, for example [0, 5]")?;
         let address: Register = register.parse()?;
         if words.is_empty() || usize::from(address.offset) + words.len() > 65536 {
-            return Err(format!("{} words do not fit from {address} on", words.len()));
+            return Err(format!(
+                "{} words from {address} on exceed the last address: write fewer words",
+                words.len()
+            ));
         }
         if address.table.is_bits() && words.iter().any(|word| *word > 1) {
             return Err("`words`: a bit is 0 or 1".to_owned());

@@ -29,7 +29,7 @@ fn what_makes_no_sense_is_refused() {
         (one("cnc", "silent", "delay = \"1s\""), "`delay` has no effect for this kind of fault"),
         (one("cnc", "silent", "for = 3\nfor_time = \"1s\""), "give `for` (replies) or `for_time`, not both"),
         (one("cnc", "silent", "for = 0"), "`for` must be 1 or more"),
-        (one("cnc", "refuse", "for = 3"), "give `for_time`"),
+        (one("cnc", "refuse", "for = 3"), "write `for_time`"),
         (one("cnc", "restart", "for_time = \"1s\""), "happens once"),
         (
             one("cnc", "nan", "signal = \"bed\""),
@@ -45,10 +45,10 @@ fn what_makes_no_sense_is_refused() {
             "`value` is missing or no finite number",
         ),
         (one("cnc", "register", "register = \"coil:0\"\nwords = [2]"), "a bit is 0 or 1"),
-        (one("cnc", "register", "register = \"holding:65535\"\nwords = [0, 2]"), "2 words do not fit"),
+        (one("cnc", "register", "register = \"holding:65535\"\nwords = [0, 2]"), "2 words from"),
         (one("cnc", "no-acknowledge", ""), "no output or set of `cnc` has a handshake"),
         (one("cnc", "late-acknowledge", ""), "`delay` is missing"),
-        (one("cnc", "stuck-acknowledge", "for = 3"), "give `for_time`"),
+        (one("cnc", "stuck-acknowledge", "for = 3"), "write `for_time`"),
         (one("cnc", "silent", "at = \"soon\""), "line 4"),
         (one("cnc", "silent", "forr = 3"), "unknown field `forr`"),
     ] {

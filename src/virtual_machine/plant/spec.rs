@@ -215,7 +215,7 @@ impl TryFrom<[String; 2]> for Span {
         let parse = |text: &str| humantime::parse_duration(text).map_err(|error| error.to_string());
         let (shortest, longest) = (parse(&shortest)?, parse(&longest)?);
         if shortest > longest {
-            return Err("the shortest duration comes first".to_owned());
+            return Err("write the shortest duration first".to_owned());
         }
         Ok(Span { shortest, longest })
     }

@@ -123,7 +123,7 @@ fn what_of_a_profile_does_not_fit_its_server_is_told_node_by_node() {
             ("ns=2;s=offset\"\ntype = \"i32\"", "ns=2;s=a\"\ntype = \"f64\""),
             "this user may not write the node: give the user this right at the server",
         ),
-        (("ns=2;s=scale", "ns=2;s=skale"), "there is no such node: is its name right"),
+        (("ns=2;s=scale", "ns=2;s=skale"), "there is no such node. Is the name of the node right"),
         (
             ("ns=2;s=scale\"\ntype = \"i32\"", "ns=2;s=scale\"\ntype = \"i16\""),
             "the value is an Int32, but the profile says i16: write type = \"i32\"",
@@ -188,7 +188,7 @@ fn a_server_that_stamps_only_changes_is_told_with_the_key_that_says_so() {
     let home = tempfile::tempdir().unwrap();
     let ended = check(home.path(), &machine(server.port, ""));
     assert_eq!(ended.code, Some(1), "{}{}", ended.out, ended.said);
-    let said = "s ago by the server; write source_time = \"changed\" at device cnc if it stamps only changes";
+    let said = "s ago by the server; write source_time = \"changed\" at device cnc if the server stamps only changes";
     for text in [&ended.out, &ended.said] {
         assert!(text.contains("stale: stamped 9") && text.contains(said), "{text}");
     }

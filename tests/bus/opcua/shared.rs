@@ -101,7 +101,7 @@ fn a_control_that_was_restarted_is_seen_by_its_boot_counter_and_its_offset_walke
         wait_until(source, "it is reported", |status| {
             events(status)
                 .iter()
-                .any(|text| text.starts_with("device cnc: its boot counter went from 1 to 2"))
+                .any(|text| text.starts_with("device cnc: the boot counter went from 1 to 2"))
         });
         stands(source, &control, "30");
     });

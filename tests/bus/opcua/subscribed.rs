@@ -209,7 +209,7 @@ fn a_server_that_has_no_subscription_left_or_sends_too_seldom_is_read_and_that_i
             wait_until(source, said, |status| {
                 events(status)
                     .iter()
-                    .any(|event| event.starts_with("device cnc: its subscription: ") && event.contains(said))
+                    .any(|event| event.starts_with("device cnc: the subscription: ") && event.contains(said))
             });
             server.does("drop");
             server.does("value bed 24");

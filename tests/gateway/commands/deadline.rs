@@ -83,7 +83,10 @@ fn ask(bench: &Bench, asks: Asks, span: Duration) -> Vec<Box<dyn std::any::Any>>
         std::thread::sleep(span);
         let code = asker.ends_within(PATIENCE).code();
         let said = asker.so_far().join("\n");
-        assert!(said.contains("no answer within 5 s; not known whether it was done"), "{asks:?}: {said}");
+        assert!(
+            said.contains("no answer within 5 s; it is not known whether the command was carried out"),
+            "{asks:?}: {said}"
+        );
         assert_eq!(code, Some(3), "{asks:?}: {said}");
     };
     match asks {

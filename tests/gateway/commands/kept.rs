@@ -69,7 +69,7 @@ fn a_line_that_somebody_changed_is_reported_and_the_gateway_goes_on_behind_half_
     file.write_all(b"{\"n\":99,\"after\":\"00").unwrap();
     bench.restart_killed();
     let events = bench.events_and_warnings();
-    assert!(events.contains("it was changed: its checksum does not fit"), "{events}");
+    assert!(events.contains("the line was changed: its checksum is wrong"), "{events}");
     assert!(events.contains("not an event: the line is cut or overwritten"), "{events}");
     assert_eq!(events.matches("\"kind\":\"started\"").count(), 3, "{events}");
 }

@@ -80,7 +80,7 @@ fn a_reading_that_fails_is_no_write_that_fails() {
     );
     let read = crate::commands::process::isotherm(bench.home.path()).arg("read").arg(other).output().unwrap();
     let said = String::from_utf8([read.stdout, read.stderr].concat()).unwrap();
-    assert!(said.contains("output cnc_z: its register cannot be read: "), "{said}");
+    assert!(said.contains("output cnc_z: the register cannot be read: "), "{said}");
     assert!(!said.contains("not written") && !said.contains("write-failed"), "{said}");
 }
 

@@ -346,7 +346,7 @@ fn a_decimal_point_changed_at_the_panel_is_found_within_a_minute_and_cz_goes_bac
     let found = reported(&trace, "not-as-expected");
     assert_eq!(found.len(), 1, "{}", trace.lines());
     for words in [
-        "its settings were changed",
+        "the settings of the device were changed",
         "holding:90 (40091) reads 0 instead of 1",
         "decimal point",
         "set it to 1",

@@ -188,7 +188,7 @@ fn a_row_that_was_changed_is_reported_with_file_line_output_and_both_actions() {
     let first = output.first.as_ref().unwrap();
     assert_eq!((output.differing, first.line), (1, u64::try_from(place).unwrap() + 1));
     let reported = summary.to_string();
-    let place = format!("first in {}, line {}: it is `write 11 until ", log.display(), first.line);
+    let place = format!("first in {}, line {}: `write 11 until ", log.display(), first.line);
     assert!(reported.contains("output cnc_z: 1 of ") && reported.contains(&place), "{reported}");
     assert!(reported.contains("in the log, `write 10 until "), "{reported}");
 }

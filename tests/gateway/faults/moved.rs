@@ -150,10 +150,10 @@ fn a_shared_register_that_becomes_the_gateways_alone_keeps_the_operators_offset_
             assert_eq!(told.len(), 2, "at the start, and with what the register holds: {told:#?}");
             let figures = [
                 format!(
-                    "output cnc_z was share ledger, {share:.1} µm from the gateway were verified there; it \
-                     is share whole"
+                    "output cnc_z was share ledger, {share:.1} µm from the gateway were verified in the \
+                     register; it is share whole"
                 ),
-                format!("its register holds {held:.1} µm now"),
+                format!("the register holds {held:.1} µm now"),
             ];
             assert!(told[0].contains(&figures[0]), "{told:#?}");
             assert!(figures.iter().all(|figure| told[1].contains(figure)), "{figures:?} in {told:#?}");
@@ -206,7 +206,7 @@ fn another_register_receives_nothing_while_the_former_one_keeps_its_value_and_th
             let moved = told(trace, "output-moved");
             assert!(moved[1].contains("output cnc_z was holding:104 (40105)"), "{moved:?}");
             assert!(
-                moved[1].contains("it is holding:106 (40107); its register holds 0.0 µm now"),
+                moved[1].contains("it is holding:106 (40107); the register holds 0.0 µm now"),
                 "{moved:?}"
             );
             let alarms = &trace.between(15, 16).next().unwrap().status.alarms;

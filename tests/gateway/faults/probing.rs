@@ -175,7 +175,7 @@ fn a_model_that_is_worse_than_no_compensation_is_an_alarm_and_cz_goes_to_zero() 
     assert_eq!(trace.states(), ["waiting", "active", "ramping", "zeroed"], "{}", trace.lines());
     let before = &trace.samples.iter().rfind(|sample| sample.at <= trace.stopped.0).unwrap().status;
     let axis = &before.axes[0];
-    assert_eq!((axis.cz_um, axis.why.cause.as_str()), (0.0, "its model is worse than no compensation"));
+    assert_eq!((axis.cz_um, axis.why.cause.as_str()), (0.0, "the model is worse than no compensation"));
     let worse = axis.probe.as_ref().unwrap().worse.unwrap();
     assert!(worse.ramps && worse.touches == 2 && worse.with_um > worse.without_um, "{worse:?}");
     assert!(before.alarms.iter().any(|alarm| alarm.id == "compensation of axis z"), "{:?}", before.alarms);
@@ -227,7 +227,7 @@ fn a_result_that_cannot_be_read_and_a_machine_that_is_not_known_are_reported() {
     });
     law::holds(&trace);
     assert_eq!(trace.reported("probe-refused"), 2, "{}", trace.lines());
-    assert!(trace.lines().contains("its result could not be read"), "{}", trace.lines());
+    assert!(trace.lines().contains("the result of the probing could not be read"), "{}", trace.lines());
     assert!(trace.reported("probed") >= 2, "{}", trace.lines());
 }
 
@@ -334,8 +334,8 @@ fn one_measured_error_that_arrives_ten_times_is_one_over_a_restart_and_a_kill_to
     let named: Make = |_| MeasuredReport { id: Some("part-17/2".to_owned()), ..30.0.into() };
     let plain: Make = |_| MeasuredReport::from(30.0);
     let kinds: [(Make, &str); 3] = [
-        (timed, "was taken before with the same error; measure again"),
-        (named, "the measurement with the id part-17/2 was taken before; give each"),
+        (timed, "was accepted before with the same error; measure again"),
+        (named, "the measurement with the id part-17/2 was accepted before; give each"),
         (plain, "the same error arrived 3.0 s ago and counts once; send a `time` or an `id`"),
     ];
     for (make, why) in kinds {
@@ -397,9 +397,9 @@ fn a_measured_error_of_before_the_zero_or_of_the_future_is_rejected_with_both_ti
         };
         let trial = world.gateway().command(5 * MINUTE, Command::Zero);
         // While the datum is being taken, and once it is there.
-        let trial =
-            trial.at(5 * MINUTE + 5 * SECOND, move |stage| rejected(at(stage, -10), "before the datum of"));
-        let trial = trial.at(6 * MINUTE, move |stage| rejected(at(stage, -50), "before the datum of"));
+        let trial = trial
+            .at(5 * MINUTE + 5 * SECOND, move |stage| rejected(at(stage, -10), "older than the datum of"));
+        let trial = trial.at(6 * MINUTE, move |stage| rejected(at(stage, -50), "older than the datum of"));
         let trial = trial.at(6 * MINUTE + 2 * SECOND, move |stage| rejected(at(stage, 60), "set the clock"));
         let trial = trial.at(6 * MINUTE + 4 * SECOND, move |stage| {
             assert!(at(stage, -10).unwrap().ends_with("used for the correction now"));

@@ -400,12 +400,9 @@ fn what_cannot_be_released_is_refused_with_the_reason_and_moves_nothing() {
         Run::of(moved()).dry().released(),
     ];
     let (traces, said) = runs(directory.path(), &holds(0, "0s"), all);
-    refused(
-        &said[0],
-        &["no value of the gateway", "an output cnc_z that was moved or removed", "isotherm status"],
-    );
-    refused(&said[1], &["no value of the gateway", "isotherm status"]);
-    refused(&said[2], &["no value of the gateway", "an output readout_z that was moved or removed"]);
+    refused(&said[0], &["output cnc_z: there is nothing to release", "isotherm status"]);
+    refused(&said[1], &["there is nothing to release", "isotherm status"]);
+    refused(&said[2], &["output readout_z: there is nothing to release"]);
     refused(&said[3], &["the value that is left of output cnc_z has changed", "check the value"]);
     refused(&said[4], &["dry run"]);
     assert!(traces[1..].iter().all(|trace| accesses(trace).is_empty()));
@@ -416,9 +413,15 @@ fn what_cannot_be_released_is_refused_with_the_reason_and_moves_nothing() {
     let renamed = moved().replace("cnc_on", "cnc_runs");
     let (traces, said) =
         runs(directory.path(), &holds(0, "0s"), vec![Run::of(BENCH), Run::of(renamed).released()]);
-    refused(&said[0], &["cannot be released", "its interlock, cnc_on == 1", "set that register to zero"]);
+    refused(
+        &said[0],
+        &["cannot be released", "the interlock of this register, cnc_on == 1", "set that register to zero"],
+    );
     let hint = &told(&traces[1], "register-left")[0];
-    assert!(hint.contains("`isotherm release` cannot remove the value: its interlock"), "{hint}");
+    assert!(
+        hint.contains("`isotherm release` cannot remove the value: the interlock of this register"),
+        "{hint}"
+    );
 }
 
 #[test]
@@ -435,7 +438,7 @@ fn a_person_may_ask_twice_and_is_told_while_it_goes_back() {
     let why = said[2].as_ref().unwrap_err();
     assert!(why.contains("is already returning"), "{why}");
     let why = said[3].as_ref().unwrap_err();
-    assert!(why.contains("no value of the gateway is in a register of an output cnc_z"), "{why}");
+    assert!(why.contains("output cnc_z: there is nothing to release"), "{why}");
     walks(&traces[2], left(&traces[0]), 0.0);
     assert_eq!(traces[2].reported("register-released"), 1);
 }

@@ -40,7 +40,7 @@ fn a_boot_counter_that_changes_tells_of_a_restart_and_the_axis_walks_in_from_zer
     walks_in_from(&trace, 60.5, 0.0);
     let reported: Vec<_> = trace.events.iter().filter(|event| event.kind == "cnc-booted").collect();
     assert_eq!(reported.len(), 1, "{}", trace.lines());
-    assert!(reported[0].text.contains("its boot counter went from 1 to 2"), "{}", reported[0].text);
+    assert!(reported[0].text.contains("the boot counter went from 1 to 2"), "{}", reported[0].text);
 }
 
 #[test]

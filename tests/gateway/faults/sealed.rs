@@ -134,7 +134,10 @@ fn whatever_was_done_to_the_files_nothing_is_moved_before_a_person_arms() {
             assert!(trace.reported("not-believed") > 0, "{what}\n{}", trace.lines());
             assert_eq!(trace.states_between(5, 29), ["off"], "{what}\n{}", trace.lines());
             let why = trace.between(20, 21).next().unwrap().status.axes[0].why.to_string();
-            assert!(why.contains("did not fit") && why.contains("arm the axis again"), "{what}: {why}");
+            assert!(
+                why.contains("saved state was rejected") && why.contains("arm the axis again"),
+                "{what}: {why}"
+            );
             assert_eq!(trace.states_between(50, 59), ["active"], "{what}\n{}", trace.lines());
         }
         let trace = three.after("nothing was done", |_, _| ()).await;

@@ -103,10 +103,10 @@ fn a_forged_variable_of_the_environment_arms_nothing_and_moves_no_readout() {
 fn a_handover_of_another_process_is_refused_and_one_that_can_be_changed() {
     let whole = |process| document(process).to_string().into_bytes();
     let of_another = |_| whole(std::process::id());
-    is_refused(&started_with(ALL, of_another, true), "another process wrote it");
+    is_refused(&started_with(ALL, of_another, true), "another process wrote the handover");
     is_refused(&started_with(ALL.difference(SealFlags::WRITE), whole, true), "not sealed");
     let cut = |process| whole(process)[..40].to_vec();
-    is_refused(&started_with(ALL, cut, true), "does not know its form");
+    is_refused(&started_with(ALL, cut, true), "cannot read the format");
 }
 
 #[test]

@@ -23,7 +23,7 @@ fn a_measured_error_is_learned_from_and_nothing_arms_disarms_or_moves() {
     machine.is_active();
     until("what the broker has kept is refused", || {
         let said = events(&machine);
-        if said.contains("it is a retained message") { Ok(()) } else { Err(said) }
+        if said.contains("the message is retained") { Ok(()) } else { Err(said) }
     });
     assert!(machine.status()["axes"]["z"]["probe"]["last"].is_null());
     broker.tells("isotherm/press/command/measured", r#"{"axis":"z","error_um":3.5}"#, &[]);
@@ -83,7 +83,7 @@ fn a_measured_error_that_the_broker_delivers_twice_counts_once_after_a_kill_too(
     // The error is so large that a second measurement must confirm it.
     for (payload, why) in [
         (r#"{"axis":"z","error_um":-25}"#, "counts once; send a `time` or an `id`"),
-        (r#"{"axis":"z","error_um":-24,"id":"part-17/2"}"#, "the id part-17/2 was taken before"),
+        (r#"{"axis":"z","error_um":-24,"id":"part-17/2"}"#, "the id part-17/2 was accepted before"),
     ] {
         let before = probe(&machine);
         publishes_twice(&broker, "isotherm/press/command/measured", payload);
@@ -108,7 +108,7 @@ fn a_measured_error_that_the_broker_delivers_twice_counts_once_after_a_kill_too(
     machine = machine.dies_and_begins();
     machine.is_active();
     let count =
-        |machine: &Machine| self::events(machine).matches("the id part-17/2 was taken before").count();
+        |machine: &Machine| self::events(machine).matches("the id part-17/2 was accepted before").count();
     let refused = count(&machine);
     until("it is refused after the kill", || {
         broker.tells(

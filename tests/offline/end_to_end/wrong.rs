@@ -32,7 +32,7 @@ fn a_log_that_is_no_such_csv_is_reported_with_what_to_write() {
     let with_commas = day(1).replace('.', ",");
     all_refuse(
         &with_commas,
-        &["cells under 6 column names, and", "lines more like it", "decimal commas, write points"],
+        &["cells under 6 column names, also in", "more lines", "decimal commas, write points"],
     );
     let quoted: Vec<String> = (day(1).lines())
         .map(|line| {
@@ -142,7 +142,7 @@ fn what_cannot_be_learnt_from_is_reported_by_identify_and_select() {
     let few = |number: u32| written(&HEADER, &rows(number).into_iter().step_by(150).collect::<Vec<_>>());
     let logs = [("one.csv", few(1)), ("two.csv", few(2))];
     let answer = identify(home.path(), PROFILE, &logs, &["--method", "ols", "--keep", "bearing,oil,post"]);
-    assert!(answer.said.contains("terms cannot be learnt from"), "{}", answer.said);
+    assert!(answer.said.contains("terms cannot be identified from"), "{}", answer.said);
 }
 
 #[test]

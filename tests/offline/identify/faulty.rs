@@ -85,7 +85,7 @@ fn a_constant_and_a_missing_sensor_are_left_out() {
     days[0].temperatures[2][100..300].fill(f64::NAN);
     let found = reasons(&days);
     assert_eq!(found[0], ("s2".to_owned(), "missing in 33 % of the rows in day0".to_owned()));
-    assert_eq!(found[1], ("s4".to_owned(), "constant: it gives no information".to_owned()));
+    assert_eq!(found[1], ("s4".to_owned(), "constant: this sensor gives no information".to_owned()));
 }
 
 #[test]

@@ -114,9 +114,9 @@ fn products_that_do_not_mean_the_same_are_not_added_and_why_is_said() {
 fn products_that_were_changed_are_of_another_version_or_are_none_are_refused() {
     let file = kept("mill-1", &some(1), &choice()).to_json().unwrap();
     for (from, to, words) in [
-        ("\"machine\":\"mill-1\"", "\"machine\":\"mill-7\"", "its checksum is wrong"),
+        ("\"machine\":\"mill-1\"", "\"machine\":\"mill-7\"", "the checksum is wrong"),
         ("\"version\":1", "\"version\":2", "this program reads version 1"),
-        ("isotherm-products", "isotherm-halves", "its format is not \"isotherm-products\""),
+        ("isotherm-products", "isotherm-halves", "the format is not \"isotherm-products\""),
         ("{\"format\"", "[{\"format\"", "no file of run products"),
     ] {
         assert!(file.contains(from), "{from}");

@@ -134,5 +134,5 @@ fn fewer_rows_than_terms_are_reported_with_what_to_do() {
         ..Default::default()
     };
     let reported = isotherm_identify::identify(&ready, &settings, None, false, &|_, _| {}).unwrap_err();
-    says(&reported, &["12 terms cannot be learnt from the 5 rows", "--inputs", "--method sparse-lag"]);
+    says(&reported, &["12 terms cannot be identified from the 5 rows", "--inputs", "--method sparse-lag"]);
 }

@@ -246,9 +246,12 @@ fn a_siko_indicator_is_written_with_its_control_word_and_condemned_by_its_status
 fn a_template_for_one_kind_of_line_is_refused_on_the_other() {
     let errors =
         on_can("template = \"icp-das-m7018\"", "[signal.s]\ndevice = \"d\"\nchannel = 0").unwrap_err();
-    assert!(errors.to_string().contains("it comes from channel `0` of template `icp-das-m7018`"), "{errors}");
+    assert!(
+        errors.to_string().contains("this value comes from channel `0` of template `icp-das-m7018`"),
+        "{errors}"
+    );
     let errors =
         super::taken("template = \"peak-mu-thermocouple1\"", "[signal.s]\ndevice = \"d\"\nchannel = \"1A\"");
     let reported = errors.unwrap_err().to_string();
-    assert!(reported.contains("`frame` belongs to a device on a CAN line"), "{reported}");
+    assert!(reported.contains("`frame` is only for a device on a CAN line"), "{reported}");
 }

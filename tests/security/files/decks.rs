@@ -53,5 +53,5 @@ fn a_mistake_in_every_line_of_a_mesh_is_told_some_times_and_counted() {
     isotherm(&["place"], &path).is_refused(size(&path), &["lines.inp:2", "more"]);
     let long = "1,".repeat(10_000_000);
     let path = home.write("line.inp", format!("*NODE\n{long}\n*{}\n", "N".repeat(1_000_000)));
-    isotherm(&["place"], &path).is_refused(size(&path), &["line.inp:2", "values where 4 belong"]);
+    isotherm(&["place"], &path).is_refused(size(&path), &["line.inp:2", "values, but 4 are required"]);
 }

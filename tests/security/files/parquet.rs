@@ -33,7 +33,7 @@ fn what_is_wrong_with_a_parquet_file_is_said_in_a_sentence() {
         ("corpus/parquet/negative_length.parquet", ["column", "negative"]),
         ("corpus/parquet/no_dictionary.parquet", ["column", "a page has no header, or a damaged header"]),
         // Its pages look valid, but the reader panics on their content.
-        ("corpus/parquet/reader_panics.parquet", ["it is not a readable Parquet file", "the reader failed"]),
+        ("corpus/parquet/reader_panics.parquet", ["this is no readable Parquet file", "the reader failed"]),
         ("security/bombs/many_rows.parquet", ["20000000 rows", "are read"]),
         ("security/bombs/huge_page.parquet", ["has 80000", "at most 48000000"]),
         ("security/bombs/more_than_it_says.parquet", ["contains more than", "that its header gives"]),
@@ -55,6 +55,6 @@ fn a_parquet_file_cut_short_or_of_something_else_is_refused() {
         ("text.parquet", b"time,bed\n0,20\n"),
     ] {
         let path = home.write(name, bytes);
-        isotherm(&["report"], &path).is_refused(size(&path), &[name, "it is no Parquet file"]);
+        isotherm(&["report"], &path).is_refused(size(&path), &[name, "this is no Parquet file"]);
     }
 }

@@ -154,6 +154,11 @@ fn a_small_network_that_asks_for_gigabytes_is_refused_before_it_gets_them() {
     let onnx = home.write("small.onnx", model(&nodes, &[column, row], Some(1)));
     let network = "kind = \"network\"\ninputs = [\"bed\"]\nfile = \"small.onnx\"\n";
     let path = home.write("machine.toml", format!("{MACHINE}{network}"));
-    isotherm(&["check"], &path)
-        .is_refused(size(&onnx), &["machine.toml", "its node Add of `large` makes it 2500000000 numbers"]);
+    isotherm(&["check"], &path).is_refused(
+        size(&onnx),
+        &[
+            "machine.toml",
+            "node Add with the output `large` raises the count of computed numbers to 2500000000",
+        ],
+    );
 }

@@ -157,7 +157,9 @@ impl FromStr for NodeId {
             "g" => return Err(format!("`{name}` is no GUID")),
             "b" if !is_base64(name) => return Err(format!("`{name}` is no Base64")),
             "b" if !ends_in_whole_bytes(name) => {
-                return Err(format!("`{name}` is no Base64: bits of its last digit belong to no byte"));
+                return Err(format!(
+                    "`{name}` is not canonical Base64: the unused bits of its last character must be zero"
+                ));
             }
             "b" => Identifier::Opaque(name.to_owned()),
             _ => return Err(format!("`{kind}=` is no kind of node; allowed: i, s, g, b")),
@@ -258,8 +260,8 @@ mod tests {
             ("ns=2;x=1", "allowed: i, s, g, b"),
             ("g=09087e75", "no GUID"),
             ("b=M/R", "no Base64"),
-            ("b=QR==", "bits of its last digit"),
-            ("b=QUF=", "bits of its last digit"),
+            ("b=QR==", "not canonical Base64"),
+            ("b=QUF=", "not canonical Base64"),
             ("nsu=urn:plc", "no name after its namespace"),
             ("nsu=;s=offset", "no URI behind `nsu=`"),
             ("nsu=urn:50%;s=offset", "is written %25"),

@@ -149,13 +149,13 @@ fn channel(text: &str, kind: &str) -> Result<Channel, String> {
     }
     if let Some(number) = [Some(chip), device].into_iter().flatten().find(|part| is_number(part)) {
         return Err(format!(
-            "`{number}` is a number that the kernel assigns again at each start: it may then belong to \
-             another chip; {form}"
+            "`{number}` is a number that the kernel assigns again at each start, perhaps to another chip; \
+             {form}"
         ));
     }
     if chip == PcSensor::ONE_WIRE_IN_HWMON {
         return Err(format!(
-            "`{chip}` is a 1-Wire sensor, whose checksum is not visible there; write its ROM id, as \
+            "`{chip}` is a 1-Wire sensor: in `{kind}` its checksum is not visible; write its ROM id, as \
              \"w1:28-0316a2794f01\""
         ));
     }
@@ -199,7 +199,7 @@ mod tests {
             ("hwmon:hwmon3/temp1", "`hwmon3` is a number that the kernel assigns again at each start"),
             ("hwmon:3/temp1", "`3` is a number"),
             ("hwmon:lm75@hwmon3/temp1", "`hwmon3` is a number"),
-            ("hwmon:w1_slave_temp@28-0316a2794f01/temp1", "whose checksum is not visible there"),
+            ("hwmon:w1_slave_temp@28-0316a2794f01/temp1", "its checksum is not visible"),
             ("iio:device0/temp", "`device0` is a number"),
             ("iio:iio:device0/temp", "`iio:device0` is a number"),
             ("/sys/class/hwmon/hwmon3/temp1_input", "is a path"),

@@ -166,7 +166,7 @@ impl fmt::Display for Doubt {
             Doubt::ZeroOrOurs => {
                 "the register fell to zero: by a restart of the CNC, or by a write of the gateway"
             }
-            Doubt::Rebooted => "since a restart of the CNC, its register holds another value",
+            Doubt::Rebooted => "the register holds another value since a restart of the CNC",
             Doubt::LikeOurOwn => "two unanswered writes were each followed by a change of exactly their size",
             Doubt::Unsteady => {
                 "the register held another value than written, twice in a row: the control limits the value, \

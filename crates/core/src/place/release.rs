@@ -53,10 +53,10 @@ impl Obstacle {
     /// Returns the cause as text, for a register.
     pub fn cause(self) -> &'static str {
         match self {
-            Obstacle::Set => "the control accepts it only with the other values of its set",
-            Obstacle::Writes => "it holds no offset",
-            Obstacle::Address => "it is no Modbus register",
-            Obstacle::Unread => "it cannot be read",
+            Obstacle::Set => "the control accepts the register only with the other values of the set",
+            Obstacle::Writes => "the register holds no offset",
+            Obstacle::Address => "the value is not in a Modbus register",
+            Obstacle::Unread => "the register cannot be read",
         }
     }
 }

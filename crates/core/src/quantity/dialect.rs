@@ -136,8 +136,8 @@ fn in_zone(wall: DateTime, zone: &TimeZone, last: Option<Moment>) -> Result<Mome
             if last.is_some_and(|last| last > first) { at(after) } else { Ok(first) }
         }
         AmbiguousOffset::Gap { .. } => Err(format!(
-            "{} has no {wall}: its clocks went forward over this time; is that the zone of the log? --zone \
-             +01:00 is a clock without summer time",
+            "{} has no {wall}: the clocks of this zone were set forward over this time. Is this the zone of \
+             the log? For a clock without summer time, write --zone +01:00",
             zone.iana_name().unwrap_or("the zone")
         )),
     }
@@ -216,7 +216,7 @@ mod tests {
         for (text, says) in [
             (
                 "29.03.2026 02:30:00",
-                "Europe/Berlin has no 2026-03-29T02:30:00: its clocks went forward over this time",
+                "Europe/Berlin has no 2026-03-29T02:30:00: the clocks of this zone were set forward",
             ),
             ("01/05/2026 06:00:00", "day and month cannot be told apart"),
             ("05.01.26 06:00:10", "write the year with four digits"),

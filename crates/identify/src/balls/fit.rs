@@ -25,7 +25,7 @@ pub(super) fn fit(cold: &[Touch], round: &[Touch], along: usize, origin: f64) ->
     }
     let spread = |of: fn(&Moved) -> f64| range(moved.iter().map(of));
     if spread(|touch| touch.place) < APART {
-        return Err("fewer than two of its balls were touched in the first round".to_owned());
+        return Err("fewer than two balls of this round were touched in the first round".to_owned());
     }
     let shortest = moved.iter().map(|touch| touch.stylus).fold(f64::MAX, f64::min);
     let has_styli =
@@ -43,7 +43,7 @@ pub(super) fn fit(cold: &[Touch], round: &[Touch], along: usize, origin: f64) ->
     for direction in 0..3 {
         let matrix = if with_stylus && direction != along { &all } else { &without_stylus };
         let by = DVector::from_fn(moved.len(), |row, _| moved[row].by[direction]);
-        let terms = least_squares(matrix, &by).ok_or("its balls are too near to each other")?;
+        let terms = least_squares(matrix, &by).ok_or("the balls of this round are too near to each other")?;
         drift_um[direction] = terms[0];
         slope_um_per_mm[direction] = terms[1];
         spindle[direction] = terms.get(2).copied().unwrap_or(0.0);

@@ -82,7 +82,7 @@ pub(super) fn from_text(
             true => "if these are decimal commas, write points; a comma only separates columns",
             false => "an empty cell also needs its comma",
         };
-        let more = if lines > 1 { format!(", and {} lines more like it", lines - 1) } else { String::new() };
+        let more = if lines > 1 { format!(", also in {} more lines", lines - 1) } else { String::new() };
         rows.refuse(line, None, format!("{cells} cells under {width} column names{more}: {hint}"));
     }
     rows.finish((2, "there are no rows under the header"))
@@ -93,7 +93,7 @@ fn check_header(names: &[String]) -> Result<(), String> {
         return Err("the log is empty; its first line names the columns".to_owned());
     }
     if names.len() > MOST_COLUMNS {
-        return Err(format!("{} columns: at most {MOST_COLUMNS} are read", names.len()));
+        return Err(format!("{} columns: at most {MOST_COLUMNS} are read; leave columns out", names.len()));
     }
     let mut seen = std::collections::HashSet::new();
     match names.iter().find(|name| !name.is_empty() && !seen.insert(name.as_str())) {

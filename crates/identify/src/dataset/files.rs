@@ -27,8 +27,8 @@ pub(super) fn logs(named: &[PathBuf], wrong: &mut Vec<String>) -> Vec<PathBuf> {
             let path = file.canonicalize().ok();
             if path.is_some() && files.iter().any(|known| known.canonicalize().ok() == path) {
                 wrong.push(format!(
-                    "{} is named twice: a run would be judged with a model that was learnt from it; name \
-                     each log once",
+                    "{} is named twice: the same run would be used to identify the model and to test it; \
+                     name each log once",
                     file.display()
                 ));
             } else {
@@ -75,6 +75,6 @@ pub(super) fn open(file: &Path) -> Result<File, BadLog> {
 pub(super) fn cannot_be_read(path: &Path, why: &io::Error) -> BadLog {
     BadLog(vec![match why.kind() {
         io::ErrorKind::NotFound => format!("{}: there is no such file", path.display()),
-        _ => format!("{}: it cannot be read: {why}", path.display()),
+        _ => format!("{}: the file cannot be read: {why}", path.display()),
     }])
 }

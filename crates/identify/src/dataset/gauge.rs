@@ -30,8 +30,8 @@ pub(super) fn add(
     };
     if let Some((one, other)) = overlapping(&dataset.runs) {
         return Err(refused(format!(
-            "{one} and {other} overlap in time, so a reading could belong to either: name one of them, or \
-             logs with dates"
+            "{one} and {other} overlap in time, so the run of a reading is not known: name one of the two \
+             logs, or logs with dates"
         )));
     }
     let per_unit = if column.ends_with("_mm") { 1000.0 } else { 1.0 };

@@ -41,7 +41,7 @@ pub(super) fn read(file: &Path, split: &Split, uses: Uses<'_>) -> Result<Table, 
     let refused = |why: String| BadLog(vec![format!("{}: {why}", file.display())]);
     beyond(|| from_file(file, opened, split, uses)).unwrap_or_else(|_| {
         Err(refused(
-            "it is not a readable Parquet file: the reader failed; write the file again, or write it as CSV"
+            "this is no readable Parquet file: the reader failed; write the file again, or write it as CSV"
                 .to_owned(),
         ))
     })
@@ -52,10 +52,13 @@ fn from_file(path: &Path, file: File, split: &Split, uses: Uses<'_>) -> Result<T
     let length = file.metadata().map_err(|why| files::cannot_be_read(path, &why))?.len();
     let again = file.try_clone().map_err(|why| files::cannot_be_read(path, &why))?;
     let reader =
-        SerializedFileReader::new(file).map_err(|why| refused(format!("it is no Parquet file: {why}")))?;
+        SerializedFileReader::new(file).map_err(|why| refused(format!("this is no Parquet file: {why}")))?;
     let columns = reader.metadata().file_metadata().schema_descr().columns().to_vec();
     if columns.len() > MOST_COLUMNS {
-        return Err(refused(format!("{} columns: at most {MOST_COLUMNS} are read", columns.len())));
+        return Err(refused(format!(
+            "{} columns: at most {MOST_COLUMNS} are read; leave columns out",
+            columns.len()
+        )));
     }
     let names: Vec<String> = columns.iter().map(name).collect();
     let there_are = names.join(", ");
@@ -122,7 +125,7 @@ impl Opened {
         let rows = self.groups().iter().try_fold(0u64, |rows, group| {
             u64::try_from(group.num_rows()).ok().and_then(|more| rows.checked_add(more))
         });
-        let rows = rows.ok_or("its number of rows is negative")?;
+        let rows = rows.ok_or("the number of rows is negative: write the file again")?;
         let columns = 1 + table.kept() as u64;
         let (needed, limit) =
             (rows.saturating_mul(8 * columns), AT_LEAST.saturating_add(self.length.saturating_mul(PER_BYTE)));
@@ -144,7 +147,7 @@ impl Opened {
         let is_time = place == table.time_at();
         if !is_plain(column) {
             if is_time {
-                return Err(Stopped::Wrong("it needs one value in each row".to_owned()));
+                return Err(Stopped::Wrong("this column needs one value in each row".to_owned()));
             }
             table.is_text(place);
             return Ok(());
@@ -154,15 +157,14 @@ impl Opened {
             if !is_time && !table.reads(place) {
                 break;
             }
-            let chunk = metadata
-                .columns()
-                .get(place)
-                .ok_or_else(|| Stopped::Wrong("it is missing in a row group".to_owned()))?;
+            let chunk = metadata.columns().get(place).ok_or_else(|| {
+                Stopped::Wrong("this column is missing in a row group: write the file again".to_owned())
+            })?;
             let looked = pages::look(&self.again, self.length, chunk).map_err(Stopped::Wrong)?;
             if looked.has_deltas_of_texts && column.physical_type() == Type::BYTE_ARRAY {
                 if is_time || table.needs_words(place) {
-                    let why = "its texts are stored as differences, which is not supported: write them plain \
-                               or with a dictionary";
+                    let why = "the texts of this column are stored as differences, which is not supported: \
+                               write them plain or with a dictionary";
                     return Err(Stopped::Wrong(why.to_owned()));
                 }
                 table.is_text(place);
@@ -278,7 +280,9 @@ impl Cells<'_> {
             let there = self.is_optional.then_some(&mut levels);
             let (records, ..) = reader.read_records(left.min(BATCH), there, None, &mut values)?;
             if records == 0 {
-                return Err(Stopped::Wrong(format!("it ends {left} rows too early")));
+                return Err(Stopped::Wrong(format!(
+                    "this column ends {left} rows too early: write the file again"
+                )));
             }
             left -= records;
             let mut values = values.iter();

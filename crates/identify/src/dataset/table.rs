@@ -344,7 +344,7 @@ impl Reader {
             }
         }
         if self.unlisted > 0 {
-            let more = format!("{}: {} more of this kind", self.table.file.display(), self.unlisted);
+            let more = format!("{}: further errors: {}", self.table.file.display(), self.unlisted);
             self.listed.push(more);
         }
         BadLog::unless(self.listed, self.table)

@@ -157,7 +157,7 @@ fn settled(fault: &Fault, masks: &mut [Vec<bool>], done: Done) -> (Damage, Done)
         (Some(done), true) => (Damage::Frozen, Some(format!("these rows were masked; for the lags, {done}"))),
         (Some(done), false) => (Damage::Rebuilt, Some(done)),
         (None, true) => {
-            (Damage::Missing, Some("these rows were masked: nothing is learnt from them".to_owned()))
+            (Damage::Missing, Some("these rows were masked: the model is identified without them".to_owned()))
         }
         (None, false) => (Damage::Missing, None),
     }

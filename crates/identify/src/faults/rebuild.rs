@@ -92,7 +92,7 @@ impl Likeness<'_> {
         says.sort_by(|one, other| other.0.total_cmp(&one.0));
         let mostly = says.iter().take(2).map(|(_, neighbour)| self.dataset.columns[*neighbour].name.as_str());
         let message = format!(
-            "its readings of that time were rebuilt, mostly from {} (± {error:.2} °C in good runs that were \
+            "the readings of that time were rebuilt, mostly from {} (± {error:.2} °C in good runs that were \
              rebuilt in the same way)",
             mostly.collect::<Vec<&str>>().join(" and ")
         );
@@ -157,7 +157,7 @@ impl Likeness<'_> {
         let (error, step) = tried.min_by(|one, other| one.0.total_cmp(&other.0))?;
         let mut values = self.dataset.runs[run].values[self.column].clone();
         rows.iter().for_each(|row| values[*row] -= step);
-        let message = format!("{:+.2} °C (± {error:.2}) were added to its readings from that time on", -step);
+        let message = format!("{:+.2} °C (± {error:.2}) were added to the readings from that time on", -step);
         Some(Replaced { values, message, error })
     }
 

@@ -63,8 +63,8 @@ pub(super) fn cross_validation(runs: &[RunScore], means: &Means, uncompensated: 
     html! {
         h2 { "Cross-validation" }
         p {
-            "Each run was held out in turn: the model was found from all the others, and judged on that run. \
-             The range is the largest minus the smallest error of a run."
+            "Each run was held out in turn: the model was identified from all the others, and tested on that \
+             run. The range is the largest minus the smallest error of a run."
         }
         p { (worse(runs)) }
         ul .keys { li .filled { "residual range, µm" } li .hollow { "without compensation, µm" } }

@@ -90,7 +90,7 @@ fn by_count(found: &Selected) -> Markup {
     html! {
         h2 { "How many points" }
         p {
-            "For each run, the points were chosen from all the others, and judged on that run. The curves \
+            "For each run, the points were chosen from all the others, and tested on that run. The curves \
              show the residual error by the number of points." }
         ul .keys { li {
             "held out, over the number of points; a ring marks the recommended \

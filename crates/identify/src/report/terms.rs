@@ -31,7 +31,7 @@ pub(super) fn terms(found: &Identified) -> Markup {
         };
     };
     if gains.is_empty() {
-        return html! { h2 { "The model" } p { "No term: the machine is left as it is." } };
+        return html! { h2 { "The model" } p { "The model has no term: it compensates nothing." } };
     }
     let order = found.by_size();
     let bar = |term: &&TermFound| Bar {
@@ -83,7 +83,7 @@ pub(super) fn terms(found: &Identified) -> Markup {
         @if let Some(condition) = found.condition {
             p {
                 "Condition number " (three_digits(condition)) ": "
-                @if condition < 30.0 { "the terms can be told apart." }
+                @if condition < 30.0 { "the terms can be distinguished." }
                 @else { "terms are similar, so only the sum of their gains is meaningful." }
             }
         }
@@ -153,7 +153,11 @@ pub(super) fn stand_ins(found: &Identified) -> Markup {
     };
     let of_sensor = |stand_in: &StandIn| {
         let others = stand_in.terms.iter().map(|(signal, ..)| signal).collect::<BTreeSet<_>>().len();
-        (stand_in.signal.clone(), stand_in.means, format!("its value from {}", counted(others, "other")))
+        (
+            stand_in.signal.clone(),
+            stand_in.means,
+            format!("the value predicted from {}", counted(others, "other")),
+        )
     };
     let of_model = |fallback: &Fallback| {
         let kind = format!("{} without it, {}", fallback.kind(), counted(fallback.terms.len(), "term"));
@@ -172,8 +176,9 @@ pub(super) fn stand_ins(found: &Identified) -> Markup {
     html! {
         h2 { "Without one of its sensors" }
         p {
-            "If a sensor is frozen or fails, its value from the others replaces it, or a model without it, \
-             whichever has the smaller error. Held out, with the sensor lost from the beginning of each run"
+            "If a sensor is frozen or fails, a value predicted from the other sensors replaces it, or a \
+             model without this sensor is used. The one with the smaller error is chosen. Held out, with the \
+             sensor lost from the beginning of each run"
             @if found.probe_s.is_some() { ", without the probe" }
             ":"
         }
@@ -214,7 +219,7 @@ pub(super) fn by_sensors(counted: &[Counted]) -> Markup {
         h2 { "How many sensors" }
         p {
             "The value of one more sensor: for each run, the sensors were chosen from all the others, and \
-             judged on that run." }
+             tested on that run." }
         div .gallery {
             (figure("Mean range of a run", &chart::curve("µm", says, &ranges, few, ranges[0]),
                 "Over the number of sensors; dashed: without sensors. A ring marks the smallest number that \

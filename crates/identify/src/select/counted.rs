@@ -104,8 +104,8 @@ impl Counts {
         let why = if k == 0 {
             format!(
                 "no choice of up to {most} points is clearly better than no compensation on held-out runs. \
-                 The mean range is {:.2} µm at best, {:.2} µm uncompensated. Record more runs, or points \
-                 nearer to the heat sources",
+                 The smallest mean range is {:.2} µm; without compensation it is {:.2} µm. Record more runs, \
+                 or points nearer to the heat sources",
                 range(best),
                 range(0)
             )

@@ -112,7 +112,8 @@ fn inputs(dataset: &Dataset, choice: &Choice, error: Option<usize>, wrong: &mut 
         let columns = dataset.columns.iter().chain(&dataset.unread);
         let columns = columns.map(|column| format!("{} ({})", column.name, column.kind));
         wrong.push(format!(
-            "no column of the logs is a temperature: there are {}; name the points with --inputs",
+            "no column of the logs is a temperature. Columns: {}. Name the columns of the measuring points \
+             with --inputs",
             columns.collect::<Vec<String>>().join(", ")
         ));
     }

@@ -55,7 +55,7 @@ pub(super) fn examine<'a>(
         let reasons = excluded.iter().map(|faulty| format!("{}: {}", faulty.signal, faulty.reason));
         let reasons: Vec<String> = reasons.collect();
         return Err(BadLog(vec![format!(
-            "no sensor is left to learn from: {}; --keep NAME keeps a sensor anyway",
+            "no sensor is left for the model: {}; --keep NAME keeps a sensor anyway",
             reasons.join("; ")
         )]));
     }

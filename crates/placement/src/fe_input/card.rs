@@ -61,7 +61,7 @@ impl Line {
         }
         if has > wanted {
             let hint = "a decimal comma makes two values of one: write 1.5, not 1,5";
-            return Err(self.fault(format!("{counted} where {wanted} belong ({names}); {hint}")));
+            return Err(self.fault(format!("{counted}, but {wanted} are required ({names}); {hint}")));
         }
         Ok(())
     }
@@ -73,7 +73,7 @@ impl Line {
         match parsed {
             Ok(number) if number.is_finite() => Ok(number),
             _ if text.is_empty() => Err(self.fault(format!("the {name} is missing"))),
-            _ => Err(self.fault(format!("`{}` is not a number; the {name} belongs here", quoted(text)))),
+            _ => Err(self.fault(format!("`{}` is not a number; write the {name} here", quoted(text)))),
         }
     }
 
@@ -82,7 +82,7 @@ impl Line {
         let id = text.parse().ok().filter(|id| *id > 0);
         id.ok_or_else(|| {
             let text = quoted(text);
-            self.fault(format!("`{text}` is not a number from 1 up; the {name} belongs here"))
+            self.fault(format!("`{text}` is not a number from 1 up; write the {name} here"))
         })
     }
 
@@ -128,7 +128,7 @@ impl Card {
             self.parameters.iter().filter(|(name, _)| !known.split(' ').any(|known| known == name))
         {
             let here = match known {
-                "" => "it has no parameters".to_owned(),
+                "" => "this card has no parameters".to_owned(),
                 known => format!("known here: {}", known.replace(' ', ", ")),
             };
             faults.push(self.fault(format!("the parameter {name} is not understood ({here})")));
@@ -170,7 +170,7 @@ impl Gathering<'_> {
         let found = std::fs::metadata(path).map_err(unreadable)?;
         // A pipe may have no writer, and a device has no end.
         if !found.is_file() {
-            return Err(format!("{} is no regular file", path.display()));
+            return Err(format!("{} is no regular file: name a file", path.display()));
         }
         let times = self.taken.entry((found.dev(), found.ino())).or_default();
         *times += 1;
@@ -249,10 +249,12 @@ pub(super) const INCLUDED: &str = "INCLUDED";
 
 /// Adds a data line to the last card.
 fn data(text: &str, mut at: Location, cards: &mut [Card]) -> Result<(), Fault> {
-    let card = cards.last_mut().ok_or_else(|| at.fault("this line is before the first card"))?;
+    let card = cards
+        .last_mut()
+        .ok_or_else(|| at.fault("this line is before the first card: write the card above this line"))?;
     at.card = Rc::clone(&card.at.card);
     if card.key == INCLUDED {
-        return Err(at.fault("this line follows an include: which card it belongs to is not clear"));
+        return Err(at.fault("this data line follows an *INCLUDE: write the card of the line again above it"));
     }
     let text = text.trim_end_matches(|last: char| last == ',' || last.is_whitespace()).to_owned();
     card.lines.push(Line { at, text });

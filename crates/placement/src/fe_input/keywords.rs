@@ -114,14 +114,16 @@ fn known<'a>(cards: &'a [Card], faults: &mut Faults) -> Vec<(Stage, &'a Card, Re
                 return known;
             }
             "ENDSTEP" if began.is_some() && !ended => ended = true,
-            "ENDSTEP" => faults.push(card.fault("there is no step to end")),
+            "ENDSTEP" => faults.push(
+                card.fault("there is no step to end: write *STEP above, or take this card out of the file"),
+            ),
             key => match KEYWORDS.iter().find(|(name, ..)| plain(name) == key) {
                 Some((_, stage, parameters, read)) => {
                     let misplaced = match stage {
-                        Stage::Boundary => ended.then_some("belongs before *END STEP"),
+                        Stage::Boundary => ended.then_some("must be before *END STEP"),
                         Stage::Step if began.is_some() && !ended => None,
-                        Stage::Step => Some("belongs between *STEP and *END STEP"),
-                        _ => began.map(|_| "belongs before *STEP"),
+                        Stage::Step => Some("must be between *STEP and *END STEP"),
+                        _ => began.map(|_| "must be before *STEP"),
                     };
                     faults.extend(misplaced.map(|message| card.fault(message)));
                     card.only(parameters, faults);
@@ -149,8 +151,8 @@ const REFUSED: [(&str, &str); 14] = [
     ),
     (
         "STATIC",
-        "only heat-transfer steps are read: one file for each load case with *HEAT TRANSFER; displacements follow from \
-         its temperatures",
+        "only heat-transfer steps are read: write one file for each load case, with *HEAT TRANSFER; \
+         displacements are computed from the temperatures",
     ),
     (
         "TEMPERATURE",
@@ -159,11 +161,14 @@ const REFUSED: [(&str, &str); 14] = [
     ),
     (
         "COUPLEDTEMPERATURE-DISPLACEMENT UNCOUPLEDTEMPERATURE-DISPLACEMENT",
-        "write *HEAT TRANSFER: displacements follow from its temperatures",
+        "write *HEAT TRANSFER: displacements are computed from the temperatures",
     ),
     ("CLOAD", "forces do not warm anything: take them out of the file"),
     ("DLOAD", "pressures do not warm anything: take them out of the file"),
-    ("AMPLITUDE", "loads are constant over the step"),
+    (
+        "AMPLITUDE",
+        "only loads that are constant during the step are supported: take the card out of the file",
+    ),
     (
         "EQUATION MPC TIE RIGIDBODY COUPLING CONTACTPAIR SURFACEINTERACTION GAPCONDUCTANCE",
         "only joints by common nodes are read: make one mesh of the parts",
@@ -172,11 +177,26 @@ const REFUSED: [(&str, &str); 14] = [
         "SHELLSECTION BEAMSECTION MEMBRANESECTION",
         "only solids are read: mesh the structure with C3D4 or C3D10",
     ),
-    ("ORIENTATION", "materials are the same in all directions"),
-    ("TRANSFORM", "coordinates and directions are those of the mesh"),
-    ("PLASTIC CREEP HYPERELASTIC", "materials are linear, which is accurate for some kelvin"),
-    ("CONTROLS", "the equations are linear: there is nothing to control"),
-    ("RESTART", "each file is computed from its beginning"),
+    (
+        "ORIENTATION",
+        "only materials with the same properties in all directions are supported: take the card out of the \
+         file",
+    ),
+    (
+        "TRANSFORM",
+        "only the coordinate system of the mesh is supported: take the card out of the file, and give \
+         directions in the coordinates of the mesh",
+    ),
+    (
+        "PLASTIC CREEP HYPERELASTIC",
+        "only linear materials are supported, which is accurate for temperature rises of some kelvin: take \
+         the card out of the file",
+    ),
+    (
+        "CONTROLS",
+        "the equations are linear, so no iteration needs control parameters: take the card out of the file",
+    ),
+    ("RESTART", "each load case is computed from its beginning: take the card out of the file"),
 ];
 
 fn why_refused(key: &str) -> String {

@@ -10,7 +10,7 @@ use crate::body::{Case, Film, Flux, LoadCase};
 
 pub(super) fn heat_transfer(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     if reader.case.is_some() {
-        return Err(card.fault("the step has this already"));
+        return Err(card.fault("the step has this card already: remove one of them"));
     }
     let case = if card.has("STEADYSTATE") { Ok(Case::Steady) } else { transient(card) };
     // After an error in this line, the loads that follow must not be reported as misplaced.
@@ -37,10 +37,13 @@ fn transient(card: &Card) -> Result<Case, Fault> {
     line.exactly(if line.len() == 4 { &names } else { &names[..2] })?;
     let (step, period) = (line.number(0, names[0])?, line.number(1, names[1])?);
     if line.len() == 4 && line.number(2, names[2])? > line.number(3, names[3])? {
-        return Err(line.fault("the shortest step is longer than the longest"));
+        return Err(line.fault("the shortest step is longer than the longest: exchange the two values"));
     }
     if !(step > 0.0 && period >= step) {
-        return Err(line.fault(format!("a step of {step} s does not fit into a period of {period} s")));
+        return Err(line.fault(format!(
+            "a step of {step} s is not possible in a period of {period} s: write a step above 0, and at most \
+             the period"
+        )));
     }
     if period / step > MOST_STEPS {
         return Err(line.fault(format!("more than {MOST_STEPS} steps: use a longer step")));
@@ -55,7 +58,7 @@ fn loads(
     read: impl FnMut(&mut Reader, &Line) -> Result<(), Fault>,
 ) -> Result<(), Fault> {
     if reader.case.is_none() {
-        return Err(card.fault("belongs after *HEAT TRANSFER"));
+        return Err(card.fault("must be after *HEAT TRANSFER"));
     }
     reader.each(card, read);
     Ok(())
@@ -113,9 +116,10 @@ pub(super) fn nodal(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     loads(reader, card, |reader, line| {
         line.exactly(&["node or set", "direction 11", "heat"])?;
         if line.text(1) != "11" {
-            return Err(
-                line.fault(format!("`{}`: heat enters at a node in direction 11", quoted(line.text(1))))
-            );
+            return Err(line.fault(format!(
+                "`{}`: write direction 11, in which heat enters at a node",
+                quoted(line.text(1))
+            )));
         }
         let heat = line.number(2, "heat")?;
         for node in reader.nodes(line.text(0), &line.at) {
@@ -139,24 +143,26 @@ pub(super) fn boundary(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
         let heat = (first, last) == (11, 11);
         let structural = first <= last && last <= 3;
         if !heat && !structural {
-            let message =
-                format!("directions {first} to {last}: 1 to 3 hold the structure, 11 its temperature");
+            let message = format!(
+                "directions {first} to {last}: write 1 to 3 to fix the structure, or 11 for a given \
+                 temperature"
+            );
             return Err(line.fault(message));
         }
         if heat && line.len() < 4 {
-            return Err(line.fault("the temperature is missing"));
+            return Err(line.fault("the temperature is missing: write it as the fourth value"));
         }
         if !heat && value.abs() > 0.0 {
-            return Err(line.fault("a structure can only be held at its place: the value must be 0"));
+            return Err(line.fault("only supports without displacement are supported: the value must be 0"));
         }
         for node in reader.nodes(line.text(0), &line.at) {
             if heat {
                 let other = reader.held.insert(node, value);
                 if other.is_some_and(|other| other.to_bits() != value.to_bits()) {
                     let id = reader.mesh.nodes[node];
-                    reader
-                        .faults
-                        .push(line.fault(format!("node {id} is held at another temperature already")));
+                    reader.faults.push(line.fault(format!(
+                        "node {id} has another given temperature already: give it one temperature"
+                    )));
                 }
             } else {
                 let support = reader.supports.entry(node).or_insert(([false; 3], line.at.clone()));
@@ -181,7 +187,9 @@ pub(super) fn printed(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
 
 pub(super) fn initial(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     if card.value("TYPE").as_deref() != Some("TEMPERATURE") {
-        return Err(card.fault("only TYPE=TEMPERATURE is read"));
+        return Err(card.fault(
+            "only TYPE=TEMPERATURE is read: write TYPE=TEMPERATURE, or take the card out of the file",
+        ));
     }
     reader.each(card, |reader, line| {
         line.exactly(&["node or set", "temperature"])?;
@@ -190,7 +198,9 @@ pub(super) fn initial(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
             let other = reader.initial[node].replace(temperature);
             if other.is_some_and(|other| other.to_bits() != temperature.to_bits()) {
                 let id = reader.mesh.nodes[node];
-                reader.faults.push(line.fault(format!("node {id} starts at another temperature already")));
+                reader.faults.push(line.fault(format!(
+                    "node {id} has another initial temperature already: give it one temperature"
+                )));
             }
         }
         Ok(())
@@ -203,7 +213,9 @@ pub(super) fn supports(reader: &mut Reader) -> Vec<usize> {
     let partly = reader.supports.iter().find(|(_, (directions, _))| directions.contains(&false));
     if let Some((node, (_, at))) = partly {
         let id = reader.mesh.nodes[*node];
-        reader.faults.push(at.fault(format!("node {id} is held in some directions only: hold it in 1 to 3")));
+        reader.faults.push(
+            at.fault(format!("node {id} is fixed in some directions only: fix it in the directions 1 to 3")),
+        );
     }
     reader.supports.keys().copied().collect()
 }
@@ -222,7 +234,8 @@ pub(super) fn finish(path: &Path, reader: &mut Reader) -> Option<(LoadCase, Surf
         reader.faults.push(Fault::of_file(path, message));
     }
     if reader.case.is_none() && reader.faults.is_empty() {
-        let message = "the step has no *HEAT TRANSFER: the file does not say how the structure warms";
+        let message = "the step has no *HEAT TRANSFER: write this card, and after it the loads that warm the \
+                       structure";
         reader.faults.push(Fault::of_file(path, message));
     }
     let load = LoadCase {

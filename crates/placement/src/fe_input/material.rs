@@ -41,7 +41,9 @@ pub(super) fn material(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     let name = card.value("NAME").filter(|name| !name.is_empty());
     let name = name.ok_or_else(|| card.fault("names no material: write NAME="))?;
     if let Some(known) = reader.materials.iter().find(|known| known.name == name) {
-        return Err(card.fault(format!("{name} is defined already in line {}", known.at.line)));
+        return Err(
+            card.fault(format!("{name} is defined already in line {}: remove one of them", known.at.line))
+        );
     }
     let (at, properties) = (card.at.clone(), BTreeMap::new());
     reader.materials.push(Draft { name, at, properties, is_spoiled: false });
@@ -50,12 +52,12 @@ pub(super) fn material(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
 
 pub(super) fn property(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     let values = values(card);
-    let material = reader.materials.last_mut().ok_or_else(|| card.fault("belongs after a *MATERIAL"))?;
+    let material = reader.materials.last_mut().ok_or_else(|| card.fault("must be after a *MATERIAL"))?;
     material.is_spoiled |= values.is_err();
     for (name, value) in values? {
         if material.properties.insert(name, value).is_some() {
             material.is_spoiled = true;
-            return Err(card.fault(format!("{} has this already", material.name)));
+            return Err(card.fault(format!("{} has this card already: remove one of them", material.name)));
         }
     }
     Ok(())
@@ -67,7 +69,9 @@ const CONSTANT: &str =
 /// Values of a property card, by their names.
 fn values(card: &Card) -> Result<Vec<(&'static str, f64)>, Fault> {
     if let Some(kind) = card.value("TYPE").filter(|kind| kind != "ISO" && kind != "ISOTROPIC") {
-        return Err(card.fault(format!("TYPE={kind}: materials are the same in all directions (TYPE=ISO)")));
+        return Err(card.fault(format!(
+            "TYPE={kind}: only materials with the same properties in all directions are supported (TYPE=ISO)"
+        )));
     }
     let names: &[&'static str] = match card.key.as_str() {
         "ELASTIC" => &[YOUNG, POISSON],
@@ -77,12 +81,16 @@ fn values(card: &Card) -> Result<Vec<(&'static str, f64)>, Fault> {
         _ => &[DENSITY],
     };
     let [line] = &card.lines[..] else {
-        return Err(card.fault(if card.lines.is_empty() { "has no value" } else { CONSTANT }));
+        return Err(card.fault(if card.lines.is_empty() {
+            "has no value: write it in the next line"
+        } else {
+            CONSTANT
+        }));
     };
     if line.len() == names.len() + 1 {
         return Err(line.fault(format!(
-            "{} values where {} belong ({}): a decimal comma makes two values of one (write 1.5, not 1,5). A \
-             temperature does not belong here: {CONSTANT}",
+            "{} values, but {} are required ({}): a decimal comma makes two values of one (write 1.5, not \
+             1,5). A temperature is not allowed here: {CONSTANT}",
             line.len(),
             names.len(),
             names.join(", ")
@@ -116,11 +124,17 @@ pub(super) fn section(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
         return Err(line.fault("a solid has no thickness: remove this line"));
     }
     let number = reader.materials.iter().position(|known| known.name == material);
-    let number = number.ok_or_else(|| card.fault(format!("material {material} is not defined")))?;
+    let number = number.ok_or_else(|| {
+        card.fault(format!("material {material} is not defined: write *MATERIAL, NAME={material} above"))
+    })?;
     for element in reader.elements(&set, &card.at) {
         if reader.of_element[element].replace(number).is_some_and(|other| other != number) {
             let id = reader.mesh.elements[element].id;
-            reader.faults.push(card.fault(format!("element {id} has a material already")));
+            reader.faults.push(
+                card.fault(format!(
+                    "element {id} has another material already: take it out of one of the sets"
+                )),
+            );
         }
     }
     Ok(())

@@ -71,12 +71,12 @@ fn listed(card: &Card, name: &str, nodes: usize) -> Result<Vec<(Vec<u32>, Locati
             None => listed.push((numbers, line.at.clone())),
         }
         if let Some((all, at)) = listed.last().filter(|(all, _)| all.len() > nodes + 1) {
-            return Err(at.fault(format!("{} nodes where a {name} has {nodes}", all.len() - 1)));
+            return Err(at.fault(format!("{} nodes, but a {name} has {nodes}", all.len() - 1)));
         }
     }
     match listed.last().filter(|(all, _)| all.len() <= nodes) {
         Some((all, at)) => {
-            Err(at.fault(format!("{} of the {nodes} nodes of a {name}", all.len().saturating_sub(1))))
+            Err(at.fault(format!("{} nodes, but a {name} has {nodes}", all.len().saturating_sub(1))))
         }
         None => Ok(listed),
     }

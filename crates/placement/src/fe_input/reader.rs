@@ -221,8 +221,7 @@ impl Reader {
         let mesh = &self.mesh;
         for ((id, _, at), used) in self.nodes.iter().zip(mesh.used()) {
             if !used {
-                let message =
-                    format!("node {id} belongs to no element: take it out of the mesh and its sets");
+                let message = format!("node {id} is in no element: take it out of the mesh and the sets");
                 self.faults.push(at.fault(message));
             }
         }
@@ -240,7 +239,8 @@ impl Reader {
                 } else if first.kind != element.kind {
                     let (kind, other_kind) = (element.kind.name(), first.kind.name());
                     format!(
-                        "element {id} ({kind}) joins element {other} ({other_kind}): all elements that touch are of one kind"
+                        "element {id} ({kind}) joins element {other} ({other_kind}): elements that touch \
+                         must be of one kind"
                     )
                 } else {
                     continue;

@@ -177,11 +177,11 @@ fn what_is_wrong_is_said_with_line_card_and_remedy() {
         ("*INITIAL CONDITIONS, TYPE=TEMPERATURE\nALL, 20\n", "", "node 1 has no initial temperature"),
         ("*NODE PRINT, NSET=ALL", "*NODE PRINT, NSET=NOPE", "*NODE PRINT: node set NOPE is not defined"),
         ("1, 1, 2, 3, 4\n", "1, 1, 2, 3, 9\n", "*ELEMENT: element 1 names node 9, which is not defined"),
-        ("1, 1, 2, 3, 4\n", "1, 1, 2, 3\n", "*ELEMENT: 3 of the 4 nodes of a C3D4"),
-        ("1, 1, 2, 3, 4\n", "1, 1, 2, 3, 4, 2\n", "*ELEMENT: 5 nodes where a C3D4 has 4"),
+        ("1, 1, 2, 3, 4\n", "1, 1, 2, 3\n", "*ELEMENT: 3 nodes, but a C3D4 has 4"),
+        ("1, 1, 2, 3, 4\n", "1, 1, 2, 3, 4, 2\n", "*ELEMENT: 5 nodes, but a C3D4 has 4"),
         ("1, 1, 2, 3, 4\n", "1, 1, 3, 2, 4\n", "element 1 is numbered inside out or folded"),
         ("TYPE=C3D4", "TYPE=C3D8", "*ELEMENT: C3D8 is not read: mesh the structure with tetrahedra"),
-        ("4, 0, 0, 100\n", "4, 0, 0, 100\n7, 1, 1, 1\n", "*NODE: node 7 belongs to no element"),
+        ("4, 0, 0, 100\n", "4, 0, 0, 100\n7, 1, 1, 1\n", "*NODE: node 7 is in no element"),
         ("4, 0, 0, 100\n", "4, 0, 0, 100\n4, 1, 1, 1\n", "*NODE: node 4 is defined already in line 7"),
         ("*MATERIAL", "*NSET, NSET=BASE\n4\n*MATERIAL", "*NSET: node set BASE is defined already"),
         ("*MATERIAL", "*NSET, NSET=EMPTY\n*MATERIAL", "*NSET: node set EMPTY is empty"),
@@ -191,7 +191,7 @@ fn what_is_wrong_is_said_with_line_card_and_remedy() {
         (
             "*STEP, INC=100",
             "*STEP\n*INITIAL CONDITIONS, TYPE=TEMPERATURE\n",
-            "*INITIAL CONDITIONS: belongs before *STEP",
+            "*INITIAL CONDITIONS: must be before *STEP",
         ),
         (
             "*END STEP\n",
@@ -201,7 +201,11 @@ fn what_is_wrong_is_said_with_line_card_and_remedy() {
         (steady, "*STATIC", "*STATIC: is not read: only heat-transfer steps are read"),
         ("*CFLUX", "*TEMPERATURE\nALL, 21\n*CFLUX", "*TEMPERATURE: is not read: temperatures are computed"),
         ("*CFLUX", "*RADIATE\n1, R1, 20, 0.9\n*CFLUX", "*RADIATE: is not read: radiation is not linear"),
-        ("*CFLUX", "*AMPLITUDE, NAME=A\n0, 0, 1, 1\n*CFLUX", "*AMPLITUDE: is not read: loads are constant"),
+        (
+            "*CFLUX",
+            "*AMPLITUDE, NAME=A\n0, 0, 1, 1\n*CFLUX",
+            "*AMPLITUDE: is not read: only loads that are constant",
+        ),
         (
             "*FILM\n",
             "*FILM, AMPLITUDE=A\n",
@@ -214,8 +218,8 @@ fn what_is_wrong_is_said_with_line_card_and_remedy() {
             "side F1 of element 1 has a film already (line 29); remove one of them",
         ),
         ("BODY, S2", "TOP, S, 1\nBODY, S2", "*DFLUX: surface set TOP is not defined (there is none)"),
-        ("4, 11, 100", "4, 1, 100", "*CFLUX: `1`: heat enters at a node in direction 11"),
-        ("2, 11, 11, 21.5", "2, 1, 2", "*BOUNDARY: node 2 is held in some directions only"),
+        ("4, 11, 100", "4, 1, 100", "*CFLUX: `1`: write direction 11, in which heat enters"),
+        ("2, 11, 11, 21.5", "2, 1, 2", "*BOUNDARY: node 2 is fixed in some directions only"),
         (
             steady,
             "*HEAT TRANSFER",
@@ -227,7 +231,7 @@ fn what_is_wrong_is_said_with_line_card_and_remedy() {
             "*HEAT TRANSFER, STEADY STATE, SOLVER=PARDISO",
             "SOLVER=PARDISO: the file cannot choose the solver",
         ),
-        (steady, "", "*FILM: belongs after *HEAT TRANSFER"),
+        (steady, "", "*FILM: must be after *HEAT TRANSFER"),
         ("*HEADING", "*INCLUDE, INPUT=nomesh.inc\n*HEADING", "case.inp:1: *INCLUDE: cannot read"),
         (
             "*HEADING",
@@ -274,7 +278,7 @@ fn everything_that_is_wrong_is_said_at_once_and_the_same_only_once() {
         .replace("1, 0, 0, 0\n2, 100, 0, 0", "1, 0,0, 0, 0\n2, 100,0, 0, 0")
         .replace("*EXPANSION", "*EXPANSON");
     let said = said(&input);
-    assert!(said.contains("case.inp:4: *NODE: 5 values where 4 belong"), "{said}");
+    assert!(said.contains("case.inp:4: *NODE: 5 values, but 4 are required"), "{said}");
     assert!(said.contains("(also in 1 more lines)"), "{said}");
     assert!(said.contains("*EXPANSON: no such card"), "{said}");
     assert_eq!(said.lines().count(), 2, "{said}");

@@ -90,7 +90,7 @@ fn other(
         return refused(&command, why);
     }
     let Some(error_um) = error_of(metric) else {
-        return refused(&command, "its value is no number of micrometres (Double or Float)".to_owned());
+        return refused(&command, "the value of the metric is no number (Double or Float, in µm)".to_owned());
     };
     match report_of(metric, error_um) {
         Ok(report) => Outcome::Asked(Command::Measured { axis: axis.to_owned(), report }),
@@ -131,8 +131,8 @@ fn is_of_now(sent: Option<u64>, now: Moment) -> Result<(), String> {
     let word = if sent < milliseconds(now) { "ago" } else { "from now" };
     let limit = HEEDED_FOR.as_secs();
     Err(format!(
-        "it was sent {} s {word} by the sender's clock; the limit is {limit} s: the message was delayed, or \
-         a clock is wrong",
+        "the message was sent {} s {word} by the sender's clock; the limit is {limit} s: the message was \
+         delayed, or a clock is wrong",
         apart.as_secs()
     ))
 }
@@ -154,7 +154,7 @@ fn error_of(metric: &Metric) -> Option<f64> {
 /// Result for a measured error that repeats the last one.
 pub(super) fn came_twice(command: &Command) -> Outcome {
     let Command::Measured { axis, .. } = command;
-    refused(&measured(axis), "it arrived twice, and was accepted the first time".to_owned())
+    refused(&measured(axis), "the message arrived twice, and was accepted the first time".to_owned())
 }
 
 fn refused(command: &str, why: String) -> Outcome {

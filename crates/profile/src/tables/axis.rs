@@ -136,10 +136,10 @@ impl Axis {
             "Cz is added to the position: a positive Cz makes the commanded or displayed position larger"
                 .to_owned();
         if self.diameter {
-            sign += "; it acts on a diameter, so twice Cz is written";
+            sign += "; the position is a diameter, so twice Cz is written";
         }
         if self.settings.datum == Datum::Zero {
-            sign += "; it is measured from its value at the last zero";
+            sign += "; Cz counts from the last zero";
         }
         let (limit, step, every, rate) =
             (guard.limit.get(), guard.step.get(), shown(self.settings.every), guard.rate.get());
@@ -149,7 +149,7 @@ impl Axis {
         if guard.deadband.get() > 0.0 {
             bounds += &format!("; a change of up to {} µm is not made", guard.deadband.get());
         }
-        bounds.extend(guard.count.map(|count| format!("; it moves in counts of {} µm", count.get())));
+        bounds.extend(guard.count.map(|count| format!("; Cz moves in counts of {} µm", count.get())));
         bounds.extend(levels.warn.map(|warn| format!("; beyond ±{} µm the gateway warns", warn.get())));
         bounds.extend(levels.error.map(|error| {
             format!("; a model value beyond ±{} µm switches the axis off until it is armed", error.get())
@@ -250,7 +250,7 @@ impl RawAxis {
         if let Some(limit) = limit {
             if deadband >= limit {
                 let message = format!("the deadband of {deadband} µm is as large as the limit of {limit} µm");
-                at.key("deadband").wrong(message, "the axis would never move: make it smaller");
+                at.key("deadband").wrong(message, "the axis would never move: make `deadband` smaller");
             }
             if let Some(step) = step.filter(|step| *step > 2.0 * limit) {
                 let message =
@@ -296,7 +296,7 @@ impl RawAxis {
                 at.key("warn").wrong(format!("warn at {warn} µm lies beyond the limit of {limit} µm"), help);
             }
             if let Some(error) = self.error.filter(|error| *error > 0.0 && *error < limit) {
-                let help = "the limit would never act: make `error` larger, or `limit` smaller";
+                let help = "the limit would never be reached: make `error` larger, or `limit` smaller";
                 let message = format!("error at {error} µm lies within the limit of {limit} µm");
                 at.key("error").wrong(message, help);
             }

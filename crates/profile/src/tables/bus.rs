@@ -237,7 +237,7 @@ impl Bus {
         section.line(match self.transport {
             Transport::Sysfs => {
                 "  only read; all sensors of a device at the same time; a sensor that does not answer is \
-                 read again when it has returned"
+                 read again when the driver has returned"
                     .to_owned()
             }
             _ => format!("  a write that is not answered may still arrive for {late}"),
@@ -338,7 +338,7 @@ impl RawBus {
             at.wrong(format!("{pipeline} is not possible"), "write 1 or 2");
         }
         if pipeline > 1 && !quirks.bear_two() {
-            at.wrong(APART, "remove it, or the quirk of this bus");
+            at.wrong(APART, "remove `pipeline`, or the quirk of this bus");
         }
         pipeline
     }

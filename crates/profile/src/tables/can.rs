@@ -177,7 +177,7 @@ impl RawMultiplex {
         let equals = self.equals?;
         let width = bits.data_type().width();
         if width < 64 && equals >> width != 0 {
-            let message = format!("{width} bits never hold {equals}");
+            let message = format!("{width} bits cannot contain {equals}");
             at.key("equals").wrong(message, format!("allowed: 0 to {}", (1u64 << width) - 1));
         }
         Some(Selector { bits, values: vec![(equals, equals)] })
@@ -286,6 +286,6 @@ pub(super) fn object(
 pub(super) fn needs_node(at: &At<'_>, device: &str) {
     if !at.check.at("device").key(device).key("node").is_written() {
         let help = format!("write node = 5 at device `{device}`, the node number set there");
-        at.wrong(format!("an object belongs to a CANopen node, and `{device}` has no `node`"), help);
+        at.wrong(format!("an object needs a CANopen node, but `{device}` has no `node`"), help);
     }
 }

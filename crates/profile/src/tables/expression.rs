@@ -84,7 +84,7 @@ pub(super) fn formula(
 
 fn check_symbol(at: &At<'_>, name: &str) {
     if name == "t" {
-        let help = "`t` is the time since machine start in seconds, always there: choose another name";
+        let help = "`t` is always the time since machine start in seconds: choose another name";
         at.wrong_key("`t` is taken", help);
     }
     let begins = name.chars().next().is_some_and(|first| first.is_alphabetic() || first == '_');

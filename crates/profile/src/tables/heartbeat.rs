@@ -107,7 +107,7 @@ impl RawHeartbeat {
                 let place = at.key("register");
                 if self.register.is_none() {
                     place.missing(
-                        "`register` is missing: where does it count?",
+                        "`register` is missing: in which register does the heartbeat count?",
                         "write a holding register, as \"holding:100\"",
                     );
                 }

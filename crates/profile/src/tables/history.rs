@@ -52,7 +52,7 @@ impl RawHistory {
             None => MAX_SIZE,
             Some(Size(0)) => {
                 at.key("max_size")
-                    .wrong("no log fits into a size of zero", "write a larger size, as \"2GB\"");
+                    .wrong("a size of zero is too small for a log", "write a larger size, as \"2GB\"");
                 MAX_SIZE
             }
             Some(Size(size)) => size,

@@ -33,7 +33,7 @@ pub(super) fn warn(check: &Check<'_>) {
         }
         if is_complete && !written.contains(&index) {
             let message =
-                format!("no output writes the Cz of `{name}`; it is computed and shown, never applied");
+                format!("no output writes the Cz of `{name}`: this Cz is computed and shown, never applied");
             at.warn_key(message, None);
         }
     }
@@ -59,8 +59,8 @@ fn two_at_a_time(check: &Check<'_>) {
     for (place, name) in check.buses.names.iter().enumerate() {
         let is_two = check.buses.get(place).is_some_and(|bus| bus.pipeline > 1);
         if is_two && !(written.contains(&place) && read.contains(&place)) {
-            let message = "`pipeline` changes nothing here: it needs a corrected position that is written \
-                           and a signal that is read on this line";
+            let message = "`pipeline` has no effect here: this line has no written corrected position, or no \
+                           read signal";
             check.at("bus").key(name).key("pipeline").warn_key(message, Some("remove it"));
         }
     }

@@ -109,7 +109,7 @@ pub(super) fn resolve(at: &At<'_>, raw: Option<&RawMachine>) -> Machine {
                     file names";
         at.key("name").wrong(format!("`{name}` cannot be a machine's name"), help);
     } else if name.len() > LONGEST_NAME {
-        let message = format!("a machine's name of {} characters does not fit into file names", name.len());
+        let message = format!("a machine's name of {} characters is too long for file names", name.len());
         at.key("name").wrong(message, format!("allowed: up to {LONGEST_NAME}"));
     }
     if let Some(version) = raw.version.filter(|version| *version != FORM) {

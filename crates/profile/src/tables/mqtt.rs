@@ -192,7 +192,7 @@ impl RawMqtt {
         let buffer = match self.buffer {
             Some(Size(size)) if size < 100_000 => {
                 at.key("buffer").wrong(
-                    "this size does not hold one minute of values",
+                    "this size is too small for one minute of values",
                     "write a larger size, as \"100MB\"",
                 );
                 BUFFER

@@ -68,10 +68,10 @@ impl Place {
     pub(super) fn is_foreign<T>(&self, at: &At<'_>, is_in_nodes: bool) -> Option<T> {
         match is_in_nodes {
             true => at.wrong(
-                "registers belong to Modbus, and this device is an OPC UA server",
+                "registers are only for Modbus, but this device is an OPC UA server",
                 "write { node = \"ns=2;s=…\" }, and its type",
             ),
-            false => at.wrong("a node belongs to an OPC UA server", "write a register, as \"holding:100\""),
+            false => at.wrong("a node is only for an OPC UA server", "write a register, as \"holding:100\""),
         }
         None
     }
@@ -91,7 +91,7 @@ pub(super) fn holds(at: &At<'_>, node: &Node, most: u16) -> Option<()> {
     let name = node.taken_as().name();
     let message = match node.taken_as().integer_range() {
         Some((_, highest)) if highest >= i128::from(most) => return Some(()),
-        Some(_) => format!("{name} does not hold {most}"),
+        Some(_) => format!("{name} cannot contain {most}"),
         None => format!("{name} is no integer type"),
     };
     at.key("type").wrong(

@@ -329,7 +329,7 @@ impl RawOutput {
             at.foreign(&["restart"], "a Modbus device", &help);
         }
         if self.share == Some(Share::Ledger) {
-            let message = "share = \"ledger\" belongs to a Modbus device";
+            let message = "share = \"ledger\" is allowed only for a Modbus device";
             at.key("share").wrong_key(message, help);
         }
     }
@@ -428,7 +428,7 @@ impl RawOutput {
         let bias = self.bias.unwrap_or(0);
         if data_type.integer_range().is_none() && bias != 0 {
             let help = "remove `bias`: a floating-point register can hold negative values";
-            at.wrong("`bias` belongs to integer types", help);
+            at.wrong("`bias` is allowed only with integer types", help);
         }
         bias
     }
@@ -473,7 +473,8 @@ impl RawOutput {
         if let Some(sdo) = &self.sdo {
             if self.read_back.is_some() {
                 let help = "remove it: the gateway reads back the object that it has written";
-                at.key("read_back").wrong_key("`read_back` belongs to pdo and frame", help);
+                at.key("read_back")
+                    .wrong_key("on a CAN line, `read_back` is allowed only with `pdo` and `frame`", help);
             }
             let types = "allowed: u8, i8, u16, i16, u32, i32, u64, i64, f32, f64";
             let address = can::object(at, sdo, self.kind, owner, types)?;
@@ -482,7 +483,7 @@ impl RawOutput {
         }
         if self.kind.is_some() {
             let help = "remove it: `length`, `signed` and `float` define the type";
-            at.key("type").wrong_key("`type` belongs to registers and objects", help);
+            at.key("type").wrong_key("on a CAN line, `type` is allowed only with `sdo`", help);
         }
         let (place, field, fill) = if let Some(pdo) = &self.pdo {
             let place = at.key("pdo");
@@ -493,7 +494,7 @@ impl RawOutput {
             let mut field = frame.resolve(&place)?;
             if !std::mem::take(&mut field.multiplex).is_empty() {
                 let help = "write the multiplexer's bits into `fill`";
-                place.key("multiplex").wrong_key("`multiplex` belongs to frames that are read", help);
+                place.key("multiplex").wrong_key("`multiplex` is allowed only in frames that are read", help);
             }
             (place, field, &frame.fill)
         };

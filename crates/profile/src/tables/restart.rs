@@ -94,8 +94,8 @@ fn counts_there(at: &At<'_>, place: &Place, is_in_nodes: bool) -> Option<Address
     };
     let address = register(at, Some(text))?;
     if address.table.is_bits() {
-        let help = "write a holding or input register, as \"holding:98\"; a single bit belongs in machine.on";
-        at.wrong(format!("{address} is one bit: it cannot count"), help);
+        let help = "write a holding or input register, as \"holding:98\"; for a single bit, use machine.on";
+        at.wrong(format!("{address} is one bit, which cannot count"), help);
         return None;
     }
     Some(address.into())

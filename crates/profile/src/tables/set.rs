@@ -343,7 +343,7 @@ pub(super) fn resolve(check: &mut Check<'_>) {
         let at = check.at("output").key(name);
         if members.iter().any(|(output, _)| *output == place) {
             let help = "write `handshake` at the set: one strobe announces the whole set";
-            at.key("handshake").wrong_key("the output belongs to a set, which is written as a whole", help);
+            at.key("handshake").wrong_key("the output is in a set, and a set is written as a whole", help);
             continue;
         }
         let Some(output) = check.outputs.get(place) else { continue };
@@ -430,8 +430,8 @@ impl RawSet {
         let version =
             self.version.as_ref().and_then(|version| version.resolve(&at.key("version"), is_in_nodes));
         if members.is_empty() {
-            let help = format!("write set = \"{name}\" at the outputs that belong together");
-            at.wrong_key("no output belongs to this set", help);
+            let help = format!("write set = \"{name}\" at the outputs of this set");
+            at.wrong_key("no output is in this set", help);
         }
         let id = of_set.first().map(|output| output.device);
         let device = id.and_then(|id| check.devices.get(id.0));
@@ -469,7 +469,8 @@ impl RawSet {
             let message = format!("with the registers between its words, the set needs {requests} requests");
             at.key("zeros").wrong_key(message, "put the words of the set closer together, or remove `zeros`");
         } else if requests > 1 && self.sequence.is_none() && self.handshake.is_none() {
-            let message = format!("the set needs {requests} requests: the control could read half of it");
+            let message =
+                format!("the set needs {requests} requests: the control could read a part of the set");
             let help = "write a `sequence` or a `handshake`, or use adjacent registers";
             at.wrong_key(message, help);
         }

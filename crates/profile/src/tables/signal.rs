@@ -326,18 +326,18 @@ impl RawSignal {
         let (Some(kind), Some(device)) = (kind, &self.device) else { return };
         if kind == LineKind::Sysfs {
             let help = format!(
-                "`{device}` stands for sensors of this computer: write sensor = \"w1:28-…\" or \
+                "`{device}` is for sensors of this computer: write sensor = \"w1:28-…\" or \
                  \"hwmon:NAME/LABEL\""
             );
             at.foreign(
                 &["register", "node", "dbc", "pdo", "sdo", "frame", "channel"],
-                "another kind of line",
+                "a device on another kind of line",
                 &help,
             );
             let help = "remove it: the kernel gives a temperature, and reports itself if there is none";
             at.foreign(
                 &["type", "word_order", "byte_swap", "merge", "bad", "counter"],
-                "another kind of line",
+                "a device on another kind of line",
                 help,
             );
             return;
@@ -436,7 +436,7 @@ impl RawSignal {
         let is_bits = cell.address.table.is_bits();
         if is_bits || cell.bit.is_some() {
             if let Some(wrong) = kind.filter(|kind| *kind != DataType::Bool) {
-                let message = format!("{} does not fit one bit", wrong.name());
+                let message = format!("{} is not possible for one bit", wrong.name());
                 if is_bits {
                     at.wrong(message, "a coil and a discrete input are \"bool\": leave `type` out");
                     return None;
@@ -497,7 +497,7 @@ impl RawSignal {
 
     fn no_type(&self, at: &At<'_>, help: &str) {
         if self.kind.is_some() {
-            at.key("type").wrong_key("`type` belongs to registers and objects", help);
+            at.key("type").wrong_key("on a CAN line, `type` is allowed only with `sdo`", help);
         }
     }
 
@@ -580,7 +580,7 @@ const OF_BITS: &str = "remove it: `length`, `signed` and `float` define the type
 
 fn no_fill(at: &At<'_>, is_there: bool) {
     if is_there {
-        let help = "remove it; it belongs to an output";
+        let help = "remove it: `fill` is only for an output";
         at.wrong_key("a frame that is read is filled by its sender", help);
     }
 }

@@ -86,7 +86,7 @@ impl Filling<'_> {
                 verify.push((Value::Object(entry), key));
             }
         }
-        let note = format!("it comes from template `{}`", self.templates[device].name);
+        let note = format!("this value comes from template `{}`", self.templates[device].name);
         if let Some(template) = self.templates.get_mut(device) {
             template.unchecked = unchecked;
         }

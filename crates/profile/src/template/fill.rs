@@ -74,7 +74,7 @@ impl<'a> Filling<'a> {
                 return self.wrong(&child(&path, key), message, help);
             }
         };
-        let note = format!("it comes from template `{template}`");
+        let note = format!("this value comes from template `{template}`");
         let at = child(&path, "template");
         if let Some(functions) = definition.functions.clone() {
             self.put("device", name, "functions", functions, &at, &note);
@@ -263,13 +263,13 @@ impl<'a> Filling<'a> {
 
     pub(super) fn note(&self, device: &str, channel: &str) -> String {
         let template = self.templates.get(device).map_or("", |template| template.name.as_str());
-        format!("it comes from channel `{channel}` of template `{template}`")
+        format!("this value comes from channel `{channel}` of template `{template}`")
     }
 
     /// Adds an output to the set of its device, if the template has one and the profile names no other.
     fn set(&mut self, output: &str, device: &str, at: &str) {
         let Some(set) = self.known[device].set.clone() else { return };
-        let note = format!("it comes from template `{}`", self.templates[device].name);
+        let note = format!("this value comes from template `{}`", self.templates[device].name);
         self.put("output", output, "set", Value::from(device), at, &note);
         if self.table("output", output).and_then(|output| text(output, "set")) != Some(device) {
             return;
@@ -295,7 +295,7 @@ impl<'a> Filling<'a> {
         let Some(register) = self.known.get(&device).and_then(|known| known.heartbeat.clone()) else {
             return;
         };
-        let note = format!("it comes from template `{}`", self.templates[&device].name);
+        let note = format!("this value comes from template `{}`", self.templates[&device].name);
         if self.spans.contains("heartbeat.register") {
             return;
         }
@@ -356,10 +356,11 @@ fn pinned(template: &str, pin: Option<&str>, text: &str) -> Result<(), Wrong> {
         Some(pin) if !pin.eq_ignore_ascii_case(&found) => Err((
             "sha256",
             format!(
-                "template `{template}` is not the one that this profile was written for: its SHA-256 is {found}"
+                "template `{template}` is not the one that this profile was written for: the SHA-256 of the \
+                 template is {found}"
             ),
-            "read what the template contains now: without this key, `check` shows the template, and its \
-             changes since the last run. Then write the new SHA-256"
+            "check what the template contains now: without this key, `isotherm check` shows the template and \
+             the changes since the last run. Then write the new SHA-256"
                 .to_owned(),
         )),
         _ => Ok(()),

@@ -66,7 +66,7 @@ fn a_sensor_that_was_replaced_or_suspected_is_listed_with_when_by_what_and_why()
             "  2026-01-05 12:35:00 to 13:00:00, the end of the log (25m): spindle_front, frozen for 5m, replaced by the \
              stand-in of bearing_rear and column",
             "  2026-01-05 12:35:00 to 13:00:00, the end of the log (25m): oil, unchanged for 5m, suspected of being frozen \
-             and not replaced: its stand-in depends on bearing_rear alone",
+             and not replaced: the stand-in depends on bearing_rear alone",
         ]
     );
     let axis = &serde_json::to_value(&summary).unwrap()["axes"]["z"];
@@ -87,7 +87,7 @@ fn a_sensor_that_was_replaced_or_suspected_is_listed_with_when_by_what_and_why()
         axis["suspicions"],
         json!([{
             "from": "2026-01-05T12:35:00Z", "to": "2026-01-05T13:00:00Z", "span_s": 1500.0, "lasts": true,
-            "signal": "oil", "for_s": 300.0, "why": "its stand-in depends on bearing_rear alone"
+            "signal": "oil", "for_s": 300.0, "why": "the stand-in depends on bearing_rear alone"
         }])
     );
     assert_eq!(axis["holds"], json!([]));
@@ -99,7 +99,7 @@ fn a_substitution_that_would_move_the_target_by_more_than_a_step_is_a_suspicion(
     let mut profile = watched();
     profile.axes[0].settings.guard.step = of(0.3);
     let (summary, _) = replayed(&profile, &hour());
-    let why = "its stand-in would move the target by more than one step, or is outside its range";
+    let why = "the stand-in would change the target of the axis by more than one `step`, or is outside the range of the sensor";
     let suspected = format!(
         "  2026-01-05 12:35:00 to 13:00:00, the end of the log (25m): spindle_front, unchanged for 5m, suspected of being \
          frozen and not replaced: {why}"

@@ -135,7 +135,7 @@ fn a_profile_that_was_changed_cut_or_exchanged_is_refused() {
     let document = document(&this);
     let length = (document.len() as u64).to_le_bytes();
     let sources = &whole[..usize::try_from(kept.seal.length).unwrap()];
-    assert!(refused(&[sources, &document, &length].concat()).contains("does not know its form"));
+    assert!(refused(&[sources, &document, &length].concat()).contains("cannot read the format"));
 }
 
 #[test]
@@ -180,7 +180,7 @@ fn what_can_be_changed_or_is_another_users_is_refused() {
             fcntl_add_seals(file, seals()).unwrap();
             mode(file, open);
         };
-        assert!(write(&open).contains("other users may open it"));
+        assert!(write(&open).contains("other users may open the handover"));
     }
     if rustix::process::geteuid().is_root() {
         let of_another = |file: &File| {

@@ -46,7 +46,7 @@ fn a_file_that_nobody_touched_is_read_without_a_word() {
 fn a_line_that_was_changed_cut_or_taken_out_is_found_and_the_rest_is_read() {
     let (texts, damage) = spoilt(5, |lines| lines[2] = lines[2].replace("number 3", "number 9"));
     assert_eq!(texts.len(), 5);
-    assert_eq!(damage, [".events.jsonl, line 3: it was changed: its checksum does not fit"]);
+    assert_eq!(damage, [".events.jsonl, line 3: the line was changed: its checksum is wrong"]);
 
     let (texts, damage) = spoilt(5, |lines| drop(lines.remove(2)));
     assert_eq!(texts.len(), 4);
@@ -97,7 +97,7 @@ fn a_file_in_the_place_of_another_days_is_reported() {
     std::fs::write(&other, line).unwrap();
     let (texts, damage) = read_all(&other);
     assert_eq!(texts.len(), 1);
-    assert_eq!(damage, [".events.jsonl, line 1: it does not follow the line before it"]);
+    assert_eq!(damage, [".events.jsonl, line 1: this line does not follow the line before"]);
 }
 
 #[test]

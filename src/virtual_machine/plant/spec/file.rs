@@ -181,7 +181,7 @@ impl LinkFile {
     fn resolve(&self, check: &mut Check) -> Link {
         let [first, second] = &self.between;
         let place = format!("link between {first} and {second}");
-        check.demand(first != second, || format!("{place}: a node is not linked to itself"));
+        check.demand(first != second, || format!("{place}: a node must not be linked to itself"));
         check.demand(self.conductance.is_finite() && self.conductance > 0.0, || {
             format!("{place}: conductance {} W/K; must be more than 0", self.conductance)
         });
@@ -257,7 +257,8 @@ fn stable(nodes: &[Node], links: &[Link], structure: Option<&Structure>, check: 
         let total = total + sinks.sum::<f64>();
         check.demand(total * STEP.as_secs_f64() < 0.1 * node.capacity, || {
             format!(
-                "node.{}: links of {total} W/K in all are too much for a capacity of {} J/K",
+                "node.{}: links of {total} W/K in all are too much for a capacity of {} J/K: reduce the \
+                 conductances, or raise the capacity",
                 node.name, node.capacity
             )
         });
@@ -270,7 +271,7 @@ fn stable(nodes: &[Node], links: &[Link], structure: Option<&Structure>, check: 
         check.demand(total * yields < 0.1, || {
             format!(
                 "structure: links of {total} W/K in all are too much for a port that 1 W warms by {yields} K \
-                 in a step"
+                 in a step: reduce them"
             )
         });
     }

@@ -149,10 +149,10 @@ fn a_file_of_modes_that_does_not_fit_together_is_refused() {
     assert_eq!(
         reported(modes).lines().collect::<Vec<_>>(),
         [
-            "column-hmc/modes.json: uniform: 2 finite numbers, one for each mode",
-            "column-hmc/modes.json: moves_um.x: 2 rows, one for each point of guide_mm",
-            "column-hmc/modes.json: moves_um.y: 2 rows, one for each point of guide_mm",
-            "column-hmc/modes.json: guide_mm: points in mm, ascending",
+            "column-hmc/modes.json: uniform: 2 finite numbers are required, one for each mode",
+            "column-hmc/modes.json: moves_um.x: 2 rows are required, one for each point of guide_mm",
+            "column-hmc/modes.json: moves_um.y: 2 rows are required, one for each point of guide_mm",
+            "column-hmc/modes.json: guide_mm: ascending points in mm are required",
         ]
     );
     assert!(reported("{}").contains("column-hmc/modes.json: missing field `format`"), "{}", reported("{}"));

@@ -17,16 +17,16 @@ fn what_makes_no_sense_on_a_can_line_is_refused() {
         ),
         (fault("axtc", "refuse", ""), "not possible on a CAN line"),
         (fault("axtc", "emergency", ""), "`code` is missing, for example 0x5030"),
-        (fault("axtc", "emergency", "code = 0x10000"), "`code` is from 1 to 0xFFFF"),
-        (fault("axtc", "emergency", "code = 1\nfor = 2"), "give `for_time`"),
+        (fault("axtc", "emergency", "code = 0x10000"), "`code` must be from 1 to 0xFFFF"),
+        (fault("axtc", "emergency", "code = 1\nfor = 2"), "write `for_time`"),
         (fault("axtc", "error-frame", ""), "`error` is missing, one of no-acknowledge, stuff"),
         (fault("axtc", "error-frame", "error = \"tired\""), "`error` is one of no-acknowledge"),
         (
             fault("axtc", "error-frame", "error = \"stuff\"\nfor_time = \"1s\""),
             "happens once: write `every`, or remove `for`",
         ),
-        (fault("axtc", "babbling", "id = 0x20000000"), "`id` is 0x1FFFFFFF at most"),
-        (fault("axtc", "babbling", "every = \"1us\""), "100 µs at least"),
+        (fault("axtc", "babbling", "id = 0x20000000"), "`id` must be at most 0x1FFFFFFF"),
+        (fault("axtc", "babbling", "every = \"1us\""), "at least 100 µs"),
         (fault("axtc", "short-frame", "id = 5"), "`id` has no effect for this kind of fault"),
     ] {
         let error = complaint(&text);

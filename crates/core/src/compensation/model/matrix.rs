@@ -41,14 +41,14 @@ impl Matrix {
         }
         if let Some(pair) = guide.windows(2).find(|pair| pair[0].partial_cmp(&pair[1]) != Some(ASCENDING)) {
             return Err(format!(
-                "the points of the guideway must ascend, and {} mm is followed by {} mm",
+                "the points of the guideway must ascend, but {} mm is followed by {} mm",
                 pair[0].get(),
                 pair[1].get()
             ));
         }
         if gains.len() != guide.len() * inputs.len() {
             return Err(format!(
-                "{} gains are no {} points times {} blocks",
+                "there are {} gains, but {} points times {} blocks need one gain each",
                 gains.len(),
                 guide.len(),
                 inputs.len()

@@ -82,7 +82,11 @@ impl Network {
     /// Returns a message if the network takes another number of inputs.
     pub fn new(source: impl Into<String>, net: Net, inputs: Vec<Input>) -> Result<Network, String> {
         if net.takes() != inputs.len() || inputs.len() > WIDEST {
-            return Err(format!("it takes {} inputs, the model names {}", net.takes(), inputs.len()));
+            return Err(format!(
+                "the network has {} inputs, but the model names {}",
+                net.takes(),
+                inputs.len()
+            ));
         }
         Ok(Network { source: source.into(), net, inputs })
     }

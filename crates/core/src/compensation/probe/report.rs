@@ -129,14 +129,18 @@ impl fmt::Display for Rejected {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Rejected::SameId(id) => {
-                write!(f, "the measurement with the id {id} was taken before; give each measurement an id of its own")
+                write!(
+                    f,
+                    "the measurement with the id {id} was accepted before; give each measurement an id of \
+                     its own"
+                )
             }
             Rejected::SameTime(time) => {
-                write!(f, "the measurement of {time} was taken before with the same error; measure again")
+                write!(f, "the measurement of {time} was accepted before with the same error; measure again")
             }
             Rejected::Redelivered => f.write_str(
-                "the broker has delivered this message again, and it does not say which measurement it is; send a `time` \
-                 or an `id` with it",
+                "the broker has delivered this message again, and the message does not identify its \
+                 measurement; send a `time` or an `id` with each measurement",
             ),
             Rejected::SameError(ago) => write!(
                 f,
@@ -147,16 +151,16 @@ impl fmt::Display for Rejected {
             ),
             Rejected::Forgotten(time) => write!(
                 f,
-                "it was measured at {time}, and {KEPT} others were taken since, so that it may have been taken, too; \
-                 measure again"
+                "the measurement of {time} may have been accepted before: {KEPT} others were accepted after \
+                 it; measure again"
             ),
             Rejected::BeforeDatum { time, datum } => {
-                write!(f, "it was measured at {time}, before the datum of {datum}; measure again")
+                write!(f, "the measurement of {time} is older than the datum of {datum}; measure again")
             }
             Rejected::Ahead { time, now } => write!(
                 f,
-                "its time is {time}, and the clock of this computer says {now}; set the clock that is wrong, or leave \
-                 `time` out"
+                "its `time` {time} is in the future: the clock of this computer shows {now}; set the clock \
+                 that is wrong, or leave `time` out"
             ),
         }
     }

@@ -48,14 +48,19 @@ pub(super) fn look(file: &File, length: u64, chunk: &ColumnChunkMetaData) -> Res
     let begin = chunk
         .dictionary_page_offset()
         .map_or(chunk.data_page_offset(), |dictionary| dictionary.min(chunk.data_page_offset()));
-    let place =
-        |number: i64| u64::try_from(number).map_err(|_| "its position in the file is negative".to_owned());
+    let place = |number: i64| {
+        u64::try_from(number).map_err(|_| {
+            "the position of this column in the file is negative: write the file again".to_owned()
+        })
+    };
     let (begin, size) = (place(begin)?, place(chunk.compressed_size())?);
     let end = begin.checked_add(size).filter(|end| *end <= length);
-    let end = end.ok_or("it continues after the end of the file: was the file copied completely?")?;
+    let end =
+        end.ok_or("this column continues after the end of the file: was the file copied completely?")?;
     if matches!(chunk.compression(), Compression::LZ4) {
         return Err(
-            "it is compressed with the LZ4 of Hadoop, which is not supported: write it with Snappy or Zstd"
+            "this column is compressed with the LZ4 of Hadoop, which is not supported: write it with Snappy \
+             or Zstd"
                 .to_owned(),
         );
     }
@@ -67,13 +72,16 @@ pub(super) fn look(file: &File, length: u64, chunk: &ColumnChunkMetaData) -> Res
         looked.has_deltas_of_texts |= DELTAS_OF_TEXTS.contains(&head.encoding) && head.kind != DICTIONARY;
         let packed = place(head.packed)?;
         if window.at.checked_add(packed).is_none_or(|behind| behind > end) {
-            return Err("a page continues after the end of its column".to_owned());
+            return Err("a page continues after the end of this column: write the file again".to_owned());
         }
         if matches!(chunk.compression(), Compression::GZIP(_)) {
             let claimed = place(head.unpacked)?;
             let holds_more = window.unpacks_to_more(packed, claimed).map_err(|why| why.to_string())?;
             if holds_more {
-                return Err(format!("a page contains more than the {claimed} bytes that its header gives"));
+                return Err(format!(
+                    "a page contains more than the {claimed} bytes that its header gives: write the file \
+                     again"
+                ));
             }
         }
         window.skip(packed);
@@ -114,7 +122,7 @@ impl Head {
                 "{what} has {unpacked} bytes when it is decompressed, and at most {largest} are allowed: \
                  write smaller pages or row groups"
             )),
-            _ => Err(format!("{what} has a negative length")),
+            _ => Err(format!("{what} has a negative length: write the file again")),
         }
     }
 }

@@ -106,7 +106,7 @@ fn a_measured_error_is_of_now_by_a_clock_that_was_set() {
     };
     assert_eq!(hear(hour + 4_000), measured(3.2));
     let Some(Outcome::Refused { why, .. }) = hear(4_000) else { panic!("it was sent an hour ago") };
-    assert!(why.starts_with("it was sent 3601 s ago"), "{why}");
+    assert!(why.starts_with("the message was sent 3601 s ago"), "{why}");
 }
 
 #[test]
@@ -118,7 +118,7 @@ fn a_measured_error_that_a_broker_brings_twice_is_taken_once() {
         node.received(at(5_000), &state, NCMD, &payload).outcome
     };
     assert_eq!(hear(3.2, 10), measured(3.2));
-    let why = "it arrived twice, and was accepted the first time".to_owned();
+    let why = "the message arrived twice, and was accepted the first time".to_owned();
     let refused = Outcome::Refused { command: "axis/z/measured_error_um".to_owned(), why };
     assert_eq!(hear(3.2, 10), Some(refused));
     assert_eq!(hear(3.2, 20), measured(3.2));
@@ -187,7 +187,7 @@ fn everything_else_is_refused_with_its_reason() {
     let int = Metric { datatype: Some(3), ..error(Raw::Int(3)) };
     let nothing_else = "the gateway accepts only a measured error or a request for a birth over MQTT; no \
                         message can arm, disarm or move an axis";
-    let no_number = "its value is no number of micrometres (Double or Float)";
+    let no_number = "the value of the metric is no number (Double or Float, in µm)";
     let waited = "the message was delayed, or a clock is wrong";
     let now = ms(5_000);
     let table: [(Metric, Option<u64>, &str, String); 15] = [
@@ -223,13 +223,13 @@ fn everything_else_is_refused_with_its_reason() {
             error(Raw::Double(1.0)),
             Some(ms(0).unwrap() - 3_595_000),
             "axis/z/measured_error_um",
-            format!("it was sent 3600 s ago by the sender's clock; the limit is 60 s: {waited}"),
+            format!("the message was sent 3600 s ago by the sender's clock; the limit is 60 s: {waited}"),
         ),
         (
             error(Raw::Double(1.0)),
             ms(66_000),
             "axis/z/measured_error_um",
-            format!("it was sent 61 s from now by the sender's clock; the limit is 60 s: {waited}"),
+            format!("the message was sent 61 s from now by the sender's clock; the limit is 60 s: {waited}"),
         ),
     ];
     for (metric, sent, name, why) in table {

@@ -54,8 +54,8 @@ pub(in crate::tables) fn warn(check: &Check<'_>, profile: &Profile) {
              gateway then keeps the first good reading of the first run as the reference, also over \
              restarts, even if the machine is warm"
         );
-        let help = "name in [machine] the signal that rises when the machine is switched on: on = \"…\"; or write the \
-                    references as numbers or \"zero\"";
+        let help = "write in [machine] on = \"…\", the signal whose rising edge shows that the machine is \
+                    switched on; or write the references as numbers or \"zero\"";
         check.at("machine").warn_key(message, Some(help));
     }
 }

@@ -41,7 +41,7 @@ fn of_control(check: &Check<'_>, axis: &Axis, outputs: &[&Output]) -> Option<Int
         if !outputs.iter().any(|output| output.writes == writes) {
             let word = writes.name();
             let message = format!(
-                "no output of `{name}` writes its {word} ({what}): the control needs K0, tanβ and P0"
+                "no output of `{name}` writes the {word} ({what}): the control needs K0, tanβ and P0"
             );
             let help = format!("add an output with axis = \"{name}\" and writes = \"{word}\"");
             at.wrong_key(message, help);
@@ -58,7 +58,7 @@ fn reach(axis: &Axis, list: &At<'_>) -> Option<InterceptSlope> {
         let Some(Slope { reference, travel, .. }) = linear.slope else { continue };
         let at = list.item(place).key("slope");
         let Some((from, to)) = travel else {
-            let message = "`travel` is missing: it limits the effect of the slope that is written";
+            let message = "`travel` is missing: the travel limits the effect of the written slope";
             at.key("travel").missing(message, "write the ends of the axis's travel in mm, as [-300.0, 0.0]");
             return None;
         };

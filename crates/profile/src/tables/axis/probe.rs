@@ -156,9 +156,8 @@ impl RawProbe {
             "um" => 1.0,
             "mm" => 1000.0,
             unit => {
-                let help = format!(
-                    "give the signal unit = \"um\" or \"mm\", with the `scale` that makes it so: signal.{name}"
-                );
+                let help =
+                    format!("write unit = \"um\" or \"mm\", and the `scale` for this unit, at signal.{name}");
                 at.key("signal").wrong(format!("`{name}` is in {unit}, not in um or mm"), help);
                 return None;
             }
@@ -193,7 +192,7 @@ pub(super) fn preview(profile: &Profile, axis: &Axis, settings: &ProbeSettings) 
             Some(trigger) => {
                 format!("{}, each time {} changes to anything but 0", name(input.signal), name(trigger))
             }
-            None => format!("{}, each time it changes", name(input.signal)),
+            None => format!("{}, each time the value changes", name(input.signal)),
         },
         None => "commands".to_owned(),
     };

@@ -90,8 +90,8 @@ fn written_identifiers(check: &Check<'_>, bus: usize, nodes: &[Node]) {
             let there = other.at(check).line();
             let message =
                 format!("output `{}` of another device at {there} writes {id} already", other.output);
-            let help = "a frame belongs to one device: write the same `device` at both outputs, or correct \
-                        the identifier";
+            let help = "a frame must be written by one device: write the same `device` at both outputs, or \
+                        correct the identifier";
             at.wrong(message, help);
         }
         for signal in check.signals.right().filter(|signal| here(signal.device.0)) {

@@ -92,9 +92,14 @@ impl CanDevice {
                     )
                 }
             };
-            let heartbeat = self.heartbeat.map_or("its heartbeat is not monitored".to_owned(), |span| {
-                format!("its heartbeat counts as missing after {}, also if it was never seen", shown(span))
-            });
+            let heartbeat =
+                self.heartbeat.map_or("the heartbeat of the node is not monitored".to_owned(), |span| {
+                    format!(
+                        "the heartbeat of the node counts as missing after {}, also if none was ever \
+                         received",
+                        shown(span)
+                    )
+                });
             [started, heartbeat]
         });
         let setup = self.setup.iter().map(|Setup { object, value, what }| {
@@ -180,7 +185,7 @@ impl RawSetup {
             return None;
         };
         if !(low..=high).contains(&i128::from(value)) {
-            let message = format!("{} never holds {value}", data_type.name());
+            let message = format!("{} cannot contain {value}", data_type.name());
             at.key("value").wrong(message, format!("allowed: {low} to {high}"));
         }
         Some(Setup {

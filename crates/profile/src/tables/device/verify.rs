@@ -171,7 +171,7 @@ impl RawVerify {
     /// Resolves a check of an OPC UA server.
     pub(super) fn node(&self, at: &At<'_>) -> Option<Expected> {
         let help = "remove it, and write node = \"ns=2;s=…\"";
-        at.foreign(&["register", "word_order", "sdo"], "another kind of line", help);
+        at.foreign(&["register", "word_order", "sdo"], "a device on another kind of line", help);
         let node = opcua::compared(at, self.node.as_ref(), self.kind)?;
         let data_type = node.taken_as();
         let equals = self.equal(at, data_type)?;
@@ -187,7 +187,7 @@ impl RawVerify {
         };
         let equals = self.equals?;
         if !(low..=high).contains(&i128::from(equals)) {
-            let message = format!("{} never holds {equals}", data_type.name());
+            let message = format!("{} cannot contain {equals}", data_type.name());
             at.key("equals").wrong(message, format!("allowed: {low} to {high}"));
         }
         Some(equals)

@@ -38,7 +38,12 @@ impl BrokerUrl {
         let tls = match scheme {
             "mqtts" => true,
             "mqtt" => false,
-            _ => return Err(("it does not begin with mqtts:// or mqtt://".to_owned(), EXAMPLE.to_owned())),
+            _ => {
+                return Err((
+                    "the address does not begin with mqtts:// or mqtt://".to_owned(),
+                    EXAMPLE.to_owned(),
+                ));
+            }
         };
         if place.contains('@') {
             let help =

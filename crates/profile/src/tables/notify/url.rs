@@ -52,10 +52,13 @@ impl Url {
         let tls = match scheme.to_ascii_lowercase().as_str() {
             "https" => true,
             "http" => false,
-            _ => return wrong("it does not begin with https:// or http://", WRITE),
+            _ => return wrong("the address does not begin with https:// or http://", WRITE),
         };
         if text.len() > LONGEST {
-            return Err((format!("it has {} characters, more than {LONGEST}", text.len()), WRITE));
+            return Err((
+                format!("the address has {} characters; at most {LONGEST} are allowed", text.len()),
+                WRITE,
+            ));
         }
         let end = rest.find(['/', '?', '#']).unwrap_or(rest.len());
         let (authority, target) = rest.split_at(end);

@@ -77,7 +77,7 @@ pub(super) fn resolve(
             let help = "write read_back = { register = \"input:12\" }, or remove it: the gateway reads back \
                         the register that it writes";
             let device = raw.device.as_deref().unwrap_or_default();
-            at.wrong(format!("`{device}` is on a Modbus line, and an object belongs to CAN"), help);
+            at.wrong(format!("`{device}` is on a Modbus line, but an object is only for CAN"), help);
             return None;
         }
     };
@@ -87,7 +87,7 @@ pub(super) fn resolve(
         at.wrong(message, "remove `read_back`, or write share = \"whole\"");
     }
     if raw.is_no_offset() {
-        let message = "`read_back` belongs to an offset";
+        let message = "`read_back` is only for an offset";
         at.wrong(message, "remove `read_back`, or write writes = \"offset\"");
     }
     let place = at.key("register");

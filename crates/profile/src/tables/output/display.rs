@@ -148,7 +148,7 @@ impl Display {
 pub(super) fn resolve(raw: &RawOutput, at: &At<'_>, device: Option<usize>) -> Display {
     for key in ["beside", "stale"].into_iter().filter(|key| at.has(key) && raw.is_written_as_cz()) {
         let help = "remove it, or write writes = \"corrected\"";
-        at.key(key).wrong_key("this key belongs to a display of a corrected position", help);
+        at.key(key).wrong_key("this key is only for a display of a corrected position", help);
     }
     let list = at.key("beside");
     let beside = raw.beside.iter().flatten().enumerate();

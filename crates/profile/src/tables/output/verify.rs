@@ -54,7 +54,7 @@ pub(super) fn of_a_frame(raw: &RawOutput, at: &At<'_>, data_type: DataType, owne
         Some(ReadBackValue::Object(text)) => text,
         Some(ReadBackValue::Register(_)) => {
             let help = "write read_back = \"6004:00\", the CANopen object that returns the written value";
-            place.wrong("registers belong to Modbus: on CAN an object is read back", help);
+            place.wrong("registers are only for Modbus: on CAN an object is read back", help);
             return None;
         }
         None if raw.is_written_as_cz() => {
@@ -89,16 +89,17 @@ pub(super) fn preview(output: &Output, device: &Device) -> String {
     }
     let believed = match output.verify {
         Verify::Echo if output.is_single_offset() && device.functions.reads_at(&output.reads_at()) => {
-            "once it is read back: the register is read before and after each write, whatever the answer is"
+            "once the value is read back: the register is read before and after each write, whatever the \
+             answer is"
         }
         Verify::ReadBack if is_node => "once the node reads back what was written",
         Verify::Echo if is_node => "once the server has answered Good; the node is not read back",
         Verify::ReadBack if is_object => "once the object reads back what was written",
-        Verify::Echo if is_object => "once the node has accepted it; the object is not read back",
+        Verify::Echo if is_object => "once the node has accepted the value; the object is not read back",
         Verify::ReadBack => "once the register reads back what was written",
         Verify::Echo => "once the answer repeats what was written; the register is not read back",
         Verify::ReadBackAt(object) => return format!("once object {object} reads back what was written"),
-        Verify::Shown => "as soon as it is sent: it is only displayed, and not verified",
+        Verify::Shown => "as soon as the value is sent: it is only displayed, and not verified",
     };
     believed.to_owned()
 }

@@ -111,7 +111,7 @@ pub(super) fn resolve(raw: &RawOutput, at: &At<'_>) -> Option<Writes> {
     };
     if raw.position.is_some() {
         let help = "remove it, or write writes = \"corrected\"";
-        place.wrong_key("`position` belongs to a corrected position", help);
+        place.wrong_key("`position` is only for a corrected position", help);
     }
     Some(writes)
 }
@@ -189,8 +189,8 @@ pub(super) fn can_move(at: &At<'_>, output: &Output, axis: &Axis) {
     {
         let (unit, name) = (output.writes.unit(), encoding.data_type.name());
         let message = format!(
-            "{from} to {to} {unit} do not fit {name} at {} {unit} per count with bias {}: {name} holds {low} \
-             to {high} counts",
+            "{from} to {to} {unit} exceed the range of {name} at {} {unit} per count with bias {}: {name} \
+             holds {low} to {high} counts",
             encoding.scale.get(),
             encoding.bias
         );

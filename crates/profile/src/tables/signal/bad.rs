@@ -69,6 +69,6 @@ pub(super) fn sentinels_fit(at: &At<'_>, encoding: &Encoding) {
     let Some((low, high)) = encoding.data_type.integer_range() else { return };
     for bad in encoding.bad.iter().filter(|bad| !(low..=high).contains(&i128::from(bad.raw))) {
         let help = format!("allowed: {low} to {high}, as the raw count reads in this type");
-        at.wrong(format!("{} never holds {}", encoding.data_type.name(), bad.raw), help);
+        at.wrong(format!("{} cannot contain {}", encoding.data_type.name(), bad.raw), help);
     }
 }

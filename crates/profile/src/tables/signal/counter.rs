@@ -68,8 +68,8 @@ impl RawCounter {
         let counter = Counter { max_speed, slack: every };
         if let Some(half) = counter.half_way(encoding).filter(|half| *half <= every * 2) {
             let message = format!(
-                "at {max_speed} per second the counter passes half of its range in {}, and it is read every \
-                 {}",
+                "at {max_speed} per second the counter passes half of its range in {}, but the counter is \
+                 read only every {}",
                 shown(half),
                 shown(every)
             );

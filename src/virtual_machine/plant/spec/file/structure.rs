@@ -124,11 +124,11 @@ impl ModesFile {
         }
         let count = self.rate_per_s.len();
         if count == 0 || !self.rate_per_s.iter().all(|rate| rate.is_finite() && *rate > 0.0) {
-            wrong.push("rate_per_s: every mode decays, at a rate of more than 0".to_owned());
+            wrong.push("rate_per_s: every rate must be more than 0, because every mode decays".to_owned());
         }
         let mut rows = |what: String, row: &[f64]| {
             if row.len() != count || !row.iter().all(|value| value.is_finite()) {
-                wrong.push(format!("{what}: {count} finite numbers, one for each mode"));
+                wrong.push(format!("{what}: {count} finite numbers are required, one for each mode"));
             }
         };
         rows("uniform".to_owned(), &self.uniform);
@@ -141,13 +141,13 @@ impl ModesFile {
         }
         for (name, _) in directions.iter().filter(|(_, moves)| moves.len() != self.guide_mm.len()) {
             wrong.push(format!(
-                "moves_um.{name}: {} rows, one for each point of guide_mm",
+                "moves_um.{name}: {} rows are required, one for each point of guide_mm",
                 self.guide_mm.len()
             ));
         }
         let ascends = self.guide_mm.windows(2).all(|pair| pair[0] < pair[1]);
         if self.guide_mm.is_empty() || !ascends {
-            wrong.push("guide_mm: points in mm, ascending".to_owned());
+            wrong.push("guide_mm: ascending points in mm are required".to_owned());
         }
         wrong
     }

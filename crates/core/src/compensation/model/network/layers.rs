@@ -57,14 +57,15 @@ impl Layers {
             let neurons = layer.weights.len();
             if neurons == 0 || neurons > WIDEST || neurons != layer.bias.len() {
                 return Err(format!(
-                    "layer {number} has {neurons} rows of weights and {} biases: one of each per neuron is wanted, \
-                     1 to {WIDEST} neurons",
+                    "layer {number} has {neurons} rows of weights and {} biases: each neuron needs one of \
+                     both, and 1 to {WIDEST} neurons are allowed",
                     layer.bias.len()
                 ));
             }
             if let Some(row) = layer.weights.iter().position(|row| row.len() != width) {
                 return Err(format!(
-                    "layer {number}, neuron {}: {} weights, and the layer before it has {width} outputs",
+                    "layer {number}, neuron {}: {} weights, but the layer before has {width} outputs: both \
+                     numbers must be equal",
                     row + 1,
                     layer.weights[row].len()
                 ));
@@ -75,7 +76,7 @@ impl Layers {
             width = neurons;
         }
         if width != 1 || layers.is_empty() {
-            return Err(format!("the last layer has {width} neurons: Cz is one number"));
+            return Err(format!("the last layer has {width} neurons: it must have one, for Cz"));
         }
         if !output.0.is_finite() || !output.1.is_finite() {
             return Err("the output's mean and scale must be finite".to_owned());

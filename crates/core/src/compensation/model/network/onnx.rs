@@ -49,7 +49,9 @@ impl Onnx {
     /// of numbers or does not give one number.
     pub fn new(bytes: Vec<u8>, inputs: usize) -> Result<Onnx, String> {
         if !frame::is_whole(&bytes) {
-            return Err("it is no ONNX file, or not the whole of one".to_owned());
+            return Err(
+                "this is no ONNX file, or the file is incomplete: export the network again".to_owned()
+            );
         }
         trial::check_tensors(&bytes)?;
         let mut hasher = DefaultHasher::new();
@@ -58,10 +60,11 @@ impl Onnx {
         // The fused operators of the runtime panic if shapes do not fit. They save nothing in networks of this size.
         options.enable_optimization(false);
         let model = caught(|| options.load(bytes.clone()))?
-            .map_err(|why| format!("it cannot be read as an ONNX network: {why}"))?;
+            .map_err(|why| format!("the file cannot be read as an ONNX network: {why}"))?;
         let (&[input], &[output]) = (model.input_ids(), model.output_ids()) else {
             return Err(format!(
-                "it has {} inputs and {} outputs: one tensor of all inputs and one of Cz is wanted",
+                "the network has {} input tensors and {} output tensors: export it with one tensor of all \
+                 inputs and one of Cz",
                 model.input_ids().len(),
                 model.output_ids().len()
             ));
@@ -69,7 +72,9 @@ impl Onnx {
         let name = model.node_info(input).and_then(|node| node.name()).unwrap_or("input").to_owned();
         let (takes, flat) = row(model.input_shape(0), inputs, &name)?;
         if takes == 0 || takes > WIDEST {
-            return Err(format!("its input `{name}` takes {takes} numbers: 1 to {WIDEST} are allowed"));
+            return Err(format!(
+                "input `{name}` of the network has {takes} numbers: 1 to {WIDEST} are allowed"
+            ));
         }
         let pool = Arc::new(ThreadPool::with_num_threads(1));
         let graph = Arc::new(Graph { model, input, output, pool });
@@ -79,7 +84,7 @@ impl Onnx {
         let values = onnx.run(&[0.0; WIDEST][..takes])?;
         match values.len() {
             1 => Ok(onnx),
-            count => Err(format!("it gives {count} numbers: Cz is one")),
+            count => Err(format!("the output of the network has {count} numbers: it must have one, Cz")),
         }
     }
 
@@ -106,17 +111,17 @@ impl Onnx {
         let Graph { model, input, output, .. } = &*self.graph;
         let options = self.graph.options();
         let values = caught(|| model.run_n([(*input, row.into())].into(), [*output], Some(options)))?
-            .map_err(|why| format!("it cannot be computed: {why}"))?;
+            .map_err(|why| format!("the network cannot be computed: {why}"))?;
         let [value] = &values;
         let view: TensorView<'_, f32> =
-            value.try_into().map_err(|why| format!("its output is no number: {why}"))?;
+            value.try_into().map_err(|why| format!("the output of the network is no number: {why}"))?;
         Ok(view.to_vec())
     }
 }
 
 /// Catches a panic of the runtime. A file may be invalid in a way that the runtime does not check.
 fn caught<T>(run: impl FnOnce() -> T) -> Result<T, String> {
-    beyond(run).map_err(|_| "the ONNX runtime failed on it".to_owned())
+    beyond(run).map_err(|_| "the ONNX runtime failed on this network: export it again".to_owned())
 }
 
 /// Returns the number of inputs, and whether the tensor has no dimension for the row.
@@ -131,7 +136,10 @@ fn row(shape: Option<Vec<Dimension>>, inputs: usize, name: &str) -> Result<(usiz
         Some([Dimension::Fixed(1) | Dimension::Symbolic(_), numbers]) => Ok((size(numbers), false)),
         Some(other) => {
             let sizes: Vec<String> = other.iter().map(named).collect();
-            Err(format!("its input `{name}` has the shape [{}]: one row is wanted", sizes.join(", ")))
+            Err(format!(
+                "input `{name}` of the network has the shape [{}]: export the network for one row of inputs",
+                sizes.join(", ")
+            ))
         }
     }
 }

@@ -31,16 +31,18 @@ impl Radial {
     /// not finite.
     pub fn new(scaling: Scaling, nodes: Vec<Node>, bias: f64, output: (f64, f64)) -> Result<Radial, String> {
         if nodes.is_empty() {
-            return Err("it has no nodes".to_owned());
+            return Err("the network has no nodes".to_owned());
         }
         for (place, node) in nodes.iter().enumerate() {
             let number = place + 1;
             if node.centre.len() != scaling.count() {
                 let (has, wants) = (node.centre.len(), scaling.count());
-                return Err(format!("centre {number} has {has} numbers, and there are {wants} inputs"));
+                return Err(format!(
+                    "centre {number} has {has} numbers, but there are {wants} inputs: both must be equal"
+                ));
             }
             if !(node.width > 0.0 && node.width.is_normal()) {
-                return Err(format!("width {number} is {}: above zero is wanted", node.width));
+                return Err(format!("width {number} is {}: it must be above zero", node.width));
             }
             if !node.centre.iter().chain([&node.weight]).all(|number| number.is_finite()) {
                 return Err(format!("node {number}: every number must be finite"));

@@ -15,7 +15,8 @@ impl Scaling {
     pub fn new(mean: &[f64], scale: &[f64]) -> Result<Scaling, String> {
         if mean.len() != scale.len() || mean.is_empty() || mean.len() > super::WIDEST {
             return Err(format!(
-                "its inputs have {} means and {} scales: one of each per input is wanted, 1 to {} inputs",
+                "the inputs have {} means and {} scales: each input needs one of both, and 1 to {} inputs \
+                 are allowed",
                 mean.len(),
                 scale.len(),
                 super::WIDEST

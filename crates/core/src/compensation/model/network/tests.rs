@@ -72,11 +72,11 @@ fn shapes_that_do_not_fit_each_other_are_refused() {
     let node = |centre: &[f64], width| Node { centre: centre.to_vec(), width, weight: 1.0 };
     let radial = |nodes| Radial::new(scaling(), nodes, 0.0, (0.0, 1.0)).unwrap_err();
     assert!(radial(vec![]).contains("no nodes"));
-    assert!(radial(vec![node(&[0.0], 1.0)]).contains("centre 1 has 1 numbers, and there are 2 inputs"));
+    assert!(radial(vec![node(&[0.0], 1.0)]).contains("centre 1 has 1 numbers, but there are 2 inputs"));
     assert!(radial(vec![node(&[0.0, 0.0], 0.0)]).contains("width 1 is 0"));
     let input = Input::of(SignalId(0), Reference::Fixed(of(0.0)), None);
     let why = Network::new("n.json", super::tests::layers(Activation::Tanh), vec![input]).unwrap_err();
-    assert_eq!(why, "it takes 2 inputs, the model names 1");
+    assert_eq!(why, "the network has 2 inputs, but the model names 1");
 }
 
 #[test]

@@ -48,7 +48,7 @@ pub(super) fn reference(reference: Reference) -> String {
     match reference {
         Reference::Fixed(number) => figure(number.get()),
         Reference::Start => "its value at machine start".to_owned(),
-        Reference::Zero => "its value at zero".to_owned(),
+        Reference::Zero => "its value at the last capture of \"zero\"".to_owned(),
     }
 }
 

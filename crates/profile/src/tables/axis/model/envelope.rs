@@ -60,29 +60,30 @@ impl EnvelopeFile {
     fn why(&self, wrong: BadEnvelope) -> String {
         let name = |place: usize| self.inputs.get(place).map_or("", |input| input.signal.as_str());
         match wrong {
-            BadEnvelope::Count => format!("it has {} inputs; 1 to {MOST} are allowed", self.inputs.len()),
+            BadEnvelope::Count => {
+                format!("the envelope has {} inputs; 1 to {MOST} are allowed", self.inputs.len())
+            }
             BadEnvelope::Size => format!(
-                "its covariance has {} rows of {} columns; {} inputs need as many rows and columns",
+                "the covariance has {} rows of {} columns; {} inputs need as many rows and columns",
                 self.covariance.len(),
                 self.covariance.first().map_or(0, Vec::len),
                 self.inputs.len()
             ),
             BadEnvelope::Range(place) => {
-                format!("{}: its mean must lie between its min and its max, which must differ", name(place))
+                format!("{}: `mean` must be between `min` and `max`, and these two must differ", name(place))
             }
             BadEnvelope::NotSymmetric(first, second) => format!(
-                "its covariance is not symmetric: {} with {} is not {} with {}",
+                "the covariance is not symmetric: {} with {} is not {} with {}",
                 name(first),
                 name(second),
                 name(second),
                 name(first)
             ),
             BadEnvelope::NotPositiveDefinite(place) => format!(
-                "its covariance is not positive definite: {} does not vary, or depends on the inputs before \
-                 it",
+                "the covariance is not positive definite: {} does not vary, or depends on earlier inputs",
                 name(place)
             ),
-            BadEnvelope::Reach => "its reach must be above zero".to_owned(),
+            BadEnvelope::Reach => "`reach` must be above zero".to_owned(),
         }
     }
 }
@@ -108,7 +109,10 @@ pub(super) fn resolve(raw: &RawModel, at: &At<'_>, model: Option<&Model>) -> Opt
     for input in &file.inputs {
         let Some(signal) = signals.iter().copied().find(|id| names[id.0] == input.signal) else {
             let help = allowed(&input.signal, signals.iter().map(|id| names[id.0].as_str()));
-            place.wrong(format!("{name}: the model does not read `{}`", input.signal), help);
+            place.wrong(
+                format!("{name}: input `{}` of this file is not a signal of the model", input.signal),
+                help,
+            );
             return None;
         };
         let reference = input.reference.map_or(Reference::Fixed(Celsius::ZERO), Reference::from);
@@ -117,8 +121,8 @@ pub(super) fn resolve(raw: &RawModel, at: &At<'_>, model: Option<&Model>) -> Opt
     }
     let apart = apart.map_or(Some(None), |apart| apart.map(Some));
     if raw.outside == Some(OutsideWord::Agree) && raw.halves.is_none() {
-        let message = "outside = \"agree\" needs `halves`: without `halves`, outside the envelope the model \
-                       is followed as with \"warn\"";
+        let message = "outside = \"agree\" needs `halves`: without `halves`, the gateway follows the model \
+                       outside the envelope, as with \"warn\"";
         at.key("outside")
             .warn(message, "name the file with `halves`, or write \"warn\", \"hold\" or \"shrink\"");
     }

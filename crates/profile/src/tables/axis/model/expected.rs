@@ -45,5 +45,5 @@ pub(super) fn preview(expected: &Expected) -> String {
     let root = |growth: &Growth| format!("±√({}·h + {}) µm", growth.per_hour(), growth.at_once());
     let touch = expected.since_touch.as_ref();
     let touch = touch.map_or(String::new(), |growth| format!(", {} since a probing", root(growth)));
-    format!("expected within {} after h hours since its datum{touch} (1 σ)", root(&expected.since_datum))
+    format!("expected within {} after h hours since the datum{touch} (1 σ)", root(&expected.since_datum))
 }

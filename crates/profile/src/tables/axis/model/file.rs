@@ -18,18 +18,20 @@ struct Head {
 pub(super) fn read<T: DeserializeOwned>(bytes: &[u8], format: &str) -> Result<T, String> {
     // The parser's message may quote a file of another kind, so only the position is reported.
     let foreign = |why: serde_json::Error| {
-        format!("it is no JSON of isotherm (line {}, column {})", why.line(), why.column())
+        format!("the file is no JSON of isotherm (line {}, column {})", why.line(), why.column())
     };
     let head: Head = serde_json::from_slice(bytes).map_err(foreign)?;
     match head.format {
         Some(found) if found == format => {}
-        Some(found) => return Err(format!("its format is \"{found}\", but \"{format}\" is required")),
-        None => return Err(format!("it has no \"format\"; \"{format}\" is required")),
+        Some(found) => return Err(format!("the format is \"{found}\", but \"{format}\" is required")),
+        None => return Err(format!("the file has no \"format\"; \"{format}\" is required")),
     }
     match head.version {
         Some(1) => {}
-        Some(other) => return Err(format!("its version is {other}; this program reads version 1")),
-        None => return Err("it has no \"version\"; this program reads version 1".to_owned()),
+        Some(other) => {
+            return Err(format!("the version of the file is {other}; this program reads version 1"));
+        }
+        None => return Err("the file has no \"version\"; this program reads version 1".to_owned()),
     }
     serde_json::from_slice(bytes).map_err(|why| why.to_string())
 }
@@ -43,7 +45,10 @@ pub(super) fn fit(what: &str, own: &[String], given: &[&str]) -> Result<(), Stri
     let names: Vec<&str> = own.iter().map(String::as_str).collect();
     if own.len() != given.len() {
         let (own, given_names, count) = (list(&names), list(given), given.len());
-        return Err(format!("it has {} {what} ({own}), the model names {count}: {given_names}", names.len()));
+        return Err(format!(
+            "the file has {} {what} ({own}), but the model names {count}: {given_names}",
+            names.len()
+        ));
     }
     let sorted = |names: &[&str]| {
         let mut names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
@@ -52,7 +57,9 @@ pub(super) fn fit(what: &str, own: &[String], given: &[&str]) -> Result<(), Stri
     };
     if names != given && sorted(&names) == sorted(given) {
         let (own, given) = (list(&names), list(given));
-        return Err(format!("its {what} are {own}, and the model names them in another order: {given}"));
+        return Err(format!(
+            "the {what} of the file are {own}, but the model names them in another order: {given}"
+        ));
     }
     Ok(())
 }

@@ -56,12 +56,12 @@ impl HalvesFile {
         if self.terms.len() != terms.len() {
             let (own, of_model) = (self.terms.len(), terms.len());
             return Err(format!(
-                "these halves belong to another model: they have {own} terms, the model has {of_model}"
+                "these halves are of another model: they have {own} terms, but the model has {of_model}"
             ));
         }
         let one = |((place, half), term): ((usize, &HalfTerm), &Term)| {
             half.of(term, &names[term.input.signal.0]).map_err(|why| {
-                format!("these halves belong to another model: term {} of the model is {why}", place + 1)
+                format!("these halves are of another model: term {} of the model is {why}", place + 1)
             })
         };
         self.terms.iter().enumerate().zip(terms).map(one).collect()
@@ -73,7 +73,10 @@ impl HalfTerm {
         let lag = term.input.time_constant().unwrap_or_default();
         if self.signal != name || (self.lag_s - lag.as_secs_f64()).abs() > 1e-3 {
             let (signal, lag_s) = (&self.signal, figure(self.lag_s));
-            return Err(format!("{name} with a lag of {}, in the file {signal} with {lag_s} s", shown(lag)));
+            return Err(format!(
+                "{name} with a lag of {}, but the file has {signal} with a lag of {lag_s} s",
+                shown(lag)
+            ));
         }
         let (mean, gain) = (f64::midpoint(self.ridge, self.net), term.gain.get());
         if (mean - gain).abs() > NEAR * self.ridge.abs().max(self.net.abs()) {
@@ -81,6 +84,9 @@ impl HalfTerm {
             return Err(format!("{name} with a gain of {gain}, but the mean of the halves is {mean}"));
         }
         let apart = self.ridge - self.net;
-        apart.is_finite().then_some(apart).ok_or_else(|| format!("{name}, whose halves are too far apart"))
+        apart
+            .is_finite()
+            .then_some(apart)
+            .ok_or_else(|| format!("{name}, but the two halves of this term differ too much"))
     }
 }

@@ -111,8 +111,8 @@ pub(super) fn in_order<'r>(
     let inputs = match raw.inputs.as_ref()? {
         Inputs::InOrder(inputs) => inputs,
         Inputs::ByName(_) => {
-            let help = "write inputs = [ \"bed\", \"column\" ]: their order is that of the file";
-            list.wrong("signals by name have no order", help);
+            let help = "write inputs = [ \"bed\", \"column\" ], in the order of the file";
+            list.wrong("signals by name have no order, which this model needs", help);
             return None;
         }
     };
@@ -141,7 +141,8 @@ pub(super) fn in_order<'r>(
         found.extend(input.map(|((signal, reference), lag)| Input::of(signal, reference, lag)));
     }
     if lacks_reference {
-        let help = "write what the rises are measured from: a number in °C, \"start\" or \"zero\"";
+        let help = "write reference = \"start\", \"zero\", or the temperature in °C from which the rises \
+                    count";
         at.key("reference")
             .missing("`reference` is missing: a matrix needs the reference of each rise", help);
     }
@@ -154,8 +155,8 @@ pub(super) fn lag(at: &At<'_>, raw: Option<Timespan>, has_reference: bool) -> Op
         return Some(None);
     }
     if !has_reference {
-        let help =
-            "write \"start\", \"zero\", or the temperature at which the structure had its cold geometry";
+        let help = "write reference = \"start\", \"zero\", or the temperature in °C at which the structure \
+                    has no thermal growth";
         let message = "`reference` is missing: a value with `lag` begins at its reference";
         at.key("reference").missing(message, help);
     }

@@ -196,11 +196,11 @@ impl RawTerm {
                 at.key("gain").wrong_key("the gain is given twice", help);
             }
             (None, Some(_), None) => {
-                let help = "`length` in mm goes with `expansion` in 1/K";
+                let help = "write `length` in mm: `expansion` needs it";
                 at.key("length").missing("`length` is missing", help);
             }
             (None, None, Some(_)) => {
-                let help = "`expansion` in 1/K goes with `length` in mm";
+                let help = "write `expansion` in 1/K: `length` needs it";
                 at.key("expansion").missing("`expansion` is missing", help);
             }
             (None, None, None) => {

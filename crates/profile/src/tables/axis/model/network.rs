@@ -105,8 +105,8 @@ pub fn parse(bytes: &[u8]) -> Result<(Net, Option<Vec<String>>), String> {
     match typed.r#type.as_deref() {
         Some("bp") => layers(read(bytes, FORMAT)?),
         Some("rbf") => radial(read(bytes, FORMAT)?),
-        Some(other) => Err(format!("its type is \"{other}\"; allowed: \"bp\" and \"rbf\"")),
-        None => Err("it has no \"type\"; allowed: \"bp\" and \"rbf\"".to_owned()),
+        Some(other) => Err(format!("the type of the network is \"{other}\"; allowed: \"bp\" and \"rbf\"")),
+        None => Err("the file has no \"type\"; allowed: \"bp\" and \"rbf\"".to_owned()),
     }
 }
 
@@ -114,7 +114,11 @@ impl RawScaling {
     fn resolved(self) -> Result<(Scaling, Option<Vec<String>>), String> {
         let scaling = Scaling::new(&self.mean, &self.scale)?;
         if let Some(names) = self.names.as_ref().filter(|names| names.len() != scaling.count()) {
-            return Err(format!("it names {} inputs, but has scales for {}", names.len(), scaling.count()));
+            return Err(format!(
+                "the file names {} inputs, but has scales for {}",
+                names.len(),
+                scaling.count()
+            ));
         }
         Ok((scaling, self.names))
     }
@@ -140,7 +144,8 @@ fn radial(file: RadialFile) -> Result<(Net, Option<Vec<String>>), String> {
     let (centres, widths, weights) = (file.centres.len(), file.widths.len(), file.weights.len());
     if centres != widths || centres != weights {
         return Err(format!(
-            "it has {centres} centres, {widths} widths and {weights} weights: one of each per node"
+            "the network has {centres} centres, {widths} widths and {weights} weights: each node needs one \
+             of each"
         ));
     }
     let parts = file.centres.into_iter().zip(file.widths).zip(file.weights);
@@ -169,7 +174,7 @@ fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
         None if net.takes() == inputs.len() => Ok(()),
         None => {
             let (takes, count, names) = (net.takes(), inputs.len(), names.join(", "));
-            Err(format!("it takes {takes} inputs, the model names {count}: {names}"))
+            Err(format!("the network has {takes} inputs, but the model names {count}: {names}"))
         }
     };
     taken(&at, name, fits)?;

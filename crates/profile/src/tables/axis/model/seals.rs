@@ -80,9 +80,7 @@ impl RawSeals {
             match (seal, named) {
                 (Some(_), None) => {
                     let help = format!("name the file with `{key}`, or remove it");
-                    place
-                        .key(key)
-                        .wrong_key(format!("the model has no `{key}` to which this SHA-256 belongs"), help);
+                    place.key(key).wrong_key(format!("the model has no `{key}` for this SHA-256"), help);
                 }
                 (Some(seal), Some(name)) if !is_sha256(seal) => place.key(key).wrong(
                     format!("a SHA-256 has {DIGITS} hex digits"),
@@ -112,11 +110,12 @@ impl RawSeals {
         }
         at.wrong(
             format!(
-                "{name}: the file was changed, or belongs to another model: its SHA-256 is not `sha256.{key}`"
+                "{name}: the file was changed, or is of another model: the SHA-256 of the file is not \
+                 `sha256.{key}`"
             ),
             format!(
                 "put back the file that `isotherm identify` wrote with this block, or paste the block that \
-                 belongs to this file. If the change is intended, write sha256.{key} = \"{found}\""
+                 was written with this file. If the change is intended, write sha256.{key} = \"{found}\""
             ),
         );
         false

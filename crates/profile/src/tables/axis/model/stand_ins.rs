@@ -87,11 +87,14 @@ fn doubt(at: &At<'_>, file: &str, id: SignalId) {
 impl StandInsFile {
     fn described(&self, names: &[String]) -> Result<Vec<Described>, String> {
         if self.sensors.is_empty() || self.sensors.len() > MOST_SENSORS {
-            return Err(format!("it has {} sensors; 1 to {MOST_SENSORS} are allowed", self.sensors.len()));
+            return Err(format!(
+                "the file has {} sensors; 1 to {MOST_SENSORS} are allowed",
+                self.sensors.len()
+            ));
         }
         for (place, sensor) in self.sensors.iter().enumerate() {
             if self.sensors.iter().take(place).any(|other| other.signal == sensor.signal) {
-                return Err(format!("{} is listed twice", sensor.signal));
+                return Err(format!("{} is listed twice: remove one", sensor.signal));
             }
         }
         self.sensors.iter().map(|sensor| sensor.described(names)).collect()
@@ -103,10 +106,10 @@ impl SensorOfFile {
         let (own, count) = (&self.signal, self.terms.len());
         let signal = place(own, names)?;
         if !(self.threshold > 0.0 && self.threshold.is_finite()) {
-            return Err(format!("{own}: its threshold must be above 0 °C"));
+            return Err(format!("{own}: the threshold must be above 0 °C"));
         }
         if count == 0 || count > MOST_TERMS {
-            return Err(format!("{own}: it has {count} terms; 1 to {MOST_TERMS} are allowed"));
+            return Err(format!("{own}: this sensor has {count} terms; 1 to {MOST_TERMS} are allowed"));
         }
         let term = |term: &TermOfFile| {
             if term.signal == *own {

@@ -46,7 +46,8 @@ pub(super) fn check_tensors(bytes: &[u8]) -> Result<(), String> {
         if asks > bytes.len() as u64 {
             let name = parts(tensor, 8).last().map(text).unwrap_or_default();
             return Err(format!(
-                "its tensor `{name}` says that it has {asks} numbers, and the file has {} bytes",
+                "tensor `{name}` has {asks} numbers by its shape, but the file has only {} bytes: export the \
+                 network again",
                 bytes.len()
             ));
         }
@@ -72,10 +73,12 @@ pub(super) fn run(bytes: &[u8], graph: &Graph, input: Value, options: &RunOption
     let mut all = 0u64;
     for node in operators(bytes).map(node).filter(|node| node.operator != "Constant") {
         let Node { operator, output, .. } = node;
-        let refused = |why: &str| Err(format!("its node {operator} of `{output}` {why}"));
+        let refused = |why: &str| Err(format!("node {operator} with the output `{output}` {why}"));
         let varies = |name: &&str| computed.get(*name).is_some_and(|known| known.varies);
         if SHAPED.contains(&operator) && node.inputs.iter().skip(1).any(&varies) {
-            return refused("has a shape that depends on the numbers of the input");
+            return refused(
+                "has a shape that depends on the values of the inputs: export the network with fixed shapes",
+            );
         }
         let shape = |name: &&str| match computed.get(*name) {
             Some(known) => Some(known.value.shape().to_vec()),
@@ -85,24 +88,25 @@ pub(super) fn run(bytes: &[u8], graph: &Graph, input: Value, options: &RunOption
         };
         let taken: Vec<&str> = node.inputs.iter().copied().filter(|name| !name.is_empty()).collect();
         let Some(shapes) = taken.iter().map(shape).collect::<Option<Vec<_>>>() else {
-            return refused("takes what no node before it gives");
+            return refused("uses a tensor that no earlier node computes");
         };
         all = all.saturating_add(asks(&node, &shapes));
         if all > may {
             return refused(&format!(
-                "makes it {all} numbers that one run computes: of a file of {} bytes at most {may} are computed",
+                "raises the count of computed numbers to {all}; for a file of {} bytes, at most {may} are \
+                 allowed",
                 bytes.len()
             ));
         }
         let known = |name: &str| Some((id(name)?, ValueOrView::from(computed.get(name)?.value.as_view())));
         let each: BTreeSet<&str> = taken.iter().copied().collect();
         let inputs: Vec<(NodeId, ValueOrView<'_>)> = each.into_iter().filter_map(known).collect();
-        let Some(wanted) = id(output) else { return refused("gives nothing that has a name") };
+        let Some(wanted) = id(output) else { return refused("has no output with a name") };
         let [value] = caught(|| model.run_n(inputs, [wanted], Some(options.clone())))?
-            .map_err(|why| format!("it cannot be computed: {why}"))?;
+            .map_err(|why| format!("the network cannot be computed: {why}"))?;
         let varies = taken.iter().any(varies);
         if computed.insert(output, Computed { value, varies }).is_some() || fixed.contains(output) {
-            return refused("gives what another gives, too");
+            return refused("has the same output as another node");
         }
     }
     Ok(())

@@ -61,10 +61,10 @@ fn what_is_no_network_of_one_number_is_refused() {
     let sine: [encode::Dense<'_>; 1] = [(&two[..1], &[0.0], "Sin")];
     let sine = encode::network(&[0.0, 0.0], &[1.0, 1.0], &sine, Some(2));
     for (bytes, words) in [
-        (pair, "it gives 2 numbers: Cz is one"),
+        (pair, "the output of the network has 2 numbers"),
         (sine, "Sin"),
-        (Vec::new(), "not the whole of one"),
-        (b"no network".to_vec(), "it is no ONNX file"),
+        (Vec::new(), "the file is incomplete"),
+        (b"no network".to_vec(), "this is no ONNX file"),
     ] {
         let why = Onnx::new(bytes, 2).unwrap_err();
         assert!(why.contains(words), "{why}");
@@ -91,11 +91,20 @@ fn a_small_file_that_asks_for_much_is_refused_before_it_gets_it() {
         model(&[node("MatMul", &["x", "w"], "y")], &[tensor("w", &[1 << 30, 1 << 30], &[])], Some(1));
     let nothing = model(&[node("MatMul", &["x", "w"], "y")], &[tensor("w", &[0, 1 << 60], &[])], Some(1));
     for (bytes, words) in [
-        (sum("Add"), ["its node Add of `large` makes it 100000000 numbers", "at most"]),
-        (sum("MatMul"), ["its node MatMul of `large` makes it 100000000 numbers", "at most"]),
-        (doubled("Concat"), ["its node Concat", "at most"]),
-        (claimed, ["its tensor `w` says that it has 1152921504606846976 numbers", "the file has"]),
-        (nothing, ["its tensor `w` says that it has 1152921504606846976 numbers", "the file has"]),
+        (
+            sum("Add"),
+            ["node Add with the output `large` raises the count of computed numbers to 100000000", "at most"],
+        ),
+        (
+            sum("MatMul"),
+            [
+                "node MatMul with the output `large` raises the count of computed numbers to 100000000",
+                "at most",
+            ],
+        ),
+        (doubled("Concat"), ["node Concat", "at most"]),
+        (claimed, ["tensor `w` has 1152921504606846976 numbers", "the file has"]),
+        (nothing, ["tensor `w` has 1152921504606846976 numbers", "the file has"]),
     ] {
         let why = Onnx::new(bytes, 1).unwrap_err();
         assert!(words.iter().all(|word| why.contains(word)), "{why}");
@@ -114,7 +123,7 @@ fn a_shape_that_comes_out_of_the_input_is_refused() {
     let moved = [node("Squeeze", &["w", "x"], "s"), node("MatMul", &["s", "w"], "y")];
     let why = Onnx::new(model(&moved, &[tensor("w", &[1, 1], &[1.0])], Some(1)), 1).unwrap_err();
     assert!(
-        why.contains("node Squeeze of `s` has a shape that depends on the numbers of the input"),
+        why.contains("node Squeeze with the output `s` has a shape that depends on the values of the inputs"),
         "{why}"
     );
     // Listed behind the node that takes it, what comes out of the input looks as if the file held it.
@@ -125,11 +134,12 @@ fn a_shape_that_comes_out_of_the_input_is_refused() {
         node("MatMul", &["moved", "w"], "y"),
     ];
     let weights = [tensor("w", &[2, 1], &[1.0, 1.0])];
-    for words in
-        ["has a shape that depends on the numbers of the input", "takes what no node before it gives"]
-    {
+    for words in [
+        "has a shape that depends on the values of the inputs",
+        "uses a tensor that no earlier node computes",
+    ] {
         let why = Onnx::new(encode::declaring(&["shape"], &nodes, &weights, Some(2)), 2).unwrap_err();
-        assert!(why.contains(&format!("node Reshape of `moved` {words}")), "{why}");
+        assert!(why.contains(&format!("node Reshape with the output `moved` {words}")), "{why}");
         nodes.swap(1, 2);
     }
 }
@@ -139,7 +149,7 @@ fn a_node_that_gives_what_the_file_holds_already_is_refused() {
     use encode::{model, node, tensor};
     let nodes = [node("Identity", &["x"], "w"), node("MatMul", &["x", "w"], "y")];
     let why = Onnx::new(model(&nodes, &[tensor("w", &[1, 1], &[1.0])], Some(1)), 1).unwrap_err();
-    assert!(why.contains("`w` gives what another gives, too"), "{why}");
+    assert!(why.contains("`w` has the same output as another node"), "{why}");
 }
 
 proptest! {
