@@ -8,6 +8,7 @@
 //!
 //! - [`clock`] — the only source of time: wall-clock time, or virtual time in tests and in the demo.
 //! - [`tls`] — causes of failed TLS handshakes.
+//! - [`net`] — connections to servers: name lookup, TCP and TLS.
 //! - [`fieldbus`] — communication with devices over Modbus, CAN or OPC UA. One task owns each line.
 //! - [`gateway`] — polls devices, passes readings to the pure steps, executes their actions, keeps state and logs.
 //! - [`observe`] — events, status, metrics and the page, for users and programs.
@@ -20,7 +21,7 @@
 //! ```text
 //! clock ← fieldbus ← gateway ← cli        clock, the CAN socket and faults of fieldbus ← virtual_machine ← cli
 //! clock ← observe ← cli                   events, askers and status of observe ← gateway
-//! fieldbus ← discovery ← cli              tls ← { fieldbus, observe }
+//! fieldbus ← discovery ← cli              tls ← net ← { fieldbus, observe }
 //! ```
 //!
 //! Begin reading in `isotherm_core::compensation`, then `isotherm_core::output`, then [`gateway`].
@@ -30,6 +31,7 @@ pub mod clock;
 pub mod discovery;
 pub mod fieldbus;
 pub mod gateway;
+pub mod net;
 pub mod observe;
 pub mod tls;
 pub mod virtual_machine;

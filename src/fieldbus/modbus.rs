@@ -18,7 +18,7 @@ use super::mark::Mark;
 use super::pdu;
 use super::port::{Port, Tapped, is_in_order};
 use super::trace::Tap;
-use super::wire::{Answer, Boxed, Ending, Request, Wire};
+use super::wire::{Answer, Call, Ending, Request, Wire};
 use crate::tls::TlsFault;
 use behind::Behind;
 use isotherm_core::quantity::Moment;
@@ -228,12 +228,7 @@ impl First {
 }
 
 impl Wire for ModbusTcp {
-    fn exchange<'a>(
-        &'a mut self,
-        unit: u8,
-        request: Request<'a>,
-        departure: &'a mut Departure,
-    ) -> Boxed<'a, Result<Answer, Fault>> {
+    fn exchange<'a>(&'a mut self, unit: u8, request: Request<'a>, departure: &'a mut Departure) -> Call<'a> {
         Box::pin(self.exchange(unit, request, departure))
     }
 

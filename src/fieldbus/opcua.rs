@@ -37,7 +37,7 @@ use super::wire::Boxed;
 use channel::{Link, Socket};
 use files::Files;
 use isotherm_profile::{Bus, Security};
-use session::Session;
+use session::{Login, Session};
 use status::{call_fault, dial_fault};
 use wire::OpcUa;
 
@@ -135,7 +135,8 @@ impl OpcUaDial {
         let own = self.shown(files);
         let socket = Socket::new(&self.url, socket, own);
         let mut link = Link::open(known.channel.clone(), &socket).await.ok()?;
-        known.session.take_up(&mut link, &known.endpoint, own, &files.user).await.ok()?;
+        let login = Login { endpoint: &known.endpoint, own, user: &files.user };
+        known.session.take_up(&mut link, login).await.ok()?;
         Some((link, known))
     }
 
@@ -153,7 +154,7 @@ impl OpcUaDial {
         let channel = Arc::new(channel::secured(&endpoint));
         let mut link = Link::open(channel.clone(), &socket).await.map_err(|error| dial_fault(&error))?;
         let session = Session::none(files.application.clone(), self.timeout);
-        session.begin(&mut link, &endpoint, own, &files.user).await?;
+        session.begin(&mut link, Login { endpoint: &endpoint, own, user: &files.user }).await?;
         Ok((link, Known { channel, endpoint, session }))
     }
 

@@ -20,7 +20,7 @@ use super::mark::Mark;
 use super::pdu;
 use super::port::{Port, Tapped, is_in_order};
 use super::trace::Tap;
-use super::wire::{Answer, Boxed, Ending, Overheard, Request, Wire};
+use super::wire::{Answer, Boxed, Call, Ending, Overheard, Request, Wire};
 use crate::clock::{Patience, Silence};
 use isotherm_profile::Serial;
 
@@ -261,12 +261,7 @@ impl Rtu {
 }
 
 impl Wire for Rtu {
-    fn exchange<'a>(
-        &'a mut self,
-        unit: u8,
-        request: Request<'a>,
-        departure: &'a mut Departure,
-    ) -> Boxed<'a, Result<Answer, Fault>> {
+    fn exchange<'a>(&'a mut self, unit: u8, request: Request<'a>, departure: &'a mut Departure) -> Call<'a> {
         Box::pin(async move {
             if matches!(request, Request::Can(_) | Request::Nodes(_) | Request::Sensors(_)) {
                 return Err(Fault::Caller(CallerFault::Function));

@@ -18,7 +18,7 @@ use super::connection::{Connection, Dial};
 use super::departure::Departure;
 use super::error::{CallerFault, Fault};
 use super::trace::Tap;
-use super::wire::{Answer, Boxed, NodeReading, Request, Stamped, Wire};
+use super::wire::{Answer, Boxed, Call, NodeReading, Request, Stamped, Wire};
 use crate::clock::Patience;
 use isotherm_core::codec::DataType;
 use isotherm_core::reading::Reason;
@@ -81,12 +81,7 @@ impl Sysfs {
 }
 
 impl Wire for Sysfs {
-    fn exchange<'a>(
-        &'a mut self,
-        _: u8,
-        request: Request<'a>,
-        departure: &'a mut Departure,
-    ) -> Boxed<'a, Result<Answer, Fault>> {
+    fn exchange<'a>(&'a mut self, _: u8, request: Request<'a>, departure: &'a mut Departure) -> Call<'a> {
         Box::pin(self.exchange(request, departure))
     }
 

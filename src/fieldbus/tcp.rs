@@ -3,27 +3,19 @@
 //! Closing a connection discards its unsent bytes. Otherwise the system could send them for minutes, after newer bytes
 //! on the next connection.
 
-use std::io;
-use std::net::SocketAddr;
+use std::io::ErrorKind;
 use std::time::Duration;
 
 use socket2::SockRef;
 use tokio::net::TcpStream;
 
 use super::error::{Fault, LinkFault};
+use crate::net::{ConnectError, connect};
 
 /// Opens a TCP connection to `host:port`. It breaks if the other end has not confirmed data within the timeout. Closing
 /// it discards unsent and unconfirmed data.
 pub(super) async fn connected(address: &str, timeout: Duration) -> Result<TcpStream, Fault> {
-    // An address needs no name lookup.
-    let found = match address.parse::<SocketAddr>() {
-        Ok(address) => vec![address],
-        Err(_) => {
-            let found = tokio::net::lookup_host(address).await;
-            found.map_err(|_| Fault::Link(LinkFault::Unresolved))?.collect()
-        }
-    };
-    let stream = TcpStream::connect(&found[..]).await.map_err(|error| dial_fault(&error))?;
+    let stream = connect(address).await.map_err(|error| Fault::Link(fault(&error)))?;
     let socket = SockRef::from(&stream);
     let set = socket
         .set_linger(Some(Duration::ZERO))
@@ -34,9 +26,12 @@ pub(super) async fn connected(address: &str, timeout: Duration) -> Result<TcpStr
     Ok(stream)
 }
 
-fn dial_fault(error: &io::Error) -> Fault {
-    Fault::Link(match error.kind() {
-        io::ErrorKind::ConnectionRefused => LinkFault::Refused,
+fn fault(error: &ConnectError) -> LinkFault {
+    match error {
+        ConnectError::Unresolved => LinkFault::Unresolved,
+        ConnectError::Unreachable(error) if error.kind() == ErrorKind::ConnectionRefused => {
+            LinkFault::Refused
+        }
         _ => LinkFault::Unreachable,
-    })
+    }
 }

@@ -17,6 +17,9 @@ pub use super::request::{Answer, CanRequest, NodeReading, NodeRequest, Request, 
 /// Future that a method of a trait object can return.
 pub type Boxed<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 
+/// Future of the answer to a request.
+pub type Call<'a> = Boxed<'a, Result<Answer, Fault>>;
+
 /// End of a connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
@@ -43,12 +46,7 @@ pub struct Overheard {
 pub trait Wire: Send {
     /// Sends the request and waits for its answer, without a timeout. The answer is checked against the request:
     /// transaction, unit, function, length, echo.
-    fn exchange<'a>(
-        &'a mut self,
-        unit: u8,
-        request: Request<'a>,
-        departure: &'a mut Departure,
-    ) -> Boxed<'a, Result<Answer, Fault>>;
+    fn exchange<'a>(&'a mut self, unit: u8, request: Request<'a>, departure: &'a mut Departure) -> Call<'a>;
 
     /// Returns whether an answer has a transaction number. Without one, as on a serial line, a late answer looks like
     /// the answer to the next request.

@@ -7,8 +7,8 @@
 //! # Layout
 //! - `snapshot`, `happenings`: the state and the events, as metrics.
 //! - `run`: connects, publishes and waits. `kept`: queue for an unreachable broker. `commands`: received messages.
-//!   `node`: a Sparkplug node across restarts. `readable`: readable messages across restarts.
-//! - `broker`: interface of a broker. `client`: its implementation. `stream`: TCP and TLS.
+//!   `memory`: what earlier runs have published.
+//! - `broker`: interface of a broker. `client`: its implementation.
 
 use std::collections::VecDeque;
 use std::future::Future;
@@ -27,12 +27,11 @@ use client::Client;
 use commands::Commands;
 use happenings::Happenings;
 use isotherm_core::quantity::Moment;
-use isotherm_plant::sparkplug::Address;
+use isotherm_plant::sparkplug::{Address, Sparkplug};
 use isotherm_plant::{Json, JsonSettings, Publisher};
 use isotherm_profile::{Mqtt, MqttFormat, Profile, stop};
 use kept::Kept;
-use node::Node;
-use readable::Readable;
+use memory::Memory;
 use run::Runner;
 
 mod broker;
@@ -40,11 +39,9 @@ mod client;
 mod commands;
 mod happenings;
 mod kept;
-mod node;
-mod readable;
+mod memory;
 mod run;
 mod snapshot;
-mod stream;
 
 pub use broker::Fault;
 
@@ -77,11 +74,12 @@ impl Publishing {
     ) -> std::io::Result<Publishing> {
         let clock = Clock::wall();
         let address = mqtt.broker.to_string();
-        let (publisher, kept) = publisher(profile, mqtt, state, source.as_ref());
+        let (publisher, memory, kept) = publisher(profile, mqtt, state, source.as_ref());
         let id = format!("isotherm-{}", profile.name);
         let broker = Client::of(mqtt, id, trust, &clock);
         let runner = Runner {
             publisher,
+            memory,
             source: source.clone(),
             figures: figures.clone(),
             clock,
@@ -122,26 +120,24 @@ impl Publishing {
     }
 }
 
-/// Makes the publisher, and the queue of unpublished records. `state` is the state directory.
+/// Makes the publisher, its memory of earlier runs, and the queue of unpublished records. `state` is the state
+/// directory.
 fn publisher(
     profile: &Profile,
     mqtt: &Mqtt,
     state: &Path,
     source: &dyn Source,
-) -> (Box<dyn Publisher>, Kept) {
+) -> (Box<dyn Publisher>, Memory, Kept) {
     let directory = kept_in(state, &profile.name);
     // The profile reader has rejected an invalid group.
     if let (MqttFormat::SparkplugB, Ok(address)) = (mqtt.format, Address::new(&mqtt.group, &profile.name)) {
-        let kept = Kept::on_disk(&directory, mqtt.buffer);
-        let node = Box::new(Node::new(address, &directory, mqtt.takes_measured));
-        return match kept {
-            Ok(kept) => (node, kept),
-            Err(error) => {
-                let (broker, why) = (mqtt.broker.to_string(), error.to_string());
-                source.report(&Event::Broker(BrokerEvent::NotKept { broker, why }));
-                (node, Kept::in_memory())
-            }
-        };
+        let kept = Kept::on_disk(&directory, mqtt.buffer).unwrap_or_else(|error| {
+            let (broker, why) = (mqtt.broker.to_string(), error.to_string());
+            source.report(&Event::Broker(BrokerEvent::NotKept { broker, why }));
+            Kept::in_memory()
+        });
+        let (memory, last) = Memory::of_deaths(&directory);
+        return (Box::new(Sparkplug::new(address, last, mqtt.takes_measured)), memory, kept);
     }
     let json = Json::new(JsonSettings {
         group: mqtt.group.clone(),
@@ -151,7 +147,7 @@ fn publisher(
         takes_measured: mqtt.takes_measured,
         home_assistant: mqtt.home_assistant,
     });
-    (Box::new(Readable::new(json, &directory)), Kept::in_memory())
+    (Box::new(json), Memory::of_topics(&directory), Kept::in_memory())
 }
 
 /// Connects to the broker and disconnects, without publishing.

@@ -14,7 +14,7 @@ mod source;
 
 /// Allowed imports between the modules of a crate, which Cargo cannot check. A name after `::` restricts the import to
 /// that part of the module. `src/lib.rs` and `crates/core/src/lib.rs` contain the same as a drawing.
-const ARROWS: [(&str, &str, &[&str]); 19] = [
+const ARROWS: [(&str, &str, &[&str]); 20] = [
     ("crates/core", "border", &[]),
     ("crates/core", "quantity", &[]),
     ("crates/core", "reading", &["quantity"]),
@@ -28,8 +28,9 @@ const ARROWS: [(&str, &str, &[&str]); 19] = [
     ("crates/core", "place", &[]),
     ("", "clock", &[]),
     ("", "tls", &[]),
-    ("", "fieldbus", &["clock", "tls"]),
-    ("", "observe", &["clock", "tls"]),
+    ("", "net", &["tls"]),
+    ("", "fieldbus", &["clock", "net", "tls"]),
+    ("", "observe", &["clock", "net", "tls"]),
     ("", "gateway", &["fieldbus", "clock", "observe::asker", "observe::events", "observe::status"]),
     ("", "discovery", &["clock", "fieldbus"]),
     (

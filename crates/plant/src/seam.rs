@@ -63,6 +63,11 @@ pub trait Publisher: Send {
         false
     }
 
+    /// Number that the next run must know: the death number (bdSeq) of a Sparkplug node.
+    fn number_to_keep(&self) -> Option<u8> {
+        None
+    }
+
     /// Number of values, records and events that were lost since the last call.
     fn left_out(&mut self) -> u64 {
         0

@@ -90,6 +90,8 @@ pub struct Sparkplug {
     /// Time and content of the last measured error without an identification. A broker may deliver it twice.
     last_asked: Option<(u64, Command)>,
     left_out: LeftOut,
+    /// Number of lost values at the last query of [`Publisher::left_out`].
+    queried: u64,
 }
 
 /// Numbers of lost values since the start.
@@ -123,6 +125,7 @@ impl Sparkplug {
             waiting: Vec::new(),
             last_asked: None,
             left_out: LeftOut::default(),
+            queried: 0,
         }
     }
 
@@ -333,6 +336,16 @@ impl Publisher for Sparkplug {
     /// Returns `false` before a requested birth, because no data may precede it.
     fn may_forward(&self) -> bool {
         self.born.is_some() && !self.owes_birth
+    }
+
+    fn number_to_keep(&self) -> Option<u8> {
+        Some(self.bd_seq)
+    }
+
+    fn left_out(&mut self) -> u64 {
+        let all = Sparkplug::left_out(self);
+        let all = all.unreadable_records + all.unknown_values + all.unconfirmed_records + all.events;
+        all.saturating_sub(std::mem::replace(&mut self.queried, all))
     }
 
     fn farewell(&mut self, _now: Moment) -> Vec<Message> {

@@ -60,6 +60,16 @@ impl Section {
     }
 }
 
+/// Adds entries to the JSON object of a section: `key = value`, or a variable with the name of its key.
+macro_rules! entries {
+    ($section:ident, $($key:ident $(= $value:expr)?),+) => {
+        $($section.entry(stringify!($key), $crate::document::entries!(@value $key $($value)?));)+
+    };
+    (@value $key:ident) => { $key };
+    (@value $key:ident $value:expr) => { $value };
+}
+pub(crate) use entries;
+
 impl From<u16> for Json {
     fn from(number: u16) -> Json {
         Json::Value(number.into())

@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use schemars::{JsonSchema, Schema};
 use serde::{Deserialize, Deserializer};
 
+use crate::schema_of::schema_of;
 use crate::wording::duration_text;
 
 /// Duration, as written in a profile.
@@ -24,20 +24,12 @@ impl<'de> Deserialize<'de> for Timespan {
     }
 }
 
-impl JsonSchema for Timespan {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        "Duration".into()
-    }
-
-    fn json_schema(_: &mut schemars::SchemaGenerator) -> Schema {
-        schemars::json_schema!({
-            "description": "A duration with its unit, as \"300ms\", \"10s\", \"3min\", \"2h\" or \"90d\".",
-            "type": "string",
-            "pattern": Timespan::PATTERN,
-            "examples": ["300ms", "10s", "3min"],
-        })
-    }
-}
+schema_of!(Timespan as "Duration": {
+    "description": "A duration with its unit, as \"300ms\", \"10s\", \"3min\", \"2h\" or \"90d\".",
+    "type": "string",
+    "pattern": Timespan::PATTERN,
+    "examples": ["300ms", "10s", "3min"],
+});
 
 /// Formats a duration in the notation of a profile.
 pub(crate) fn shown(span: Duration) -> String {

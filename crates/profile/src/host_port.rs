@@ -1,6 +1,6 @@
 //! Host and port in profiles and commands: `host`, `host:502`, `[::1]`, `[::1]:502`.
 
-use std::net::Ipv6Addr;
+use std::net::{IpAddr, Ipv6Addr};
 
 /// Reason why a text is not a host with an optional port.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -88,6 +88,25 @@ fn is_number(text: &str) -> bool {
 pub(crate) fn is_ipv6(text: &str) -> bool {
     let (address, interface) = text.split_once('%').unwrap_or((text, "0"));
     address.parse::<Ipv6Addr>().is_ok() && interface.parse::<u32>().is_ok()
+}
+
+/// Returns whether a text is an ASCII host name or an address, an IPv6 address in brackets and without an interface.
+pub(crate) fn is_host(text: &str) -> bool {
+    match text.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
+        Some(address) => address.parse::<Ipv6Addr>().is_ok(),
+        None => text.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-._".contains(&byte)),
+    }
+}
+
+/// Returns whether a host is this computer. An IPv6 address may have brackets.
+pub(crate) fn is_loopback(host: &str) -> bool {
+    let plain = host.trim_matches(['[', ']']);
+    plain == "localhost" || plain.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
+}
+
+/// Formats a host without brackets as it is written in a URL.
+pub(crate) fn in_url(host: &str) -> String {
+    if host.contains(':') { format!("[{host}]") } else { host.to_owned() }
 }
 
 #[cfg(test)]

@@ -34,6 +34,9 @@ const LARGE: usize = 100_000;
 /// Twice the size of the largest block that is freed after reading a machine with a thousand devices, in bytes.
 const MOST_END: usize = 40_000_000;
 
+/// Names with values: settings of the command line, or environment variables.
+pub(crate) type Pairs = [(String, String)];
+
 /// Valid profile with its warnings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loaded {
@@ -50,11 +53,7 @@ pub struct Loaded {
 ///
 /// # Errors
 /// All mistakes in the profile, each with its place.
-pub fn load(
-    path: &Path,
-    settings: &[(String, String)],
-    environment: &[(String, String)],
-) -> Result<Loaded, Errors> {
+pub fn load(path: &Path, settings: &Pairs, environment: &Pairs) -> Result<Loaded, Errors> {
     Ok(read(path, settings, environment, Certificates::Needed, None)?.0)
 }
 
@@ -64,8 +63,8 @@ pub fn load(
 /// All other mistakes in the profile, each with its place.
 pub fn load_before_certificates(
     path: &Path,
-    settings: &[(String, String)],
-    environment: &[(String, String)],
+    settings: &Pairs,
+    environment: &Pairs,
 ) -> Result<Loaded, Errors> {
     Ok(read(path, settings, environment, Certificates::ToBeMade, None)?.0)
 }
@@ -92,8 +91,8 @@ pub fn load_from(path: &Path, sources: &Sources) -> Result<Loaded, Errors> {
 
 fn read(
     path: &Path,
-    settings: &[(String, String)],
-    environment: &[(String, String)],
+    settings: &Pairs,
+    environment: &Pairs,
     certificates: Certificates,
     sources: Option<Sources>,
 ) -> Result<(Loaded, Option<Sources>), Errors> {
@@ -106,8 +105,8 @@ fn read(
 
 fn read_layers(
     path: &Path,
-    settings: &[(String, String)],
-    environment: &[(String, String)],
+    settings: &Pairs,
+    environment: &Pairs,
     files: &Files<'_>,
 ) -> Result<Loaded, Errors> {
     let text =
@@ -129,12 +128,7 @@ fn read_layers(
 ///
 /// # Errors
 /// All mistakes in the profile, each with its place.
-pub fn parse(
-    name: &Path,
-    text: &str,
-    settings: &[(String, String)],
-    environment: &[(String, String)],
-) -> Result<Loaded, Errors> {
+pub fn parse(name: &Path, text: &str, settings: &Pairs, environment: &Pairs) -> Result<Loaded, Errors> {
     parse_with(name, text, &[], settings, environment)
 }
 
@@ -147,8 +141,8 @@ pub fn parse_with(
     name: &Path,
     text: &str,
     files: &[(&str, &[u8])],
-    settings: &[(String, String)],
-    environment: &[(String, String)],
+    settings: &Pairs,
+    environment: &Pairs,
 ) -> Result<Loaded, Errors> {
     layered(&[(name.to_owned(), text.to_owned())], &Files::Inside(files), settings, environment)
 }
@@ -170,7 +164,7 @@ fn is_ours(name: &str) -> bool {
 
 /// Warns about variables that look like settings but are not. An orchestrator sets such variables for a service with
 /// this name, and an operator may forget an underscore.
-fn strangers(environment: &[(String, String)]) -> Option<ProfileError> {
+fn strangers(environment: &Pairs) -> Option<ProfileError> {
     let names = environment.iter().map(|(name, _)| name.as_str());
     let names: Vec<&str> =
         names.filter(|name| name.starts_with(FAMILY) && !is_ours(name) && *name != LOG).collect();
@@ -211,8 +205,8 @@ fn local_beside(path: &Path) -> PathBuf {
 fn layered(
     layers: &[(PathBuf, String)],
     files: &Files<'_>,
-    settings: &[(String, String)],
-    environment: &[(String, String)],
+    settings: &Pairs,
+    environment: &Pairs,
 ) -> Result<Loaded, Errors> {
     // The schema stays in use, so it must not be in the memory of the thread.
     schema();
@@ -243,8 +237,8 @@ fn free_the_end() {
 fn merged_and_checked(
     layers: &[(PathBuf, String)],
     files: &Files<'_>,
-    settings: &[(String, String)],
-    environment: &[(String, String)],
+    settings: &Pairs,
+    environment: &Pairs,
 ) -> Result<Loaded, Errors> {
     let mut loader = Loader {
         schema: schema(),

@@ -14,7 +14,7 @@
 use std::fmt;
 use std::time::Duration;
 
-use crate::document::Section;
+use crate::document::{Section, entries};
 use crate::wording::counted;
 use crate::{Device, Profile, Quirks, ReadBy, Signal, SourceTime};
 use isotherm_core::codec::{Address, Node, Object, PcSensor, Register};
@@ -171,9 +171,7 @@ impl ReadRequest {
             0 => format!("    {self}: {}", signals.join(", ")),
             _ => format!("    {self}, function {function:02}: {}", signals.join(", ")),
         });
-        section.entry("read", self.to_string());
-        section.entry("function", function);
-        section.entry("signals", signals);
+        entries!(section, read = self.to_string(), function, signals);
         section
     }
 

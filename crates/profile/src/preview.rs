@@ -7,7 +7,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::document::Section;
+use crate::document::{Section, entries};
 use crate::tables::axis::model::all_over::AllOver;
 use crate::tables::bus::Transport;
 use crate::tables::label::labelled;
@@ -41,9 +41,7 @@ impl Preview {
         let (name, description) = (&profile.name, &profile.description);
         let shown = labelled(name, &profile.label);
         section.line(if description.is_empty() { shown } else { format!("{shown}: {description}") });
-        section.entry("machine", name);
-        section.entry("label", &profile.label);
-        section.entry("description", description);
+        entries!(section, machine = name, label = &profile.label, description);
         if !profile.overridden.is_empty() {
             section.line("");
             section.line("set above the profile");

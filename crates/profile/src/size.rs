@@ -1,7 +1,8 @@
 //! Sizes on a disk in a profile: "500MB", "2GB".
 
-use schemars::{JsonSchema, Schema};
 use serde::{Deserialize, Deserializer};
+
+use crate::schema_of::schema_of;
 
 /// Number of bytes, as written in a profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,20 +28,12 @@ impl<'de> Deserialize<'de> for Size {
     }
 }
 
-impl JsonSchema for Size {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        "Size".into()
-    }
-
-    fn json_schema(_: &mut schemars::SchemaGenerator) -> Schema {
-        schemars::json_schema!({
-            "description": "A size on disk with its unit, as \"500MB\" or \"2GB\".",
-            "type": "string",
-            "pattern": "^\\s*\\d+\\s*(MB|GB|TB)\\s*$",
-            "examples": ["500MB", "2GB"],
-        })
-    }
-}
+schema_of!(Size as "Size": {
+    "description": "A size on disk with its unit, as \"500MB\" or \"2GB\".",
+    "type": "string",
+    "pattern": "^\\s*\\d+\\s*(MB|GB|TB)\\s*$",
+    "examples": ["500MB", "2GB"],
+});
 
 #[cfg(test)]
 mod tests {

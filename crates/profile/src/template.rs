@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 
 use serde_json::{Map, Value};
 
-use crate::document::Section;
+use crate::document::{Section, entries};
 use crate::error::Found;
 use crate::files::Files;
 use crate::sha256;
@@ -72,15 +72,9 @@ impl Template {
         section.lines("      note: ", &self.notes);
         section.lines("      not verified: ", &self.unverified);
         section.lines("      not checked before arming: ", &self.unchecked);
-        section.entry("name", &self.name);
-        section.entry("variant", &self.variant);
-        section.entry("title", &self.title);
-        section.entry("source", &self.source);
-        section.entry("own_file", &self.own_file);
-        section.entry("sha256", &sha256);
-        section.entry("notes", &self.notes);
-        section.entry("unverified", &self.unverified);
-        section.entry("unchecked", &self.unchecked);
+        entries!(section, name = &self.name, variant = &self.variant, title = &self.title);
+        entries!(section, source = &self.source, own_file = &self.own_file, sha256 = &sha256);
+        entries!(section, notes = &self.notes, unverified = &self.unverified, unchecked = &self.unchecked);
         section
     }
 }

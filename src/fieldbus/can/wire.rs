@@ -13,7 +13,7 @@ use crate::fieldbus::connection::{Connection, Dial};
 use crate::fieldbus::departure::Departure;
 use crate::fieldbus::error::{CallerFault, CanFault, Fault, LinkFault, PeerFault};
 use crate::fieldbus::trace::Tap;
-use crate::fieldbus::wire::{Answer, Boxed, CanRequest, Ending, Request, Wire};
+use crate::fieldbus::wire::{Answer, Boxed, Call, CanRequest, Ending, Request, Wire};
 use isotherm_core::codec::Frame;
 
 /// Opens the line of an interface whose frames another task receives.
@@ -62,12 +62,7 @@ struct CanWire {
 }
 
 impl Wire for CanWire {
-    fn exchange<'a>(
-        &'a mut self,
-        unit: u8,
-        request: Request<'a>,
-        departure: &'a mut Departure,
-    ) -> Boxed<'a, Result<Answer, Fault>> {
+    fn exchange<'a>(&'a mut self, unit: u8, request: Request<'a>, departure: &'a mut Departure) -> Call<'a> {
         Box::pin(async move {
             let Request::Can(request) = request else { return Err(Fault::Caller(CallerFault::Function)) };
             match request {

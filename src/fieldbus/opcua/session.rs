@@ -48,6 +48,15 @@ struct Held {
     namespaces: Namespaces,
 }
 
+/// Endpoint of a server, and the identity of the gateway there.
+#[derive(Clone, Copy)]
+pub(super) struct Login<'a> {
+    pub(super) endpoint: &'a EndpointDescription,
+    /// Certificate of the gateway, and its key.
+    pub(super) own: Option<&'a (X509, PrivateKey)>,
+    pub(super) user: &'a IdentityToken,
+}
+
 /// Maximum number of nodes in one call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Limits {
@@ -128,15 +137,9 @@ impl Session {
     }
 
     /// Resumes the session on a new channel.
-    pub(super) async fn take_up(
-        &self,
-        link: &mut Link,
-        endpoint: &EndpointDescription,
-        own: Option<&(X509, PrivateKey)>,
-        user: &IdentityToken,
-    ) -> Result<(), Error> {
+    pub(super) async fn take_up(&self, link: &mut Link, login: Login<'_>) -> Result<(), Error> {
         let held = self.held().ok_or_else(|| Error::new(StatusCode::BadSessionClosed, "there is none"))?;
-        self.activate(link, endpoint, own, user, held).await
+        self.activate(link, login, held).await
     }
 
     /// Creates the session at the server and logs in the user.
@@ -151,13 +154,8 @@ impl Session {
         self.activate(link, endpoint, own, user, held).await.map_err(|error| dial_fault(&error))
     }
 
-    async fn create(
-        &self,
-        link: &mut Link,
-        endpoint: &EndpointDescription,
-        own: Option<&(X509, PrivateKey)>,
-        user: &IdentityToken,
-    ) -> Result<Held, Fault> {
+    async fn create(&self, link: &mut Link, login: Login<'_>) -> Result<Held, Fault> {
+        let Login { endpoint, own, user } = login;
         let channel = link.channel.clone();
         let nonce = random::byte_string(NONCE);
         let request = CreateSessionRequest {
@@ -205,14 +203,8 @@ impl Session {
         })
     }
 
-    async fn activate(
-        &self,
-        link: &mut Link,
-        endpoint: &EndpointDescription,
-        own: Option<&(X509, PrivateKey)>,
-        user: &IdentityToken,
-        held: Held,
-    ) -> Result<(), Error> {
+    async fn activate(&self, link: &mut Link, login: Login<'_>, held: Held) -> Result<(), Error> {
+        let Login { endpoint, own, user } = login;
         let channel = link.channel.clone();
         channel.set_auth_token(held.token.clone());
         // A new channel has a nonce of its own, which no signature here uses.

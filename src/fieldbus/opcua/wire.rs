@@ -19,7 +19,7 @@ use super::status::{all_written, call_fault, is_of_the_session};
 use super::value::{reading, variant};
 use crate::fieldbus::departure::Departure;
 use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
-use crate::fieldbus::wire::{Answer, Boxed, Ending, NodeReading, NodeRequest, Request, Stamped, Wire};
+use crate::fieldbus::wire::{Answer, Boxed, Call, Ending, NodeReading, NodeRequest, Request, Stamped, Wire};
 
 /// Open session on an open channel.
 pub(super) struct OpcUa {
@@ -185,12 +185,7 @@ fn written(node: &Node, node_id: NodeId, value: &[u16]) -> Option<WriteValue> {
 }
 
 impl Wire for OpcUa {
-    fn exchange<'a>(
-        &'a mut self,
-        _: u8,
-        request: Request<'a>,
-        departure: &'a mut Departure,
-    ) -> Boxed<'a, Result<Answer, Fault>> {
+    fn exchange<'a>(&'a mut self, _: u8, request: Request<'a>, departure: &'a mut Departure) -> Call<'a> {
         Box::pin(self.exchange(request, departure))
     }
 

@@ -2,10 +2,9 @@
 
 use std::sync::Arc;
 
-use tokio_rustls::rustls::{ClientConfig, Error, InconsistentKeys};
+use tokio_rustls::rustls::ClientConfig;
 
-use super::pem::{certificates, private_key};
-use super::visitor::trusting;
+use super::visitor::{own, showing, trusting};
 use isotherm_profile::{Mqtt, ProfileError};
 
 /// Returns the TLS settings of a profile, for TLS 1.2 or 1.3; `None` if the broker is used without TLS.
@@ -23,12 +22,9 @@ pub fn broker(mqtt: &Mqtt) -> Result<Option<Arc<ClientConfig>>, Vec<ProfileError
             |ca| ca.wrong(&why),
         )]
     })?;
-    let Some((cert, key)) = &mqtt.own else { return Ok(Some(Arc::new(builder.with_no_client_auth()))) };
-    let chain = certificates(&cert.bytes).map_err(|why| cert.wrong(&why));
-    let private = private_key(&key.bytes).map_err(|why| key.wrong(&why));
-    let (chain, private) = match (chain, private) {
-        (Ok(chain), Ok(private)) => (chain, private),
-        (chain, private) => return Err(chain.err().into_iter().chain(private.err()).collect()),
+    let config = match &mqtt.own {
+        None => builder.with_no_client_auth(),
+        Some((cert, key)) => showing(builder, own(cert, key)?, (cert, key))?,
     };
     let config = builder.with_client_auth_cert(chain, private).map_err(|error| {
         vec![match error {

@@ -4,24 +4,22 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use tokio::net::TcpStream;
-use tokio_rustls::TlsConnector;
 use tokio_rustls::client::TlsStream;
 use tokio_rustls::rustls::client::danger::{HandshakeSignatureValid, ServerCertVerified, ServerCertVerifier};
 use tokio_rustls::rustls::client::{ResolvesClientCert, WebPkiServerVerifier};
 use tokio_rustls::rustls::crypto::ring::default_provider;
-use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer, ServerName, UnixTime};
+use tokio_rustls::rustls::pki_types::{CertificateDer, ServerName, UnixTime};
 use tokio_rustls::rustls::sign::CertifiedKey;
 use tokio_rustls::rustls::{
-    CertificateError, ClientConfig, DigitallySignedStruct, Error, HandshakeKind, InconsistentKeys,
-    RootCertStore, SignatureScheme,
+    CertificateError, ClientConfig, DigitallySignedStruct, Error, HandshakeKind, RootCertStore,
+    SignatureScheme,
 };
 
-use super::pem::{certificates, private_key};
-use super::visitor;
+use super::visitor::{own, showing, trusting, visitor};
 use crate::fieldbus::eager::Eager;
 use crate::fieldbus::error::{Fault, LinkFault};
 use crate::fieldbus::port::Port;
-use crate::tls::TlsFault;
+use crate::net::{self, ConnectError};
 use isotherm_profile::{Errors, Profile, ProfileError, Tls};
 
 /// Settings of a secured connection: versions, ciphers, trust, key, and the name of the device.
@@ -52,35 +50,27 @@ impl Client {
     /// The mistakes in the name and in each file.
     pub(in crate::fieldbus) fn new(tls: &Tls) -> Result<Client, Vec<ProfileError>> {
         let name = ServerName::try_from(tls.name.clone()).map_err(|_| tls.wrong_name());
-        let trust =
-            certificates(&tls.ca.bytes).and_then(|ca| Trust::new(&ca)).map_err(|why| tls.ca.wrong(&why));
-        let chain = certificates(&tls.cert.bytes).map_err(|why| tls.cert.wrong(&why));
-        let key = private_key(&tls.key.bytes).map_err(|why| tls.key.wrong(&why));
-        match (name, trust, chain, key) {
-            (name, Ok(trust), Ok(chain), Ok(key)) => match (name, config(tls, trust, chain, key)) {
-                (Ok(name), Ok(mut config)) => {
-                    let shown = Arc::new(Shown::instead_of(config.client_auth_cert_resolver));
-                    config.client_auth_cert_resolver = shown.clone();
-                    Ok(Client { name, config: Arc::new(config), shown })
-                }
-                (name, config) => {
-                    Err([name.err(), config.err().map(|error| *error)].into_iter().flatten().collect())
-                }
-            },
-            (name, trust, chain, key) => {
-                Err([name.err(), trust.err(), chain.err(), key.err()].into_iter().flatten().collect())
+        let trust = trusting(Some(&tls.ca.bytes)).map_err(|why| tls.ca.wrong(&why));
+        let config = match (trust, own(&tls.cert, &tls.key)) {
+            (Ok(trust), Ok(own)) => showing(trust, own, (&tls.cert, &tls.key)),
+            (trust, own) => Err(trust.err().into_iter().chain(own.err().into_iter().flatten()).collect()),
+        };
+        match (name, config) {
+            (Ok(name), Ok(mut config)) => {
+                let shown = Arc::new(Shown::instead_of(config.client_auth_cert_resolver));
+                config.client_auth_cert_resolver = shown.clone();
+                Ok(Client { name, config: Arc::new(config), shown })
             }
+            (name, config) => Err(name.err().into_iter().chain(config.err().into_iter().flatten()).collect()),
         }
     }
 
     /// Performs the TLS handshake on an open connection.
     pub(in crate::fieldbus) async fn secure(&self, stream: TcpStream) -> Result<TlsStream<Eager>, Fault> {
-        let peer = stream.peer_addr().ok();
-        let connector = TlsConnector::from(self.config.clone());
-        let connected = connector.connect(self.name.clone(), Eager::new(stream)).await.map_err(|error| {
-            tracing::debug!(?peer, %error, "no TLS connection");
-            // A plain Modbus server also closes the connection in the middle of the handshake.
-            Fault::Link(TlsFault::in_handshake(&error).map_or(LinkFault::Broken, LinkFault::Tls))
+        let secured = net::secure(Eager::new(stream), &self.name, &self.config).await;
+        let connected = secured.map_err(|error| match error {
+            ConnectError::Tls(fault) => Fault::Link(LinkFault::Tls(fault)),
+            _ => Fault::Link(LinkFault::Broken),
         })?;
         // A device does not ask for a certificate again in a resumed TLS session.
         if connected.get_ref().1.handshake_kind() == Some(HandshakeKind::Full) {

@@ -5,11 +5,13 @@ use std::sync::Arc;
 
 use tokio_rustls::rustls::client::WantsClientCert;
 use tokio_rustls::rustls::crypto::ring::default_provider;
+use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use tokio_rustls::rustls::{ClientConfig, ConfigBuilder, RootCertStore};
 
 use super::client::Trust;
-use super::pem::certificates;
-use isotherm_profile::regular;
+use super::pem::{certificates, private_key};
+use super::server::Wrong;
+use isotherm_profile::{NamedFile, ProfileError, regular};
 
 /// Files in which Linux distributions keep the trusted authorities.
 const BUNDLES: [&str; 4] = [
@@ -40,6 +42,39 @@ pub(super) fn trusting(ca: Option<&[u8]>) -> Result<ConfigBuilder<ClientConfig, 
         }
         None => Ok(config.with_root_certificates(of_this_computer(BUNDLES.map(Path::new))?)),
     }
+}
+
+/// Certificates of this end, and the private key of the first one.
+pub(super) type Own = (Vec<CertificateDer<'static>>, PrivateKeyDer<'static>);
+
+/// Reads the certificates and the private key of this end.
+///
+/// # Errors
+/// The mistakes in both files.
+pub(super) fn own(cert: &NamedFile, key: &NamedFile) -> Result<Own, Vec<ProfileError>> {
+    let chain = certificates(&cert.bytes).map_err(|why| cert.wrong(&why));
+    let private = private_key(&key.bytes).map_err(|why| key.wrong(&why));
+    match (chain, private) {
+        (Ok(chain), Ok(private)) => Ok((chain, private)),
+        (chain, private) => Err(chain.err().into_iter().chain(private.err()).collect()),
+    }
+}
+
+/// Completes the settings of a client with the certificates and the private key of this end, which are in these files.
+///
+/// # Errors
+/// The mistake in one of the files.
+pub(super) fn showing(
+    config: ConfigBuilder<ClientConfig, WantsClientCert>,
+    (chain, private): Own,
+    (cert, key): (&NamedFile, &NamedFile),
+) -> Result<ClientConfig, Vec<ProfileError>> {
+    config.with_client_auth_cert(chain, private).map_err(|error| {
+        vec![match Wrong::from(error) {
+            Wrong::Cert(why) => cert.wrong(&why),
+            Wrong::Key(why) => key.wrong(&why),
+        }]
+    })
 }
 
 /// Returns the authorities in the first of these files that has any.

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::LineTurn;
-use super::together::Found;
+use super::together::{Found, Written};
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{Fault, Outcome};
 use crate::fieldbus::wire::Request;
@@ -92,18 +92,14 @@ pub(super) async fn write_all(
     values: &[Encoded],
     own: OwnWords,
     leave: Leave,
-) -> Result<(), (Fault, Outcome)> {
+) -> Written {
     let profile = &turn.shared.profile;
     let (cells, stretches) = (cells(profile, set, values, own), stretches(profile, set));
     write(turn, set.device, &stretches, &cells, leave).await
 }
 
 /// Writes heartbeat and control word alone.
-pub(super) async fn write_own(
-    turn: &mut LineTurn<'_>,
-    set: &OutputSet,
-    own: OwnWords,
-) -> Result<(), (Fault, Outcome)> {
+pub(super) async fn write_own(turn: &mut LineTurn<'_>, set: &OutputSet, own: OwnWords) -> Written {
     let words = [(&set.heartbeat, own.beat), (&set.control, own.control)];
     let words = words.into_iter().filter_map(|(at, word)| Some((register(at.as_ref())?.offset, word)));
     let cells: Cells = words.collect();
@@ -121,7 +117,7 @@ pub(super) async fn write(
     stretches: &[Stretch],
     cells: &Cells,
     leave: Leave,
-) -> Result<(), (Fault, Outcome)> {
+) -> Written {
     let functions = turn.shared.profile.device(device).functions;
     for (place, stretch) in stretches.iter().enumerate() {
         let registers = registers(cells, stretch);

@@ -4,9 +4,9 @@
 //! only when they were read back.
 
 use super::LineTurn;
-use super::together::Found;
+use super::together::{Found, Written};
 use crate::fieldbus::departure::Leave;
-use crate::fieldbus::error::{Fault, Outcome, PeerFault};
+use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::wire::{Answer, NodeRequest, Request};
 use isotherm_core::codec::Encoded;
 use isotherm_core::output::OwnWords;
@@ -36,7 +36,7 @@ pub(super) async fn write(
     values: &[Encoded],
     own: OwnWords,
     leave: Leave,
-) -> Result<(), (Fault, Outcome)> {
+) -> Written {
     let nodes = set.nodes(&turn.shared.profile);
     let words = set.own_nodes().map(|(word, node)| {
         node.word(match word {
@@ -53,11 +53,7 @@ pub(super) async fn write(
 }
 
 /// Writes heartbeat and control word alone.
-pub(super) async fn write_own(
-    turn: &mut LineTurn<'_>,
-    set: &OutputSet,
-    own: OwnWords,
-) -> Result<(), (Fault, Outcome)> {
+pub(super) async fn write_own(turn: &mut LineTurn<'_>, set: &OutputSet, own: OwnWords) -> Written {
     let words = set.own_nodes().filter_map(|(word, node)| match word {
         OwnWord::Heartbeat => Some((node.clone(), node.word(own.beat))),
         OwnWord::Control => Some((node.clone(), node.word(own.control))),

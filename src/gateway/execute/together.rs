@@ -20,6 +20,9 @@ pub(super) struct Found {
     pub(super) asked: Moment,
 }
 
+/// Result of a write. An error contains the outcome for all values.
+pub(super) type Written = Result<(), (Fault, Outcome)>;
+
 /// Reads all values of the set.
 pub(super) async fn read(turn: &mut LineTurn<'_>, set: &OutputSet) -> Result<Found, Fault> {
     match set.is_in_nodes(&turn.shared.profile) {
@@ -35,7 +38,7 @@ pub(super) async fn write(
     values: &[Encoded],
     own: OwnWords,
     leave: Leave,
-) -> Result<(), (Fault, Outcome)> {
+) -> Written {
     match set.is_in_nodes(&turn.shared.profile) {
         true => nodes::write(turn, set, values, own, leave).await,
         false => cells::write_all(turn, set, values, own, leave).await,
@@ -43,11 +46,7 @@ pub(super) async fn write(
 }
 
 /// Writes heartbeat and control word alone.
-pub(super) async fn write_own(
-    turn: &mut LineTurn<'_>,
-    set: &OutputSet,
-    own: OwnWords,
-) -> Result<(), (Fault, Outcome)> {
+pub(super) async fn write_own(turn: &mut LineTurn<'_>, set: &OutputSet, own: OwnWords) -> Written {
     match set.is_in_nodes(&turn.shared.profile) {
         true => nodes::write_own(turn, set, own).await,
         false => cells::write_own(turn, set, own).await,

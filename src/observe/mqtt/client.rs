@@ -4,6 +4,7 @@
 //! drives its event loop. A panic in it counts as a broken connection. Both queues are bounded.
 
 use std::collections::{BTreeMap, VecDeque};
+use std::io;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -17,8 +18,9 @@ use tokio::task::{JoinError, JoinHandle};
 use tokio_rustls::rustls::ClientConfig;
 
 use super::broker::{Arrived, Broker, Connection, Fault, Heard};
-use super::stream::{fault_of, open};
 use crate::clock::Clock;
+use crate::net::{ConnectError, Host};
+use crate::tls::TlsFault;
 use isotherm_core::border::panic_message;
 use isotherm_core::quantity::Moment;
 use isotherm_plant::{Message, Qos, Subscription};
@@ -49,7 +51,7 @@ pub(super) struct Client {
     to: BrokerUrl,
     id: String,
     user: Option<(String, Vec<u8>)>,
-    trust: Option<Arc<ClientConfig>>,
+    host: Arc<Host>,
     clock: Clock,
 }
 
@@ -59,7 +61,9 @@ impl Client {
             let password = user.password.as_ref().map(|file| file.bytes.as_slice()).unwrap_or_default();
             (user.name.clone(), password.trim_ascii_end().to_vec())
         });
-        Client { to: mqtt.broker.clone(), id, user, trust, clock: clock.clone() }
+        let (to, clock) = (mqtt.broker.clone(), clock.clone());
+        let host = Arc::new(Host::new(&to.host, to.port, trust));
+        Client { to, id, user, host, clock }
     }
 
     fn options(&self, will: Option<Message>) -> MqttOptions {
@@ -72,8 +76,12 @@ impl Client {
         if let Some((name, password)) = self.user.clone() {
             options.set_credentials(name, password);
         }
-        let (to, trust) = (self.to.clone(), self.trust.clone());
-        options.set_socket_connector(move |_, _| open(to.clone(), trust.clone()));
+        let host = self.host.clone();
+        options.set_socket_connector(move |_, _| {
+            let host = host.clone();
+            // The library knows only I/O errors.
+            async move { host.open().await.map_err(io::Error::other) }
+        });
         options
     }
 }
@@ -311,6 +319,45 @@ fn fault(error: &ConnectionError) -> Fault {
             Fault::NoMqtt
         }
         _ => Fault::Broken,
+    }
+}
+
+/// Cause of a failed TLS handshake, with a remedy.
+fn tls_fault(fault: TlsFault) -> Fault {
+    let remedy = match fault {
+        TlsFault::OtherName => {
+            Some("write that name into `broker`, or name the certificate itself with `tls = { ca = \"…\" }`")
+        }
+        TlsFault::UnknownAuthority => Some("name the authority that signed it with `tls = { ca = \"…\" }`"),
+        TlsFault::BadCertificate => {
+            Some("to trust a self-signed certificate, name it with `tls = { ca = \"…\" }`")
+        }
+        TlsFault::OursMissing => Some("name `cert` and `key` in `tls`"),
+        TlsFault::OursExpired => Some("renew the certificate that `cert` names in `tls`"),
+        TlsFault::OursRefused => {
+            Some("does the broker trust the authority of the certificate that `cert` names in `tls`?")
+        }
+        TlsFault::NoTls => Some("try another port, or mqtt://"),
+        TlsFault::Silent => Some("does the server speak TLS there, or plain MQTT (mqtt://)?"),
+        _ => None,
+    };
+    Fault::Tls(fault.advised(remedy))
+}
+
+/// Fault of a connection error.
+fn fault_of(error: &io::Error) -> Fault {
+    match error.get_ref().and_then(|inside| inside.downcast_ref::<ConnectError>()) {
+        Some(ConnectError::Unresolved) => Fault::NoAddress,
+        Some(ConnectError::Unreachable(error)) => Fault::Unreachable(error.kind()),
+        Some(ConnectError::UnfitName) => {
+            Fault::Tls("a certificate cannot contain the name in `broker`".to_owned())
+        }
+        Some(ConnectError::Tls(fault)) => tls_fault(*fault),
+        None => {
+            // If the connection ended within a message (`Other`), the server does not speak MQTT.
+            let is_within = error.kind() == io::ErrorKind::Other;
+            TlsFault::of(error).map_or(if is_within { Fault::NoMqtt } else { Fault::Broken }, tls_fault)
+        }
     }
 }
 

@@ -13,6 +13,7 @@ use super::broker::{Arrived, Broker, Connection, Fault, Heard};
 use super::commands::{self, Commands};
 use super::happenings::Happenings;
 use super::kept::Kept;
+use super::memory::Memory;
 use super::moment;
 use super::snapshot::metrics;
 use crate::clock::Clock;
@@ -35,6 +36,7 @@ const LAST_PATIENCE: Duration = Duration::from_secs(stop::BROKER.as_secs() / 2);
 /// Publishes to one broker.
 pub(super) struct Runner {
     pub(super) publisher: Box<dyn Publisher>,
+    pub(super) memory: Memory,
     pub(super) source: Arc<dyn Source>,
     pub(super) figures: Arc<BrokerFigures>,
     pub(super) clock: Clock,
@@ -69,6 +71,7 @@ impl Runner {
         let mut chance = Pcg64Mcg::seed_from_u64(self.clock.time_of_day().as_nanos());
         loop {
             let will = self.publisher.will();
+            self.memory.wills(self.publisher.as_ref());
             let mut connecting = std::pin::pin!(broker.connect(Some(will)));
             let connected = loop {
                 tokio::select! {
@@ -151,7 +154,8 @@ impl Runner {
         }
         let now = self.clock.time_of_day();
         let snapshot = self.snapshot_in_order(now);
-        let messages = self.publisher.connected(now, &snapshot);
+        let mut messages = self.publisher.connected(now, &snapshot);
+        self.memory.connects(now, &mut messages);
         self.outbox.extend(messages.into_iter().map(|message| (now, message)));
         ticks.reset();
         loop {
@@ -189,6 +193,7 @@ impl Runner {
         }
         let now = self.clock.time_of_day();
         let snapshot = self.snapshot_in_order(now);
+        self.memory.publishes(now);
         let mut messages = self.publisher.publish(now, &snapshot);
         if self.publisher.may_forward() {
             let records = self.kept.next(now, last_heard);
@@ -299,6 +304,7 @@ impl Runner {
     async fn end(&mut self, mut connection: impl Connection) {
         let now = self.clock.time_of_day();
         let snapshot = self.snapshot_in_order(now);
+        self.memory.publishes(now);
         let mut messages = self.publisher.publish(now, &snapshot);
         if self.publisher.may_forward() {
             messages.extend(self.publisher.forward(now, &self.kept.ends()));

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use httparse::{EMPTY_HEADER, Header, ParserConfig, Response, Status};
 use tokio::io::{AsyncRead, AsyncReadExt};
 
 use super::post::Failure;
@@ -9,8 +10,8 @@ use isotherm_profile::Url;
 
 /// Maximum number of bytes that are read of an answer.
 const LONGEST: usize = 16 * 1024;
-/// Start of every answer.
-const BEGIN: &[u8] = b"HTTP/1.";
+/// Maximum number of headers of an answer.
+const MOST_HEADERS: usize = 64;
 /// Longest pause that a server may request.
 const LONGEST_PAUSE: Duration = Duration::from_secs(3600);
 
@@ -18,15 +19,22 @@ const LONGEST_PAUSE: Duration = Duration::from_secs(3600);
 pub(super) async fn read(mut stream: impl AsyncRead + Unpin) -> Result<(), Failure> {
     let (mut bytes, mut all) = (Vec::with_capacity(1024), 0);
     loop {
-        // A server may send interim responses before its answer.
-        while let Some((head, rest)) = head(&bytes) {
-            match judged(&String::from_utf8_lossy(&bytes[..head]))? {
-                Judged::NotYet => drop(bytes.drain(..rest)),
-                Judged::Taken => return Ok(()),
+        {
+            let mut headers = [EMPTY_HEADER; MOST_HEADERS];
+            let mut head = Response::new(&mut headers);
+            let parsed = ParserConfig::default()
+                .ignore_invalid_headers_in_responses(true)
+                .parse_response(&mut head, &bytes);
+            match (parsed, head.code) {
+                // A server may send interim responses before its answer.
+                (Ok(Status::Complete(length)), Some(100..200)) => {
+                    bytes.drain(..length);
+                    continue;
+                }
+                (Ok(Status::Complete(_)), Some(code)) => return judged(code, head.headers),
+                (Ok(Status::Partial), _) if all <= LONGEST => {}
+                _ => return Err(Failure::NoHttp),
             }
-        }
-        if all > LONGEST || !BEGIN.starts_with(&bytes[..bytes.len().min(BEGIN.len())]) {
-            return Err(Failure::NoHttp);
         }
         match stream.read_buf(&mut bytes).await {
             Ok(0) => return Err(Failure::Closed),
@@ -36,30 +44,13 @@ pub(super) async fn read(mut stream: impl AsyncRead + Unpin) -> Result<(), Failu
     }
 }
 
-/// End of the first head, and start of the data after it.
-fn head(bytes: &[u8]) -> Option<(usize, usize)> {
-    let end = bytes.windows(4).position(|window| window == b"\r\n\r\n")?;
-    Some((end, end + 4))
-}
-
-enum Judged {
-    NotYet,
-    Taken,
-}
-
-fn judged(head: &str) -> Result<Judged, Failure> {
-    let mut lines = head.split("\r\n");
-    let status = lines.next().filter(|status| status.as_bytes().starts_with(BEGIN)).ok_or(Failure::NoHttp)?;
-    let code = status.split(' ').nth(1).and_then(|code| code.parse::<u16>().ok());
-    let code = code.filter(|code| (100..1000).contains(code)).ok_or(Failure::NoHttp)?;
-    let headers: Vec<(&str, &str)> = lines.filter_map(|line| line.split_once(':')).collect();
+fn judged(code: u16, headers: &[Header<'_>]) -> Result<(), Failure> {
     let value = |name: &str| {
-        let found = headers.iter().find(|(key, _)| key.trim().eq_ignore_ascii_case(name));
-        found.map(|(_, value)| value.trim())
+        let found = headers.iter().find(|header| header.name.eq_ignore_ascii_case(name))?;
+        std::str::from_utf8(found.value).ok()
     };
     match code {
-        100..200 => Ok(Judged::NotYet),
-        200..300 => Ok(Judged::Taken),
+        200..300 => Ok(()),
         300..400 => Err(Failure::Elsewhere(code, value("location").map(shown))),
         _ => {
             let pause = value("retry-after").and_then(|text| text.parse().ok()).map(Duration::from_secs);

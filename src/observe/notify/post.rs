@@ -2,21 +2,13 @@
 
 use std::future::Future;
 use std::io::{self, ErrorKind};
-use std::net::{IpAddr, SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Duration;
 
-use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt};
-use tokio::net::TcpStream;
-use tokio::sync::Mutex;
-use tokio::task::JoinHandle;
-use tokio_rustls::TlsConnector;
-use tokio_rustls::client::TlsStream;
-use tokio_rustls::rustls::ClientConfig;
-use tokio_rustls::rustls::pki_types::ServerName;
+use tokio::io::AsyncWriteExt;
 
 use super::{Trust, answer, token};
+use crate::net::{ConnectError, Host, Stream};
 use crate::tls::TlsFault;
 use isotherm_profile::{Notify, Url};
 
@@ -105,27 +97,31 @@ impl Failure {
 
     /// Failure of a broken connection.
     pub(super) fn broken(error: &io::Error) -> Failure {
-        match error.kind() {
-            // With TLS 1.3, the server checks the client's certificate after the handshake.
-            _ if TlsFault::of(error).is_some() => secured(error),
-            ErrorKind::ConnectionReset | ErrorKind::BrokenPipe | ErrorKind::UnexpectedEof => Failure::Closed,
-            _ => Failure::Unreachable(error.to_string()),
+        // With TLS 1.3, the server checks the client's certificate after the handshake.
+        if let Some(fault) = TlsFault::of(error) {
+            return ConnectError::Tls(fault).into();
         }
-    }
-
-    fn dialled(error: &io::Error) -> Failure {
         match error.kind() {
-            ErrorKind::ConnectionRefused => Failure::Refused,
+            ErrorKind::ConnectionReset | ErrorKind::BrokenPipe | ErrorKind::UnexpectedEof => Failure::Closed,
             _ => Failure::Unreachable(error.to_string()),
         }
     }
 }
 
-/// Failure of a TLS handshake.
-fn secured(error: &io::Error) -> Failure {
-    tracing::debug!(%error, "no TLS connection");
-    let fault = TlsFault::in_handshake(error);
-    fault.map_or(Failure::Unreachable(error.to_string()), |fault| Failure::Tls(fault.advised(remedy(fault))))
+impl From<ConnectError> for Failure {
+    fn from(error: ConnectError) -> Failure {
+        match error {
+            ConnectError::Unresolved => Failure::Unresolved,
+            ConnectError::Unreachable(error) if error.kind() == ErrorKind::ConnectionRefused => {
+                Failure::Refused
+            }
+            ConnectError::Unreachable(error) => Failure::Unreachable(error.to_string()),
+            ConnectError::UnfitName => {
+                Failure::Tls("a certificate cannot contain the name in `url`".to_owned())
+            }
+            ConnectError::Tls(fault) => Failure::Tls(fault.advised(remedy(fault))),
+        }
+    }
 }
 
 /// Remedy for a TLS fault.
@@ -147,17 +143,17 @@ fn remedy(fault: TlsFault) -> Option<&'static str> {
 pub struct Server {
     url: Url,
     token_file: Option<PathBuf>,
-    trust: Option<Trust>,
-    /// Name lookup in progress. There is at most one, however long it takes.
-    lookup: Mutex<Option<JoinHandle<io::Result<Vec<SocketAddr>>>>>,
+    /// Host of the URL, or the reason why none can be trusted.
+    host: Result<Host, String>,
 }
 
 impl Server {
     /// Makes the server of this entry. `trust` is used only for https.
     pub fn of(notify: &Notify, trust: Trust) -> Server {
         let (url, token_file) = (notify.url.clone(), notify.token_file.clone());
-        let trust = url.tls.then_some(trust);
-        Server { url, token_file, trust, lookup: Mutex::default() }
+        let trust = url.tls.then_some(trust).transpose();
+        let host = trust.map(|trust| Host::new(&url.host, url.port, trust));
+        Server { url, token_file, host }
     }
 
     /// Connects up to the end of the TLS handshake, and sends nothing.
@@ -165,47 +161,13 @@ impl Server {
     /// # Errors
     /// Reason why the server cannot be reached.
     pub async fn reached(&self, within: Duration) -> Result<(), Failure> {
-        let reached = async {
-            let stream = self.connected().await?;
-            self.secured(stream).await.map(drop)
-        };
-        tokio::time::timeout(within, reached).await.unwrap_or(Err(Failure::Silent(within)))
+        let connected = tokio::time::timeout(within, self.connect()).await;
+        connected.unwrap_or(Err(Failure::Silent(within))).map(drop)
     }
 
-    async fn connected(&self) -> Result<TcpStream, Failure> {
-        let found = self.addresses().await?;
-        let (last, others) = found.split_last().ok_or(Failure::Unresolved)?;
-        for address in others {
-            if let Ok(Ok(stream)) = tokio::time::timeout(EACH, TcpStream::connect(address)).await {
-                return Ok(stream);
-            }
-        }
-        TcpStream::connect(last).await.map_err(|error| Failure::dialled(&error))
-    }
-
-    async fn addresses(&self) -> Result<Vec<SocketAddr>, Failure> {
-        let (host, port) = (self.url.host.clone(), self.url.port);
-        if let Ok(address) = host.parse::<IpAddr>() {
-            return Ok(vec![SocketAddr::new(address, port)]);
-        }
-        let mut lookup = self.lookup.lock().await;
-        let ask = move || (host, port).to_socket_addrs().map(Iterator::collect);
-        // If this attempt times out, the next one uses the same lookup.
-        let found = lookup.get_or_insert_with(|| tokio::task::spawn_blocking(ask)).await;
-        *lookup = None;
-        found.map_err(|_| Failure::Unresolved)?.map_err(|_| Failure::Unresolved)
-    }
-
-    async fn secured(&self, stream: TcpStream) -> Result<Stream, Failure> {
-        let config: &Arc<ClientConfig> = match &self.trust {
-            None => return Ok(Stream::Plain(stream)),
-            Some(Ok(config)) => config,
-            Some(Err(why)) => return Err(Failure::Tls(why.clone())),
-        };
-        let wrong = |_| Failure::Tls("a certificate cannot contain the name in `url`".to_owned());
-        let name = ServerName::try_from(self.url.host.clone()).map_err(wrong)?;
-        let connected = TlsConnector::from(config.clone()).connect(name, stream).await;
-        connected.map(|stream| Stream::Secured(Box::new(stream))).map_err(|error| secured(&error))
+    async fn connect(&self) -> Result<Box<dyn Stream>, Failure> {
+        let host = self.host.as_ref().map_err(|why| Failure::Tls(why.clone()))?;
+        Ok(host.open().await?)
     }
 
     fn request(&self, body: &str) -> Result<String, Failure> {
@@ -228,10 +190,16 @@ impl Server {
 impl Post for Server {
     async fn post(&self, body: &str) -> Result<(), Failure> {
         let request = self.request(body)?;
-        let stream = self.connected().await?;
-        match self.secured(stream).await? {
-            Stream::Plain(stream) => exchange(stream, &request).await,
-            Stream::Secured(stream) => exchange(stream, &request).await,
+        let mut stream = self.connect().await?;
+        let sent = async {
+            stream.write_all(request.as_bytes()).await?;
+            stream.flush().await
+        };
+        let sent = sent.await;
+        // A server may answer before it has received everything. Its answer is more useful than the error of the write.
+        match (answer::read(&mut stream).await, sent) {
+            (Err(Failure::Closed), Err(error)) => Err(Failure::broken(&error)),
+            (answered, _) => answered,
         }
     }
 }

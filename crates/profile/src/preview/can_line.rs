@@ -1,7 +1,7 @@
 //! Preview of a CAN line: the filters in the kernel, and the frames sent to all nodes. The kernel discards all other
 //! frames.
 
-use crate::document::{Section, grouped};
+use crate::document::{Section, entries, grouped};
 use crate::duration::shown;
 use crate::{BusId, Profile};
 use isotherm_core::codec::{Address, CanId, CanMatch};
@@ -41,7 +41,6 @@ pub(super) fn preview(profile: &Profile, id: BusId) -> Section {
         false => "  the kernel passes only",
     });
     section.lines("    ", &filters);
-    section.entry("sync", sync);
-    section.entry("filters", filters);
+    entries!(section, sync, filters);
     section
 }

@@ -8,7 +8,7 @@ use std::time::Duration;
 use serde::Serialize;
 
 use super::traffic::{Exchange, traffic};
-use crate::document::Section;
+use crate::document::{Section, entries};
 use crate::wording::counted;
 use crate::{Bus, BusId, Device, Profile, ProfileError, Transport};
 
@@ -170,13 +170,10 @@ impl Load {
         if self.verdict == Verdict::Tight {
             section.line("  note: there is little time left for lost answers; a longer `every` leaves more");
         }
-        section.entry("exchanges_per_second", self.exchanges_per_second);
-        section.entry("polls_percent", self.polls_percent);
-        section.entry("writes_percent", self.writes_percent);
-        section.entry("percent", self.percent);
-        section.entry("answer_ms", self.answer_ms);
-        section.entry("full_at_answer_ms", self.full_at_answer_ms);
-        section.entry("verdict", self.verdict);
+        entries!(section, exchanges_per_second = self.exchanges_per_second);
+        entries!(section, polls_percent = self.polls_percent, writes_percent = self.writes_percent);
+        entries!(section, percent = self.percent, answer_ms = self.answer_ms);
+        entries!(section, full_at_answer_ms = self.full_at_answer_ms, verdict = self.verdict);
         section
     }
 

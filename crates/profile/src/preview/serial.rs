@@ -2,7 +2,7 @@
 
 use super::load::ms;
 use super::traffic::read_frames;
-use crate::document::Section;
+use crate::document::{Section, entries};
 use crate::{BusId, Profile, Serial};
 
 /// Settings of a serial port, and the time of its polls without the answer times of the devices.
@@ -12,9 +12,7 @@ pub(super) fn preview(profile: &Profile, id: BusId, serial: Serial) -> Section {
     section.line(format!(
         "  {settings}: {character:.2} ms a character, {silence:.2} ms silence before a request"
     ));
-    section.entry("settings", settings);
-    section.entry("character_ms", character);
-    section.entry("silence_ms", silence);
+    entries!(section, settings, character_ms = character, silence_ms = silence);
     let mut loads: Vec<f64> = Vec::new();
     let polls = profile.devices_on(id).filter_map(|(id, device)| {
         let requests = profile.requests(id);
@@ -30,10 +28,7 @@ pub(super) fn preview(profile: &Profile, id: BusId, serial: Serial) -> Section {
         loads.push(takes / every);
         let mut section = Section::default();
         section.line(format!("  {name}: {bytes} bytes take {takes:.0} ms of every {every:.0} ms"));
-        section.entry("device", name);
-        section.entry("bytes", bytes);
-        section.entry("takes_ms", takes);
-        section.entry("every_ms", every);
+        entries!(section, device = name, bytes, takes_ms = takes, every_ms = every);
         Some(section)
     });
     section.parts("polls", polls);

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::document::Section;
+use crate::document::{Section, entries};
 use crate::wording::duration_text;
 use crate::{OnStop, Profile, stop};
 
@@ -30,9 +30,8 @@ pub(super) fn preview(profile: &Profile) -> Section {
         told.map_or(String::new(), |span| format!(", then at most {} until {last}", duration_text(span)));
     section.line("stop");
     section.line(format!("  {does}: at most {}{after}{until}", duration_text(longest)));
-    section.entry("on_stop", profile.on_stop.word());
-    section.entry("longest_s", longest.as_secs());
-    section.entry("late_s", late.map(|late| late.as_secs()));
+    entries!(section, on_stop = profile.on_stop.word(), longest_s = longest.as_secs());
+    entries!(section, late_s = late.map(|late| late.as_secs()));
     if let Some(span) = told {
         section.entry("told_s", span.as_secs());
     }

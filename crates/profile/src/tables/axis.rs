@@ -6,7 +6,7 @@ use serde::Deserialize;
 use super::At;
 use super::label::{self, labelled};
 use crate::Profile;
-use crate::document::Section;
+use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
 use isotherm_core::compensation::model::{Model, Reference};
 use isotherm_core::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, OnFault};
@@ -128,8 +128,7 @@ impl Axis {
                  stays off",
             );
         }
-        section.entry("name", name);
-        section.entry("label", &self.label);
+        entries!(section, name, label = &self.label);
         let models = models.iter().enumerate();
         section.parts("models", models.map(|(place, model)| model::preview(profile, place, model, all_over)));
         let mut sign =

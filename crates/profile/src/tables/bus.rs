@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use super::quirks::{self, Quirks, RawQuirks};
 use super::{At, Check, sysfs};
-use crate::document::Section;
+use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
 use crate::host_port::host_and_port;
 use isotherm_core::codec::CanId;
@@ -242,13 +242,10 @@ impl Bus {
             }
             _ => format!("  a write that is not answered may still arrive for {late}"),
         });
-        section.entry("name", name);
-        section.entry("kind", kind);
-        section.entry("address", address);
+        entries!(section, name, kind, address);
         section.part("tls", self.tls.as_ref().map(Tls::preview));
         section.part("opcua", self.opcua.as_ref().map(OpcUa::preview));
-        section.entry("timeout", timeout);
-        section.entry("late", late);
+        entries!(section, timeout, late);
         if self.pipeline > 1 {
             section.line("  two requests at a time, when a corrected position is written");
             section.entry("pipeline", self.pipeline);

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use schemars::{JsonSchema, Schema, SchemaGenerator};
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::bus::periods::EVERY;
@@ -12,9 +12,10 @@ use super::label::{self, labelled};
 use super::opcua::{ReadBy, SourceTime};
 use super::quirks::{self, Quirks, RawQuirks};
 use super::{At, Check, dbc};
-use crate::document::Section;
+use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
 use crate::plan::summary;
+use crate::schema_of::schema_of;
 use crate::template::Template;
 use crate::{BusId, DeviceId, Profile};
 use functions::{Function, Functions};
@@ -110,15 +111,7 @@ enum ExpectWord {
     Unchecked,
 }
 
-impl JsonSchema for ExpectValue {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        "Expect".into()
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        schemars::json_schema!({ "anyOf": [{ "type": "integer" }, { "type": "string", "enum": ["unchecked"] }] })
-    }
-}
+schema_of!(ExpectValue as "Expect": { "anyOf": [{ "type": "integer" }, { "type": "string", "enum": ["unchecked"] }] });
 
 /// Resolved device on a bus.
 #[derive(Clone, Debug, PartialEq)]
@@ -200,13 +193,8 @@ impl Device {
         let sent = (self.read == ReadBy::Subscription)
             .then_some("the server sends changed values (a subscription); the gateway does not poll");
         section.lines("    ", sent);
-        section.entry("read", sent);
-        section.entry("name", name);
-        section.entry("label", &self.label);
-        section.entry("bus", &profile.bus(self.bus).name);
-        section.entry("unit", unit);
-        section.entry("every", every);
-        section.entry("summary", summary);
+        entries!(section, read = sent, name, label = &self.label, bus = &profile.bus(self.bus).name, unit);
+        entries!(section, every, summary);
         section.parts("requests", requests.iter().map(|request| request.preview(profile)));
         section.parts("checks", checks.into_iter());
         section.lines("    ", &bounds);

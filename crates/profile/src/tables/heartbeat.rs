@@ -9,7 +9,7 @@ use super::bus::LineKind;
 use super::opcua::{holds, written};
 use super::register::{Notation, TypeWord, holding};
 use super::{At, sysfs};
-use crate::document::Section;
+use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
 use crate::{DeviceId, Profile};
 use isotherm_core::codec::{Address, DataType, Node};
@@ -72,8 +72,7 @@ impl Heartbeat {
         section.line(format!("  heartbeat: {register} of {device}, {name}, counts every {every}{by}"));
         section.entry("device", device);
         section.json("register", register);
-        section.entry("every", every);
-        section.entry("function", function);
+        entries!(section, every, function);
         section
     }
 }

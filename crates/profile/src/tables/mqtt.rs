@@ -9,9 +9,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::At;
-use super::bus::opcua::{NamedFile, file};
+use super::bus::tls::{NamedFile, file};
 use crate::duration::Timespan;
 use crate::error::ProfileError;
+use crate::host_port::is_loopback;
 use crate::size::Size;
 use broker::BrokerUrl;
 
@@ -265,7 +266,7 @@ impl RawMqtt {
         }
         let help = "remove it, or write mqtts:// in `broker`";
         at.foreign(&["tls"], "mqtts://", help);
-        if broker.is_loopback() {
+        if is_loopback(&broker.host) {
             return;
         }
         let help = "write mqtts:// in `broker`, if the broker supports it";

@@ -7,8 +7,9 @@ use schemars::{JsonSchema, Schema};
 use serde::Deserialize;
 
 use super::At;
-use super::bus::tls::{PemFile, pem_file};
-use crate::document::Section;
+use super::bus::tls::NamedFile;
+use crate::document::{Section, entries};
+use crate::host_port::is_loopback;
 use crate::span::element;
 use url::Url;
 
@@ -109,7 +110,7 @@ pub struct Notify {
     /// File with the token; `None` if no token is sent.
     pub token_file: Option<PathBuf>,
     /// Trusted certificates; `None` means those that this computer trusts.
-    pub ca: Option<PemFile>,
+    pub ca: Option<NamedFile>,
 }
 
 /// Resolves all servers. Reports every error.
@@ -137,7 +138,7 @@ impl RawNotify {
             Some(name) => {
                 let help = "name a PEM file beside the profile with the certificate of the server, or of the \
                             authority that signed it";
-                pem_file(&at.key("ca"), name, help).map(Some)
+                NamedFile::read(&at.key("ca"), name, help).map(Some)
             }
         };
         if self.token_file.is_none() && url.as_ref().is_some_and(Url::has_token) {
@@ -145,7 +146,7 @@ impl RawNotify {
             at.key("url").wrong("the address has a place for a token, but there is no `token_file`", help);
         }
         at.key("token_file").secret(self.token_file.as_ref());
-        if self.token_file.is_some() && url.as_ref().is_some_and(|url| !url.tls && !url.is_loopback()) {
+        if self.token_file.is_some() && url.as_ref().is_some_and(|url| !url.tls && !is_loopback(&url.host)) {
             let help = "write https:// in `url`, if the server supports it";
             at.key("token_file").warn("the token goes over the network in plain text", help);
         }
@@ -191,11 +192,8 @@ impl Notify {
             (None, true) => ", trusting the authorities of this computer".to_owned(),
         };
         section.line(format!("  {} to {to}{with}{trusts}: {on}", self.name));
-        section.entry("name", &self.name);
-        section.entry("to", to);
-        section.entry("on", &self.on);
-        section.entry("token_file", token);
-        section.entry("trusts", self.ca.as_ref().map(|ca| &ca.name));
+        entries!(section, name = &self.name, to, on = &self.on, token_file = token);
+        entries!(section, trusts = self.ca.as_ref().map(|ca| &ca.name));
         section
     }
 }

@@ -12,7 +12,7 @@ use super::register::{self, Notation, TypeWord, WordOrderWord, plain};
 use super::restart::RawRestart;
 use super::signal::ChannelValue;
 use super::{At, Check, expression, opcua, sysfs};
-use crate::document::Section;
+use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
 use crate::wording::counted;
 use crate::{AxisId, DeviceId, Profile, SetId};
@@ -190,19 +190,11 @@ impl Output {
         }
         let mut section = Section::default();
         section.line(line);
-        section.entry("output", name);
-        section.entry("axis", &axis.settings.name);
-        section.entry("device", device_name);
+        entries!(section, output = name, axis = &axis.settings.name, device = device_name);
         section.json("register", register);
-        section.entry("registers", registers);
-        section.entry("data_type", data_type);
-        section.entry("word_order", word_order);
-        section.entry("scale", scale);
-        section.entry("unit", unit);
-        section.entry("bias", encoding.bias);
+        entries!(section, registers, data_type, word_order, scale, unit, bias = encoding.bias);
         let counts = writes::counts(self, axis, profile);
-        section.entry("counts", counts);
-        section.entry("function", function);
+        entries!(section, counts, function);
         let meaning = writes::meaning(self, axis, profile);
         section.line(format!("    writes {meaning}"));
         section.entry("meaning", meaning);
@@ -237,9 +229,7 @@ impl Output {
             Some(when) => format!("    written only when {when}; otherwise the register value stays"),
             None => "    no interlock".to_owned(),
         });
-        section.entry("share", share);
-        section.entry("channel", channel);
-        section.entry("display", display);
+        entries!(section, share, channel, display);
         section
     }
 

@@ -3,11 +3,12 @@
 use std::fmt;
 use std::str::FromStr;
 
-use schemars::{JsonSchema, Schema, SchemaGenerator};
+use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer};
 
 use super::At;
-use crate::document::{Json, Section};
+use crate::document::{Json, Section, entries};
+use crate::schema_of::schema_of;
 use isotherm_core::codec::{Address, DataType, Encoding, Register, Scale, Table, WordOrder};
 
 /// Type of a value, as named in a profile.
@@ -39,15 +40,7 @@ impl<'de> Deserialize<'de> for TypeWord {
     }
 }
 
-impl JsonSchema for TypeWord {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        "TypeWord".into()
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        schemars::json_schema!({ "type": "string", "enum": TypeWord::ALL.map(DataType::name) })
-    }
-}
+schema_of!(TypeWord as "TypeWord": { "type": "string", "enum": TypeWord::ALL.map(DataType::name) });
 
 /// Order of the registers of a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -166,8 +159,7 @@ impl From<Register> for Notation {
 impl From<Notation> for Json {
     fn from(notation: Notation) -> Json {
         let mut section = Section::default();
-        section.entry("protocol", notation.protocol);
-        section.entry("modicon", notation.modicon);
+        entries!(section, protocol = notation.protocol, modicon = notation.modicon);
         section.into()
     }
 }

@@ -15,7 +15,7 @@ use super::output::Output;
 use super::output::share::Share;
 use super::register::{Notation, holding};
 use super::{At, Check};
-use crate::document::{Json, Section};
+use crate::document::{Json, Section, entries};
 use crate::wording::duration_text;
 use crate::{DeviceId, OutputId, Profile, SetId};
 use isotherm_core::codec::{Address, DataType, Node, Register, Table};
@@ -221,11 +221,7 @@ impl OutputSet {
             format!("    heartbeat and control word wait for a late write, {span} at most: the control's watchdog must be longer")
         }));
         let milliseconds = |span: Duration| u64::try_from(span.as_millis()).unwrap_or(u64::MAX);
-        section.entry("longest_silence_ms", silence.map(milliseconds));
-        section.entry("what", what);
-        section.entry("device", device);
-        section.entry("outputs", outputs);
-        section.entry("requests", requests);
+        entries!(section, longest_silence_ms = silence.map(milliseconds), what, device, outputs, requests);
         section.json("sequence", self.sequence.map(Notation::from));
         section.json("complement", self.complement.map(Notation::from));
         section.json("heartbeat", self.heartbeat.as_ref().map(notation));

@@ -11,8 +11,9 @@ use super::label::{self, labelled};
 use super::register::{self, Flag, Notation, TypeWord, WordOrderWord, plain};
 use super::{At, dbc, expression, opcua, sysfs};
 use crate::dbc::Described;
-use crate::document::Section;
+use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
+use crate::schema_of::schema_of;
 use crate::{DeviceId, Profile, ReadBy};
 use bad::{BadValue, sentinels, sentinels_fit};
 use counter::{Capture, RawCounter};
@@ -104,15 +105,7 @@ pub(super) enum ChannelValue {
     Name(String),
 }
 
-impl JsonSchema for ChannelValue {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        "Channel".into()
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        schemars::json_schema!({ "anyOf": [{ "type": "integer", "minimum": 0, "maximum": 65535 }, { "type": "string" }] })
-    }
-}
+schema_of!(ChannelValue as "Channel": { "anyOf": [{ "type": "integer", "minimum": 0, "maximum": 65535 }, { "type": "string" }] });
 
 fn units(_: &mut SchemaGenerator) -> Schema {
     schemars::json_schema!({ "type": "string", "enum": Unit::WORDS })
@@ -191,19 +184,10 @@ impl Signal {
             format!("read in {sought}")
         });
         section.lines("    ", &read_in);
-        section.entry("read_in", read_in);
-        section.entry("name", name);
-        section.entry("label", &self.label);
-        section.entry("device", device);
+        entries!(section, read_in, name, label = &self.label, device);
         section.json("register", register);
-        section.entry("data_type", data_type);
-        section.entry("word_order", word_order);
-        section.entry("scale", scale);
-        section.entry("offset", encoding.offset);
-        section.entry("unit", unit.0);
-        section.entry("doubts", doubts);
-        section.entry("capture", self.shown_capture());
-        section.entry("channel", channel);
+        entries!(section, data_type, word_order, scale, offset = encoding.offset, unit = unit.0, doubts);
+        entries!(section, capture = self.shown_capture(), channel);
         section
     }
 

@@ -1,13 +1,12 @@
 //! `[web]`: page, API, metrics.
 
-use std::net::IpAddr;
 use std::path::PathBuf;
 
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::At;
-use crate::host_port::host_and_port;
+use crate::host_port::{host_and_port, is_loopback};
 
 /// Page, API and metrics.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -223,9 +222,4 @@ impl RawWebTls {
 fn is_name(host: &str) -> bool {
     let is_letter = |letter: char| letter.is_ascii_alphanumeric() || "-._".contains(letter);
     !host.is_empty() && host.len() <= 253 && host.chars().all(is_letter)
-}
-
-fn is_loopback(host: &str) -> bool {
-    let plain = host.trim_start_matches('[').trim_end_matches(']');
-    plain == "localhost" || plain.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
 }

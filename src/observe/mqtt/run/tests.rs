@@ -1,6 +1,6 @@
 //! Hours with a broker that is unreachable, slow or gone, in simulated time.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use super::*;
@@ -245,6 +245,8 @@ async fn run_as(
     let begun = tokio::time::Instant::now();
     let runner = Runner {
         publisher,
+        // Without a file, it remembers nothing.
+        memory: Memory::of_topics(Path::new("/not/there")),
         source,
         figures: figures.clone(),
         // Clock that follows the runtime's paused time.

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::{Axis, Chosen};
+use super::Axis;
 use crate::compensation::model::{Coverage, Model, Outside, Reference};
 use crate::compensation::probe::{Credit, Measured, Occasion, Probed, Refused, Touch};
 use crate::compensation::reference::Machine;
@@ -92,7 +92,7 @@ impl Axis {
             (Some(_), _) if self.tripped => Some(Refused::Tripped),
             (Some(chosen), _) if is_left(chosen.coverage) => Some(Refused::Outside),
             (Some(_), Some(residual)) if residual.abs() > max_error => Some(Refused::Implausible),
-            (Some(chosen), Some(_)) => self.doubts(&chosen, acting - measured.error, snapshot, machine),
+            (Some(chosen), Some(_)) => self.doubts(chosen.model, acting - measured.error, snapshot, machine),
             _ => Some(Refused::NoModel),
         };
         Probed { at: snapshot.now, error: measured.error, acting, residual, refused }
@@ -102,15 +102,15 @@ impl Axis {
     /// if it accepts it.
     fn doubts(
         &self,
-        chosen: &Chosen,
+        place: usize,
         cz: Micron,
         snapshot: &Snapshot<'_>,
         machine: &Machine,
     ) -> Option<Refused> {
-        let (settings, learned) = (self.settings.probe?, self.probe.models.get(chosen.model)?);
-        let (model, inputs) = self.model(chosen.model, snapshot, machine)?;
-        let missing = self.missing(chosen.model, cz, snapshot, machine)?;
-        let occasion = self.occasion(chosen.model, snapshot.now, machine);
+        let (settings, learned) = (self.settings.probe?, self.probe.models.get(place)?);
+        let (model, inputs) = self.model(place, snapshot, machine)?;
+        let missing = self.missing(place, cz, snapshot, machine)?;
+        let occasion = self.occasion(place, snapshot.now, machine);
         learned.judge(missing, model.parts(inputs), &settings, occasion).err().map(Refused::Doubted)
     }
 
@@ -155,15 +155,7 @@ impl Axis {
         let without = probed.error - probed.acting;
         let is_plausible = (without + chosen.raw).abs() <= settings.max_error;
         let cz = probed.acting - probed.error;
-        let is_believed = match self.missing(place, cz, snapshot, machine) {
-            Some(missing) => {
-                let (model, inputs) = self.model(place, snapshot, machine)?;
-                let occasion = self.occasion(place, snapshot.now, machine);
-                learned.judge(missing, model.parts(inputs), &settings, occasion).is_ok()
-            }
-            // Nothing is learned at this point.
-            None => true,
-        };
+        let is_believed = self.doubts(place, cz, snapshot, machine).is_none();
         let credit = if is_plausible && is_believed { Credit::Accepted } else { Credit::Doubted };
         let with = without + chosen.raw.clamp_to(self.settings.guard.limit);
         Some((Touch { at: snapshot.now, without: without.get(), with: with.get() }, credit))

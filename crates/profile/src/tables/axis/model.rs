@@ -6,7 +6,7 @@ use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
 use crate::Profile;
-use crate::document::Section;
+use crate::document::{Section, entries};
 use crate::tables::At;
 use all_over::AllOver;
 use envelope::OutsideWord;
@@ -191,9 +191,7 @@ pub(super) fn preview(profile: &Profile, place: usize, model: &Model, all_over: 
     let mut section = Section::default();
     section.line(format!("  {}. {}: {formula}", place + 1, model.name));
     section.lines("     ", &effects);
-    section.entry("name", &model.name);
-    section.entry("formula", formula);
-    section.entry("effects", effects);
+    entries!(section, name = &model.name, formula, effects);
     all_over::preview(&mut section, profile, model, all_over);
     if let Some(envelope) = &model.envelope {
         let envelope = envelope::preview(profile, envelope);

@@ -3,14 +3,14 @@
 //! The files are read with the profile, so that a missing one is reported at its key. The module that opens the line
 //! checks their content.
 
-use std::fmt;
 use std::net::Ipv4Addr;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::RawBus;
-use crate::document::Section;
+use super::tls::{NamedFile, file};
+use crate::document::{Section, entries};
 use crate::error::ProfileError;
 use crate::host_port::host_and_port;
 use crate::tables::At;
@@ -159,10 +159,8 @@ impl OpcUa {
                 cert.name
             ));
         }
-        section.entry("security", security);
-        section.entry("user", user);
-        section.entry("shows", self.own.as_ref().map(|(cert, _)| &cert.name));
-        section.entry("trusts", trusted);
+        entries!(section, security, user, shows = self.own.as_ref().map(|(cert, _)| &cert.name));
+        entries!(section, trusts = trusted);
         section
     }
 }
@@ -278,29 +276,6 @@ impl RawUser {
     }
 }
 
-/// Reads the file that a required key names.
-pub(in crate::tables) fn file(
-    at: &At<'_>,
-    key: &str,
-    name: Option<&String>,
-    help: &str,
-) -> Option<NamedFile> {
-    let at = at.key(key);
-    let Some(name) = name else {
-        at.missing(format!("`{key}` is missing"), help);
-        return None;
-    };
-    let bytes = match at.check.files.is_to_be_made(name) {
-        true => Vec::new(),
-        false => at.file(name, help)?,
-    };
-    Some(NamedFile {
-        name: name.clone(),
-        bytes,
-        named_at: Box::new(at.check.spans.at_value(&at.path, "", Some(help.to_owned()))),
-    })
-}
-
 /// Reads the certificates in the named directory.
 fn trusted(at: &At<'_>, directory: Option<&String>) -> Option<Vec<NamedFile>> {
     let at = at.key("trusted");
@@ -315,9 +290,7 @@ fn trusted(at: &At<'_>, directory: Option<&String>) -> Option<Vec<NamedFile>> {
     for end in [".der", ".crt", ".pem"] {
         for name in at.check.files.names(directory, end) {
             let name = format!("{directory}/{name}{end}");
-            let bytes = at.file(&name, help)?;
-            let named_at = Box::new(at.check.spans.at_value(&at.path, "", Some(help.to_owned())));
-            found.push(NamedFile { name, bytes, named_at });
+            found.push(NamedFile::read(&at, &name, help)?);
         }
     }
     if found.is_empty() {

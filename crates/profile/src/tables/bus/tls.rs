@@ -9,7 +9,7 @@ use std::fmt;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::document::Section;
+use crate::document::{Section, entries};
 use crate::error::ProfileError;
 use crate::tables::At;
 
@@ -40,9 +40,9 @@ pub struct Tls {
     /// Certificates that the gateway trusts on this line.
     pub ca: PemFile,
     /// Certificate of the gateway.
-    pub cert: PemFile,
+    pub cert: NamedFile,
     /// Private key of the certificate.
-    pub key: PemFile,
+    pub key: NamedFile,
     /// Name that the device's certificate must have.
     pub name: String,
     /// Place of that name in the profile.
@@ -56,7 +56,7 @@ pub struct PemFile {
     pub name: String,
     /// Content of the file.
     pub bytes: Vec<u8>,
-    named_at: ProfileError,
+    named_at: Box<ProfileError>,
 }
 
 impl Tls {
@@ -68,9 +68,7 @@ impl Tls {
             "  trusts a certificate for {name} that is in {trusts}, or is signed by one in this file; own \
              certificate {shows}"
         ));
-        section.entry("name", name);
-        section.entry("trusts", trusts);
-        section.entry("shows", shows);
+        entries!(section, name, trusts, shows);
         section
     }
 
@@ -81,17 +79,27 @@ impl Tls {
     }
 }
 
-impl PemFile {
+impl NamedFile {
+    /// Reads the file that this key names.
+    pub(in crate::tables) fn read(at: &At<'_>, name: &str, help: &str) -> Option<NamedFile> {
+        let bytes = match at.check.files.is_to_be_made(name) {
+            true => Vec::new(),
+            false => at.file(name, help)?,
+        };
+        let named_at = Box::new(at.check.spans.at_value(&at.path, "", Some(help.to_owned())));
+        Some(NamedFile { name: name.to_owned(), bytes, named_at })
+    }
+
     /// Creates an error about this file.
     pub fn wrong(&self, why: &str) -> ProfileError {
-        ProfileError { message: format!("{}: {why}", self.name), ..self.named_at.clone() }
+        ProfileError { message: format!("{}: {why}", self.name), ..(*self.named_at).clone() }
     }
 }
 
 /// Formats the file without its content, which may be secret.
-impl fmt::Debug for PemFile {
+impl fmt::Debug for NamedFile {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("PemFile").field(&self.name).finish()
+        f.debug_tuple("NamedFile").field(&self.name).finish()
     }
 }
 
@@ -105,21 +113,21 @@ impl RawTls {
         };
         let help = "write name = \"…\", a DNS name or an IP address that the device's certificate has";
         let name_at = at.check.spans.at_value(&at.key(key).path, "", Some(help.to_owned()));
-        let ca = pem(
+        let ca = file(
             at,
             "ca",
             self.ca.as_ref(),
             "name a PEM file beside the profile with the certificate of the device, or of the authority that \
              signed it",
         );
-        let cert = pem(
+        let cert = file(
             at,
             "cert",
             self.cert.as_ref(),
             "name a PEM file beside the profile with the gateway's certificate, followed by the certificates \
              of its authorities",
         );
-        let key = pem(
+        let key = file(
             at,
             "key",
             self.key.as_ref(),
@@ -130,18 +138,17 @@ impl RawTls {
     }
 }
 
-fn pem(at: &At<'_>, key: &str, name: Option<&String>, help: &str) -> Option<PemFile> {
+/// Reads the file that a required key names.
+pub(in crate::tables) fn file(
+    at: &At<'_>,
+    key: &str,
+    name: Option<&String>,
+    help: &str,
+) -> Option<NamedFile> {
     let at = at.key(key);
     let Some(name) = name else {
-        at.missing(format!("`{key}` is missing: Modbus/TCP Security needs it"), help);
+        at.missing(format!("`{key}` is missing"), help);
         return None;
     };
-    pem_file(&at, name, help)
-}
-
-/// Reads the file that this key names.
-pub(in crate::tables) fn pem_file(at: &At<'_>, name: &str, help: &str) -> Option<PemFile> {
-    let bytes = at.file(name, help)?;
-    let named_at = at.check.spans.at_value(&at.path, "", Some(help.to_owned()));
-    Some(PemFile { name: name.to_owned(), bytes, named_at })
+    NamedFile::read(&at, name, help)
 }

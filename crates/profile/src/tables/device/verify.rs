@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::functions::Functions;
-use crate::document::Section;
+use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
 use crate::tables::register::{TypeWord, WordOrderWord, cell, fits, plain, word_order};
 use crate::tables::{At, can, opcua};
@@ -73,10 +73,7 @@ impl Expected {
         let mut section = Section::default();
         let every = shown(period);
         section.line(format!("    before arming and every {every} {self} must read {equals}: {what}"));
-        section.entry("every", every);
-        section.entry("register", self.to_string());
-        section.entry("equals", equals);
-        section.entry("what", what);
+        entries!(section, every, register = self.to_string(), equals, what);
         section
     }
 

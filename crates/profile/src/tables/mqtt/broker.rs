@@ -1,9 +1,8 @@
 //! Address of a broker in a profile.
 
 use std::fmt;
-use std::net::{IpAddr, Ipv6Addr};
 
-use crate::host_port::host_and_port;
+use crate::host_port::{host_and_port, in_url, is_host};
 
 /// Address of a broker.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -19,10 +18,7 @@ pub struct BrokerUrl {
 impl fmt::Display for BrokerUrl {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let scheme = if self.tls { "mqtts" } else { "mqtt" };
-        match self.host.contains(':') {
-            true => write!(f, "{scheme}://[{}]:{}", self.host, self.port),
-            false => write!(f, "{scheme}://{}:{}", self.host, self.port),
-        }
+        write!(f, "{scheme}://{}:{}", in_url(&self.host), self.port)
     }
 }
 
@@ -66,19 +62,6 @@ impl BrokerUrl {
         };
         let (host, port) = (host.trim_matches(['[', ']']), port.unwrap_or(usual));
         Ok(BrokerUrl { tls, host: host.to_owned(), port })
-    }
-
-    /// Returns whether the broker is on this computer.
-    pub fn is_loopback(&self) -> bool {
-        self.host == "localhost" || self.host.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
-    }
-}
-
-fn is_host(host: &str) -> bool {
-    let is_of_a_name = |byte: u8| byte.is_ascii_alphanumeric() || b"-._".contains(&byte);
-    match host.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
-        Some(address) => address.parse::<Ipv6Addr>().is_ok(),
-        None => host.bytes().all(is_of_a_name),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::{Mqtt, MqttFormat};
 use crate::Profile;
-use crate::document::Section;
+use crate::document::{Section, entries};
 use crate::duration::shown;
 
 impl Mqtt {
@@ -40,16 +40,8 @@ impl Mqtt {
                 )
             }
         });
-        section.entry("broker", broker);
-        section.entry("format", self.format);
-        section.entry("user", user);
-        section.entry("trusts", self.ca.as_ref().map(|ca| &ca.name));
-        section.entry("shows", shows);
-        section.entry("every", every);
-        section.entry("refresh", refresh);
-        section.entry("topics", topics);
-        section.entry("takes", asked);
-        section.entry("home_assistant", self.home_assistant);
+        entries!(section, broker, format = self.format, user, trusts = self.ca.as_ref().map(|ca| &ca.name));
+        entries!(section, shows, every, refresh, topics, takes = asked, home_assistant = self.home_assistant);
         section
     }
 

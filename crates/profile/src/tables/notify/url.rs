@@ -1,9 +1,8 @@
 //! Address of a web server in a profile. Path and query may be secret, and are never shown.
 
 use std::fmt;
-use std::net::{IpAddr, Ipv6Addr};
 
-use crate::host_port::{NoPlace, host_and_port};
+use crate::host_port::{NoPlace, host_and_port, in_url, is_host};
 
 /// Longest address. A longer one is probably a copying mistake.
 const LONGEST: usize = 2000;
@@ -111,13 +110,8 @@ impl Url {
 
     /// Returns host and port of a request. The default port of the scheme is omitted.
     pub fn authority(&self) -> String {
-        let host = if self.host.contains(':') { format!("[{}]", self.host) } else { self.host.clone() };
+        let host = in_url(&self.host);
         if self.port == usual(self.tls) { host } else { format!("{host}:{}", self.port) }
-    }
-
-    /// Returns whether the server is on this computer.
-    pub(super) fn is_loopback(&self) -> bool {
-        self.host == "localhost" || self.host.parse::<IpAddr>().is_ok_and(|ip| ip.is_loopback())
     }
 }
 
@@ -127,14 +121,6 @@ fn is_of_an_address(text: &str) -> bool {
 
 fn usual(tls: bool) -> u16 {
     if tls { 443 } else { 80 }
-}
-
-fn is_host(host: &str) -> bool {
-    let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-._".contains(&byte);
-    match host.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
-        Some(address) => address.parse::<Ipv6Addr>().is_ok(),
-        None => host.bytes().all(is_plain),
-    }
 }
 
 #[cfg(test)]

@@ -1,12 +1,11 @@
 //! Stop of the gateway with different states of the broker: records are published or kept, never lost.
 
 use super::*;
-use crate::observe::mqtt::node::Node;
-use isotherm_plant::sparkplug::Address;
+use isotherm_plant::sparkplug::{Address, Sparkplug};
 
 /// A Sparkplug node and its queue, in this directory.
 fn node(directory: &std::path::Path) -> (Box<dyn Publisher>, Kept) {
-    let node = Node::new(Address::new("g", "press").unwrap(), directory, false);
+    let node = Sparkplug::new(Address::new("g", "press").unwrap(), 0, false);
     (Box::new(node), kept(directory))
 }
 

@@ -3,11 +3,12 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use schemars::{JsonSchema, Schema, SchemaGenerator};
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::RawModel;
 use crate::duration::{Timespan, shown};
+use crate::schema_of::schema_of;
 use crate::tables::At;
 use isotherm_core::compensation::model::{Input, Reference};
 use isotherm_core::quantity::Celsius;
@@ -62,15 +63,7 @@ pub(super) enum ReferenceWord {
     Zero,
 }
 
-impl JsonSchema for ReferenceValue {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        "Reference".into()
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        schemars::json_schema!({ "anyOf": [{ "type": "number" }, { "type": "string", "enum": ["start", "zero"] }] })
-    }
-}
+schema_of!(ReferenceValue as "Reference": { "anyOf": [{ "type": "number" }, { "type": "string", "enum": ["start", "zero"] }] });
 
 impl ReferenceValue {
     pub(super) fn is_zero(self) -> bool {

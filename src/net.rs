@@ -1,0 +1,116 @@
+//! Connections to servers: name lookup, TCP to the addresses of a name, and TLS. The module that connects adds what to
+//! do about a failure.
+
+use std::io;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::{TcpStream, ToSocketAddrs, lookup_host};
+use tokio::sync::Mutex;
+use tokio::task::{JoinHandle, spawn_blocking};
+use tokio::time::timeout;
+use tokio_rustls::TlsConnector;
+use tokio_rustls::client::TlsStream;
+use tokio_rustls::rustls::ClientConfig;
+use tokio_rustls::rustls::pki_types::ServerName;
+
+use crate::tls::TlsFault;
+
+/// Timeout of each address of a name except the last one, which gets the remaining time.
+const EACH: Duration = Duration::from_secs(3);
+
+/// Reason why there is no connection.
+#[derive(Debug, thiserror::Error)]
+pub enum ConnectError {
+    /// The host name has no address.
+    #[error("the host name has no address")]
+    Unresolved,
+    /// The host cannot be reached.
+    #[error("the host cannot be reached: {0}")]
+    Unreachable(io::Error),
+    /// No certificate can contain the name of the host.
+    #[error("a certificate cannot contain the host name")]
+    UnfitName,
+    /// The TLS handshake failed.
+    #[error("{0}")]
+    Tls(TlsFault),
+}
+
+/// Connects to the first address that accepts.
+///
+/// # Errors
+/// Reason why none accepts.
+pub async fn connect(to: impl ToSocketAddrs) -> Result<TcpStream, ConnectError> {
+    let found: Vec<SocketAddr> = lookup_host(to).await.map_err(|_| ConnectError::Unresolved)?.collect();
+    let (last, others) = found.split_last().ok_or(ConnectError::Unresolved)?;
+    for address in others {
+        if let Ok(Ok(stream)) = timeout(EACH, TcpStream::connect(address)).await {
+            return Ok(stream);
+        }
+    }
+    TcpStream::connect(last).await.map_err(ConnectError::Unreachable)
+}
+
+/// Performs the TLS handshake with the server `name`.
+///
+/// # Errors
+/// Reason why there is no secured connection.
+pub async fn secure<S: AsyncRead + AsyncWrite + Unpin>(
+    stream: S,
+    name: &ServerName<'static>,
+    config: &Arc<ClientConfig>,
+) -> Result<TlsStream<S>, ConnectError> {
+    let connected = TlsConnector::from(config.clone()).connect(name.clone(), stream).await;
+    connected.map_err(|error| {
+        tracing::debug!(?name, %error, "no TLS connection");
+        // Any other error says nothing about TLS.
+        TlsFault::in_handshake(&error).map_or(ConnectError::Unreachable(error), ConnectError::Tls)
+    })
+}
+
+/// Byte stream to a server and back.
+pub trait Stream: AsyncRead + AsyncWrite + Send + Sync + Unpin {}
+
+impl<T: AsyncRead + AsyncWrite + Send + Sync + Unpin> Stream for T {}
+
+/// Server with a name or an address.
+pub struct Host {
+    name: String,
+    port: u16,
+    /// TLS settings; `None` without TLS.
+    trust: Option<Arc<ClientConfig>>,
+    /// Name lookup in progress. There is at most one, however long it takes.
+    lookup: Mutex<Option<JoinHandle<io::Result<Vec<SocketAddr>>>>>,
+}
+
+impl Host {
+    /// Makes a host of its name or address, without brackets.
+    pub fn new(name: &str, port: u16, trust: Option<Arc<ClientConfig>>) -> Host {
+        Host { name: name.to_owned(), port, trust, lookup: Mutex::default() }
+    }
+
+    /// Connects up to the end of the TLS handshake. There is no time limit.
+    ///
+    /// # Errors
+    /// Reason why there is no connection.
+    pub async fn open(&self) -> Result<Box<dyn Stream>, ConnectError> {
+        let stream = connect(&self.addresses().await?[..]).await?;
+        // Small messages are sent at once.
+        let _ = stream.set_nodelay(true);
+        let Some(config) = &self.trust else { return Ok(Box::new(stream)) };
+        let name = ServerName::try_from(self.name.clone()).map_err(|_| ConnectError::UnfitName)?;
+        Ok(Box::new(secure(stream, &name, config).await?))
+    }
+
+    async fn addresses(&self) -> Result<Vec<SocketAddr>, ConnectError> {
+        let place = (self.name.clone(), self.port);
+        let ask = move || std::net::ToSocketAddrs::to_socket_addrs(&place).map(Iterator::collect);
+        let mut lookup = self.lookup.lock().await;
+        // If this attempt times out, the next one uses the same lookup.
+        let found = lookup.get_or_insert_with(|| spawn_blocking(ask)).await;
+        *lookup = None;
+        found.ok().and_then(Result::ok).ok_or(ConnectError::Unresolved)
+    }
+}
