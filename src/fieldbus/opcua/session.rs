@@ -143,15 +143,9 @@ impl Session {
     }
 
     /// Creates the session at the server and logs in the user.
-    pub(super) async fn begin(
-        &self,
-        link: &mut Link,
-        endpoint: &EndpointDescription,
-        own: Option<&(X509, PrivateKey)>,
-        user: &IdentityToken,
-    ) -> Result<(), Fault> {
-        let held = self.create(link, endpoint, own, user).await?;
-        self.activate(link, endpoint, own, user, held).await.map_err(|error| dial_fault(&error))
+    pub(super) async fn begin(&self, link: &mut Link, login: Login<'_>) -> Result<(), Fault> {
+        let held = self.create(link, login).await?;
+        self.activate(link, login, held).await.map_err(|error| dial_fault(&error))
     }
 
     async fn create(&self, link: &mut Link, login: Login<'_>) -> Result<Held, Fault> {

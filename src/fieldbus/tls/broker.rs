@@ -26,14 +26,5 @@ pub fn broker(mqtt: &Mqtt) -> Result<Option<Arc<ClientConfig>>, Vec<ProfileError
         None => builder.with_no_client_auth(),
         Some((cert, key)) => showing(builder, own(cert, key)?, (cert, key))?,
     };
-    let config = builder.with_client_auth_cert(chain, private).map_err(|error| {
-        vec![match error {
-            Error::InconsistentKeys(InconsistentKeys::KeyMismatch) => {
-                key.wrong("this key is not the key of the certificate in `cert`")
-            }
-            Error::InvalidCertificate(_) => cert.wrong(&format!("the certificate cannot be used: {error}")),
-            _ => key.wrong(&format!("the key cannot be used: {error}")),
-        }]
-    });
-    config.map(|config| Some(Arc::new(config)))
+    Ok(Some(Arc::new(config)))
 }

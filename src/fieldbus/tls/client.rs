@@ -118,31 +118,6 @@ impl ResolvesClientCert for Shown {
 /// TLS as a port. Its tap sees the Modbus bytes.
 impl Port for TlsStream<Eager> {}
 
-fn config(
-    tls: &Tls,
-    trust: Trust,
-    chain: Vec<CertificateDer<'static>>,
-    key: PrivateKeyDer<'static>,
-) -> Result<ClientConfig, Box<ProfileError>> {
-    let config = ClientConfig::builder_with_provider(Arc::new(default_provider()))
-        .with_safe_default_protocol_versions()
-        .map_err(|error| Box::new(tls.ca.wrong(&error.to_string())))?
-        .dangerous()
-        .with_custom_certificate_verifier(Arc::new(trust))
-        .with_client_auth_cert(chain, key);
-    config.map_err(|error| {
-        Box::new(match error {
-            Error::InconsistentKeys(InconsistentKeys::KeyMismatch) => {
-                tls.key.wrong("this key is not the key of the certificate in `cert`")
-            }
-            Error::InvalidCertificate(_) => {
-                tls.cert.wrong(&format!("the certificate cannot be used: {error}"))
-            }
-            _ => tls.key.wrong(&format!("the key cannot be used: {error}")),
-        })
-    })
-}
-
 /// Verifier that trusts certificates signed by the authorities in a file, and the certificates in the file themselves.
 ///
 /// Many devices have a self-signed certificate for a name that is not their name in this plant. A certificate that is

@@ -26,11 +26,17 @@ pub fn server(cert: &[u8], key: &[u8]) -> Result<ServerConfig, Wrong> {
     let config = ServerConfig::builder_with_provider(Arc::new(default_provider()))
         .with_safe_default_protocol_versions()
         .and_then(|config| config.with_no_client_auth().with_single_cert(chain, key));
-    config.map_err(|error| match error {
-        Error::InconsistentKeys(InconsistentKeys::KeyMismatch) => {
-            Wrong::Key("this key is not the key of the certificate in `cert`".to_owned())
+    config.map_err(Wrong::from)
+}
+
+impl From<Error> for Wrong {
+    fn from(error: Error) -> Wrong {
+        match error {
+            Error::InconsistentKeys(InconsistentKeys::KeyMismatch) => {
+                Wrong::Key("this key is not the key of the certificate in `cert`".to_owned())
+            }
+            Error::InvalidCertificate(_) => Wrong::Cert(format!("the certificate cannot be used: {error}")),
+            _ => Wrong::Key(format!("the key cannot be used: {error}")),
         }
-        Error::InvalidCertificate(_) => Wrong::Cert(format!("the certificate cannot be used: {error}")),
-        _ => Wrong::Key(format!("the key cannot be used: {error}")),
-    })
+    }
 }

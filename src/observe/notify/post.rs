@@ -12,9 +12,6 @@ use crate::net::{ConnectError, Host, Stream};
 use crate::tls::TlsFault;
 use isotherm_profile::{Notify, Url};
 
-/// Timeout of each address of a name except the last one, which gets the remaining time.
-const EACH: Duration = Duration::from_secs(3);
-
 /// Receiver of messages: a server, or a replacement in tests.
 pub trait Post {
     /// Sends one message, and waits until it is accepted.
@@ -201,24 +198,5 @@ impl Post for Server {
             (Err(Failure::Closed), Err(error)) => Err(Failure::broken(&error)),
             (answered, _) => answered,
         }
-    }
-}
-
-enum Stream {
-    Plain(TcpStream),
-    Secured(Box<TlsStream<TcpStream>>),
-}
-
-async fn exchange(mut stream: impl AsyncRead + AsyncWrite + Unpin, request: &str) -> Result<(), Failure> {
-    let sent = async {
-        stream.write_all(request.as_bytes()).await?;
-        stream.flush().await
-    };
-    let sent = sent.await;
-    // A server may answer before it has received everything. Its answer says more about the cause than the error of the
-    // write.
-    match (answer::read(&mut stream).await, sent) {
-        (Err(Failure::Closed), Err(error)) => Err(Failure::broken(&error)),
-        (answered, _) => answered,
     }
 }

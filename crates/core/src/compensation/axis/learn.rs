@@ -98,8 +98,7 @@ impl Axis {
         Probed { at: snapshot.now, error: measured.error, acting, residual, refused }
     }
 
-    /// Returns why the model in use does not accept this Cz at once, for example because it deviates too much; `None`
-    /// if it accepts it.
+    /// Returns why a model does not accept this Cz at once; `None` if it accepts it, or learns nothing at this point.
     fn doubts(
         &self,
         place: usize,

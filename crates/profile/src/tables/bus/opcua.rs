@@ -84,30 +84,6 @@ pub enum User {
     },
 }
 
-/// File that a key of the profile names.
-#[derive(Clone, PartialEq)]
-pub struct NamedFile {
-    /// Name of the file, as written in the profile.
-    pub name: String,
-    /// Content of the file.
-    pub bytes: Vec<u8>,
-    named_at: Box<ProfileError>,
-}
-
-impl NamedFile {
-    /// Creates an error about this file.
-    pub fn wrong(&self, why: &str) -> ProfileError {
-        ProfileError { message: format!("{}: {why}", self.name), ..(*self.named_at).clone() }
-    }
-}
-
-/// Formats the file without its content, which may be secret.
-impl fmt::Debug for NamedFile {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("NamedFile").field(&self.name).finish()
-    }
-}
-
 impl OpcUa {
     /// Creates settings without security and with an anonymous user, for a server that no profile names.
     pub fn plain() -> OpcUa {

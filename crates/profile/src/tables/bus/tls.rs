@@ -38,7 +38,7 @@ pub const TLS_PORT: u16 = 802;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tls {
     /// Certificates that the gateway trusts on this line.
-    pub ca: PemFile,
+    pub ca: NamedFile,
     /// Certificate of the gateway.
     pub cert: NamedFile,
     /// Private key of the certificate.
@@ -51,7 +51,7 @@ pub struct Tls {
 
 /// File that a key of the profile names.
 #[derive(Clone, PartialEq)]
-pub struct PemFile {
+pub struct NamedFile {
     /// Name of the file, as written in the profile.
     pub name: String,
     /// Content of the file.
