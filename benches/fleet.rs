@@ -28,7 +28,7 @@ use std::time::Duration;
 
 use isotherm::clock::Clock;
 use isotherm::gateway::{Gateway, Options};
-use isotherm::observe::status::Source;
+use isotherm::observe::status::GatewayApi;
 use isotherm_core::quantity::Moment;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
@@ -262,12 +262,12 @@ fn measure(shape: Shape, devices: u64, seconds: u64) {
         .spawn()
         .unwrap();
     let mut said = BufReader::new(server.stdout.take().unwrap());
-    let mut hears = move || {
+    let mut receives = move || {
         let mut line = String::new();
         said.read_line(&mut line).unwrap();
         line.trim().to_owned()
     };
-    let port: u16 = hears().parse().unwrap();
+    let port: u16 = receives().parse().unwrap();
     let mut asks = server.stdin.take().unwrap();
     let text = machine(shape, devices, port);
     let loaded = isotherm_profile::parse(Path::new("fleet.toml"), &text, &[], &[]);
@@ -283,7 +283,7 @@ fn measure(shape: Shape, devices: u64, seconds: u64) {
             tokio::time::sleep(WARM_UP).await;
             let mut counts = || {
                 writeln!(asks).unwrap();
-                let counts = hears();
+                let counts = receives();
                 let (reads, writes) = counts.split_once(' ').unwrap();
                 (reads.parse::<u64>().unwrap(), writes.parse::<u64>().unwrap())
             };
@@ -340,17 +340,17 @@ fn measure(shape: Shape, devices: u64, seconds: u64) {
     );
 }
 
-fn failures(source: &Arc<dyn Source>) -> u64 {
+fn failures(source: &Arc<dyn GatewayApi>) -> u64 {
     source.status().devices.iter().flat_map(|device| device.failures.values()).sum()
 }
 
 /// Number of polls that began a whole period late.
-fn late(source: &Arc<dyn Source>) -> u64 {
+fn late(source: &Arc<dyn GatewayApi>) -> u64 {
     source.status().buses.iter().map(|bus| bus.overruns).sum()
 }
 
 /// Returns how often the state was locked, and how often for longer than the limit.
-fn locks(source: &Arc<dyn Source>) -> (u64, u64) {
+fn locks(source: &Arc<dyn GatewayApi>) -> (u64, u64) {
     let held = source.status().lock_held;
     let count =
         |longer_than: f64| held.iter().filter(|(bound, _)| *bound > longer_than).map(|(_, n)| n).sum();

@@ -69,24 +69,24 @@ fn main() {
     println!(
         "all linear {total:6.2} s ({processor:.2} s of processor time), at most {LINEAR_SECONDS} s by the clock on two cores: {is_in_time}"
     );
-    let judged = reached(default, DEFAULT_SECONDS);
+    let assessed = reached(default, DEFAULT_SECONDS);
     println!(
-        "whitened   {default:6.2} s of processor time for an axis, at most {DEFAULT_SECONDS} s: {judged}"
+        "whitened   {default:6.2} s of processor time for an axis, at most {DEFAULT_SECONDS} s: {assessed}"
     );
     let (_, whole) = spent(&mut || drop(identified(&profile, &dataset, "z", Method::Whitened, true)));
-    let judged = reached(whole, WHOLE_SECONDS);
+    let assessed = reached(whole, WHOLE_SECONDS);
     println!(
-        "whitened   {whole:6.2} s of processor time with what stands in for its sensors, at most {WHOLE_SECONDS} s: {judged}"
+        "whitened   {whole:6.2} s of processor time with what stands in for its sensors, at most {WHOLE_SECONDS} s: {assessed}"
     );
     dataset.runs.truncate(NETWORK_DAYS);
     let mut left = 0.0;
     let (network, own) = spent(&mut || {
         left = identified(&profile, &dataset, "z", Method::Network, false).means.mean_range_um;
     });
-    let judged = reached(network, NETWORK_SECONDS);
+    let assessed = reached(network, NETWORK_SECONDS);
     println!(
         "network    {network:6.2} s ({own:.2} s of processor time) for {NETWORK_DAYS} days, at most {NETWORK_SECONDS} s by the clock on \
-         two cores: {judged}; z {left:.1} µm"
+         two cores: {assessed}; z {left:.1} µm"
     );
     let peak = peak_megabytes();
     println!("{peak:17.0} MB at its peak, at most {MEGABYTES} MB: {}", reached(peak, MEGABYTES));

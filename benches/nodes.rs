@@ -93,12 +93,12 @@ fn server(changing: bool) -> (Process, u16) {
         command.arg("--changing");
     }
     // The server ends when its input closes. Nothing is ever written to the input.
-    let (hears, said) = std::io::pipe().unwrap();
+    let (receives, said) = std::io::pipe().unwrap();
     let (told, tells) = std::io::pipe().unwrap();
     let process = Process::start(command.stdin(told).stdout(said));
     std::mem::forget(tells);
     let mut line = String::new();
-    BufReader::new(hears).read_line(&mut line).unwrap();
+    BufReader::new(receives).read_line(&mut line).unwrap();
     (process, line.trim().parse().unwrap())
 }
 

@@ -86,11 +86,11 @@ impl Spent {
     /// Prints and returns the elapsed seconds, and restarts the measurement.
     fn say(&mut self, what: &str, most: Option<f64>) -> f64 {
         let seconds = self.clock.now().since(self.begun).as_secs_f64();
-        let judged = most.map_or_else(String::new, |most| {
+        let assessed = most.map_or_else(String::new, |most| {
             format!(", at most {most} s: {}", if seconds <= most { "reached" } else { "MISSED" })
         });
         let processor = processor_seconds() - self.processor;
-        println!("  {what:<26} {seconds:6.2} s ({processor:.2} s of processor time){judged}");
+        println!("  {what:<26} {seconds:6.2} s ({processor:.2} s of processor time){assessed}");
         *self = Spent::begin();
         seconds
     }

@@ -8,35 +8,35 @@ use clap::error::{ContextKind, ContextValue};
 use clap::{Args, CommandFactory, Parser, Subcommand};
 use tracing_appender::non_blocking::{NonBlockingBuilder, WorkerGuard};
 
-use isotherm_profile::regular::without_numbers;
+use isotherm_profile::safe_file::without_numbers;
 use isotherm_profile::{Axis, Errors, Loaded, Profile, one_line};
 
-use crate::cli::say::{Out, say, say_beside};
+use crate::cli::print::{Out, say, say_beside};
 use crate::fieldbus::{opcua_check, tls};
 use crate::gateway::control::Failure;
 use crate::gateway::how_to_find_a_model;
 use crate::observe::status::Command;
 
 mod backup;
-#[cfg(any(feature = "identify", feature = "place"))]
-mod beside;
 mod broker;
 mod certificate;
 mod check;
 mod command;
 mod confirm;
+mod connection_test;
 mod demo;
 mod descriptors;
 mod events;
 #[cfg(feature = "parquet")]
 mod export;
-mod gauge;
+#[cfg(any(feature = "identify", feature = "place"))]
+mod extra_files;
 #[cfg(feature = "identify")]
 mod identify;
 mod init;
 mod journal_stream;
+mod log_rate_limit;
 mod logs;
-mod looked;
 mod machines;
 mod man;
 mod measured;
@@ -47,9 +47,11 @@ mod opcua;
 #[cfg(feature = "place")]
 mod place;
 mod port;
+mod print;
 #[cfg(any(feature = "identify", feature = "place"))]
 mod progress;
 mod read;
+mod read_once;
 mod record;
 mod release;
 pub mod replay;
@@ -62,7 +64,6 @@ mod run_profile;
 mod running;
 #[cfg(feature = "identify")]
 mod runs;
-mod say;
 mod scan;
 #[cfg(feature = "identify")]
 mod select;
@@ -70,7 +71,6 @@ mod services;
 mod sign;
 mod signals;
 mod simulate;
-mod sparing;
 mod status;
 mod target;
 mod token;
@@ -78,7 +78,7 @@ mod trace;
 mod values;
 mod volume;
 
-use sparing::Sparing;
+use log_rate_limit::LogRateLimit;
 use values::key_and_value;
 
 /// Compensates the thermal error of a machine tool.
@@ -350,7 +350,8 @@ fn start_log(filter: &str) -> WorkerGuard {
         false => lines.boxed(),
     };
     // If this process has started a log already, as in tests, that log remains.
-    let _ = tracing_subscriber::registry().with(lines.with_filter(filter.and(Sparing::begin()))).try_init();
+    let _ =
+        tracing_subscriber::registry().with(lines.with_filter(filter.and(LogRateLimit::begin()))).try_init();
     guard
 }
 

@@ -8,7 +8,7 @@
 //!
 //! Code that needs a sleeping task to act early calls the [`Wakeup`] of its sleeper. Without that call, the clock could
 //! advance before the task notices its message. A message that comes through the kernel and gets no reply has no sender
-//! that could wake the sleeper. The reader of such messages keeps an [`Inlet`].
+//! that could wake the sleeper. The reader of such messages keeps an [`SocketGate`].
 
 use std::pin::pin;
 use std::sync::Arc;
@@ -17,37 +17,37 @@ use std::time::Duration;
 use isotherm_core::quantity::{Moment, Shift, Shifted};
 
 mod alarm;
-mod inlet;
-mod looks;
-mod passing;
-mod patience;
+mod boot_clock;
 mod silence;
 mod simulated;
+mod socket_gate;
+mod stall_detector;
 mod stamp;
 mod wall;
+mod wall_timeout;
 mod zone;
 
-pub use inlet::{Inlet, Taking};
-pub use looks::Looks;
-pub use passing::Passing;
-pub use patience::Patience;
+pub use boot_clock::BootClock;
 pub use silence::Silence;
+pub use socket_gate::{ReadGuard, SocketGate};
+pub use stall_detector::StallDetector;
 pub use stamp::{Correction, SMALLEST_CORRECTION, Synchronised};
 pub use wall::TimeOfDay;
+pub use wall_timeout::WallTimeout;
 pub use zone::zone;
 
 use alarm::{Alarm, FAR};
 use simulated::Simulated;
-use stamp::Followed;
+use stamp::ClockDifference;
 use wall::Wall;
 
 /// Clock that several tasks share.
 #[derive(Clone, Debug)]
 pub struct Clock {
     source: Source,
-    followed: Arc<Followed>,
+    followed: Arc<ClockDifference>,
     /// Difference between the set time of day of a virtual clock and its counted time.
-    set_to: Arc<Followed>,
+    set_to: Arc<ClockDifference>,
 }
 
 #[derive(Clone, Debug)]
@@ -60,11 +60,11 @@ enum Source {
 #[derive(Debug)]
 pub struct Sleeper {
     clock: Clock,
-    place: Place,
+    place: SleeperKind,
 }
 
 #[derive(Debug)]
-enum Place {
+enum SleeperKind {
     /// Notification that wakes the sleeper early, and its kernel timer, once a distant deadline has needed one.
     Wall(Arc<tokio::sync::Notify>, Option<Alarm>),
     Simulated(simulated::Membership),
@@ -90,22 +90,22 @@ impl Clock {
     /// Returns a clock of wall-clock time. It reads the time of day once, and then counts elapsed time. Suspension of
     /// the computer is included.
     pub fn wall() -> Clock {
-        Clock::wall_by(Passing::default(), TimeOfDay::default())
+        Clock::wall_by(BootClock::default(), TimeOfDay::default())
     }
 
     /// Returns a clock of wall-clock time with these sources of elapsed time and time of day.
-    pub fn wall_by(passing: Passing, time_of_day: TimeOfDay) -> Clock {
-        let clock = Clock::of(Source::Wall(Arc::new(Wall::start(passing, time_of_day))));
+    pub fn wall_by(boot_clock: BootClock, time_of_day: TimeOfDay) -> Clock {
+        let clock = Clock::of(Source::Wall(Arc::new(Wall::start(boot_clock, time_of_day))));
         // The first comparison sets the shift. Its difference is not a correction.
-        clock.look_at_the_time_of_day();
+        clock.check_time_of_day();
         clock
     }
 
-    /// Returns a wall clock that is at `anchor` now, correct or not, and continues as `passing` counts.
-    pub fn set_to(anchor: Moment, passing: Passing) -> Clock {
-        let (started, day) = (passing.passed(), passing.clone());
+    /// Returns a wall clock that is at `anchor` now, correct or not, and continues as `boot_clock` counts.
+    pub fn set_to(anchor: Moment, boot_clock: BootClock) -> Clock {
+        let (started, day) = (boot_clock.passed(), boot_clock.clone());
         let time_of_day = move || anchor.after(day.passed().saturating_sub(started));
-        Clock::wall_by(passing, TimeOfDay::by(time_of_day))
+        Clock::wall_by(boot_clock, TimeOfDay::by(time_of_day))
     }
 
     fn of(source: Source) -> Clock {
@@ -129,12 +129,12 @@ impl Clock {
 
     /// Compares counted time with the computer's time of day. Stamps follow the time of day. Returns the correction if
     /// the computer's clock was set since the last check.
-    pub fn look_at_the_time_of_day(&self) -> Option<Correction> {
+    pub fn check_time_of_day(&self) -> Option<Correction> {
         match &self.source {
-            Source::Wall(wall) => self.followed.look(wall.now(), wall.time_of_day.now()),
+            Source::Wall(wall) => self.followed.check(wall.now(), wall.time_of_day.now()),
             Source::Simulated(simulated) => {
                 let now = simulated.now();
-                self.followed.look(now, now.shifted(self.set_to.shift()))
+                self.followed.check(now, now.shifted(self.set_to.shift()))
             }
         }
     }
@@ -170,8 +170,8 @@ impl Clock {
     /// they joined.
     pub fn join(&self) -> Sleeper {
         let place = match &self.source {
-            Source::Wall(_) => Place::Wall(Arc::default(), None),
-            Source::Simulated(simulated) => Place::Simulated(simulated.sit_down()),
+            Source::Wall(_) => SleeperKind::Wall(Arc::default(), None),
+            Source::Simulated(simulated) => SleeperKind::Simulated(simulated.sit_down()),
         };
         Sleeper { clock: self.clone(), place }
     }
@@ -206,15 +206,15 @@ impl Sleeper {
     /// Returns a handle that wakes this sleeper early.
     pub fn wakeup(&self) -> Wakeup {
         Wakeup(match &self.place {
-            Place::Wall(notify, _) => WakeupOf::Wall(notify.clone()),
-            Place::Simulated(membership) => WakeupOf::Simulated(membership.wakeup()),
+            SleeperKind::Wall(notify, _) => WakeupOf::Wall(notify.clone()),
+            SleeperKind::Simulated(membership) => WakeupOf::Simulated(membership.wakeup()),
         })
     }
 
     /// Discards the wakeups so far, so that they do not end the next sleep. Under a virtual clock this does nothing:
     /// such wakeups still end the next sleep.
     pub fn forget_wakeups(&mut self) {
-        if let Place::Wall(notify, _) = &self.place {
+        if let SleeperKind::Wall(notify, _) = &self.place {
             pin!(notify.notified()).enable();
         }
     }
@@ -228,7 +228,7 @@ impl Sleeper {
     /// Sleeps like [`Sleeper::sleep_until`], for a caller that has just read the clock. `now` is that reading.
     pub async fn sleep_from(&mut self, now: Moment, deadline: Moment) -> Moment {
         match &mut self.place {
-            Place::Wall(notify, alarm) => {
+            SleeperKind::Wall(notify, alarm) => {
                 if now >= deadline {
                     return now;
                 }
@@ -247,7 +247,7 @@ impl Sleeper {
                     _ => _ = tokio::time::timeout(left, notify.notified()).await,
                 }
             }
-            Place::Simulated(membership) => membership.sleep_until(deadline).await,
+            SleeperKind::Simulated(membership) => membership.sleep_until(deadline).await,
         }
         self.clock.now()
     }

@@ -1,26 +1,26 @@
 //! Discovery on a line without a profile: which units answer, and which values their registers hold. It only reads.
 //!
 //! - [`bus`] — address of a line as one word: `tcp://192.168.0.10:502`.
-//! - [`ask`] — one request at a time, on the same [`crate::fieldbus::line`] that the gateway uses.
+//! - [`unit_reader`] — one request at a time, on the same [`crate::fieldbus::line`] that the gateway uses.
 //! - [`can`] — state of a CAN interface, as the kernel reports it.
 //! - [`sysfs`] — temperature sensors of this computer, and sensors of a profile that are missing.
 //! - `opcua` — an OPC UA server, by feature: its endpoints, its certificate, its nodes.
 //! - [`mod@pipeline`] — whether a device supports two requests at a time.
-//! - [`scan`] — units that answer; [`walk`] — registers of a unit.
+//! - [`scan`] — units that answer; [`register_search`] — registers of a unit.
 //! - [`values`] — decoded values of registers, in each word order if none is given.
 //! - [`remedy`] — advice for a fault.
 
-pub mod ask;
 pub mod bus;
 pub mod can;
 #[cfg(feature = "opcua")]
 pub mod opcua;
 pub mod pipeline;
+pub mod register_search;
 pub mod remedy;
 pub mod scan;
 pub mod sysfs;
+pub mod unit_reader;
 pub mod values;
-pub mod walk;
 
 pub use crate::fieldbus::error::Fault;
 pub use crate::fieldbus::trace::Exchange;

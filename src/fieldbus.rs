@@ -12,9 +12,10 @@
 //! - [`sysfs`] — sensors of this computer, each read on a separate thread.
 //! - [`tcp`] — sockets without send delay, and Modbus TCP on them; [`tls`] — Modbus TCP inside TLS.
 //! - [`mod@error`] — faults, by their cause; [`mod@explain`] — their explanations and advice for users.
-//! - [`owed`] — late replies that a serial unit may still send after a timeout, and requests that are safe meanwhile.
-//! - [`mark`] — what distinguishes the answers to two requests; `order` — whether the answers of a unit behind a gateway belong to
-//!   their requests.
+//! - [`pending_replies`] — late replies that a serial unit may still send after a timeout, and requests that are safe
+//!   meanwhile.
+//! - [`reply_signature`] — what distinguishes the answers to two requests; `order_check` — whether the answers of a
+//!   unit behind a gateway belong to their requests.
 //! - `pipeline` — whether two requests are sent together, and when the line stops doing so.
 //! - [`mod@line`] — sends requests to devices: one at a time, with timeout, send deadline, back-off and reconnection.
 
@@ -22,25 +23,25 @@ pub mod backoff;
 pub mod can;
 pub mod canopen;
 pub mod connection;
-pub mod departure;
-mod eager;
 pub mod error;
 pub mod explain;
 pub mod line;
-pub mod mark;
+mod local_tcp;
 pub mod modbus;
 pub mod namespaces;
 #[cfg(feature = "opcua")]
 pub mod opcua;
 pub mod opcua_check;
 pub mod opcua_fault;
-mod order;
-pub mod owed;
+mod order_check;
 mod pdu;
+pub mod pending_replies;
 mod pipeline;
 pub mod port;
+pub mod reply_signature;
 mod request;
 pub mod rtu;
+pub mod send_guard;
 pub mod serial;
 pub mod sysfs;
 pub mod tcp;

@@ -19,55 +19,56 @@ use crate::fieldbus::connection::Dial;
 use crate::fieldbus::dial;
 use crate::fieldbus::line::DeviceLine;
 use crate::observe::events::{Event, EventListener, Journal, file};
-use crate::observe::status::{BrokerFigures, Source};
+use crate::observe::status::{BrokerFigures, GatewayApi};
 use isotherm_core::border::panic_message;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{AxisId, Bus, BusId, OnStop, Output, Profile, stop};
 
+mod api_backend;
 mod arming;
 pub mod backup;
-mod blamed;
-mod board;
 mod can;
+mod causes;
 #[cfg(feature = "opcua")]
 pub mod certificates;
 pub mod claims;
 mod comparison;
-mod contact;
 mod continuity;
 pub mod control;
-mod core;
 mod dependents;
+mod device_health;
+mod dirty_vec;
 mod disk;
-mod ending;
 mod execute;
 mod extrapolation;
 mod handover;
 mod inspector;
 mod ledger;
-mod left;
 mod line_handle;
 mod lock;
 pub mod log;
 mod memory;
 mod namespaces;
-mod noted;
 mod output;
-mod panel;
+mod output_faults;
 mod pause;
 mod places;
 mod poll;
 mod probing;
 mod rates;
+mod recovered_state;
 mod release;
 mod releasing;
-mod reported;
+mod reported_conditions;
 mod restart;
 mod run_phase;
 mod shared;
+mod shutdown;
 mod sign;
+mod signal_table;
 mod signing;
 mod stand_in;
+mod state;
 mod status;
 mod storage;
 mod store;
@@ -76,28 +77,27 @@ mod systemd;
 pub mod templates;
 mod units;
 mod watchdog;
-mod why;
 mod wire_log;
 
-use self::core::Core;
+use self::state::GatewayState;
+use api_backend::ApiBackend;
 use can::CanListener;
 use ledger::Ledger;
-use left::Left;
 use line_handle::LineHandle;
-use panel::Panel;
 use poll::LineTask;
+use recovered_state::RecoveredState;
 use shared::{LineWork, Shared};
 use storage::Storage;
 use watchdog::Watchdog;
 
+pub use causes::how_to_find_a_model;
+pub(crate) use causes::why_by_decision;
 pub use disk::{Disk, Files, make_directory};
 pub use handover::{
     Arrival, Handover, KeptProfile, Prepared, answer_of_check, digest_path, memory_for_profile,
 };
-pub use left::{may_start, moved_since, with_releases};
+pub use recovered_state::{may_start, moved_since, with_releases};
 pub use successor::{CHECK_ONLY, Checked, Program, Successor};
-pub use why::how_to_find_a_model;
-pub(crate) use why::why_by_decision;
 pub use wire_log::WireLog;
 
 /// Reason why an axis stays off after the saved state was rejected or restored: the operator must arm it first.
@@ -143,7 +143,7 @@ pub struct Options {
     /// Readings get the time of their answers, instead of that of their requests. Tests use it to show why the rule
     /// exists.
     #[doc(hidden)]
-    pub is_credulous: bool,
+    pub is_unchecked: bool,
     /// State of publishing to a broker; `None` without one.
     pub broker: Option<Arc<BrokerFigures>>,
     /// Receiver of every event from the first on; `None` without one.
@@ -168,7 +168,7 @@ impl Default for Options {
             dialer: Arc::new(dial),
             watch: None,
             pace: None,
-            is_credulous: false,
+            is_unchecked: false,
             broker: None,
             listener: None,
             handover: Ok(None),
@@ -223,11 +223,11 @@ impl Gateway {
         if let Err(why) = &options.handover {
             journal.report(clock.now(), &Event::HandoverRefused { why: why.clone() });
         }
-        let mut left = Left::open(&options, &profile, (&journal, clock));
+        let mut left = RecoveredState::open(&options, &profile, (&journal, clock));
         let releases = left.extend(&mut profile, &options);
         let profile = Arc::new(profile);
-        let Left { mut recalled, correction, opened, places, is_lost } = left;
-        let remembers = |output: &str| recalled.verified_um.contains_key(output);
+        let RecoveredState { mut restored, correction, opened, places, is_lost } = left;
+        let remembers = |output: &str| restored.verified_um.contains_key(output);
         let (ledger, writer) = match opened {
             None => (Ledger::of_nothing(&profile, (&journal, clock)), None),
             Some(opened) => {
@@ -253,12 +253,12 @@ impl Gateway {
         };
         let was_driven = (0..profile.axes.len()).map(was_driven).collect();
         let core = |given| {
-            let remembered = std::mem::take(&mut recalled.remembered);
-            let mut core = Core::new(given, remembered, storage, clock.now());
+            let remembered = std::mem::take(&mut restored.remembered);
+            let mut core = GatewayState::new(given, remembered, storage, clock.now());
             core.was_driven = was_driven;
-            core.storage.signs = std::mem::take(&mut recalled.signs);
+            core.storage.signs = std::mem::take(&mut restored.signs);
             core.releases = releases;
-            left::begin(&mut core, (places, is_lost), recalled, clock.now());
+            recovered_state::begin(&mut core, (places, is_lost), restored, clock.now());
             if let Ok(Some(handover)) = &options.handover {
                 handover.go_on(&mut core, clock.now());
             }
@@ -286,9 +286,9 @@ impl Gateway {
     }
 
     /// Returns the source of the state, which also takes commands, for any thread.
-    pub fn source(&self) -> Arc<dyn Source> {
+    pub fn source(&self) -> Arc<dyn GatewayApi> {
         let directory = self.options.directory.clone().filter(|_| self.options.has_threads);
-        Arc::new(Panel::new(self.shared.clone(), directory))
+        Arc::new(ApiBackend::new(self.shared.clone(), directory))
     }
 
     /// Returns the handle with which another program can take over. `socket`: path of the command socket.
@@ -309,7 +309,7 @@ impl Gateway {
         let requests = self.start_lines(&mut tasks, &mut lines);
         let machine = self.shared.profile.name.clone();
         self.shared.report(&Event::Started { machine, bus_requests: requests });
-        self.tell_of_templates();
+        self.report_templates();
         #[cfg(feature = "opcua")]
         if certificates::has_some(&self.shared.profile) {
             tasks.spawn(certificates::watch(self.shared.clone(), self.shared.clock.join()));
@@ -346,7 +346,7 @@ impl Gateway {
         self.release_strobes().await;
         // The lines continue to poll and to write heartbeats while the disk stores the state for the next program.
         let kept = match asked {
-            None if self.outputs_rest(lines.len()).await => Some(self.keep().await),
+            None if self.outputs_idle(lines.len()).await => Some(self.keep().await),
             _ => None,
         };
         self.take_leave(&mut tasks, &lines).await;
@@ -364,24 +364,24 @@ impl Gateway {
     /// Stores state, ledger, logs and events on disk. Returns the values that stay in the registers, and whether a task
     /// failed.
     async fn keep(&self) -> (String, bool) {
-        let left = ending::what_is_left(&self.shared);
+        let left = shutdown::what_is_left(&self.shared);
         self.shared.report(&Event::Stopped { left: left.clone() });
-        ending::end_registers(&self.shared);
-        let failed = self.keep_for_the_last_time().await;
+        shutdown::end_registers(&self.shared);
+        let failed = self.save_last().await;
         self.shared.ledger.finish(LAST_PATIENCE).await;
         (left, failed)
     }
 
     /// Ends the exchanges of the outputs of all lines, and waits until none is running. Returns `false` if that takes
     /// too long.
-    async fn outputs_rest(&self, lines: usize) -> bool {
+    async fn outputs_idle(&self, lines: usize) -> bool {
         self.shared.limit_lines(LineWork::WithoutOutputs);
         let within = stop::hold(&self.shared.profile);
         self.wait_until((within, SETTLED_EVERY), |shared| shared.resting_lines() >= lines).await
     }
 
     /// Reports the changes of a newer program in its templates once, at its first start.
-    fn tell_of_templates(&self) {
+    fn report_templates(&self) {
         let Some(directory) = self.options.directory.as_deref().filter(|_| self.options.has_threads) else {
             return;
         };
@@ -402,7 +402,7 @@ impl Gateway {
 
     /// Stops in the requested way. Returns whether the fault actions ended in time.
     async fn stop(&self, how: OnStop) -> bool {
-        let within = ending::begin_stop(&self.shared, how);
+        let within = shutdown::begin_stop(&self.shared, how);
         let holds = how == OnStop::Hold;
         self.shared.report(&Event::Stopping { holds, within });
         let does = match how {
@@ -411,7 +411,7 @@ impl Gateway {
         };
         systemd::stopping(does, within);
         match how {
-            OnStop::FaultAction => self.wait_until((within, ENDED_EVERY), ending::at_rest).await,
+            OnStop::FaultAction => self.wait_until((within, ENDED_EVERY), shutdown::is_idle).await,
             OnStop::Hold => {
                 self.settled(within).await;
                 true
@@ -421,7 +421,7 @@ impl Gateway {
 
     /// Ends all decisions, and waits for running exchanges, because another program takes over.
     async fn settle(&self) {
-        let within = ending::begin_stop(&self.shared, OnStop::Hold);
+        let within = shutdown::begin_stop(&self.shared, OnStop::Hold);
         self.shared.report(&Event::Stopping { holds: true, within });
         systemd::reloading("another program takes over; the registers keep their values");
         self.settled(within).await;
@@ -430,7 +430,7 @@ impl Gateway {
     /// Waits until the registers have settled. If one has not, a stop without movement does not fail: the next start
     /// waits for it.
     async fn settled(&self, within: Duration) {
-        let _ = self.wait_until((within, SETTLED_EVERY), ending::has_settled).await;
+        let _ = self.wait_until((within, SETTLED_EVERY), shutdown::has_settled).await;
     }
 
     fn handover(&self) -> Handover {
@@ -439,7 +439,7 @@ impl Gateway {
     }
 
     /// Stores the state on disk. Returns whether a task failed.
-    async fn keep_for_the_last_time(&self) -> bool {
+    async fn save_last(&self) -> bool {
         let mut core = self.shared.core();
         let mut storage = std::mem::take(&mut core.storage);
         let now = self.shared.clock.now();
@@ -495,7 +495,7 @@ impl Gateway {
             .tapped(self.wire_log.tap(bus))
             .witnessed(Arc::new(handle.clone()))
             .aged(profile.shortest_age());
-        let line = if self.options.is_credulous { line.credulous() } else { line };
+        let line = if self.options.is_unchecked { line.unchecked() } else { line };
         let task = LineTask::new(handle, bus, (line, sleeper), can, start);
         Some((Box::new(task), listener.map(Box::new)))
     }
@@ -531,13 +531,13 @@ impl Gateway {
 
     /// Waits until the lines have dropped every strobe that is still set.
     async fn release_strobes(&self) {
-        if !ending::leave(&self.shared) {
+        if !shutdown::leave(&self.shared) {
             return;
         }
         let slowest = self.shared.profile.buses.iter().map(|bus| bus.timeout * 3).max();
         let mut sleeper = self.shared.clock.join();
         let deadline = sleeper.now().after(slowest.unwrap_or_default());
-        while ending::leave(&self.shared) && sleeper.now() < deadline {
+        while shutdown::leave(&self.shared) && sleeper.now() < deadline {
             sleeper.sleep(Duration::from_millis(20)).await;
         }
     }

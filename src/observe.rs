@@ -1,12 +1,12 @@
 //! Output for people and programs: events, status, the page, metrics and messages. The line tasks never wait for it.
 
-pub mod asker;
+mod decision_history;
 pub mod events;
 pub mod http;
 #[cfg(feature = "mqtt")]
 pub mod mqtt;
 pub mod notify;
 mod page;
-mod past;
 mod prometheus;
+pub mod requester;
 pub mod status;

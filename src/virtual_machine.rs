@@ -30,7 +30,7 @@ use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinSet;
 
-use crate::clock::{Clock, Patience};
+use crate::clock::{Clock, WallTimeout};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{AxisId, BusId, DeviceId, Profile, Transport};
 
@@ -53,9 +53,9 @@ mod tests;
 mod truth;
 mod wander;
 
-pub use control::Taken;
+pub use control::AcceptedSet;
 pub use fault::{FaultError, FaultScript};
-pub use journal::Seen;
+pub use journal::SeenRequest;
 pub use modbus::answered;
 pub use plant::{Plant, PlantError, PlantSpec, Published, PublishedAxis};
 pub use truth::{AxisSummary, AxisTruth, Extent, Summary, TruthRow};
@@ -161,12 +161,12 @@ impl Window {
     }
 
     /// Every request that has reached a device, in order; empty without [`Setup::journal`].
-    pub fn requests(&self) -> Vec<Seen> {
+    pub fn requests(&self) -> Vec<SeenRequest> {
         self.0.hardware().journal.clone().unwrap_or_default()
     }
 
     /// Values that controls have accepted from their sets, in order; empty without [`Setup::journal`].
-    pub fn taken(&self) -> Vec<Taken> {
+    pub fn taken(&self) -> Vec<AcceptedSet> {
         self.0.hardware().taken.clone()
     }
 
@@ -270,7 +270,7 @@ impl VirtualMachine {
             ListenerSwitch { devices: units.iter().map(|(_, id)| *id).collect(), switch, is_open: true };
         let is_tcp = profile.buses[bus].transport == Transport::Tcp;
         let framing = if is_tcp { Framing::Tcp } else { Framing::Rtu };
-        let (slice, shared) = (profile.buses[bus].timeout / Patience::SLICES, self.shared.clone());
+        let (slice, shared) = (profile.buses[bus].timeout / WallTimeout::SLICES, self.shared.clone());
         (
             gate,
             Arc::new(Line {

@@ -182,11 +182,11 @@ impl Devices {
             .unwrap();
         let (asks, said) = (process.stdin.take().unwrap(), process.stdout.take().unwrap());
         let mut devices = Devices { process, asks, said: BufReader::new(said), port: 0 };
-        devices.port = devices.hears().parse().unwrap();
+        devices.port = devices.receives().parse().unwrap();
         devices
     }
 
-    fn hears(&mut self) -> String {
+    fn receives(&mut self) -> String {
         let mut line = String::new();
         self.said.read_line(&mut line).unwrap();
         line.trim().to_owned()
@@ -194,7 +194,7 @@ impl Devices {
 
     fn counts(&mut self) -> Counts {
         writeln!(self.asks).unwrap();
-        let counts: Vec<u64> = self.hears().split(' ').map(|count| count.parse().unwrap()).collect();
+        let counts: Vec<u64> = self.receives().split(' ').map(|count| count.parse().unwrap()).collect();
         let [reads, writes, half, most] = counts[..] else { panic!("four counts") };
         Counts { reads, writes, half_us: half as f64 / 1e3, most_us: most as f64 / 1e3 }
     }

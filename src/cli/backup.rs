@@ -10,11 +10,11 @@ use serde::{Deserialize, Serialize};
 
 use super::values::key_and_value;
 use super::{load_quietly, running};
-use crate::cli::say::{say, say_beside};
+use crate::cli::print::{say, say_beside};
 use crate::clock::Clock;
 use crate::gateway;
 use isotherm_core::quantity::time;
-use isotherm_profile::{Profile, regular, sha256};
+use isotherm_profile::{Profile, safe_file, sha256};
 
 /// Largest size of a backup in bytes. Backup and restore keep the archive in memory, and reject a larger one.
 pub(super) const LARGEST: u64 = 128 * 1024 * 1024;
@@ -111,7 +111,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 shown.display()
             );
         } else {
-            let bytes = regular::read(&shown, LARGEST)
+            let bytes = safe_file::read(&shown, LARGEST)
                 .with_context(|| format!("{} cannot be read", shown.display()))?;
             let mode = if secrets.contains(name) { SECRET_MODE } else { PROFILE_MODE };
             files.push((format!("{PROFILE}/{name}"), mode, bytes));

@@ -3,11 +3,11 @@
 use isotherm_profile::{Errors, Profile};
 #[cfg(feature = "mqtt")]
 use {
-    super::looked::Looked,
+    super::connection_test::ConnectionTest,
     crate::fieldbus::tls,
     crate::gateway::make_directory,
     crate::observe::mqtt::{Publishing, kept_in, probe},
-    crate::observe::status::{BrokerFigures, Source},
+    crate::observe::status::{BrokerFigures, GatewayApi},
     std::path::Path,
     std::sync::Arc,
 };
@@ -30,7 +30,7 @@ pub(super) fn check(profile: &Profile) -> Result<(), Errors> {
 #[cfg(not(feature = "mqtt"))]
 pub(super) fn check(profile: &Profile) -> Result<(), Errors> {
     let help = "use a packaged program, or build one with MQTT: `cargo build --release --features mqtt`";
-    let wrong = |mqtt: &isotherm_profile::Mqtt| mqtt.wrong("this program was built without MQTT", help);
+    let wrong = |mqtt: &isotherm_profile::Mqtt| mqtt.invalid("this program was built without MQTT", help);
     profile.mqtt.as_ref().map_or(Ok(()), |mqtt| Err(Errors(vec![wrong(mqtt)])))
 }
 
@@ -41,7 +41,7 @@ pub(super) fn check(profile: &Profile) -> Result<(), Errors> {
 #[cfg(feature = "mqtt")]
 pub(super) fn publish(
     profile: &Profile,
-    source: &Arc<dyn Source>,
+    source: &Arc<dyn GatewayApi>,
     figures: Option<&Arc<BrokerFigures>>,
     state: &Path,
 ) -> std::io::Result<Option<Publishing>> {
@@ -55,11 +55,11 @@ pub(super) fn publish(
 
 /// Connects to the broker without publishing, and returns the result; `None` if the profile has no `[mqtt]`.
 #[cfg(feature = "mqtt")]
-pub(super) async fn look(profile: &Profile) -> Option<Looked> {
+pub(super) async fn test_connection(profile: &Profile) -> Option<ConnectionTest> {
     let mqtt = profile.mqtt.as_ref()?;
     // Errors in these files have been reported already.
     let trust = tls::broker(mqtt).unwrap_or_default();
     let fault = probe(profile, mqtt, trust).await.err();
     let well = "accepts the gateway; nothing was published";
-    Some(Looked::at("broker", mqtt.broker.to_string(), well, fault.map(|fault| fault.to_string())))
+    Some(ConnectionTest::at("broker", mqtt.broker.to_string(), well, fault.map(|fault| fault.to_string())))
 }

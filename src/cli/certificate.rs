@@ -10,8 +10,8 @@ use tokio::sync::watch;
 use tokio_rustls::rustls::ServerConfig;
 
 use crate::fieldbus::tls;
-use crate::observe::http::Shown;
-use isotherm_profile::{WebTls, regular};
+use crate::observe::http::TlsReceiver;
+use isotherm_profile::{WebTls, safe_file};
 
 /// Interval of the check whether the files have changed. Changed files are read when two checks in a row find the same
 /// state, because certificate and key cannot be replaced at once.
@@ -39,7 +39,7 @@ impl Certificate {
     }
 
     /// Receiver of the current server configuration.
-    pub(super) fn shown(&self) -> Shown {
+    pub(super) fn shown(&self) -> TlsReceiver {
         self.show.subscribe()
     }
 
@@ -70,7 +70,7 @@ impl Certificate {
 
 fn config(files: &WebTls) -> anyhow::Result<ServerConfig> {
     let read = |path: &Path| {
-        regular::read(path, regular::LARGEST)
+        safe_file::read(path, safe_file::LARGEST)
             .with_context(|| format!("the page's {} cannot be read (web.tls)", path.display()))
     };
     let (cert, key) = (read(&files.cert)?, read(&files.key)?);

@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 #[cfg(feature = "mqtt")]
 use super::broker;
 use super::certificate::Certificate;
-use super::looked::Looked;
+use super::connection_test::ConnectionTest;
 use super::notices;
 use super::run::known_directory;
-use super::{ProfileArguments, gauge, load_quietly, print_json, warned};
-use crate::cli::say::{say, say_all, say_beside};
+use super::{ProfileArguments, load_quietly, print_json, read_once, warned};
+use crate::cli::print::{say, say_all, say_beside};
 #[cfg(feature = "opcua")]
 use crate::discovery::opcua;
 use crate::discovery::{can, pipeline, sysfs};
@@ -72,11 +72,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     #[cfg(feature = "opcua")]
     let nodes = super::runtime()?.block_on(opcua::inspect(&profile));
     #[cfg(feature = "mqtt")]
-    let broker = super::runtime()?.block_on(broker::look(&profile));
+    let broker = super::runtime()?.block_on(broker::test_connection(&profile));
     let servers = notices::look(&profile)?;
     let directory = known_directory(arguments.state.as_deref().or(profile.history.directory.as_deref()));
     let moved = moved_since(&directory, &profile);
-    let status = gauge::once(profile, directory)?;
+    let status = read_once::once(profile, directory)?;
     if arguments.json {
         let document = serde_json::json!({
             "profile": preview, "online": status, "can": lines, "pipeline": pairs, "sensors": sensors, "notify": servers,
@@ -99,7 +99,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             say!("  {of} at sensor {sensor}: {place}")?;
             advice.iter().try_for_each(|advice| say!("    warning: {advice}"))?;
         }
-        for pipeline::Tried { bus, device, fault } in &pairs {
+        for pipeline::PipelineTest { bus, device, fault } in &pairs {
             let came = fault.as_ref().map_or("both answered".to_owned(), |fault| {
                 format!("{fault}: remove `pipeline` from bus {bus}")
             });
@@ -111,18 +111,18 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         broker.iter().try_for_each(|looked| say!("{}", looked.line()))?;
         servers.iter().try_for_each(|looked| say!("{}", looked.line()))?;
         moved.iter().try_for_each(|moved| say!("  warning: {moved}"))?;
-        say_all!("{}{}", gauge::signals(&status), gauge::fieldbus(&status))?;
+        say_all!("{}{}", read_once::signals(&status), read_once::fieldbus(&status))?;
     }
     #[cfg(feature = "opcua")]
-    judge(&nodes)?;
+    assess(&nodes)?;
     if let Some((sensor, advice)) = sensors.iter().find_map(|sensor| Some((sensor, sensor.advice.as_ref()?)))
     {
         anyhow::bail!("{} at sensor {}: {advice}", sensor.of, sensor.sensor);
     }
-    gauge::judge(&status)?;
+    read_once::assess(&status)?;
     #[cfg(feature = "mqtt")]
-    broker.iter().try_for_each(Looked::judge)?;
-    servers.iter().try_for_each(Looked::judge)?;
+    broker.iter().try_for_each(ConnectionTest::assess)?;
+    servers.iter().try_for_each(ConnectionTest::assess)?;
     let unfit = pairs.iter().find(|tried| tried.fault.is_some());
     let unfit = unfit.map(|tried| format!("device {} does not support two requests at a time", tried.device));
     unfit.map_or(Ok(()), |unfit| Err(anyhow::anyhow!("{unfit}: remove `pipeline` from its bus")))
@@ -158,7 +158,7 @@ fn tell(node: &opcua::Inspected) -> std::io::Result<()> {
 
 /// Fails if a node does not fit its output or signal.
 #[cfg(feature = "opcua")]
-fn judge(nodes: &[opcua::Inspected]) -> anyhow::Result<()> {
+fn assess(nodes: &[opcua::Inspected]) -> anyhow::Result<()> {
     let mut unfit = nodes.iter().filter_map(|node| Some((node, node.advice.first()?)));
     let Some((node, advice)) = unfit.next() else { return Ok(()) };
     let at = node.found.as_ref().map_or(String::new(), |found| format!(" at {}", found.node));

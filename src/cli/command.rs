@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::{ProfileArguments, load, load_modelled, print_json, running};
-use crate::cli::say::{say, say_beside};
+use crate::cli::print::{say, say_beside};
 use crate::gateway::control::{self, Failure};
 use crate::observe::status::{Answer, Command};
 use isotherm_profile::Profile;

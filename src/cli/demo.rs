@@ -11,11 +11,11 @@ use super::services::Sockets;
 use super::signals::Signals;
 use super::values::{self, key_and_value};
 use super::{machines, print_json};
-use crate::cli::say::{say, say_beside};
+use crate::cli::print::{say, say_beside};
 use crate::clock::Clock;
 use crate::discovery::can;
 use crate::gateway::{Gateway, Options, Outcome};
-use crate::observe::status::Source;
+use crate::observe::status::GatewayApi;
 use crate::virtual_machine::{AxisSummary, PlantSpec, Published, Setup, Summary, VirtualMachine};
 use isotherm_profile::{Commands, Profile, Web};
 
@@ -25,7 +25,7 @@ mod table;
 mod truth;
 
 use linuxcnc::Mill;
-use logs::{Forgetful, Logs};
+use logs::{Logs, NullDisk};
 use table::Table;
 use truth::WithTruth;
 
@@ -124,12 +124,12 @@ async fn show(
     let mut last = clock.join();
     let logs = Logs::make();
     let directory = logs.as_ref().map(Logs::path);
-    let options = Options { directory, disk: Arc::new(Forgetful), ..Options::default() };
+    let options = Options { directory, disk: Arc::new(NullDisk), ..Options::default() };
     let lines = profile.buses.len();
     let gateway = Gateway::new(profile, &clock, options);
     let log = logs.as_ref().map(|logs| logs.path().join("truth.csv"));
     let with_truth = Arc::new(WithTruth { source: gateway.source(), window: window.clone(), log });
-    let source: Arc<dyn Source> = with_truth.clone();
+    let source: Arc<dyn GatewayApi> = with_truth.clone();
     let _services = sockets.serve(&source, gateway.wire_log(), lines)?;
     drop(hold);
     let is_over = Cell::new(false);

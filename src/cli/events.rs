@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use super::run::known_directory;
 use super::values::key_and_value;
 use super::{load_with, running};
-use crate::cli::say::{Out, say_beside};
+use crate::cli::print::{Out, say_beside};
 use crate::clock::Clock;
 use crate::observe::events::Entry;
-use crate::observe::events::file::{self, Found, begin};
+use crate::observe::events::file::{self, FileItem, begin};
 use isotherm_profile::one_line;
 
 /// Shows the events that are kept in the state directory, oldest first. No gateway needs to run. Times are UTC.
@@ -54,8 +54,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let (mut out, mut written, mut count) = (Out, Ok(()), 0_u64);
     file::since(&directory, &machine, since, |found| {
         match found {
-            Found::Damage(what) => say_beside!("warning: {what}"),
-            Found::Event(entry) => {
+            FileItem::Damage(what) => say_beside!("warning: {what}"),
+            FileItem::Event(entry) => {
                 count += 1;
                 written = writeln!(out, "{}", if arguments.json { json(&entry) } else { line(&entry) });
             }

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::values::key_and_value;
 use super::{load_quietly, print_json, running};
-use crate::cli::say::{say, say_beside};
+use crate::cli::print::{say, say_beside};
 use crate::fieldbus::explain::system;
 use crate::gateway::{log, make_directory};
 use crate::observe::events::file;

@@ -5,17 +5,17 @@ use std::time::Duration;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
-use super::beside::Beside;
+use super::extra_files::ExtraFiles;
 use super::progress::Progress;
 use super::runs::Runs;
 use super::{load_quietly, print_json};
-use crate::cli::say::Out;
+use crate::cli::print::Out;
 use crate::clock::Clock;
 use isotherm_core::compensation::model::Outside;
 use isotherm_identify::applied::Applied;
 use isotherm_identify::facts::document;
-use isotherm_identify::mended::mended;
 use isotherm_identify::method::{Method, Settings};
+use isotherm_identify::repaired_runs::repaired_files;
 use isotherm_identify::report::{self, Subject};
 use isotherm_identify::setup::{Choice, ready, units, without_cz};
 use isotherm_identify::written::written;
@@ -79,8 +79,8 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     sensors: Option<u16>,
     /// whitened: an existing model, from --write or from a profile. The gains are drawn towards its gains instead of
-    /// towards zero. Use it for one new day of the same machine after a repair, or of a sister machine. With two or more
-    /// days it has no advantage
+    /// towards zero. Use it for one new day of the same machine after a repair, or of a sister machine. With two or
+    /// more days it has no advantage
     #[arg(long, value_name = "MODEL.toml")]
     prior: Option<PathBuf>,
     /// sparse-lag, stepwise, lag and position: largest number of terms in the model
@@ -124,14 +124,15 @@ pub(super) struct Arguments {
     /// Writes the [[axis.…model]] block, and the files that it names next to it
     #[arg(long, value_name = "MODEL.toml")]
     write: Option<PathBuf>,
-    /// Also writes a block, and models for lost sensors, that make too many runs worse than without compensation. Too many
-    /// are more than a third of six or more held-out runs
+    /// Also writes a block, and models for lost sensors, that make too many runs worse than without compensation. Too
+    /// many are more than a third of six or more held-out runs
     #[arg(long, requires = "write")]
     force: bool,
     /// Writes a page with pictures in one file, for any browser
     #[arg(long, value_name = "OUT.html")]
     report: Option<PathBuf>,
-    /// Writes each run with a mended sensor as a CSV file to this directory, with the values that were used and recorded
+    /// Writes each run with a mended sensor as a CSV file to this directory, with the values that were used and
+    /// recorded
     #[arg(long, value_name = "DIR")]
     mended: Option<PathBuf>,
     /// Action of the axis outside the envelope of the model
@@ -177,7 +178,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         );
     }
     let profile = load_quietly(path, &arguments.set, arguments.json)?.profile;
-    let mut beside = Beside::default();
+    let mut beside = ExtraFiles::default();
     let (found, document) = find(arguments, &profile, &mut beside)?;
     if let Some(path) = &arguments.write {
         match found.refusal().filter(|_| !arguments.force) {
@@ -196,7 +197,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 fn find(
     arguments: &Arguments,
     profile: &Profile,
-    beside: &mut Beside,
+    beside: &mut ExtraFiles,
 ) -> anyhow::Result<(Identified, Option<serde_json::Value>)> {
     let choice = Choice {
         axis: arguments.axis.clone(),
@@ -215,7 +216,7 @@ fn find(
     without_cz(profile, &mut dataset, &choice, &applied)?;
     let ready = ready(profile, &dataset, &choice)?;
     if let Some(directory) = &arguments.mended {
-        write_mended(directory, &mended(&ready), beside);
+        write_mended(directory, &repaired_files(&ready), beside);
     }
     let prior = arguments.prior.as_ref().map(|path| prior::terms(path, &ready.axis));
     let mut settings = Settings {
@@ -251,7 +252,7 @@ fn find(
 }
 
 /// Writes a file for each of these runs. The directory is created if it does not exist.
-fn write_mended(directory: &Path, runs: &[(String, String)], beside: &mut Beside) {
+fn write_mended(directory: &Path, runs: &[(String, String)], beside: &mut ExtraFiles) {
     if runs.is_empty() {
         beside.say("no sensor was mended, so no file is written".to_owned());
         return;
@@ -265,7 +266,7 @@ fn write_mended(directory: &Path, runs: &[(String, String)], beside: &mut Beside
     }
 }
 
-fn write(arguments: &Arguments, found: &Identified, path: &Path, beside: &mut Beside) {
+fn write(arguments: &Arguments, found: &Identified, path: &Path, beside: &mut ExtraFiles) {
     let stem = path.file_stem().and_then(|stem| stem.to_str()).unwrap_or("model");
     let (harmless, dropped) = found.clone().without_harmful_fallbacks();
     let found = if arguments.force { found } else { &harmless };

@@ -4,7 +4,7 @@ use std::io::{BufRead, Write};
 use std::path::PathBuf;
 
 use super::new_file;
-use super::say::{Out, say, say_beside};
+use super::print::{Out, say, say_beside};
 use isotherm_profile::template::{Outline, on_modbus};
 
 mod answers;

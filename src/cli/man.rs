@@ -7,7 +7,7 @@ use anyhow::Context;
 use clap::CommandFactory;
 
 use super::Arguments as Program;
-use super::say::Out;
+use super::print::Out;
 
 /// Prints the manual page of the program, or writes all manual pages to a directory
 #[derive(clap::Args, Debug)]

@@ -5,7 +5,7 @@ use std::io::{Error, ErrorKind, Write};
 use std::path::Path;
 
 use crate::fieldbus::explain::system;
-use isotherm_profile::regular::without_numbers;
+use isotherm_profile::safe_file::without_numbers;
 
 /// Creates a file with this text, and returns it. The function removes the file if the text cannot be written.
 pub(super) fn create(path: &Path, text: &str) -> anyhow::Result<File> {

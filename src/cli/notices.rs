@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::looked::Looked;
+use super::connection_test::ConnectionTest;
 use crate::fieldbus::tls;
 use crate::observe::notify::{Server, Trust, read_token};
 use isotherm_profile::{Notify, Profile};
@@ -13,7 +13,7 @@ const WITHIN: Duration = Duration::from_secs(10);
 
 /// Certificates with which the server's certificate is verified.
 pub(super) fn trust(notify: &Notify) -> Trust {
-    tls::visitor(notify.ca.as_ref().map(|ca| ca.bytes.as_slice())).map(Arc::new)
+    tls::plant_client(notify.ca.as_ref().map(|ca| ca.bytes.as_slice())).map(Arc::new)
 }
 
 /// Reasons why this computer cannot send messages as the profile says.
@@ -29,7 +29,7 @@ pub(super) fn hindered(profile: &Profile) -> Vec<String> {
 }
 
 /// Connects to all servers at once, up to the end of the TLS handshake, and sends no message.
-pub(super) fn look(profile: &Profile) -> anyhow::Result<Vec<Looked>> {
+pub(super) fn look(profile: &Profile) -> anyhow::Result<Vec<ConnectionTest>> {
     if profile.notify.is_empty() {
         return Ok(Vec::new());
     }
@@ -44,7 +44,7 @@ pub(super) fn look(profile: &Profile) -> anyhow::Result<Vec<Looked>> {
         for (notify, look) in looks {
             let fault = look.await?.err().map(|fault| fault.to_string());
             let well = "is reachable; no message was posted";
-            looked.push(Looked::at(&notify.name, notify.url.to_string(), well, fault));
+            looked.push(ConnectionTest::at(&notify.name, notify.url.to_string(), well, fault));
         }
         anyhow::Ok(looked)
     });

@@ -22,11 +22,11 @@ mod trust;
 )]
 pub(super) struct Arguments {
     #[command(subcommand)]
-    what: What,
+    what: OpcuaVerb,
 }
 
 #[derive(Debug, clap::Subcommand)]
-enum What {
+enum OpcuaVerb {
     /// Shows the gateway's own certificate; makes it and its key if there are none
     Certificate(own::Arguments),
     /// Shows the server's certificate, and trusts it after your confirmation
@@ -58,8 +58,8 @@ struct SecuredLine {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     match &arguments.what {
-        What::Certificate(arguments) => own::run(arguments),
-        What::Trust(arguments) => trust::run(arguments),
+        OpcuaVerb::Certificate(arguments) => own::run(arguments),
+        OpcuaVerb::Trust(arguments) => trust::run(arguments),
     }
 }
 

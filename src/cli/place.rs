@@ -3,10 +3,10 @@
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-use super::beside::Beside;
+use super::extra_files::ExtraFiles;
 use super::progress::Progress;
 use super::{print_json, values};
-use crate::cli::say::say_all;
+use crate::cli::print::say_all;
 use crate::clock::Clock;
 use isotherm_placement::blocks::Cut;
 use isotherm_placement::export::{Rider, block, matrix};
@@ -174,7 +174,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let placement =
         place(&study, &criteria, &progress).map_err(|wrong| anyhow::anyhow!("{}", wrong.join("\n")))?;
     let line = GuideLine::new(&placement.guide_xyz, arguments.along.map(|axis| axis as usize));
-    let mut files = Beside::default();
+    let mut files = ExtraFiles::default();
     if let Some(path) = &arguments.write {
         let beside = path.with_extension("matrix.json");
         let name = beside.file_name().unwrap_or_default().to_string_lossy();

@@ -7,11 +7,11 @@ use std::time::Duration;
 use anyhow::Context;
 
 use super::certificate::Certificate;
-use crate::cli::say::say;
+use crate::cli::print::say;
 use crate::fieldbus::explain;
 use crate::observe::events::{Event, PagePort};
 use crate::observe::http::Admission;
-use crate::observe::status::Source;
+use crate::observe::status::GatewayApi;
 use isotherm_core::explained::Cause;
 use isotherm_profile::{PLAIN, Web, host_and_port};
 
@@ -65,7 +65,7 @@ impl Port {
 
     /// Waits until tokens and certificate of the page can be read. Returns the port, and opens it if that is possible
     /// now.
-    pub(super) async fn found(web: &Web, source: &dyn Source) -> Port {
+    pub(super) async fn found(web: &Web, source: &dyn GatewayApi) -> Port {
         let mut reported = None;
         loop {
             let settings = web.clone();
@@ -90,7 +90,7 @@ impl Port {
     }
 
     /// Prints the address of the page. `source` gets the event if an earlier event reported that the page is closed.
-    fn announce(&self, source: Option<&dyn Source>) {
+    fn announce(&self, source: Option<&dyn GatewayApi>) {
         // A closed stdout must not stop the machine.
         let _ = say!("page {}", self.url());
         if let Some(source) = source {
@@ -138,7 +138,7 @@ impl Port {
     }
 
     /// Waits until the port is open, and returns its listener.
-    pub(super) async fn listen(mut self, source: &dyn Source) -> std::io::Result<Opened> {
+    pub(super) async fn listen(mut self, source: &dyn GatewayApi) -> std::io::Result<Opened> {
         let mut reported = None;
         while let Err(why) = &self.opened {
             if Cause::is_news(&mut reported, why.clone(), CHANGED_AFTER) {

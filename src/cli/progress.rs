@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::say::say_beside;
+use super::print::say_beside;
 use isotherm_profile::duration_text;
 
 /// Interval of the lines if stderr is no terminal. The first line comes after half of it.

@@ -4,8 +4,8 @@ use std::io::IsTerminal;
 
 use super::run::known_directory;
 use super::target::Target;
-use super::{gauge, print_json};
-use crate::cli::say::{clear, say_all};
+use super::{print_json, read_once};
+use crate::cli::print::{clear, say_all};
 use crate::observe::status::Status;
 
 #[cfg(feature = "opcua")]
@@ -56,20 +56,20 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let document = |status: &Status| serde_json::json!({ "now": status.now, "signals": status.signals });
     let directory = known_directory(profile.history.directory.as_deref());
     if !arguments.watch {
-        let status = gauge::once(profile, directory)?;
+        let status = read_once::once(profile, directory)?;
         if arguments.json {
             print_json(&document(&status))?;
         } else {
-            say_all!("{}", gauge::signals(&status))?;
+            say_all!("{}", read_once::signals(&status))?;
         }
-        return gauge::judge(&status);
+        return read_once::assess(&status);
     }
     let redraws = std::io::stdout().is_terminal() && !arguments.json;
-    gauge::watch(profile, directory, |status| {
+    read_once::watch(profile, directory, |status| {
         let text = if arguments.json {
             format!("{}\n", document(&status))
         } else {
-            format!("{}\n{}", status.now, gauge::signals(&status))
+            format!("{}\n{}", status.now, read_once::signals(&status))
         };
         // A closed stdout ends it.
         (!redraws || clear().is_ok()) && say_all!("{text}").is_ok()

@@ -11,7 +11,7 @@ use std::time::Duration;
 use super::run::known_directory;
 use super::signals::Signals;
 use super::{ProfileArguments, load, machines, values};
-use crate::cli::say::{say_all, say_beside};
+use crate::cli::print::{say_all, say_beside};
 use crate::clock::Clock;
 use crate::gateway::{Gateway, Options};
 use crate::virtual_machine::{Setup, VirtualMachine, Window};

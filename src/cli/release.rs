@@ -8,12 +8,12 @@ use serde_json::Value;
 use super::command::RunningGateway;
 use super::values::typed;
 use super::{ProfileArguments, load_modelled, restart};
-use crate::cli::say::say_beside;
-use crate::clock::Passing;
+use crate::cli::print::say_beside;
+use crate::clock::BootClock;
 use crate::gateway::control;
 use crate::observe::status::Answer;
 use isotherm_profile::duration_text;
-use isotherm_profile::regular::quoted;
+use isotherm_profile::safe_file::quoted;
 
 /// Answer that confirms the release.
 const YES: &str = "yes";
@@ -45,7 +45,7 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let Arguments { profile, output, yes, gateway } = arguments;
-    let clock = Passing::default();
+    let clock = BootClock::default();
     let begun = clock.passed();
     let profile = load_modelled(profile, gateway.json)?.profile;
     let within = restart::limit(clock.passed() - begun);

@@ -24,11 +24,11 @@ use jiff::tz::TimeZone;
 
 use super::logs::LogZone;
 use super::{ProfileArguments, load_modelled, print_json};
-use crate::cli::say::{say_all, say_beside};
+use crate::cli::print::{say_all, say_beside};
 use crate::gateway::log::{LogReader, LogRow, number};
 use isotherm_core::compensation::{Compensation, Decision, Remembered, Snapshot};
 use isotherm_core::quantity::Micron;
-use isotherm_profile::{Axis, Profile, regular};
+use isotherm_profile::{Axis, Profile, safe_file};
 
 mod findings;
 mod outputs;
@@ -40,7 +40,7 @@ mod tests;
 use findings::Findings;
 pub use findings::{Hold, SensorFault, StandIn, Suspicion};
 pub use outputs::{OutputsSummary, replay_outputs};
-pub use spans::{AxisSpans, LeftOut, Span};
+pub use spans::{AxisSpans, OmittedSpans, Span};
 use summary::Tally;
 pub use summary::{AxisSummary, Difference, ErrorSummary, Range, Reproduced, Summary};
 
@@ -77,7 +77,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let profile = load_modelled(&arguments.profile, arguments.json)?.profile;
     let name = arguments.recording.display().to_string();
     let log =
-        regular::open(&arguments.recording).with_context(|| format!("the log {name} cannot be read"))?;
+        safe_file::open(&arguments.recording).with_context(|| format!("the log {name} cannot be read"))?;
     let mut log = BufReader::new(log);
     let first = log.fill_buf().with_context(|| format!("the log {name} cannot be read"))?;
     if outputs::is_of_outputs(first) {

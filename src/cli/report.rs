@@ -5,12 +5,12 @@ use std::path::PathBuf;
 
 use clap::builder::TypedValueParser;
 
-use super::beside::Beside;
+use super::extra_files::ExtraFiles;
 use super::identify::one_of;
 use super::progress::Progress;
 use super::runs::Runs;
 use super::{load_with, print_json};
-use crate::cli::say::Out;
+use crate::cli::print::Out;
 use crate::clock::Clock;
 use isotherm_identify::applied::{Applied, add_without_cz};
 use isotherm_identify::drift::{Test, drift};
@@ -81,9 +81,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let working = Progress::begin("how far each run drifted");
     let drifts = drift(&dataset, &displacements, arguments.test, &unit)?;
     drop(working);
-    let mut beside = Beside::default();
+    let mut beside = ExtraFiles::default();
     if let Some(path) = &arguments.report {
-        let page = report::drifted(&dataset, &drifts, profile.as_ref(), Clock::wall().time_of_day());
+        let page = report::drift_page(&dataset, &drifts, profile.as_ref(), Clock::wall().time_of_day());
         beside.write("the report", path, page);
     }
     if arguments.json {

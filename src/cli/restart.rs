@@ -7,11 +7,11 @@ use serde_json::Value;
 
 use super::command::RunningGateway;
 use super::{ProfileArguments, WrongProfile, load_modelled, running};
-use crate::cli::say::say_beside;
-use crate::clock::Passing;
+use crate::cli::print::say_beside;
+use crate::clock::BootClock;
 use crate::gateway::control::{self, Failure};
 use crate::observe::status::Answer;
-use isotherm_profile::regular;
+use isotherm_profile::safe_file;
 
 /// Time limit for the new gateway until every device has answered and every axis has decided.
 const READY_WITHIN: Duration = Duration::from_secs(15);
@@ -39,11 +39,11 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let Arguments { profile, gateway, .. } = arguments;
-    let clock = Passing::default();
+    let clock = BootClock::default();
     let begun = clock.passed();
     let loaded = load_modelled(profile, gateway.json).inspect_err(|_| {
         // The gateway also reports that the profile is wrong, if it can be found.
-        if let Some(said) = tell_it_is_wrong(&profile.path, gateway) {
+        if let Some(said) = report_wrong(&profile.path, gateway) {
             say_beside!("{said}");
         }
     })?;
@@ -76,12 +76,12 @@ pub(super) fn limit(own_check: Duration) -> Duration {
 
 /// Polls the new gateway until it is complete or its time is over, and returns its last state.
 fn ready(socket: &Path, first: String) -> Value {
-    let until = Passing::default().passed() + READY_WITHIN;
+    let until = BootClock::default().passed() + READY_WITHIN;
     let mut text = first;
     loop {
         let status: Value = serde_json::from_str(&text).unwrap_or_default();
         let is_complete = status["missing"].as_array().is_some_and(Vec::is_empty);
-        if is_complete || Passing::default().passed() >= until {
+        if is_complete || BootClock::default().passed() >= until {
             return status;
         }
         std::thread::sleep(LOOK_EVERY);
@@ -106,8 +106,8 @@ pub(super) fn sentence(status: &Value) -> String {
 }
 
 /// Reports the wrong profile to the gateway that runs it, and returns the answer. `None` if no such gateway is found.
-fn tell_it_is_wrong(profile: &Path, gateway: &RunningGateway) -> Option<String> {
-    let text = regular::read_text(profile).unwrap_or_default();
+fn report_wrong(profile: &Path, gateway: &RunningGateway) -> Option<String> {
+    let text = safe_file::read_text(profile).unwrap_or_default();
     if let Some(name) = name_in(&text) {
         let socket = running::of_machine(gateway.state(), None, name).ok()?;
         return control::restart_is_wrong(&socket, None).ok();

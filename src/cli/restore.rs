@@ -12,12 +12,12 @@ use super::backup::{
     write_new,
 };
 use super::run::known_directory;
-use crate::cli::say::say;
+use crate::cli::print::say;
 use crate::gateway;
 use crate::gateway::control::{self, Presence};
 use crate::gateway::make_directory;
 use isotherm_core::quantity::{Moment, time};
-use isotherm_profile::{one_line, regular, sha256};
+use isotherm_profile::{one_line, safe_file, sha256};
 
 /// Largest size of a manifest in bytes. [`MOST_FILES`] limits its length.
 const LARGEST_MANIFEST: u64 = 1024 * 1024;
@@ -53,7 +53,8 @@ struct Planned {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let shown = arguments.file.display();
-    let bytes = regular::read(&arguments.file, LARGEST).with_context(|| format!("{shown} cannot be read"))?;
+    let bytes =
+        safe_file::read(&arguments.file, LARGEST).with_context(|| format!("{shown} cannot be read"))?;
     let (manifest, files) = read(&bytes).with_context(|| format!("{shown} is not restored"))?;
     let Manifest { machine, .. } = &manifest;
     if let (None, Some(directory)) = (&arguments.state, &manifest.state_directory) {
@@ -64,7 +65,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         );
     }
     let directory = known_directory(arguments.state.as_deref());
-    refuse_beside_a_gateway(&directory, machine)?;
+    refuse_while_running(&directory, machine)?;
     let taken = manifest.time.as_str();
     let at = time::parse(taken).map_err(anyhow::Error::msg)?;
     let mut planned = Vec::new();
@@ -186,9 +187,9 @@ fn check(manifest: &Manifest) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn refuse_beside_a_gateway(directory: &Path, machine: &str) -> anyhow::Result<()> {
+fn refuse_while_running(directory: &Path, machine: &str) -> anyhow::Result<()> {
     let own = control::path(directory, machine);
-    let is_there = control::presence(&own) != Presence::Nobody || !control::listening(machine).is_empty();
+    let is_there = control::presence(&own) != Presence::Absent || !control::listening(machine).is_empty();
     ensure!(
         !is_there,
         "the gateway of {machine} runs on this computer: stop it before its files are replaced"
@@ -210,7 +211,7 @@ fn is_to_be_written(to: &Path, name: &str, bytes: &[u8], taken: Moment) -> anyho
         );
     }
     let Ok(found) = path.metadata() else { return Ok(true) };
-    if regular::read(&path, LARGEST)
+    if safe_file::read(&path, LARGEST)
         .with_context(|| format!("{} exists and cannot be replaced", path.display()))?
         == bytes
     {

@@ -16,7 +16,7 @@ use super::run_profile::{self, RunProfile};
 use super::services::{Services, Sockets};
 use super::signals::Signals;
 use super::{ProfileArguments, volume, warned};
-use crate::cli::say::{say, say_beside};
+use crate::cli::print::{say, say_beside};
 use crate::clock::Clock;
 use crate::gateway::{
     Arrival, CHECK_ONLY, Checked, Gateway, Handover, KeptProfile, Options, Prepared, Program,
@@ -117,7 +117,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
         tracing::info!("{overridden}");
     }
     let directory = state_directory(arguments.state.as_deref(), &profile)?;
-    if let Some(place) = volume::goes_with(&directory) {
+    if let Some(place) = volume::volatile_mount(&directory) {
         let directory = directory.display();
         tracing::warn!(
             "state and ledger in {directory} lie in {place}: keep them in a directory or a named volume of the host"

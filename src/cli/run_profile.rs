@@ -8,7 +8,7 @@ use std::sync::Arc;
 use super::{ProfileArguments, load_by, machines, modelled, shipped};
 use crate::gateway::{KeptProfile, memory_for_profile};
 use crate::observe::events::Event;
-use crate::observe::status::Source;
+use crate::observe::status::GatewayApi;
 use isotherm_profile::{Errors, Loaded, Sources, environment};
 
 /// A profile and its sources.
@@ -56,7 +56,7 @@ impl RunProfile {
 pub(super) fn report_differences(
     kept: Option<&KeptProfile>,
     arguments: &ProfileArguments,
-    source: &Arc<dyn Source>,
+    source: &Arc<dyn GatewayApi>,
 ) {
     let Some(sources) = kept.and_then(|kept| kept.sources().ok()) else { return };
     let (source, arguments) = (source.clone(), arguments.clone());

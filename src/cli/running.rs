@@ -5,7 +5,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use super::run::known_directory;
-use crate::cli::say::say_beside;
+use crate::cli::print::say_beside;
 use crate::gateway::control::{self, Presence};
 use isotherm_profile::Profile;
 
@@ -27,7 +27,7 @@ pub(super) fn of_machine(
     machine: &str,
 ) -> anyhow::Result<PathBuf> {
     let usual = control::path(&known_directory(state.or(directory)), machine);
-    if state.is_some() || control::presence(&usual) != Presence::Nobody {
+    if state.is_some() || control::presence(&usual) != Presence::Absent {
         return Ok(usual);
     }
     let found = control::listening(machine);

@@ -6,12 +6,12 @@ use std::time::Duration;
 use super::print_json;
 use super::signals::Signals;
 use super::target::{self, Target};
-use crate::cli::say::{say, say_all, say_beside, say_progress};
+use crate::cli::print::{say, say_all, say_beside, say_progress};
 use crate::clock::Clock;
 use crate::discovery::bus::{LineAddress, Parity, Serial, Transport, baud};
+use crate::discovery::register_search::{RegisterRange, walk};
 use crate::discovery::remedy::{Question, remedy};
-use crate::discovery::scan::{Event, How, Responder, Scan, Stopped};
-use crate::discovery::walk::{RegisterRange, walk};
+use crate::discovery::scan::{AnswerKind, Event, FailedScan, Responder, Scan};
 use crate::discovery::{Exchange, Register};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{counted, duration_text};
@@ -89,7 +89,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let (seen, stopped) = runtime.block_on(async {
         let mut signals = Signals::listen()?;
         let clock = Clock::wall();
-        let mut seen = Seen::new(&scan, &clock, arguments.json);
+        let mut seen = ScanResults::new(&scan, &clock, arguments.json);
         let all = async {
             scan.run(|event| seen.take(event)).await?;
             if let Some(range) = arguments.registers {
@@ -97,7 +97,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             }
             Ok(())
         };
-        let stopped: Option<Option<Stopped>> = tokio::select! {
+        let stopped: Option<Option<FailedScan>> = tokio::select! {
             done = all => done.err().map(Some),
             () = signals.next() => Some(None),
         };
@@ -106,7 +106,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     clear_line();
     let stopped = stopped.map(|stopped| match stopped {
         None => format!("stopped after {} of {}", seen.asked, counted(scan.questions(), "request")),
-        Some(Stopped { unit, fault }) => {
+        Some(FailedScan { unit, fault }) => {
             let (line, from) = (&scan.lines[0], scan.registers[0]);
             remedy(fault, Question { line, unit, from, count: 1, timeout: scan.bus.timeout })
         }
@@ -134,7 +134,7 @@ fn settings(line: &LineAddress, bauds: &[u32], parities: &[Parity]) -> Vec<LineA
 }
 
 /// Results of the scan so far.
-struct Seen {
+struct ScanResults {
     found: Vec<(LineAddress, Responder)>,
     ranges: Vec<(u8, RegisterRange)>,
     /// Number of requests sent. `questions` is the number of all requests.
@@ -146,10 +146,10 @@ struct Seen {
     begun: Moment,
 }
 
-impl Seen {
-    fn new(scan: &Scan, clock: &Clock, json: bool) -> Seen {
+impl ScanResults {
+    fn new(scan: &Scan, clock: &Clock, json: bool) -> ScanResults {
         let (found, ranges, questions) = (Vec::new(), Vec::new(), scan.questions());
-        Seen {
+        ScanResults {
             found,
             ranges,
             asked: 0,
@@ -184,12 +184,12 @@ impl Seen {
     /// Reads the registers of every unit that was found.
     async fn walk(&mut self, scan: &Scan, (from, count): (Register, u16)) {
         for (line, found) in self.found.clone() {
-            if matches!(found.how, How::Garbled(_)) {
+            if matches!(found.how, AnswerKind::Garbled(_)) {
                 continue;
             }
             let unit = found.unit;
-            let mut asker = scan.asker(&line);
-            let walked = walk(&mut asker, unit, from, count, |range| {
+            let mut requester = scan.asker(&line);
+            let walked = walk(&mut requester, unit, from, count, |range| {
                 self.say(&text::range(unit, &range));
                 self.ranges.push((unit, range));
             });

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::beside::Beside;
+use super::extra_files::ExtraFiles;
 use super::print_json;
 use super::progress::Progress;
 use super::runs::Runs;
-use crate::cli::say::Out;
+use crate::cli::print::Out;
 use crate::clock::Clock;
 use isotherm_identify::applied::{Applied, without_cz};
 use isotherm_identify::select::{Selected, Settings, points, select};
@@ -107,9 +107,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let note = |done, all| progress.note("runs held out", done, all);
     let found: Selected = select(&pointed, &settings, &note).map_err(anyhow::Error::msg)?;
     drop(progress);
-    let mut beside = Beside::default();
+    let mut beside = ExtraFiles::default();
     if let Some(path) = &arguments.report {
-        let page = report::selected(&pointed, &found, Clock::wall().time_of_day());
+        let page = report::selection_page(&pointed, &found, Clock::wall().time_of_day());
         beside.write("the report", path, page);
     }
     match arguments.json {

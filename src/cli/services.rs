@@ -10,8 +10,8 @@ use super::certificate::Certificate;
 use super::descriptors::Shares;
 use super::port::Port;
 use crate::gateway::{Successor, WireLog, control};
-use crate::observe::http::{self, Door, Limits};
-use crate::observe::status::Source;
+use crate::observe::http::{self, HttpListener, Limits};
+use crate::observe::status::GatewayApi;
 use isotherm_profile::Web;
 
 /// Open sockets that are not served yet. Their errors are thus known before the gateway starts.
@@ -79,7 +79,7 @@ impl Sockets {
     /// Starts to serve the open sockets. `lines` is the number of lines, which need file descriptors too.
     pub(super) fn serve(
         self,
-        source: &Arc<dyn Source>,
+        source: &Arc<dyn GatewayApi>,
         wire_log: WireLog,
         lines: usize,
     ) -> anyhow::Result<Services> {
@@ -96,7 +96,7 @@ impl Sockets {
 
     async fn all(
         self,
-        source: Arc<dyn Source>,
+        source: Arc<dyn GatewayApi>,
         wire_log: WireLog,
         shares: Shares,
         stopped: watch::Receiver<bool>,
@@ -132,7 +132,7 @@ impl Sockets {
 /// Serves the page when its port is open.
 async fn serve_page(
     port: Port,
-    source: &Arc<dyn Source>,
+    source: &Arc<dyn GatewayApi>,
     connections: usize,
     stopped: watch::Receiver<bool>,
 ) -> std::io::Result<()> {
@@ -144,7 +144,7 @@ async fn serve_page(
             None => std::future::pending().await,
         }
     };
-    let door = Door::from(listener).secured(shown).within(Limits::of(connections));
+    let door = HttpListener::from(listener).secured(shown).within(Limits::of(connections));
     tokio::select! {
         served = http::serve(door, source.clone(), admission, until(stopped)) => served,
         () = renewing => Ok(()),

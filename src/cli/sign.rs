@@ -3,9 +3,9 @@
 use super::command::RunningGateway;
 use super::values::typed;
 use super::{ProfileArguments, load, print_json};
-use crate::cli::say::{say, say_beside};
+use crate::cli::print::{say, say_beside};
 use crate::gateway::control;
-use crate::observe::status::{Command, Moved};
+use crate::observe::status::{Command, DialDirection};
 
 /// Checks with a dial gauge that an axis moves in the right direction. The running gateway moves Cz of the axis by +5
 /// µm and back, within the limits of the profile. You enter the direction in which the gauge moved.
@@ -52,21 +52,21 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let said = control::send(&socket, Command::Signed(moved), axis)?;
     if gateway.json {
         print_json(&serde_json::json!({
-            "axis": named, "must": must, "moved": moved, "right": moved == Moved::Plus, "answer": said.text(),
+            "axis": named, "must": must, "moved": moved, "right": moved == DialDirection::Plus, "answer": said.text(),
         }))?;
-    } else if moved == Moved::Plus {
+    } else if moved == DialDirection::Plus {
         say!("{}", said.text())?;
     }
-    anyhow::ensure!(moved == Moved::Plus, "{}", said.text());
+    anyhow::ensure!(moved == DialDirection::Plus, "{}", said.text());
     Ok(())
 }
 
-fn moved(word: &str) -> Option<Moved> {
-    Moved::ALL.into_iter().find(|(name, _)| *name == word).map(|(_, moved)| moved)
+fn moved(word: &str) -> Option<DialDirection> {
+    DialDirection::ALL.into_iter().find(|(name, _)| *name == word).map(|(_, moved)| moved)
 }
 
 /// Asks until the answer is valid. `None` if the input ends.
-fn ask() -> anyhow::Result<Option<Moved>> {
+fn ask() -> anyhow::Result<Option<DialDirection>> {
     loop {
         let minutes = control::SIGN_ANSWERED_WITHIN.as_secs() / 60;
         say_beside!(

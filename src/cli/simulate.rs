@@ -7,10 +7,10 @@ use anyhow::Context;
 
 use super::signals::Signals;
 use super::{ProfileArguments, load};
-use crate::cli::say::say;
+use crate::cli::print::say;
 use crate::clock::Clock;
 use crate::virtual_machine::{FaultScript, PlantSpec, Setup, VirtualMachine};
-use isotherm_profile::{Device, Profile, Transport, regular};
+use isotherm_profile::{Device, Profile, Transport, safe_file};
 
 /// Serves the devices of a profile as virtual hardware. These are Modbus servers at the addresses and serial ports of
 /// the profile, and nodes on its CAN interfaces.
@@ -44,7 +44,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let profile = load(&arguments.profile, false)?;
     let faults = match &arguments.faults {
         Some(path) => {
-            let text = regular::read_text(path)
+            let text = safe_file::read_text(path)
                 .with_context(|| format!("the fault script {} cannot be read", path.display()))?;
             FaultScript::parse(&text, &profile)
                 .map_err(|error| anyhow::anyhow!("{}: {error}", path.display()))?
@@ -119,10 +119,10 @@ fn named(device: &Device) -> String {
 fn plant(path: &Path, profile: &Profile) -> anyhow::Result<Option<PlantSpec>> {
     let beside = path.with_extension("plant.toml");
     if beside.exists() {
-        let text = regular::read_text(&beside)
+        let text = safe_file::read_text(&beside)
             .with_context(|| format!("the plant {} cannot be read", beside.display()))?;
         let home = beside.parent().unwrap_or(Path::new(""));
-        let plant = PlantSpec::parse_with(&text, &|name| regular::read_text(&home.join(name)).ok())
+        let plant = PlantSpec::parse_with(&text, &|name| safe_file::read_text(&home.join(name)).ok())
             .map_err(|error| anyhow::anyhow!("{}: {error}", beside.display()))?;
         return Ok(Some(plant));
     }

@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde_json::{Map, Value};
 
 use super::{load_quietly, running};
-use crate::cli::say::{clear, say, say_all};
+use crate::cli::print::{clear, say, say_all};
 use crate::gateway::control;
 
 mod text;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 
-use crate::cli::say::{say, say_beside};
+use crate::cli::print::{say, say_beside};
 use crate::observe::http::new_token;
 
 /// Makes a token for page and API from the kernel's random numbers: 160 bits, as 40 letters and digits.

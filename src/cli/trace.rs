@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use super::{ProfileArguments, load, values};
 use super::{command::RunningGateway, new_file};
-use crate::cli::say::{Out, say_beside};
+use crate::cli::print::{Out, say_beside};
 use crate::gateway::control;
 
 /// Shows the traffic between the running gateway and one of its devices: the bytes and meaning of each frame, and the

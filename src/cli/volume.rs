@@ -4,7 +4,7 @@ use std::path::Path;
 
 /// Place that is lost with the container and contains this directory, in words. `None` if state and ledger survive, as
 /// far as the mounts show.
-pub(super) fn goes_with(directory: &Path) -> Option<&'static str> {
+pub(super) fn volatile_mount(directory: &Path) -> Option<&'static str> {
     let mounts = std::fs::read_to_string("/proc/self/mountinfo").ok()?;
     lost_with(&mounts, &directory.canonicalize().ok()?)
 }

@@ -23,21 +23,21 @@ const MOST: usize = 8;
 
 /// Counter of the alarms of one clock: each alarm keeps a clone.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Given(Arc<()>);
+pub(super) struct AlarmCount(Arc<()>);
 
-/// One-shot timer of the kernel. It counts like [`super::Passing`], which includes suspension of the computer.
+/// One-shot timer of the kernel. It counts like [`super::BootClock`], which includes suspension of the computer.
 ///
 /// The kernel provides the timer as a file descriptor that becomes readable.
 #[derive(Debug)]
 pub(super) struct Alarm {
     timer: Receiver,
-    _is_counted_by_this: Given,
+    _is_counted_by_this: AlarmCount,
 }
 
 impl Alarm {
     /// Returns a new alarm. Returns `None` if the clock already has [`MOST`] alarms, or if the kernel provides no more.
     /// The caller then uses a timer of tokio.
-    pub(super) fn new(given: &Given) -> Option<Alarm> {
+    pub(super) fn new(given: &AlarmCount) -> Option<Alarm> {
         if Arc::strong_count(&given.0) > MOST {
             return None;
         }

@@ -1,4 +1,4 @@
-//! Virtual clock. It wakes one task at a time. A sleeping task is a [`Guest`] of its [`Table`].
+//! Virtual clock. It wakes one task at a time. A sleeping task is a [`SleepingTask`] of its [`Table`].
 
 #![allow(clippy::disallowed_types, reason = "pacing needs the wall's time")]
 
@@ -10,7 +10,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
 use std::task::{Context, Poll, Waker};
 use std::time::{Duration, Instant};
 
-use super::inlet::has_come;
+use super::socket_gate::has_come;
 use isotherm_core::quantity::Moment;
 
 #[derive(Debug)]
@@ -26,17 +26,17 @@ pub(super) struct Simulated {
 #[derive(Debug)]
 struct Table {
     now: Moment,
-    seats: BTreeMap<u64, Guest>,
+    seats: BTreeMap<u64, SleepingTask>,
     next_seat: u64,
     /// Sockets in which an unread message may wait.
-    inflows: BTreeMap<u64, Inflow>,
-    /// Every sleeper (`Guest`) sleeps, and wall-clock time has not reached the next deadline yet.
+    inflows: BTreeMap<u64, SocketState>,
+    /// Every sleeper (`SleepingTask`) sleeps, and wall-clock time has not reached the next deadline yet.
     waits_for_wall: bool,
     closed: bool,
 }
 
 #[derive(Debug, Default)]
-struct Guest {
+struct SleepingTask {
     /// Deadline of the sleep; `None` while the sleeper is awake.
     until: Option<Moment>,
     waker: Option<Waker>,
@@ -44,7 +44,7 @@ struct Guest {
 }
 
 #[derive(Debug)]
-struct Inflow {
+struct SocketState {
     from: OwnedFd,
     /// A reader is at work on this socket.
     is_taken: bool,
@@ -101,7 +101,7 @@ impl Simulated {
         let mut table = self.table();
         let number = table.next_seat;
         table.next_seat += 1;
-        table.seats.insert(number, Guest::default());
+        table.seats.insert(number, SleepingTask::default());
         Membership { clock: self.clone(), number }
     }
 
@@ -110,7 +110,7 @@ impl Simulated {
         let mut table = self.table();
         let number = table.next_seat;
         table.next_seat += 1;
-        table.inflows.insert(number, Inflow { from, is_taken: false });
+        table.inflows.insert(number, SocketState { from, is_taken: false });
         number
     }
 
@@ -166,7 +166,7 @@ impl Table {
                 earliest = Some((*number, until));
             }
         }
-        let is_taken = |inflow: &Inflow| inflow.is_taken || has_come(&inflow.from);
+        let is_taken = |inflow: &SocketState| inflow.is_taken || has_come(&inflow.from);
         if self.inflows.values().any(is_taken) { None } else { earliest }
     }
 
@@ -218,8 +218,8 @@ impl Membership {
         Wakeup { clock: Arc::downgrade(&self.clock), number: self.number }
     }
 
-    pub(super) fn sleep_until(&mut self, deadline: Moment) -> Nap<'_> {
-        Nap { membership: self, deadline, asleep: false }
+    pub(super) fn sleep_until(&mut self, deadline: Moment) -> SimulatedSleep<'_> {
+        SimulatedSleep { membership: self, deadline, asleep: false }
     }
 }
 
@@ -247,13 +247,13 @@ impl Wakeup {
 }
 
 /// One sleep of a sleeper. If it is dropped early, the sleeper counts as awake.
-pub(super) struct Nap<'a> {
+pub(super) struct SimulatedSleep<'a> {
     membership: &'a mut Membership,
     deadline: Moment,
     asleep: bool,
 }
 
-impl Future for Nap<'_> {
+impl Future for SimulatedSleep<'_> {
     type Output = ();
 
     fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<()> {
@@ -279,7 +279,7 @@ impl Future for Nap<'_> {
     }
 }
 
-impl Drop for Nap<'_> {
+impl Drop for SimulatedSleep<'_> {
     fn drop(&mut self) {
         if self.asleep
             && let Some(guest) = self.membership.clock.table().seats.get_mut(&self.membership.number)

@@ -13,7 +13,7 @@ pub const SMALLEST_CORRECTION: Duration = Duration::from_secs(2);
 
 /// Difference between time of day and counted time in nanoseconds, as of the last check.
 #[derive(Debug, Default)]
-pub(super) struct Followed(AtomicI64);
+pub(super) struct ClockDifference(AtomicI64);
 
 /// Step of the computer's clock: it was set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -44,7 +44,7 @@ pub enum Synchronised {
     NotKnown,
 }
 
-impl Followed {
+impl ClockDifference {
     pub(super) fn shift(&self) -> Shift {
         Shift::from_nanos(self.0.load(Ordering::Relaxed))
     }
@@ -54,7 +54,7 @@ impl Followed {
     }
 
     /// Follows the time of day at this counted moment. Returns a correction if the clock was set since the last check.
-    pub(super) fn look(&self, now: Moment, time_of_day: Moment) -> Option<Correction> {
+    pub(super) fn check(&self, now: Moment, time_of_day: Moment) -> Option<Correction> {
         let from = now.shifted(self.shift());
         self.follow(Shift::between(now, time_of_day));
         let apart = from.since(time_of_day).max(time_of_day.since(from));

@@ -116,20 +116,20 @@ async fn a_skipped_hour_wakes_every_sleeper_once() {
 async fn patience_ends_also_with_a_future_that_is_ready_again_and_again() {
     let (mut reader, mut writer) = tokio::io::duplex(1024);
     let talks = async { while tokio::io::AsyncWriteExt::write_all(&mut writer, &[0; 512]).await.is_ok() {} };
-    let hears = async {
+    let receives = async {
         let mut bytes = [0; 64];
         while tokio::io::AsyncReadExt::read(&mut reader, &mut bytes).await.is_ok() {
             // A read that never waits.
             tokio::task::coop::consume_budget().await;
         }
     };
-    let both = async { tokio::join!(talks, hears) };
-    assert!(Patience::new().within(Duration::from_millis(20), both).await.is_none());
+    let both = async { tokio::join!(talks, receives) };
+    assert!(WallTimeout::new().within(Duration::from_millis(20), both).await.is_none());
 }
 
 /// Waits at most 100 ms for a device in the same process. The device answers 1 ms after the process was blocked for 300
 /// ms.
-async fn waits_over_a_stall(mut patience: Patience) -> Option<()> {
+async fn waits_over_a_stall(mut patience: WallTimeout) -> Option<()> {
     let (answer, answered) = tokio::sync::oneshot::channel();
     let device = async {
         std::thread::sleep(Duration::from_millis(300));
@@ -147,11 +147,11 @@ async fn waits_over_a_stall(mut patience: Patience) -> Option<()> {
 
 #[tokio::test]
 async fn a_timeout_beside_a_virtual_clock_does_not_depend_on_a_computer_that_stands_still() {
-    assert_eq!(waits_over_a_stall(Patience::new()).await, None);
-    assert_eq!(waits_over_a_stall(Patience::by(&Clock::simulated(noon(), None))).await, Some(()));
+    assert_eq!(waits_over_a_stall(WallTimeout::new()).await, None);
+    assert_eq!(waits_over_a_stall(WallTimeout::by(&Clock::simulated(noon(), None))).await, Some(()));
     let wall = Clock::wall();
     let begun = wall.now();
-    let mut silent = Patience::by(&Clock::simulated(noon(), None));
+    let mut silent = WallTimeout::by(&Clock::simulated(noon(), None));
     assert_eq!(silent.within(Duration::from_millis(100), std::future::pending::<()>()).await, None);
     assert!(wall.now().since(begun) >= Duration::from_millis(95));
 }
@@ -159,7 +159,7 @@ async fn a_timeout_beside_a_virtual_clock_does_not_depend_on_a_computer_that_sta
 #[tokio::test(start_paused = true)]
 async fn the_timer_of_a_question_that_was_answered_wakes_nobody_who_rests() {
     const MILLI: Duration = Duration::from_millis(1);
-    let mut patience = Patience::new();
+    let mut patience = WallTimeout::new();
     assert!(patience.within(90 * MILLI, tokio::time::sleep(5 * MILLI)).await.is_some());
     patience.put_off((95 + 90) * MILLI);
     let mut wakes = 0;
@@ -177,7 +177,7 @@ async fn the_timer_of_a_question_that_was_answered_wakes_nobody_who_rests() {
 #[tokio::test]
 async fn a_line_that_rests_for_long_wakes_the_computer_once() {
     const MILLI: Duration = Duration::from_millis(1);
-    let (mut sleeper, mut patience) = (Clock::wall().join(), Patience::new());
+    let (mut sleeper, mut patience) = (Clock::wall().join(), WallTimeout::new());
     let parked = || tokio::runtime::Handle::current().metrics().worker_park_count(0);
     for _ in 0..3 {
         assert!(patience.within(90 * MILLI, tokio::time::sleep(5 * MILLI)).await.is_some());
@@ -221,9 +221,9 @@ async fn a_sleeper_that_is_woken_early_sleeps_the_next_time_for_as_long_as_it_is
 }
 
 /// Wakes a sleeper for every message, on a separate thread, until an empty message comes.
-async fn hear_and_ring(reader: tokio::net::UnixDatagram, inlet: Inlet, wakeup: Wakeup) {
+async fn hear_and_ring(reader: tokio::net::UnixDatagram, gate: SocketGate, wakeup: Wakeup) {
     while reader.readable().await.is_ok() {
-        let _taking = inlet.taking();
+        let _taking = gate.taking();
         let mut bytes = [0; 8];
         while let Ok(length) = reader.try_recv(&mut bytes) {
             if length == 0 {
@@ -238,16 +238,16 @@ async fn hear_and_ring(reader: tokio::net::UnixDatagram, inlet: Inlet, wakeup: W
 async fn the_clock_does_not_overtake_a_message_that_lies_in_a_socket() {
     let clock = Clock::simulated(noon(), None);
     let hold = clock.hold();
-    let (mut sends, mut hears) = (clock.join(), clock.join());
-    let wakeup = hears.wakeup();
+    let (mut sends, mut receives) = (clock.join(), clock.join());
+    let wakeup = receives.wakeup();
     let (sender, reader) = std::os::unix::net::UnixDatagram::pair().unwrap();
     reader.set_nonblocking(true).unwrap();
-    let inlet = clock.inlet(&reader).unwrap();
+    let gate = clock.gate(&reader).unwrap();
     let reading = std::thread::spawn(move || {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build().unwrap();
         runtime.block_on(async {
             let reader = tokio::net::UnixDatagram::from_std(reader).unwrap();
-            hear_and_ring(reader, inlet, wakeup).await;
+            hear_and_ring(reader, gate, wakeup).await;
         });
     });
     let sending = tokio::spawn(async move {
@@ -261,9 +261,9 @@ async fn the_clock_does_not_overtake_a_message_that_lies_in_a_socket() {
     drop(hold);
     let mut heard = Vec::new();
     for _ in 0..500 {
-        heard.push(hears.sleep(SECOND * 3600).await.since(noon()).as_secs());
+        heard.push(receives.sleep(SECOND * 3600).await.since(noon()).as_secs());
     }
-    drop(hears);
+    drop(receives);
     assert_eq!(heard, (1..=500).collect::<Vec<_>>(), "each at the moment at which it was sent");
     sending.await.unwrap();
     reading.join().unwrap();
@@ -273,13 +273,13 @@ async fn the_clock_does_not_overtake_a_message_that_lies_in_a_socket() {
 async fn an_inlet_that_is_gone_holds_nobody_up() {
     let clock = Clock::simulated(noon(), None);
     let (sender, reader) = tokio::net::UnixDatagram::pair().unwrap();
-    let inlet = clock.inlet(&reader).unwrap();
+    let gate = clock.gate(&reader).unwrap();
     sender.send(b"frame").await.unwrap();
     let mut sleeper = clock.join();
     let task = tokio::spawn(async move { sleeper.sleep(SECOND).await });
     tokio::time::sleep(Duration::from_millis(20)).await;
     assert_eq!(clock.now(), noon());
-    drop(inlet);
+    drop(gate);
     task.await.unwrap();
     assert_eq!(clock.now().since(noon()), SECOND);
 }
@@ -288,9 +288,9 @@ async fn an_inlet_that_is_gone_holds_nobody_up() {
 fn computer() -> (Clock, Arc<AtomicU64>, Arc<AtomicU64>) {
     let (passed, day) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(noon_today())));
     let (counted, said) = (passed.clone(), day.clone());
-    let passing = Passing::by(move || Duration::from_nanos(counted.load(Ordering::Relaxed)));
+    let boot_clock = BootClock::by(move || Duration::from_nanos(counted.load(Ordering::Relaxed)));
     let time_of_day = TimeOfDay::by(move || Moment::from_nanos(said.load(Ordering::Relaxed)));
-    (Clock::wall_by(passing, time_of_day), passed, day)
+    (Clock::wall_by(boot_clock, time_of_day), passed, day)
 }
 
 /// Noon of 2026-01-31, in nanoseconds since 1970.
@@ -305,7 +305,7 @@ fn a_rate_that_is_five_hundred_millionths_off_is_followed_without_a_word() {
         for _ in 0..86_400 {
             passed.fetch_add(1_000_000_000, Ordering::Relaxed);
             day.fetch_add(rate, Ordering::Relaxed);
-            assert_eq!(clock.look_at_the_time_of_day(), None);
+            assert_eq!(clock.check_time_of_day(), None);
         }
         assert_eq!(clock.now().since(Moment::from_nanos(noon_today())), Duration::from_secs(86_400));
         assert_eq!(clock.time_of_day(), Moment::from_nanos(day.load(Ordering::Relaxed)));
@@ -317,16 +317,16 @@ fn while_the_monotonic_clock_stands_still_no_time_is_counted_and_stamps_follow_t
     let (clock, _, day) = computer();
     let before = clock.now();
     day.fetch_add(60_000_000_000, Ordering::Relaxed);
-    let correction = clock.look_at_the_time_of_day().unwrap();
+    let correction = clock.check_time_of_day().unwrap();
     assert_eq!(correction.to.since(correction.from), Duration::from_secs(60));
-    assert_eq!((clock.now(), clock.look_at_the_time_of_day()), (before, None));
+    assert_eq!((clock.now(), clock.check_time_of_day()), (before, None));
     assert_eq!(clock.time_of_day(), before.after(Duration::from_secs(60)));
 }
 
 #[test]
 fn a_computer_that_starts_in_1970_counts_from_a_later_year_and_says_1970() {
     let day = Moment::from_nanos(30_000_000_000);
-    let clock = Clock::wall_by(Passing::by(|| Duration::ZERO), TimeOfDay::by(move || day));
+    let clock = Clock::wall_by(BootClock::by(|| Duration::ZERO), TimeOfDay::by(move || day));
     assert!(clock.now() > Moment::from_nanos(1_500_000_000_000_000_000));
-    assert_eq!((clock.time_of_day(), clock.look_at_the_time_of_day()), (day, None));
+    assert_eq!((clock.time_of_day(), clock.check_time_of_day()), (day, None));
 }

@@ -6,8 +6,8 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use super::Passing;
-use super::alarm::{Alarm, Given};
+use super::BootClock;
+use super::alarm::{Alarm, AlarmCount};
 use isotherm_core::quantity::Moment;
 
 /// Earliest start of counting: 2020. A computer without a clock battery starts in 1970. Remembered state of a machine
@@ -48,24 +48,24 @@ impl fmt::Debug for TimeOfDay {
 pub(super) struct Wall {
     /// Moment at which elapsed time was zero.
     beginning: Moment,
-    passing: Passing,
+    boot_clock: BootClock,
     pub(super) time_of_day: TimeOfDay,
-    alarms: Given,
+    alarms: AlarmCount,
 }
 
 impl Wall {
-    pub(super) fn start(passing: Passing, time_of_day: TimeOfDay) -> Wall {
-        let beginning = time_of_day.now().max(EARLIEST).before(passing.passed());
-        Wall { beginning, passing, time_of_day, alarms: Given::default() }
+    pub(super) fn start(boot_clock: BootClock, time_of_day: TimeOfDay) -> Wall {
+        let beginning = time_of_day.now().max(EARLIEST).before(boot_clock.passed());
+        Wall { beginning, boot_clock, time_of_day, alarms: AlarmCount::default() }
     }
 
     /// Returns a kernel timer. Returns `None` in tests with their own source of elapsed time, which runs at its own
     /// pace.
     pub(super) fn alarm(&self) -> Option<Alarm> {
-        self.passing.is_of_the_system().then(|| Alarm::new(&self.alarms)).flatten()
+        self.boot_clock.is_of_the_system().then(|| Alarm::new(&self.alarms)).flatten()
     }
 
     pub(super) fn now(&self) -> Moment {
-        self.beginning.after(self.passing.passed())
+        self.beginning.after(self.boot_clock.passed())
     }
 }

@@ -25,10 +25,10 @@ pub struct Inspected {
 /// Inspects the interface of each CAN line of a profile. It queries the kernel and sends no frame.
 pub fn inspect(profile: &Profile) -> Vec<Inspected> {
     let lines = profile.buses.iter().filter(|bus| bus.transport.is_can());
-    lines.map(|bus| inspected(bus, wants_fd(profile, bus), Interface::look(&bus.address))).collect()
+    lines.map(|bus| inspected(bus, requires_fd(profile, bus), Interface::query(&bus.address))).collect()
 }
 
-fn wants_fd(profile: &Profile, bus: &Bus) -> bool {
+fn requires_fd(profile: &Profile, bus: &Bus) -> bool {
     let here = profile.devices.iter().filter(|device| profile.bus(device.bus).name == bus.name);
     let is_written =
         here.filter_map(|device| device.can.as_ref()).flat_map(|can| &can.written).any(Frame::is_fd);
@@ -37,7 +37,7 @@ fn wants_fd(profile: &Profile, bus: &Bus) -> bool {
     is_written || profile.signals.iter().filter(is_here).any(is_fd)
 }
 
-fn inspected(bus: &Bus, wants_fd: bool, found: Result<Interface, CanFault>) -> Inspected {
+fn inspected(bus: &Bus, requires_fd: bool, found: Result<Interface, CanFault>) -> Inspected {
     let name = &bus.address;
     let is_virtual = name.starts_with("vcan");
     let mut advice = Vec::new();
@@ -71,7 +71,7 @@ fn inspected(bus: &Bus, wants_fd: bool, found: Result<Interface, CanFault>) -> I
                      restart-ms 100`, `ip link set dev {name} up`"
                 ));
             }
-            if wants_fd && !found.does_fd {
+            if requires_fd && !found.does_fd {
                 let kind = if is_virtual {
                     String::new()
                 } else {

@@ -12,7 +12,7 @@ use isotherm_profile::{Bus, Transport};
 mod nodes;
 
 pub use crate::fieldbus::opcua::browse::{Described, Tree};
-pub use crate::fieldbus::opcua::certificate::{Certificate, Made, make};
+pub use crate::fieldbus::opcua::certificate::{Certificate, NewCertificate, make};
 pub use crate::fieldbus::opcua::offer::Offer;
 pub use nodes::{Inspected, in_a_line, inspect};
 

@@ -3,10 +3,10 @@
 use serde::Serialize;
 
 use crate::clock::Clock;
-use crate::fieldbus::departure::Leave;
 use crate::fieldbus::dial;
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::line::DeviceLine;
+use crate::fieldbus::send_guard::SendDeadline;
 use crate::fieldbus::wire::Request;
 use isotherm_profile::{Bus, BusId, Device, DeviceId, Profile};
 
@@ -15,7 +15,7 @@ const PAIRS: usize = 20;
 
 /// Result of the test of one device.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Tried {
+pub struct PipelineTest {
     /// Bus in the profile.
     pub bus: String,
     /// Name of the device in the profile.
@@ -25,7 +25,7 @@ pub struct Tried {
 }
 
 /// Tests each device on a bus with `pipeline = 2`. It only reads.
-pub async fn tried(profile: &Profile) -> Vec<Tried> {
+pub async fn tried(profile: &Profile) -> Vec<PipelineTest> {
     let mut found = Vec::new();
     let pipelined = profile.buses.iter().enumerate().filter(|(_, bus)| bus.pipeline > 1);
     for (place, bus) in pipelined {
@@ -36,7 +36,7 @@ pub async fn tried(profile: &Profile) -> Vec<Tried> {
                 continue;
             };
             let fault = in_pairs(bus, (id, device), request).await.err();
-            found.push(Tried {
+            found.push(PipelineTest {
                 bus: bus.name.clone(),
                 device: device.name.clone(),
                 fault: fault.map(|fault| fault.to_string()),
@@ -50,13 +50,13 @@ async fn in_pairs(bus: &Bus, device: (DeviceId, &Device), request: Request<'stat
     let Some(dial) = dial(bus) else { return Ok(()) };
     let mut line = DeviceLine::new(bus, &[device], dial, &Clock::wall());
     // Send a single request first. Its fault is reported elsewhere, and has nothing to do with the pipeline.
-    if line.request(device.0, request, Leave::Whenever).await.is_err() {
+    if line.request(device.0, request, SendDeadline::None).await.is_err() {
         return Ok(());
     }
     for _ in 0..PAIRS {
-        line.ask_behind(Some((device.0, request)));
-        line.request(device.0, request, Leave::Whenever).await?;
-        line.request(device.0, request, Leave::Whenever).await?;
+        line.set_follow_up(Some((device.0, request)));
+        line.request(device.0, request, SendDeadline::None).await?;
+        line.request(device.0, request, SendDeadline::None).await?;
     }
     Ok(())
 }

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use crate::discovery::ask::{Asker, Trace};
 use crate::discovery::bus::{LineAddress, Transport};
+use crate::discovery::unit_reader::{Trace, UnitReader};
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::wire::Answer;
 use isotherm_core::codec::Register;
@@ -42,13 +42,13 @@ pub struct Responder {
     pub register: String,
     /// Kind of the answer.
     #[serde(flatten)]
-    pub how: How,
+    pub how: AnswerKind,
 }
 
 /// Kind of an answer.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "answer", content = "value")]
-pub enum How {
+pub enum AnswerKind {
     /// Value of the register.
     Value(u16),
     /// Exception code. The unit exists, and does not have this register or function.
@@ -93,7 +93,7 @@ impl Scan {
     ///
     /// # Errors
     /// The line cannot be connected, or the connection is lost and cannot be opened again.
-    pub async fn run(&self, mut report: impl FnMut(Event)) -> Result<(), Stopped> {
+    pub async fn run(&self, mut report: impl FnMut(Event)) -> Result<(), FailedScan> {
         let mut asked = 0;
         for line in &self.lines {
             report(Event::Line(line.clone()));
@@ -105,7 +105,7 @@ impl Scan {
                     if let Err(fault) = answer
                         && fault.is_of_the_line()
                     {
-                        return Err(Stopped { unit, fault });
+                        return Err(FailedScan { unit, fault });
                     }
                     report(Event::Asked(asked));
                     if let Some(how) = how(&answer) {
@@ -120,14 +120,14 @@ impl Scan {
     }
 
     /// Returns the requester for the units of one line.
-    pub fn asker(&self, line: &LineAddress) -> Asker {
-        Asker::new(line, &self.bus, self.quirks, self.trace)
+    pub fn asker(&self, line: &LineAddress) -> UnitReader {
+        UnitReader::new(line, &self.bus, self.quirks, self.trace)
     }
 }
 
 /// Scan that ended early because the line failed.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Stopped {
+pub struct FailedScan {
     /// First unit without a result.
     pub unit: u8,
     /// Fault of the line.
@@ -136,14 +136,14 @@ pub struct Stopped {
 
 /// Classifies an answer; `None` if no such unit exists. A gateway to a serial line reports this with exception 10 or
 /// 11. Some devices close the connection for a unit number that is not their own.
-fn how(answer: &Result<Answer, Fault>) -> Option<How> {
+fn how(answer: &Result<Answer, Fault>) -> Option<AnswerKind> {
     match answer {
-        Ok(Answer::Registers(registers)) => registers.first().copied().map(How::Value),
-        Ok(Answer::Bits(bits)) => bits.first().map(|bit| How::Value(u16::from(*bit))),
+        Ok(Answer::Registers(registers)) => registers.first().copied().map(AnswerKind::Value),
+        Ok(Answer::Bits(bits)) => bits.first().map(|bit| AnswerKind::Value(u16::from(*bit))),
         Ok(Answer::Done | Answer::Nodes(_)) => None,
         Err(Fault::Exception(10 | 11)) => None,
-        Err(Fault::Exception(code)) => Some(How::Exception(*code)),
-        Err(fault @ Fault::Peer(_)) => Some(How::Garbled(fault.to_string())),
+        Err(Fault::Exception(code)) => Some(AnswerKind::Exception(*code)),
+        Err(fault @ Fault::Peer(_)) => Some(AnswerKind::Garbled(fault.to_string())),
         Err(
             Fault::Timeout
             | Fault::Link(_)

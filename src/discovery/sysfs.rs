@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use crate::clock::Patience;
-use crate::fieldbus::sysfs::find::{Present, all, find};
+use crate::clock::WallTimeout;
+use crate::fieldbus::sysfs::find::{PresentSensor, all, find};
 use crate::fieldbus::sysfs::readers::Readers;
 use isotherm_core::codec::PcSensor;
 use isotherm_core::reading::Reason;
@@ -47,7 +47,7 @@ pub struct Inspected {
 pub async fn scan(root: &Path, timeout: Duration) -> Vec<Temperature> {
     let present = all(root);
     let sensors: Vec<PcSensor> = present.iter().map(|present| present.sensor.clone()).collect();
-    let values = Readers::default().read(root, &sensors, timeout, &mut Patience::new()).await;
+    let values = Readers::default().read(root, &sensors, timeout, &mut WallTimeout::new()).await;
     let found = present.iter().zip(values).map(|(present, value)| Temperature {
         sensor: present.sensor.to_string(),
         read_in: present.files.to_string(),
@@ -80,7 +80,7 @@ pub fn inspect(profile: &Profile) -> Vec<Inspected> {
 
 fn advice(root: &Path, sensor: &PcSensor, reason: Reason) -> String {
     let present = all(root);
-    let called = |of: &dyn Fn(&Present) -> bool| {
+    let called = |of: &dyn Fn(&PresentSensor) -> bool| {
         let names = present.iter().filter(|present| of(present)).map(|present| present.sensor.to_string());
         let mut names: Vec<String> = names.collect();
         if names.len() > MOST {

@@ -7,7 +7,7 @@ use isotherm_core::codec::{DataType, Encoding, Register, Scale, WordOrder};
 
 /// Format of the values in registers.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Form {
+pub struct ValueFormat {
     /// Data type. With `None`, a register is shown as unsigned 16 bits, and also as signed if that differs.
     pub data_type: Option<DataType>,
     /// Word order. With `None`, a value of several registers is shown in both orders.
@@ -42,7 +42,7 @@ pub struct Reading {
     pub value: String,
 }
 
-impl Form {
+impl ValueFormat {
     /// Returns the number of registers or bits of one value.
     pub fn registers(&self) -> u16 {
         self.data_type.map_or(1, DataType::registers)
@@ -89,7 +89,7 @@ impl Form {
     }
 
     fn value(&self, data_type: DataType, word_order: WordOrder, words: &[u16]) -> String {
-        let Form { byte_swap, scale, offset, .. } = *self;
+        let ValueFormat { byte_swap, scale, offset, .. } = *self;
         let encoding = Encoding {
             data_type,
             word_order,

@@ -4,14 +4,14 @@
 
 use std::time::Duration;
 
-use super::departure::Departure;
-use super::eager::Eager;
 use super::error::{Fault, LinkFault};
+use super::local_tcp::LocalTcp;
 use super::modbus::ModbusTcp;
 use super::namespaces::NamespaceTable;
 #[cfg(not(feature = "opcua"))]
 use super::opcua_fault::OpcUaFault;
 use super::rtu::Rtu;
+use super::send_guard::SendGuard;
 use super::serial::{PortHistory, SerialPort};
 use super::tcp::connected;
 use super::tls::{self, Client};
@@ -51,11 +51,11 @@ pub trait Dial: Send {
 pub(super) struct ModbusDial {
     address: String,
     timeout: Duration,
-    over: Over,
+    over: LineTransport,
 }
 
 /// Transport of a Modbus line.
-enum Over {
+enum LineTransport {
     Tcp,
     /// `None`: the files in `tls` are unusable, as [`tls::check`] reports.
     Tls(Option<Client>),
@@ -68,30 +68,32 @@ impl ModbusDial {
     /// connection ends if the other end has not confirmed data within the timeout of the bus.
     pub(super) fn new(bus: &Bus) -> Option<ModbusDial> {
         let over = match (&bus.transport, &bus.tls) {
-            (Transport::Tcp, None) => Over::Tcp,
-            (Transport::Tcp, Some(tls)) => Over::Tls(Client::new(tls).ok()),
-            (Transport::RtuOverTcp, _) => Over::RtuOverTcp,
-            (Transport::Serial(serial), _) => Over::Serial(*serial, PortHistory::default()),
+            (Transport::Tcp, None) => LineTransport::Tcp,
+            (Transport::Tcp, Some(tls)) => LineTransport::Tls(Client::new(tls).ok()),
+            (Transport::RtuOverTcp, _) => LineTransport::RtuOverTcp,
+            (Transport::Serial(serial), _) => LineTransport::Serial(*serial, PortHistory::default()),
             (Transport::Can | Transport::OpcUa | Transport::Sysfs, _) => return None,
         };
         Some(ModbusDial { address: bus.address.clone(), timeout: bus.timeout, over })
     }
 
     async fn open(&mut self, tap: &Tap) -> Result<Connection, Fault> {
-        if let Over::Serial(serial, history) = &mut self.over {
+        if let LineTransport::Serial(serial, history) = &mut self.over {
             let opened = SerialPort::open(&self.address, *serial);
             *history = history.and(opened.as_ref().ok().map(SerialPort::identity));
             let port = opened.map_err(Fault::Link)?;
             return Ok(Connection::Other(Box::new(Rtu::new(port, Some(*serial), tap))));
         }
-        if matches!(self.over, Over::Tls(None)) {
+        if matches!(self.over, LineTransport::Tls(None)) {
             return Err(Fault::Link(LinkFault::Tls(TlsFault::OurFiles)));
         }
         let stream = connected(&self.address, self.timeout).await?;
         Ok(match &self.over {
-            Over::RtuOverTcp => Connection::Other(Box::new(Rtu::new(stream, None, tap))),
-            Over::Tls(Some(client)) => Connection::Modbus(ModbusTcp::new(client.secure(stream).await?, tap)),
-            _ => Connection::Modbus(ModbusTcp::new(Eager::new(stream), tap)),
+            LineTransport::RtuOverTcp => Connection::Other(Box::new(Rtu::new(stream, None, tap))),
+            LineTransport::Tls(Some(client)) => {
+                Connection::Modbus(ModbusTcp::new(client.secure(stream).await?, tap))
+            }
+            _ => Connection::Modbus(ModbusTcp::new(LocalTcp::new(stream), tap)),
         })
     }
 }
@@ -105,7 +107,7 @@ impl Dial for ModbusDial {
         Fault::Link(match self.over {
             // With TLS 1.3, a device checks the gateway's certificate after the handshake, and not every device sends
             // the reason.
-            Over::Tls(_) => LinkFault::Tls(TlsFault::TurnedAway),
+            LineTransport::Tls(_) => LinkFault::Tls(TlsFault::TurnedAway),
             _ => LinkFault::TurnedAway,
         })
     }
@@ -114,13 +116,13 @@ impl Dial for ModbusDial {
     /// opened.
     fn resumes(&self) -> bool {
         match self.over {
-            Over::Serial(_, history) => history.resumes(),
-            Over::Tcp | Over::Tls(_) | Over::RtuOverTcp => true,
+            LineTransport::Serial(_, history) => history.resumes(),
+            LineTransport::Tcp | LineTransport::Tls(_) | LineTransport::RtuOverTcp => true,
         }
     }
 
     fn takes(&self) -> Duration {
-        if matches!(self.over, Over::Tls(_)) { tls::HANDSHAKE } else { Duration::ZERO }
+        if matches!(self.over, LineTransport::Tls(_)) { tls::HANDSHAKE } else { Duration::ZERO }
     }
 }
 
@@ -156,11 +158,11 @@ impl Connection {
         &mut self,
         unit: u8,
         request: Request<'_>,
-        departure: &mut Departure,
+        send_guard: &mut SendGuard,
     ) -> Result<Answer, Fault> {
         match self {
-            Connection::Modbus(wire) => wire.exchange(unit, request, departure).await,
-            Connection::Other(wire) => wire.exchange(unit, request, departure).await,
+            Connection::Modbus(wire) => wire.exchange(unit, request, send_guard).await,
+            Connection::Other(wire) => wire.exchange(unit, request, send_guard).await,
         }
     }
 

@@ -8,7 +8,7 @@ use std::io::{Error, ErrorKind};
 use isotherm_core::explained::Explained;
 use isotherm_core::reading::{Reason, Status};
 use isotherm_profile::Transport;
-use isotherm_profile::regular::without_numbers;
+use isotherm_profile::safe_file::without_numbers;
 
 use super::error::{CallerFault, CanFault, Fault, LinkFault, PeerFault};
 use crate::tls::TlsFault;

@@ -14,12 +14,12 @@
 //! answer to the one before. On RTU, answers have no transaction number, and a new connection does not help, because a
 //! late answer may arrive on it. There the unit gets no request until [`GRACE`] further timeouts have passed, under any
 //! device name. Input that arrives until then is discarded. A unit that is known to answer promptly waits less, see
-//! [`super::owed`].
+//! [`super::pending_replies`].
 //!
 //! An even later answer cannot be distinguished from the next one. The timeout must therefore be at least a quarter of
 //! the longest answer time of a device. After two timeouts in a row the line opens the port again, because an adapter
-//! may hang. A unit behind a gateway from Modbus TCP to a serial line waits in the same way, see `line/late.rs`. It
-//! must also prove that its answers are in order, see `line/control.rs`.
+//! may hang. A unit behind a gateway from Modbus TCP to a serial line waits in the same way, see
+//! `line/late_replies.rs`. It must also prove that its answers are in order, see `line/control.rs`.
 //!
 //! A device that failed gets no request during a pause that doubles with each failure. The line serves its other
 //! devices meanwhile. A dead unit therefore costs them at most one timeout per pause. A line that cannot be connected
@@ -31,30 +31,30 @@ use std::time::Duration;
 
 use super::backoff::Backoff;
 use super::connection::{Connection, Dial};
-use super::departure::{Departure, Leave};
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
-use super::mark::Mark;
-use super::owed::{Owed, Spans};
+use super::pending_replies::{PendingReplies, Spans};
 use super::pipeline::Pipeline;
+use super::reply_signature::ReplySignature;
+use super::send_guard::{SendDeadline, SendGuard};
 use super::trace::Tap;
 use super::wire::{Answer, NodeRequest, Request};
-use crate::clock::{Clock, Patience};
+use crate::clock::{Clock, WallTimeout};
 use continuity::Evidence;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Bus, Device, DeviceId};
-use others::Others;
+use other_masters::OtherMasters;
 use units::{FIRST_PAUSE, Units};
 
-mod connects;
+mod connecting;
 mod continuity;
 mod control;
-mod late;
-mod others;
+mod late_replies;
+mod other_masters;
+mod request_observer;
 mod retry;
 mod units;
-mod witness;
 
-pub use witness::Witness;
+pub use request_observer::RequestObserver;
 
 /// Further timeouts after the first during which a late answer may arrive, before its unit gets a request again.
 pub const GRACE: u32 = 3;
@@ -65,10 +65,10 @@ const MISSES: u32 = 2;
 pub struct DeviceLine {
     dial: Box<dyn Dial>,
     /// Clock samples, and the send deadline of the present request.
-    pub departure: Departure,
-    witness: Option<Arc<dyn Witness>>,
+    pub send_guard: SendGuard,
+    observer: Option<Arc<dyn RequestObserver>>,
     wire: Option<Connection>,
-    patience: Patience,
+    patience: WallTimeout,
     timeout: Duration,
     pause_after_connect: Duration,
     redial: Backoff,
@@ -89,7 +89,7 @@ pub struct DeviceLine {
     /// Back-off in favour of another client of the device.
     yielding: Backoff,
     evidence: Evidence,
-    others: Others,
+    others: OtherMasters,
 }
 
 /// Requests on the present connection so far.
@@ -105,7 +105,7 @@ struct ConnectionHistory {
 
 /// Answer that was checked against its request.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Answered {
+pub struct CheckedAnswer {
     /// Content of the answer.
     pub answer: Answer,
     /// Time at which the request was sent. The age of the answer counts from here.
@@ -132,10 +132,10 @@ impl DeviceLine {
         let pause_after_connect = pauses.fold(bus.quirks.pause_after_connect, Duration::max);
         DeviceLine {
             dial,
-            departure: Departure::whenever(clock),
-            witness: None,
+            send_guard: SendGuard::without_deadline(clock),
+            observer: None,
             wire: None,
-            patience: Patience::by(clock),
+            patience: WallTimeout::by(clock),
             timeout: bus.timeout,
             pause_after_connect,
             redial: Backoff::new(FIRST_PAUSE, seed(&bus.name)),
@@ -143,7 +143,7 @@ impl DeviceLine {
             units: Units::of(bus.transport, devices),
             is_nameless: false,
             pipeline: Pipeline::new(
-                bus.pipeline > 1 && devices.iter().all(|(_, device)| device.quirks.bear_two()),
+                bus.pipeline > 1 && devices.iter().all(|(_, device)| device.quirks.support_two()),
             ),
             took: Duration::ZERO,
             misses: 0,
@@ -153,7 +153,7 @@ impl DeviceLine {
             short_lives: 0,
             yielding: Backoff::new(FIRST_PAUSE, seed(&bus.name)),
             evidence: Evidence::default(),
-            others: Others::default(),
+            others: OtherMasters::default(),
         }
     }
 
@@ -164,40 +164,40 @@ impl DeviceLine {
     }
 
     /// Sets the observer of each request.
-    pub fn witnessed(mut self, witness: Arc<dyn Witness>) -> DeviceLine {
-        self.witness = Some(witness);
+    pub fn witnessed(mut self, observer: Arc<dyn RequestObserver>) -> DeviceLine {
+        self.observer = Some(observer);
         self
     }
 
     /// Sets the age at which readings of the machine are too old. A longer gap between two clock samples counts as a
     /// stop of the computer.
     pub fn aged(mut self, max_age: Duration) -> DeviceLine {
-        self.departure = self.departure.aged(max_age);
+        self.send_guard = self.send_guard.aged(max_age);
         self
     }
 
     /// Switches off the rule that the age of an answer counts from its request. Tests use it to show why the rule
     /// exists.
     #[doc(hidden)]
-    pub fn credulous(mut self) -> DeviceLine {
-        self.departure = self.departure.credulous();
+    pub fn unchecked(mut self) -> DeviceLine {
+        self.send_guard = self.send_guard.unchecked();
         self
     }
 
     /// Takes a clock sample.
-    pub fn look(&mut self) -> Moment {
-        self.departure.look()
+    pub fn sample(&mut self) -> Moment {
+        self.send_guard.sample()
     }
 
     /// Announces that no request follows for this time.
-    pub fn rests_for(&mut self, span: Duration) {
-        self.departure.away_for(span);
+    pub fn idle_for(&mut self, span: Duration) {
+        self.send_guard.away_for(span);
         self.patience.put_off(span + self.timeout);
     }
 
     /// Returns the last clock sample.
-    pub fn looked(&self) -> Moment {
-        self.departure.looked()
+    pub fn last_sample(&self) -> Moment {
+        self.send_guard.last_sample()
     }
 
     /// Returns true if there is a connection, or the gateway itself closed it after an answer.
@@ -220,25 +220,27 @@ impl DeviceLine {
     }
 
     /// Returns whether this device backs off after a failure.
-    pub fn is_resting(&self, device: DeviceId, now: Moment) -> bool {
+    pub fn is_backing_off(&self, device: DeviceId, now: Moment) -> bool {
         self.units.get(device).is_some_and(|unit| !unit.breaker.allows(now))
     }
 
     /// Returns the end of the expected exchange if a request is sent now. Reads that are due by then may be sent
     /// together with it. Returns `None` if the line sends one request at a time.
-    pub fn takes_along(&self, now: Moment) -> Option<Moment> {
+    pub fn follow_up_until(&self, now: Moment) -> Option<Moment> {
         self.pipeline.is_on().then(|| now.after(self.took))
     }
 
     /// Sets the read to send directly after the next request, if that request finds an open connection. The next
     /// request for the same read receives its answer. `None` means no such read.
-    pub fn ask_behind(&mut self, read: Option<(DeviceId, Request<'static>)>) {
-        let now = self.departure.looked();
+    pub fn set_follow_up(&mut self, read: Option<(DeviceId, Request<'static>)>) {
+        let now = self.send_guard.last_sample();
         let allowed = |device: DeviceId, request: Request<'_>| {
             let unit = self.units.get(device)?;
-            let is_to_wait = |owed: &Owed| owed.is_owing() || owed.order.control(request, |_| true).is_some();
+            let is_to_wait = |pending: &PendingReplies| {
+                pending.has_pending() || pending.order.control(request, |_| true).is_some()
+            };
             let must_wait =
-                unit.is_behind_gateway && self.units.owed.get(unit.number).is_some_and(is_to_wait);
+                unit.is_behind_gateway && self.units.pending.get(unit.number).is_some_and(is_to_wait);
             (unit.functions.allow(request.function()) && unit.breaker.allows(now) && !must_wait)
                 .then_some(unit.number)
         };
@@ -251,8 +253,8 @@ impl DeviceLine {
     }
 
     /// Sends a request to a device and waits for its answer, at most for the timeout of the line. Connecting may take a
-    /// second timeout, and a control question (see `line/control.rs`) another one. Immediately before the first byte, the
-    /// line checks the deadline in `leave`.
+    /// second timeout, and a control question (see `line/control.rs`) another one. Immediately before the first byte,
+    /// the line checks the deadline in `leave`.
     ///
     /// # Errors
     /// See [`Fault`]; [`Fault::outcome`] is the outcome of a write. A device that backs off fails at once, with its
@@ -261,8 +263,8 @@ impl DeviceLine {
         &mut self,
         device: DeviceId,
         request: Request<'_>,
-        leave: Leave,
-    ) -> Result<Answered, Fault> {
+        leave: SendDeadline,
+    ) -> Result<CheckedAnswer, Fault> {
         self.ask(device, request, leave, false).await
     }
 
@@ -275,17 +277,17 @@ impl DeviceLine {
         &mut self,
         device: DeviceId,
         request: Request<'_>,
-    ) -> Result<Answered, Fault> {
-        self.ask(device, request, Leave::Whenever, true).await
+    ) -> Result<CheckedAnswer, Fault> {
+        self.ask(device, request, SendDeadline::None, true).await
     }
 
     async fn ask(
         &mut self,
         device: DeviceId,
         request: Request<'_>,
-        leave: Leave,
+        leave: SendDeadline,
         may_be_unverified: bool,
-    ) -> Result<Answered, Fault> {
+    ) -> Result<CheckedAnswer, Fault> {
         let Some(place) = self.units.place(device) else {
             return Err(Fault::Caller(CallerFault::Extent));
         };
@@ -296,11 +298,11 @@ impl DeviceLine {
         if !request.fits() {
             return Err(Fault::Caller(CallerFault::Extent));
         }
-        let mut now = self.departure.look();
+        let mut now = self.send_guard.sample();
         if !unit.breaker.allows(now) {
             return Err(unit.last_fault);
         }
-        if matches!(leave, Leave::Here(_)) && !self.is_connected() {
+        if matches!(leave, SendDeadline::OnConnection(_)) && !self.is_connected() {
             return Err(Fault::CLOSED);
         }
         if !may_be_unverified && self.is_unverified(place) {
@@ -310,7 +312,8 @@ impl DeviceLine {
             (self.units.at(place).number, self.units.at(place).is_behind_gateway);
         // Exception 10 or 11 of a gateway: the unit itself may still answer late.
         let is_missing = |fault: Fault| is_behind_gateway && fault.is_of_a_gateway();
-        let not_before = self.units.owed.get(number).and_then(|owed| owed.not_before(request, self.spans()));
+        let not_before =
+            self.units.pending.get(number).and_then(|pending| pending.not_before(request, self.spans()));
         if not_before.is_some_and(|moment| now < moment) {
             let last_fault = self.units.at(place).last_fault;
             return Err(if request.is_read() { last_fault } else { Fault::Caller(CallerFault::Owed) });
@@ -324,7 +327,7 @@ impl DeviceLine {
         let (sent, answer) = loop {
             let (mut are_two, mut is_second) = (false, false);
             let begun = self.tap.begin();
-            self.departure.next(request, leave);
+            self.send_guard.next(request, leave);
             let mut answer = self.make_ready(place, request, now).await;
             if answer.is_ok() && !may_be_unverified && self.is_unverified(place) {
                 break (request, Err(Fault::UNVERIFIED));
@@ -337,29 +340,31 @@ impl DeviceLine {
                 if self.pipeline.is_on() {
                     // Either this request was already sent after the one before, or another read is sent after this
                     // one.
-                    is_second = connection.wire().has_behind();
+                    is_second = connection.wire().has_follow_up();
                     // Two requests whose answers a gateway could confuse are not sent together.
                     let is_like_it = |(unit, read): &(u8, Request<'_>)| {
-                        is_behind_gateway && *unit == number && Mark::of(*read) == Mark::of(request)
+                        is_behind_gateway
+                            && *unit == number
+                            && ReplySignature::of(*read) == ReplySignature::of(request)
                     };
                     let read = self.pipeline.take().filter(|read| control.is_none() && !is_like_it(read));
-                    connection.wire().ask_behind(read);
-                    are_two = is_second || connection.wire().has_behind();
+                    connection.wire().set_follow_up(read);
+                    are_two = is_second || connection.wire().has_follow_up();
                 }
                 let span = self.timeout + connection.wire().time_under_way(sent);
-                self.departure.begins(span);
+                self.send_guard.begins(span);
                 let exchanged = {
                     // A future that is pinned here need not be moved.
-                    let exchange = pin!(connection.exchange(number, sent, &mut self.departure));
+                    let exchange = pin!(connection.exchange(number, sent, &mut self.send_guard));
                     self.patience.within(span, exchange).await
                 };
-                let took = self.departure.took();
+                let took = self.send_guard.took();
                 self.took = took;
-                for late in connection.wire().heard_late() {
-                    self.units.owed.of(late).distrust();
+                for late in connection.wire().received_late() {
+                    self.units.pending.of(late).reset_timing();
                 }
-                let owed = self.units.owed.of(number);
-                first_asked = owed.first_asked(sent);
+                let pending = self.units.pending.of(number);
+                first_asked = pending.first_asked(sent);
                 answer = match exchanged {
                     // An answer that is found after its timeout is late, even if the timer has not fired yet.
                     Some(answer)
@@ -367,24 +372,24 @@ impl DeviceLine {
                             .as_ref()
                             .err()
                             .is_none_or(|fault| fault.is_refusal() && !is_missing(*fault))
-                            && (took > span || (first_asked.is_some() && !owed.is_likely_after(took))) =>
+                            && (took > span || (first_asked.is_some() && !pending.is_likely_after(took))) =>
                     {
                         Err(connection.wire().missed())
                     }
                     Some(answer) => answer,
                     None => Err(connection.wire().missed()),
                 };
-                if is_behind_gateway && self.departure.asked().is_some() {
+                if is_behind_gateway && self.send_guard.asked().is_some() {
                     let outcome = answer.as_ref().map(|_| ()).map_err(|fault| *fault);
-                    let (received, may_be_late) = (connection.wire().received_form(), owed.is_owing());
-                    if owed.order.judge(sent, outcome, received, may_be_late) {
+                    let (received, may_be_late) = (connection.wire().received_form(), pending.has_pending());
+                    if pending.order.assess(sent, outcome, received, may_be_late) {
                         answer = Err(Fault::Peer(PeerFault::OutOfOrder));
                     }
                 }
                 match answer {
                     Err(fault) if is_missing(fault) => {}
                     // An answered control question says nothing about the read that waits for it.
-                    Ok(_) | Err(Fault::Exception(_)) if control.is_none() => owed.answers(sent, took),
+                    Ok(_) | Err(Fault::Exception(_)) if control.is_none() => pending.answers(sent, took),
                     _ => {}
                 }
             }
@@ -392,22 +397,22 @@ impl DeviceLine {
                 self.tap.tell(begun, (device, number), sent, &answer);
             }
             if are_two
-                && self.pipeline.judge(is_second, &answer)
-                && let (Some(witness), Err(fault)) = (&self.witness, &answer)
+                && self.pipeline.assess(is_second, &answer)
+                && let (Some(observer), Err(fault)) = (&self.observer, &answer)
             {
-                witness.gives_up_pipeline(*fault);
+                observer.gives_up_pipeline(*fault);
             }
             if matches!(request, Request::Nodes(NodeRequest::Latest(_)))
-                && let (Some(witness), Some(connection)) = (&self.witness, &mut self.wire)
+                && let (Some(observer), Some(connection)) = (&self.observer, &mut self.wire)
                 && let Some(what) = connection.wire().subscription_news()
             {
-                witness.subscribes(device, what);
+                observer.subscribes(device, what);
             }
             self.note_others(now);
             let is_repeated = first_asked.is_some();
             is_contested =
                 answer.is_ok() && self.is_followed_by_another(number, sent, is_repeated, now).await;
-            self.look_for_a_break(place, &answer, now);
+            self.check_for_break(place, &answer, now);
             if !std::mem::take(&mut was_connected) || !matches!(answer, Err(Fault::BROKEN | Fault::CLOSED)) {
                 let breaker = control.map(|_| self.units.at(place).breaker.clone());
                 let answer = self.settle(place, sent, answer, now);
@@ -419,7 +424,7 @@ impl DeviceLine {
                 }
                 self.report(device, sent, &answer);
                 // Some gateways close the connection after an answer. The request may then need another one.
-                (is_controlled, was_connected, now) = (true, true, self.departure.looked());
+                (is_controlled, was_connected, now) = (true, true, self.send_guard.last_sample());
                 continue;
             }
             let has_ids = self.wire.as_mut().is_some_and(|wire| wire.wire().has_transaction_id());
@@ -436,23 +441,23 @@ impl DeviceLine {
             }
             let _ = self.connect(now).await;
             if !has_ids && answer == Err(Fault::BROKEN) {
-                self.units.rest(place, Fault::BROKEN, now, self.spans());
+                self.units.back_off(place, Fault::BROKEN, now, self.spans());
             }
             break (sent, answer);
         };
         // A request that was not sent has no answer. After a repetition, the answer may belong to the first request.
-        let asked = first_asked.or(self.departure.asked()).unwrap_or(now);
+        let asked = first_asked.or(self.send_guard.asked()).unwrap_or(now);
         self.report(device, sent, &answer);
-        if let Some(witness) = &self.witness
+        if let Some(observer) = &self.observer
             && answer.as_ref().is_ok_and(|answer| request.is_answered() && answer.is_of_use())
         {
-            witness.delivers(device);
+            observer.delivers(device);
         }
         let attribution = match self.others.attribute(number, request) {
             Attribution::Ambiguous if is_contested => Attribution::Contested,
             attribution => attribution,
         };
-        Ok(Answered { answer: answer?, asked, attribution })
+        Ok(CheckedAnswer { answer: answer?, asked, attribution })
     }
 
     /// Applies an answer, or its absence, to the state of the connection and the unit.
@@ -467,7 +472,7 @@ impl DeviceLine {
         let has_ids = connection.wire().has_transaction_id();
         self.is_nameless = !has_ids;
         let is_behind_gateway = self.units.at(place).is_behind_gateway;
-        let has_left = self.departure.asked().is_some();
+        let has_left = self.send_guard.asked().is_some();
         let is_first = has_left && !self.history.has_answered;
         self.history.has_answered |= has_left;
         let answer = match answer {
@@ -512,7 +517,7 @@ impl DeviceLine {
                 self.misses = 0;
                 self.evidence.answered();
                 let unit = self.units.at_mut(place);
-                unit.heard = now;
+                unit.received = now;
                 unit.breaker.succeed();
                 self.put_down(place);
             }
@@ -525,13 +530,13 @@ impl DeviceLine {
         if self.wire.is_none() {
             self.connect(now).await?;
         }
-        self.hear_out(place, request).await?;
+        self.wait_for_late(place, request).await?;
         let unit = self.units.at(place);
         let pause = unit.quirks.pause_between_requests;
         if self.history.needs_pause && !pause.is_zero() {
-            self.departure.away_for(pause);
+            self.send_guard.away_for(pause);
             tokio::time::sleep(pause).await;
-            self.departure.look();
+            self.send_guard.sample();
         }
         self.history.needs_pause = true;
         Ok(Answer::Done)

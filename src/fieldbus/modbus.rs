@@ -12,18 +12,18 @@ use std::hash::{BuildHasher, Hasher};
 use std::io;
 use std::time::Duration;
 
-use super::departure::Departure;
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
-use super::mark::Mark;
 use super::pdu;
 use super::port::{Port, Tapped, is_in_order};
+use super::reply_signature::ReplySignature;
+use super::send_guard::SendGuard;
 use super::trace::Tap;
 use super::wire::{Answer, Call, Ending, Request, Wire};
 use crate::tls::TlsFault;
-use behind::Behind;
+use follow_up_read::FollowUpRead;
 use isotherm_core::quantity::Moment;
 
-mod behind;
+mod follow_up_read;
 
 /// Length of the fields transaction, protocol and length. The length field counts the bytes after them.
 const HEADER: usize = 6;
@@ -42,9 +42,9 @@ pub struct ModbusTcp {
     /// Received bytes, up to `filled`.
     received: Box<[u8; 2 * LONGEST]>,
     filled: usize,
-    behind: Behind,
+    behind: FollowUpRead,
     /// Form of the answer to the present request.
-    form: Option<Mark>,
+    form: Option<ReplySignature>,
     /// Time at which the last request was sent; `Moment::default()` if it was not answered.
     answered: Moment,
     ending: Ending,
@@ -68,7 +68,7 @@ impl ModbusTcp {
             question: Vec::with_capacity(LONGEST),
             received: Box::new([0; 2 * LONGEST]),
             filled: 0,
-            behind: Behind::default(),
+            behind: FollowUpRead::default(),
             form: None,
             answered: Moment::default(),
             ending: Ending::Lost,
@@ -79,7 +79,7 @@ impl ModbusTcp {
         &mut self,
         unit: u8,
         request: Request<'_>,
-        departure: &mut Departure,
+        send_guard: &mut SendGuard,
     ) -> Result<Answer, Fault> {
         if matches!(request, Request::Can(_) | Request::Nodes(_) | Request::Sensors(_)) {
             return Err(Fault::Caller(CallerFault::Function));
@@ -87,32 +87,33 @@ impl ModbusTcp {
         self.form = None;
         if let Some((transaction, asked)) = self.behind.take_unanswered(unit, request) {
             // The request was sent, even if it gets no answer.
-            departure.left(asked);
-            return self.hear(transaction, unit, |message| pdu::answer(request, message)).await;
+            send_guard.left(asked);
+            return self.receive_answer(transaction, unit, |message| pdu::answer(request, message)).await;
         }
         if let Some((transaction, unit, request)) = self.behind.unanswered() {
-            let answer = self.hear(transaction, unit, |message| Ok(pdu::answer(request, message))).await?;
+            let answer =
+                self.receive_answer(transaction, unit, |message| Ok(pdu::answer(request, message))).await?;
             self.behind.answered(answer);
             self.form = None;
         }
-        if let Some((answer, asked)) = self.behind.take(unit, request, departure) {
-            departure.left(asked);
+        if let Some((answer, asked)) = self.behind.take(unit, request, send_guard) {
+            send_guard.left(asked);
             return answer;
         }
-        if !request.is_read() && departure.looked().since(self.answered) >= AT_ONCE {
+        if !request.is_read() && send_guard.last_sample().since(self.answered) >= AT_ONCE {
             self.expect_nothing()?;
         }
         self.question.clear();
         let transaction = self.frame(unit, request);
         let behind = self.behind.take_question();
         let behind = behind.map(|(unit, request)| (unit, request, self.frame(unit, request)));
-        let asked = departure.leave()?;
+        let asked = send_guard.leave()?;
         self.port.send(&self.question).await.map_err(|error| self.ended(Some(&error), Fault::BROKEN))?;
         if let Some((unit, request, transaction)) = behind {
             self.behind.left(unit, request, transaction, asked);
         }
         self.answered = Moment::default();
-        let answer = self.hear(transaction, unit, |message| pdu::answer(request, message)).await?;
+        let answer = self.receive_answer(transaction, unit, |message| pdu::answer(request, message)).await?;
         self.answered = asked;
         Ok(answer)
     }
@@ -154,7 +155,7 @@ impl ModbusTcp {
     }
 
     /// Waits for the answer to this request. An answer to the read after it is kept, in either order.
-    async fn hear<T>(
+    async fn receive_answer<T>(
         &mut self,
         transaction: u16,
         unit: u8,
@@ -174,7 +175,7 @@ impl ModbusTcp {
                     if is_last && end < self.filled {
                         return Err(Fault::Peer(PeerFault::Unasked));
                     }
-                    self.form = Mark::of_answer(message);
+                    self.form = ReplySignature::of_answer(message);
                     let answered = answer(message);
                     self.forget_first(end);
                     return answered;
@@ -228,15 +229,15 @@ impl First {
 }
 
 impl Wire for ModbusTcp {
-    fn exchange<'a>(&'a mut self, unit: u8, request: Request<'a>, departure: &'a mut Departure) -> Call<'a> {
-        Box::pin(self.exchange(unit, request, departure))
+    fn exchange<'a>(&'a mut self, unit: u8, request: Request<'a>, send_guard: &'a mut SendGuard) -> Call<'a> {
+        Box::pin(self.exchange(unit, request, send_guard))
     }
 
-    fn ask_behind(&mut self, read: Option<(u8, Request<'static>)>) {
+    fn set_follow_up(&mut self, read: Option<(u8, Request<'static>)>) {
         self.behind.ask(read);
     }
 
-    fn has_behind(&self) -> bool {
+    fn has_follow_up(&self) -> bool {
         self.behind.is_under_way()
     }
 
@@ -244,7 +245,7 @@ impl Wire for ModbusTcp {
         self.behind.unanswered_since()
     }
 
-    fn received_form(&self) -> Option<Mark> {
+    fn received_form(&self) -> Option<ReplySignature> {
         self.form
     }
 

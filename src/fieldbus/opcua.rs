@@ -45,11 +45,11 @@ pub mod browse;
 pub mod certificate;
 mod channel;
 mod chunks;
-mod contained;
 mod endpoint;
 mod files;
 mod namespaces;
 pub mod offer;
+mod panic_guard;
 mod publishing;
 mod session;
 mod status;
@@ -73,7 +73,7 @@ pub(super) struct OpcUaDial {
     /// Files of the profile; `None` if they are unusable, as [`wrong`] reports.
     files: Option<Files>,
     /// State that outlives a connection: the session, which the next one resumes.
-    known: Option<Known>,
+    known: Option<ServerState>,
     /// Whether the server did not know the session of the previous connection.
     is_forgotten: bool,
     /// Namespaces that the profile names by index.
@@ -81,7 +81,7 @@ pub(super) struct OpcUaDial {
 }
 
 /// State of a server that outlives a connection.
-struct Known {
+struct ServerState {
     channel: Arc<AsyncSecureChannel>,
     endpoint: EndpointDescription,
     session: Session,
@@ -131,7 +131,12 @@ impl OpcUaDial {
     }
 
     /// Resumes the previous session on this socket; `None` if that fails.
-    async fn take_up(&self, files: &Files, known: Known, socket: TcpStream) -> Option<(Link, Known)> {
+    async fn take_up(
+        &self,
+        files: &Files,
+        known: ServerState,
+        socket: TcpStream,
+    ) -> Option<(Link, ServerState)> {
         let own = self.shown(files);
         let socket = Socket::new(&self.url, socket, own);
         let mut link = Link::open(known.channel.clone(), &socket).await.ok()?;
@@ -141,7 +146,7 @@ impl OpcUaDial {
     }
 
     /// Begins a new session.
-    async fn begin(&self, files: &Files) -> Result<(Link, Known), Fault> {
+    async fn begin(&self, files: &Files) -> Result<(Link, ServerState), Fault> {
         let endpoints = offered(&self.url, self.timeout).await?;
         let endpoint =
             endpoint::choose(endpoints, self.security, &files.user).ok_or(fault(OpcUaFault::NoEndpoint))?;
@@ -155,7 +160,7 @@ impl OpcUaDial {
         let mut link = Link::open(channel.clone(), &socket).await.map_err(|error| dial_fault(&error))?;
         let session = Session::none(files.application.clone(), self.timeout);
         session.begin(&mut link, Login { endpoint: &endpoint, own, user: &files.user }).await?;
-        Ok((link, Known { channel, endpoint, session }))
+        Ok((link, ServerState { channel, endpoint, session }))
     }
 
     /// Returns the certificate that the gateway sends, with its key.

@@ -37,7 +37,7 @@ impl Pipeline {
     }
 
     /// Judges the answer to the first of two requests, or to the second. Returns whether the pipeline ends now.
-    pub(super) fn judge(&mut self, is_second: bool, answer: &Result<Answer, Fault>) -> bool {
+    pub(super) fn assess(&mut self, is_second: bool, answer: &Result<Answer, Fault>) -> bool {
         match answer {
             Err(Fault::Peer(_)) => self.lost = IN_A_ROW,
             Err(Fault::Timeout | Fault::Link(_)) => self.lost += 1,
@@ -74,9 +74,9 @@ mod tests {
             (vec![&(true, Err(Fault::Exception(4))); 5], false),
         ] {
             let mut pipeline = Pipeline::new(true);
-            let ended = answers.iter().filter(|(second, answer)| pipeline.judge(*second, answer)).count();
+            let ended = answers.iter().filter(|(second, answer)| pipeline.assess(*second, answer)).count();
             assert_eq!((ended, pipeline.is_on()), (usize::from(ends), !ends), "{answers:?}");
         }
-        assert!(!Pipeline::new(false).judge(false, &foreign.1), "what was never on is not given up");
+        assert!(!Pipeline::new(false).assess(false, &foreign.1), "what was never on is not given up");
     }
 }

@@ -158,7 +158,7 @@ impl Answer {
     ///
     /// # Errors
     /// The fault of the first node without a valid value.
-    pub fn believed(self) -> Result<Answer, Fault> {
+    pub fn accepted(self) -> Result<Answer, Fault> {
         let Answer::Nodes(nodes) = &self else { return Ok(self) };
         match nodes.iter().find_map(|node| node.value.err()) {
             Some(reason) => Err(Fault::of_a_node(reason)),

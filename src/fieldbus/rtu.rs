@@ -5,7 +5,7 @@
 //! - An answer is recognised by its unit, length and checksum. Noise before it and answers of other units are skipped.
 //!   If a second answer of the unit follows, both are rejected.
 //! - RTU has no transaction number. After a missing answer, [`super::line`] therefore sends the unit no request to
-//!   which the late answer would fit ([`super::owed`]). The late answer is discarded here when it arrives.
+//!   which the late answer would fit ([`super::pending_replies`]). The late answer is discarded here when it arrives.
 //! - An adapter without echo suppression receives its own requests. The first read detects this. From then on, the echo
 //!   of every request is expected before its answer.
 //! - Bytes equal to the request are no answer to a read. The echo of a read of 17 to 24 bits from 0x0300 to 0x03FF has
@@ -14,14 +14,14 @@
 use std::io;
 use std::time::Duration;
 
-use super::departure::Departure;
 use super::error::{CallerFault, Fault, PeerFault};
-use super::mark::Mark;
 use super::pdu;
 use super::port::{Port, Tapped, is_in_order};
+use super::reply_signature::ReplySignature;
+use super::send_guard::SendGuard;
 use super::trace::Tap;
-use super::wire::{Answer, Boxed, Call, Ending, Overheard, Request, Wire};
-use crate::clock::{Patience, Silence};
+use super::wire::{Answer, Boxed, Call, Ending, ForeignFrame, Request, Wire};
+use crate::clock::{Silence, WallTimeout};
 use isotherm_profile::Serial;
 
 mod frame;
@@ -39,7 +39,7 @@ pub struct Rtu {
     /// Settings of the serial port; `None` for a connection through TCP.
     serial: Option<Serial>,
     silence: Silence,
-    patience: Patience,
+    patience: WallTimeout,
     received: Vec<u8>,
     /// Fault of the input since the last request.
     heard: Option<PeerFault>,
@@ -50,10 +50,10 @@ pub struct Rtu {
     /// Input that was discarded since the last answer. Whole frames in it are no noise.
     discarded: Vec<u8>,
     /// Forms of late answers that may still arrive. `late` has the units whose late answers have arrived.
-    owed: Vec<(u8, Mark)>,
+    pending: Vec<(u8, ReplySignature)>,
     late: Vec<u8>,
     /// Frames of other masters, each form once.
-    overheard: Vec<Overheard>,
+    overheard: Vec<ForeignFrame>,
     ending: Ending,
 }
 
@@ -64,13 +64,13 @@ impl Rtu {
             port: Tapped::new(port, tap),
             serial,
             silence: Silence::begin(),
-            patience: Patience::new(),
+            patience: WallTimeout::new(),
             received: Vec::new(),
             heard: None,
             echoes: false,
             last_question: Vec::new(),
             discarded: Vec::new(),
-            owed: Vec::new(),
+            pending: Vec::new(),
             late: Vec::new(),
             overheard: Vec::new(),
             ending: Ending::Lost,
@@ -92,15 +92,15 @@ impl Rtu {
                     self.received.drain(..end);
                 }
                 Reply::Own { pdu, end } => {
-                    let own = Mark::of(request);
-                    if self.is_owed(unit, &self.received[pdu.clone()], Some(own)) {
+                    let own = ReplySignature::of(request);
+                    if self.is_pending_reply(unit, &self.received[pdu.clone()], Some(own)) {
                         self.late.push(unit);
                         self.received.drain(..end);
                         continue;
                     }
                     let behind = self.received.split_off(end);
                     let received = std::mem::take(&mut self.received);
-                    self.is_unasked(&received[..pdu.start - 1], unit, question);
+                    self.is_unsolicited(&received[..pdu.start - 1], unit, question);
                     let answer = pdu::answer(request, &received[pdu.clone()]);
                     let has_other_form =
                         matches!(answer, Err(Fault::Peer(PeerFault::Function | PeerFault::Length)));
@@ -109,10 +109,10 @@ impl Rtu {
                     };
                     // An answer of another form may be a mistake of the device, unless the correct one follows.
                     if has_other_form && frame::all(&behind).any(is_own) {
-                        self.overhear(unit, Mark::of_answer(&received[pdu]), false);
+                        self.overhear(unit, ReplySignature::of_answer(&received[pdu]), false);
                         return Some(Err(Fault::UNASKED));
                     }
-                    return Some(if self.is_unasked(&behind, unit, question) {
+                    return Some(if self.is_unsolicited(&behind, unit, question) {
                         Err(Fault::UNASKED)
                     } else {
                         answer
@@ -122,11 +122,13 @@ impl Rtu {
                     let left = self.received.split_off(end);
                     let received = std::mem::replace(&mut self.received, left);
                     let foreign = frame::all(&received).last();
-                    match foreign.filter(|(unit, pdu, _)| self.is_owed(*unit, &received[pdu.clone()], None)) {
+                    match foreign
+                        .filter(|(unit, pdu, _)| self.is_pending_reply(*unit, &received[pdu.clone()], None))
+                    {
                         Some((unit, ..)) => self.late.push(unit),
                         None => self.heard = Some(PeerFault::Foreign),
                     }
-                    self.is_unasked(&received, unit, question);
+                    self.is_unsolicited(&received, unit, question);
                 }
                 Reply::Incomplete => {
                     let (_, answer) = frame::lengths(request);
@@ -213,37 +215,37 @@ impl Rtu {
     }
 
     /// Returns whether this message may be a late answer. An answer of the form `own` never counts as late.
-    fn is_owed(&self, unit: u8, pdu: &[u8], own: Option<Mark>) -> bool {
-        let owed = self.owed.iter().filter(|(owing, mark)| *owing == unit && Some(*mark) != own);
-        owed.into_iter().any(|(_, mark)| mark.is_on(pdu) || mark.is_refused_by(pdu))
+    fn is_pending_reply(&self, unit: u8, pdu: &[u8], own: Option<ReplySignature>) -> bool {
+        let pending = self.pending.iter().filter(|(owing, mark)| *owing == unit && Some(*mark) != own);
+        pending.into_iter().any(|(_, mark)| mark.is_on(pdu) || mark.is_refused_by(pdu))
     }
 
     /// Returns whether these bytes contain a whole answer of the unit without a request. Records late answers and
     /// frames of other masters, except exceptions. `question` is the last sent frame; its echo is no frame of another
     /// master.
-    fn is_unasked(&mut self, bytes: &[u8], unit: u8, question: &[u8]) -> bool {
-        let mut is_unasked = false;
+    fn is_unsolicited(&mut self, bytes: &[u8], unit: u8, question: &[u8]) -> bool {
+        let mut is_unsolicited = false;
         for Frame { unit: speaker, pdu, is_question } in frame::frames(bytes) {
             let content = &bytes[pdu.clone()];
             if is_question {
                 if bytes[pdu.start - 1..pdu.end + 2] != *question {
-                    self.overhear(speaker, Mark::of_question(content), true);
+                    self.overhear(speaker, ReplySignature::of_question(content), true);
                 }
-            } else if self.is_owed(speaker, content, None) {
+            } else if self.is_pending_reply(speaker, content, None) {
                 self.late.push(speaker);
             } else {
-                is_unasked |= speaker == unit;
+                is_unsolicited |= speaker == unit;
                 if !frame::is_exception(content) {
-                    self.overhear(speaker, Mark::of_answer(content), false);
+                    self.overhear(speaker, ReplySignature::of_answer(content), false);
                 }
             }
         }
-        is_unasked
+        is_unsolicited
     }
 
     /// Records a frame of another master.
-    fn overhear(&mut self, unit: u8, form: Option<Mark>, is_question: bool) {
-        let overheard = Overheard { unit, form, is_question };
+    fn overhear(&mut self, unit: u8, form: Option<ReplySignature>, is_question: bool) {
+        let overheard = ForeignFrame { unit, form, is_question };
         if self.overheard.len() < MOST_OVERHEARD && !self.overheard.contains(&overheard) {
             self.overheard.push(overheard);
         }
@@ -261,7 +263,7 @@ impl Rtu {
 }
 
 impl Wire for Rtu {
-    fn exchange<'a>(&'a mut self, unit: u8, request: Request<'a>, departure: &'a mut Departure) -> Call<'a> {
+    fn exchange<'a>(&'a mut self, unit: u8, request: Request<'a>, send_guard: &'a mut SendGuard) -> Call<'a> {
         Box::pin(async move {
             if matches!(request, Request::Can(_) | Request::Nodes(_) | Request::Sensors(_)) {
                 return Err(Fault::Caller(CallerFault::Function));
@@ -271,12 +273,12 @@ impl Wire for Rtu {
             self.wait_for_silence(silence).await?;
             let discarded = std::mem::take(&mut self.discarded);
             let last_question = std::mem::take(&mut self.last_question);
-            if self.is_unasked(&discarded, unit, &last_question) {
+            if self.is_unsolicited(&discarded, unit, &last_question) {
                 return Err(Fault::UNASKED);
             }
             self.heard = None;
             let question = frame::request(unit, request);
-            departure.leave()?;
+            send_guard.leave()?;
             self.last_question.clone_from(&question);
             self.port.send(&question).await.map_err(|error| self.ended(Some(&error), Fault::BROKEN))?;
             // The port accepts all bytes at once, and sends them one after another.
@@ -315,15 +317,15 @@ impl Wire for Rtu {
         self.heard.take().map_or(Fault::Timeout, Fault::Peer)
     }
 
-    fn pass_over(&mut self, owed: Vec<(u8, Mark)>) {
-        self.owed = owed;
+    fn pass_over(&mut self, pending: Vec<(u8, ReplySignature)>) {
+        self.pending = pending;
     }
 
-    fn heard_late(&mut self) -> Vec<u8> {
+    fn received_late(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.late)
     }
 
-    fn overheard(&mut self) -> Vec<Overheard> {
+    fn overheard(&mut self) -> Vec<ForeignFrame> {
         std::mem::take(&mut self.overheard)
     }
 
@@ -335,20 +337,20 @@ impl Wire for Rtu {
         Box::pin(async move {
             let begun = Silence::begin();
             // This input arrived while no request was open. The time is limited, because a stream may be endless.
-            let mut patience = Patience::new();
+            let mut patience = WallTimeout::new();
             if let Some(Err(fault)) = patience.within(quiet, self.wait_for_silence(Duration::ZERO)).await {
                 return Err(fault);
             }
             let mut spoken = self.has_spoken(unit).then(Silence::begin);
             loop {
-                let owed = begun.left_of(span);
-                let left = owed.max(spoken.map_or(Duration::ZERO, |last| last.left_of(quiet)));
+                let pending = begun.left_of(span);
+                let left = pending.max(spoken.map_or(Duration::ZERO, |last| last.left_of(quiet)));
                 if left.is_zero() {
                     return Ok(());
                 }
                 if self.discard_within(left).await? && self.has_spoken(unit) {
                     // There were more frames than late answers. The next one could be accepted by mistake.
-                    if owed.is_zero() {
+                    if pending.is_zero() {
                         return Err(Fault::UNASKED);
                     }
                     spoken = Some(Silence::begin());

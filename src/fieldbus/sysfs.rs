@@ -15,11 +15,11 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::connection::{Connection, Dial};
-use super::departure::Departure;
 use super::error::{CallerFault, Fault};
+use super::send_guard::SendGuard;
 use super::trace::Tap;
 use super::wire::{Answer, Boxed, Call, NodeReading, Request, Stamped, Wire};
-use crate::clock::Patience;
+use crate::clock::WallTimeout;
 use isotherm_core::codec::DataType;
 use isotherm_core::reading::Reason;
 use isotherm_profile::Bus;
@@ -49,7 +49,7 @@ impl SysfsDial {
 impl Dial for SysfsDial {
     fn dial<'a>(&'a mut self, _: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
         let (root, readers) = (self.root.clone(), self.readers.clone());
-        let wire = Sysfs { root, readers, timeout: self.timeout, patience: Patience::new() };
+        let wire = Sysfs { root, readers, timeout: self.timeout, patience: WallTimeout::new() };
         Box::pin(std::future::ready(Ok(Connection::Other(Box::new(wire)))))
     }
 }
@@ -59,13 +59,13 @@ struct Sysfs {
     root: PathBuf,
     readers: Readers,
     timeout: Duration,
-    patience: Patience,
+    patience: WallTimeout,
 }
 
 impl Sysfs {
-    async fn exchange(&mut self, request: Request<'_>, departure: &mut Departure) -> Result<Answer, Fault> {
+    async fn exchange(&mut self, request: Request<'_>, send_guard: &mut SendGuard) -> Result<Answer, Fault> {
         let Request::Sensors(sensors) = request else { return Err(Fault::Caller(CallerFault::Function)) };
-        departure.leave()?;
+        send_guard.leave()?;
         let found = self.readers.read(&self.root, sensors, self.timeout, &mut self.patience).await;
         // If one sensor has answered, the fault of another is its own, not that of the line.
         if found.iter().all(|value| *value == Err(Reason::Timeout)) {
@@ -81,8 +81,8 @@ impl Sysfs {
 }
 
 impl Wire for Sysfs {
-    fn exchange<'a>(&'a mut self, _: u8, request: Request<'a>, departure: &'a mut Departure) -> Call<'a> {
-        Box::pin(self.exchange(request, departure))
+    fn exchange<'a>(&'a mut self, _: u8, request: Request<'a>, send_guard: &'a mut SendGuard) -> Call<'a> {
+        Box::pin(self.exchange(request, send_guard))
     }
 
     fn time_under_way(&self, _: Request<'_>) -> Duration {

@@ -7,15 +7,15 @@ use std::time::Duration;
 mod broker;
 mod client;
 mod pem;
+mod plant_client;
 mod server;
-mod visitor;
 
 #[cfg(feature = "mqtt")]
 pub use broker::broker;
 pub(super) use client::Client;
 pub use client::check;
+pub use plant_client::plant_client;
 pub use server::{Wrong, server};
-pub use visitor::visitor;
 
 /// Longest time of a handshake. Controllers without a processor for signatures need a second or two for its two.
 pub(super) const HANDSHAKE: Duration = Duration::from_secs(5);

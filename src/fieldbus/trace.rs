@@ -38,13 +38,13 @@ struct Shared {
     /// Wall clock: under a virtual clock, an answer would take no time.
     clock: Clock,
     is_on: AtomicBool,
-    passed: Mutex<Passed>,
+    passed: Mutex<PassedBytes>,
     listeners: Mutex<Vec<Listener>>,
 }
 
 /// Bytes since the start of the present request.
 #[derive(Debug, Default)]
-struct Passed {
+struct PassedBytes {
     sent: Vec<u8>,
     received: Vec<u8>,
     /// Number of bytes that were not kept.
@@ -61,7 +61,7 @@ struct Listener {
 
 /// Receiver of exchanges, until it is dropped.
 #[derive(Debug)]
-pub struct Listening {
+pub struct ExchangeReceiver {
     tap: Tap,
     heard: mpsc::Receiver<Exchange>,
     dropped: Arc<AtomicU64>,
@@ -83,7 +83,7 @@ impl Tap {
     ///
     /// # Errors
     /// A sentence, if the line already has the maximum number of listeners.
-    pub fn listen(&self, device: Option<DeviceId>) -> Result<Listening, String> {
+    pub fn listen(&self, device: Option<DeviceId>) -> Result<ExchangeReceiver, String> {
         let mut listeners = locked(&self.0.listeners);
         if listeners.len() >= MOST_LISTENERS {
             return Err(format!("{MOST_LISTENERS} clients listen to this line already; end one of them"));
@@ -92,7 +92,7 @@ impl Tap {
         let dropped = Arc::new(AtomicU64::new(0));
         listeners.push(Listener { device, to, dropped: dropped.clone() });
         self.0.is_on.store(true, Ordering::Relaxed);
-        Ok(Listening { tap: self.clone(), heard, dropped })
+        Ok(ExchangeReceiver { tap: self.clone(), heard, dropped })
     }
 
     /// Returns whether there is a listener.
@@ -103,7 +103,7 @@ impl Tap {
     /// Begins an exchange, and returns its time; `None` without a listener.
     pub(super) fn begin(&self) -> Option<Moment> {
         self.is_on().then(|| {
-            *self.passed() = Passed::default();
+            *self.passed() = PassedBytes::default();
             self.0.clock.now()
         })
     }
@@ -121,7 +121,7 @@ impl Tap {
             return;
         }
         let took = self.0.clock.now().since(asked_at);
-        let Passed { sent, received, more } = std::mem::take(&mut *self.passed());
+        let PassedBytes { sent, received, more } = std::mem::take(&mut *self.passed());
         let exchange = Exchange {
             asked_at,
             took,
@@ -160,7 +160,7 @@ impl Tap {
         }
     }
 
-    fn passed(&self) -> MutexGuard<'_, Passed> {
+    fn passed(&self) -> MutexGuard<'_, PassedBytes> {
         locked(&self.0.passed)
     }
 }
@@ -170,7 +170,7 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl Passed {
+impl PassedBytes {
     fn keep(&mut self, bytes: &[u8], is_sent: bool) {
         let kept = if is_sent { &mut self.sent } else { &mut self.received };
         let room = LONGEST.saturating_sub(kept.len()).min(bytes.len());
@@ -179,7 +179,7 @@ impl Passed {
     }
 }
 
-impl Listening {
+impl ExchangeReceiver {
     /// Waits for the next exchange.
     pub async fn next(&mut self) -> Option<Exchange> {
         self.heard.recv().await
@@ -196,7 +196,7 @@ impl Listening {
     }
 }
 
-impl Drop for Listening {
+impl Drop for ExchangeReceiver {
     fn drop(&mut self) {
         self.heard.close();
         let mut listeners = locked(&self.tap.0.listeners);

@@ -7,9 +7,9 @@ use std::future::Future;
 use std::pin::Pin;
 use std::time::Duration;
 
-use super::departure::Departure;
 use super::error::Fault;
-use super::mark::Mark;
+use super::reply_signature::ReplySignature;
+use super::send_guard::SendGuard;
 use isotherm_core::quantity::Moment;
 
 pub use super::request::{Answer, CanRequest, NodeReading, NodeRequest, Request, Stamped};
@@ -33,11 +33,11 @@ pub enum Ending {
 
 /// Whole frame that is neither a request nor an answer of this line: another master uses the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Overheard {
+pub struct ForeignFrame {
     /// Unit that the frame addresses, or that sent it.
     pub unit: u8,
     /// Form of the answer; `None` if it is no read.
-    pub form: Option<Mark>,
+    pub form: Option<ReplySignature>,
     /// Whether the frame is a request.
     pub is_question: bool,
 }
@@ -46,7 +46,7 @@ pub struct Overheard {
 pub trait Wire: Send {
     /// Sends the request and waits for its answer, without a timeout. The answer is checked against the request:
     /// transaction, unit, function, length, echo.
-    fn exchange<'a>(&'a mut self, unit: u8, request: Request<'a>, departure: &'a mut Departure) -> Call<'a>;
+    fn exchange<'a>(&'a mut self, unit: u8, request: Request<'a>, send_guard: &'a mut SendGuard) -> Call<'a>;
 
     /// Returns whether an answer has a transaction number. Without one, as on a serial line, a late answer looks like
     /// the answer to the next request.
@@ -65,15 +65,15 @@ pub trait Wire: Send {
     }
 
     /// Sets the forms of late answers that may still arrive. The wire discards them.
-    fn pass_over(&mut self, _owed: Vec<(u8, Mark)>) {}
+    fn pass_over(&mut self, _owed: Vec<(u8, ReplySignature)>) {}
 
     /// Returns the units whose late answers have arrived since the last call.
-    fn heard_late(&mut self) -> Vec<u8> {
+    fn received_late(&mut self) -> Vec<u8> {
         Vec::new()
     }
 
     /// Returns the frames of other masters since the last call.
-    fn overheard(&mut self) -> Vec<Overheard> {
+    fn overheard(&mut self) -> Vec<ForeignFrame> {
         Vec::new()
     }
 
@@ -87,22 +87,22 @@ pub trait Wire: Send {
 
     /// Sets a read to send together with the next request. The next request for the same read receives its answer. A
     /// wire without transaction numbers ignores it.
-    fn ask_behind(&mut self, _read: Option<(u8, Request<'static>)>) {}
+    fn set_follow_up(&mut self, _read: Option<(u8, Request<'static>)>) {}
 
-    /// Returns true if a read that was set by [`Wire::ask_behind`] waits to be sent, or was sent and is unanswered.
-    fn has_behind(&self) -> bool {
+    /// Returns true if a read that was set by [`Wire::set_follow_up`] waits to be sent, or was sent and is unanswered.
+    fn has_follow_up(&self) -> bool {
         false
     }
 
-    /// Returns the read that was set by [`Wire::ask_behind`], if it was sent and is unanswered: its unit, the read, and
-    /// its time of sending. The next request for the same read takes it over.
+    /// Returns the read that was set by [`Wire::set_follow_up`], if it was sent and is unanswered: its unit, the read,
+    /// and its time of sending. The next request for the same read takes it over.
     fn unanswered_behind(&self) -> Option<(u8, Request<'static>, Moment)> {
         None
     }
 
     /// Returns the form of the answer to the last request, valid or not; `None` if it is not that of a read, or if the
     /// wire does not record it.
-    fn received_form(&self) -> Option<Mark> {
+    fn received_form(&self) -> Option<ReplySignature> {
         None
     }
 

@@ -9,10 +9,10 @@ use isotherm_core::output::Who;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{Arm, Output, Profile, Share, Writes};
 
-use super::output::{OutputState, Outputs, Standing};
+use super::output::{OutputState, Outputs, RegisterHealth};
 use super::sign::SignCheck;
 use super::units::is_beyond_limit;
-use crate::observe::asker::Asker;
+use crate::observe::requester::Requester;
 
 /// Reason for an axis that an operator switched off.
 pub(super) const BY_A_PERSON: &str = "switched off by a person";
@@ -20,7 +20,7 @@ pub(super) const BY_A_PERSON: &str = "switched off by a person";
 /// Request to arm that waits for a condition.
 #[derive(Clone, Debug)]
 pub(super) struct ArmRequest {
-    pub(super) by: Arc<Asker>,
+    pub(super) by: Arc<Requester>,
     /// Time at which the request expires.
     pub(super) until: Moment,
     /// Last reported condition for which the request waits, and the time of that report.
@@ -170,8 +170,9 @@ impl Arming {
                 continue;
             }
             match (state.standing, state.cz) {
-                (Standing::Verified | Standing::Foreign, Some(_)) if output.writes == Writes::Reference => {}
-                (Standing::Verified | Standing::Foreign, Some(cz)) => {
+                (RegisterHealth::Verified | RegisterHealth::Foreign, Some(_))
+                    if output.writes == Writes::Reference => {}
+                (RegisterHealth::Verified | RegisterHealth::Foreign, Some(cz)) => {
                     let limit = profile.axes[axis].settings.guard.limit;
                     let is_beyond = is_beyond_limit(profile, output, cz);
                     let axis = &profile.axes[axis].settings.name;
@@ -243,11 +244,11 @@ impl Arming {
         let mut permit = Permit::Armed;
         for (output, state) in outputs.of_axis(axis) {
             match state.standing {
-                Standing::Unverified => return Permit::Unverified,
-                Standing::Unknown if output.writes.is_scheduled() => return Permit::Unverified,
+                RegisterHealth::Unverified => return Permit::Unverified,
+                RegisterHealth::Unknown if output.writes.is_scheduled() => return Permit::Unverified,
                 // The control must have the reference position before a slope is applied.
                 _ if !dry_run && !has_its_reference(profile, output, state) => return Permit::Unverified,
-                Standing::Interlocked if output.writes.is_scheduled() => permit = Permit::Held,
+                RegisterHealth::Interlocked if output.writes.is_scheduled() => permit = Permit::Held,
                 _ => {}
             }
         }

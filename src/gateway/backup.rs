@@ -11,7 +11,7 @@ use std::path::Path;
 use super::disk::{Disk, Files};
 use super::store::document::{Seal, read, render};
 use super::store::{Content, number, path};
-use isotherm_core::output::{Doubt, Kept};
+use isotherm_core::output::{Doubt, SavedOutput};
 use serde_json::Value;
 
 /// Returns name and bytes of the state document, or `None` if nothing has been saved yet.
@@ -60,7 +60,7 @@ fn one_put_back(
         Err(error) => return Err(format!("{} cannot be read: {error}", path.display())),
         Ok(bytes) => Some(read(&bytes, machine).map(|(there, _)| (there.since, there.number)).ok()),
     };
-    let (_, numbered) = number::look(&Files, directory, machine);
+    let (_, numbered) = number::read_number(&Files, directory, machine);
     let numbered = numbered.transpose().map(|number| number.map(|known| (known.since, known.number)).ok());
     for known in [there, numbered].into_iter().flatten() {
         match known {
@@ -95,7 +95,7 @@ fn doubted(seal: &Seal, content: Content) -> std::io::Result<Vec<u8>> {
     let places = state.as_mut().and_then(|state| state.get_mut("places")).and_then(Value::as_object_mut);
     places.into_iter().for_each(|places| places.retain(|key, _| key != "kept" && key != "releases"));
     for entry in outputs.values_mut().filter(|entry| entry.kept.account.is_some()) {
-        entry.kept = Kept::in_question(Doubt::Restored);
+        entry.kept = SavedOutput::in_question(Doubt::Restored);
     }
     let outputs = outputs.iter().map(|(name, entry)| Ok((name.clone(), serde_json::to_vec(entry)?)));
     let outputs: BTreeMap<String, Vec<u8>> = outputs.collect::<serde_json::Result<_>>()?;

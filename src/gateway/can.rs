@@ -27,11 +27,11 @@ pub(super) use listener::CanListener;
 pub(super) struct Can {
     pub(super) link: Arc<Link>,
     wakeup: Wakeup,
-    handed: Mutex<Handed>,
+    handed: Mutex<PendingNodeReports>,
 }
 
 #[derive(Debug, Default)]
-struct Handed {
+struct PendingNodeReports {
     /// Devices whose setup list has been written.
     set_up: Vec<DeviceId>,
     /// Devices whose back-off ends early. `None` is the whole line.
@@ -57,7 +57,7 @@ impl Can {
         self.handed().revived.push(what);
     }
 
-    fn handed(&self) -> MutexGuard<'_, Handed> {
+    fn handed(&self) -> MutexGuard<'_, PendingNodeReports> {
         self.handed.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::shared::Shared;
 use crate::clock::Sleeper;
 use crate::fieldbus::opcua::certificate::Certificate;
-use crate::observe::events::{Event, Expiry, Whose};
+use crate::observe::events::{CertificateOwner, Event, Expiry};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Bus, NamedFile, Profile, User};
 
@@ -28,13 +28,13 @@ pub(super) fn has_some(profile: &Profile) -> bool {
 
 /// Reports each certificate once before its expiry and once after it, by the time of day.
 pub(super) async fn watch(shared: Arc<Shared>, mut sleeper: Sleeper) {
-    let mut told: Vec<Expiry> = Vec::new();
+    let mut reported: Vec<Expiry> = Vec::new();
     loop {
         let now = expiring(&shared.profile, shared.clock.time_of_day());
         now.iter()
-            .filter(|expiry| !told.contains(expiry))
+            .filter(|expiry| !reported.contains(expiry))
             .for_each(|expiry| shared.report(&Event::Certificate(expiry.clone())));
-        told = now;
+        reported = now;
         sleeper.sleep(LOOK_EVERY).await;
     }
 }
@@ -46,9 +46,9 @@ fn of_line(bus: &Bus) -> Vec<Expiry> {
         let (bus, file) = (bus.name.clone(), file.name.clone());
         Expiry { bus, file, whose, until, is_over: false }
     };
-    let own = line.own.iter().map(|(cert, _)| (cert, Whose::Gateway));
+    let own = line.own.iter().map(|(cert, _)| (cert, CertificateOwner::Gateway));
     let user = match &line.user {
-        User::Certified { cert, .. } => Some((cert, Whose::User)),
+        User::Certified { cert, .. } => Some((cert, CertificateOwner::User)),
         User::Anonymous | User::Named { .. } => None,
     };
     let ours = own.chain(user).filter_map(|(file, whose)| Some(expiry(file, whose, read(file)?.to)));
@@ -59,5 +59,5 @@ fn of_line(bus: &Bus) -> Vec<Expiry> {
         trusted.iter().any(|(_, other)| names(other) == names(old) && other.to > old.to)
     };
     let servers = trusted.iter().filter(|(_, cert)| !is_replaced(cert));
-    ours.chain(servers.map(|(file, cert)| expiry(file, Whose::Server, cert.to))).collect()
+    ours.chain(servers.map(|(file, cert)| expiry(file, CertificateOwner::Server, cert.to))).collect()
 }

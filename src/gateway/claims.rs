@@ -15,7 +15,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::control::{self, Presence};
-use crate::clock::Passing;
+use crate::clock::BootClock;
 use isotherm_profile::{BusId, Profile};
 use sockets::{Answer, Listener};
 
@@ -124,7 +124,7 @@ pub fn could_claim(profile: &Profile, directory: &Path) -> Result<(), String> {
 /// Compares a claim with those of all other gateways, except the ignored ones. Waits while a rival that starts at the
 /// same moment has not given way. Returns why some gateway cannot be seen.
 fn compare_with_others(own: &Claim, is_ignored: impl Fn(&Claim) -> bool) -> Result<Option<String>, String> {
-    let begun = Passing::default().passed();
+    let begun = BootClock::default().passed();
     loop {
         let mut unseen = None;
         let mut waits_for = None;
@@ -163,7 +163,7 @@ fn compare_with_others(own: &Claim, is_ignored: impl Fn(&Claim) -> bool) -> Resu
         }
         match waits_for {
             None => return Ok(unseen),
-            Some(why) if Passing::default().passed() - begun > PATIENCE => return Err(why),
+            Some(why) if BootClock::default().passed() - begun > PATIENCE => return Err(why),
             Some(_) => std::thread::sleep(LOOK_AGAIN),
         }
     }
@@ -173,7 +173,7 @@ fn compare_with_others(own: &Claim, is_ignored: impl Fn(&Claim) -> bool) -> Resu
 /// second one.
 fn is_same_gateway(own: &Claim, other: &Claim) -> bool {
     let socket = control::path(&own.state, &own.machine);
-    socket == control::path(&other.state, &other.machine) && control::presence(&socket) != Presence::Nobody
+    socket == control::path(&other.state, &other.machine) && control::presence(&socket) != Presence::Absent
 }
 
 fn refusal(place: &str, other: &Claim) -> String {

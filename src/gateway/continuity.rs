@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use super::arming::Arming;
-use super::noted::Noted;
+use super::dirty_vec::DirtyVec;
 use crate::fieldbus::namespaces::NamespaceTable;
 use isotherm_core::compensation::model::Model;
 use isotherm_core::compensation::reference::Reference;
@@ -95,7 +95,7 @@ impl Devices {
         &mut self,
         device: DeviceId,
         compensation: &Compensation,
-        arming: &Noted<Arming>,
+        arming: &DirtyVec<Arming>,
     ) {
         let follows = |axis: usize| arming[axis].is_armed() && arming[axis].sign.is_none();
         let holds = |axis: &usize| {
@@ -110,7 +110,7 @@ impl Devices {
 
     /// Ends a round in which all checks of a device have passed. If its settings are changed later, its axes return to
     /// the values that they held when the round began.
-    pub(super) fn round_passed(&mut self, device: DeviceId, arming: &mut Noted<Arming>) {
+    pub(super) fn round_passed(&mut self, device: DeviceId, arming: &mut DirtyVec<Arming>) {
         for axis in (0..self.of_axis.len()).filter(|axis| self.of_axis[*axis].contains(&device)) {
             if arming[axis].return_to.is_some() && *self.of_axis(axis) == Continuity::Confirmed {
                 arming[axis].return_to = None;
@@ -142,7 +142,7 @@ impl Devices {
 
     /// Handles changed settings of a device: its axes return to the values that they held before its checks passed
     /// last.
-    pub(super) fn settings_changed(&self, device: DeviceId, arming: &mut Noted<Arming>) {
+    pub(super) fn settings_changed(&self, device: DeviceId, arming: &mut DirtyVec<Arming>) {
         for (axis, held) in &self.held[device.0] {
             // If another device was changed before, the value held since then is wrong as well.
             if arming[*axis].is_armed() && arming[*axis].return_to.is_none() {

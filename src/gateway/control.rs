@@ -45,17 +45,17 @@ use super::WireLog;
 use super::disk::make_directory;
 use super::successor::Successor;
 use crate::fieldbus::explain::system;
-use crate::fieldbus::trace::{Exchange, Listening};
-use crate::observe::asker::{Asker, Attendance, Connection, PATIENCE, Way};
-use crate::observe::status::{Answer, Command, Source, Status};
+use crate::fieldbus::trace::{Exchange, ExchangeReceiver};
+use crate::observe::requester::{ANSWER_TIMEOUT, Channel, Connection, Requester, ServiceTimes};
+use crate::observe::status::{Answer, Command, GatewayApi, Status};
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_profile::{counted, one_line};
-use silent::{Closed, Silent};
+use silent_connections::{Closed, SilentConnections};
 
 mod client;
 mod process;
 mod restart;
-mod silent;
+mod silent_connections;
 mod sockets;
 mod user;
 
@@ -120,7 +120,7 @@ pub fn open(path: &Path) -> std::io::Result<std::os::unix::net::UnixListener> {
             return Err(refused(ErrorKind::AlreadyExists, why.to_owned()));
         }
         match presence(path) {
-            Presence::Nobody => {}
+            Presence::Absent => {}
             Presence::Answers => {
                 let why = "another gateway of this machine is running (it answers on this socket)";
                 return Err(refused(ErrorKind::AddrInUse, why.to_owned()));
@@ -147,11 +147,11 @@ pub fn open(path: &Path) -> std::io::Result<std::os::unix::net::UnixListener> {
 
 /// State that all connections share.
 #[derive(Clone)]
-struct Desk {
-    source: Arc<dyn Source>,
+struct ControlContext {
+    source: Arc<dyn GatewayApi>,
     wire_log: WireLog,
     successor: Option<Successor>,
-    attendance: Attendance,
+    attendance: ServiceTimes,
     /// Permits for clients that stay.
     stays: Arc<Semaphore>,
 }
@@ -162,17 +162,17 @@ struct Desk {
 /// The listener cannot be used by this runtime.
 pub async fn serve(
     listener: std::os::unix::net::UnixListener,
-    source: Arc<dyn Source>,
+    source: Arc<dyn GatewayApi>,
     wire_log: WireLog,
     successor: Option<Successor>,
     most: usize,
 ) -> std::io::Result<()> {
     let mut listener = UnixListener::from_std(listener)?;
-    let attendance = Attendance::default();
+    let attendance = ServiceTimes::default();
     let stays = Arc::new(Semaphore::new(most.div_ceil(2)));
-    let desk = Desk { source, wire_log, successor, attendance: attendance.clone(), stays };
+    let desk = ControlContext { source, wire_log, successor, attendance: attendance.clone(), stays };
     let places = Arc::new(Semaphore::new(most));
-    let silent = Silent::of(most);
+    let silent = SilentConnections::of(most);
     let accepting = async {
         loop {
             let accepted = tokio::select! {
@@ -210,18 +210,18 @@ fn made_again(listener: UnixListener) -> UnixListener {
     again.unwrap_or(listener)
 }
 
-impl Desk {
+impl ControlContext {
     async fn serve(&self, stream: UnixStream, closed: Closed) -> std::io::Result<()> {
         let who = user::name(&stream);
         let connection: Arc<Connection> = Arc::new(stream.as_fd().try_clone_to_owned()?);
         let (mut reader, mut writer) = stream.into_split();
-        let heard = tokio::select! {
+        let received = tokio::select! {
             biased;
-            heard = tokio::time::timeout(PATIENCE, hear(&mut reader)) => heard.ok().flatten().unwrap_or_default(),
+            received = tokio::time::timeout(ANSWER_TIMEOUT, receive(&mut reader)) => received.ok().flatten().unwrap_or_default(),
             _ = closed => return Ok(()),
         };
-        let (trace, line) = (TraceRequest::parse(heard.trim()), Line::parse(heard.trim()));
-        let restart = restart::Request::parse(heard.trim());
+        let (trace, line) = (TraceRequest::parse(received.trim()), Line::parse(received.trim()));
+        let restart = restart::Request::parse(received.trim());
         let stays = trace.is_some()
             || restart.is_some_and(restart::Request::stays)
             || line.as_ref().is_some_and(|line| line.stays);
@@ -235,7 +235,7 @@ impl Desk {
         if let Some(request) = restart {
             return restart::serve(self, request, (who, &connection), &mut writer).await;
         }
-        if heard.trim() == STATUS {
+        if received.trim() == STATUS {
             return say(&mut writer, &format!("ok {}\n", document(&self.source.status()))).await;
         }
         let Some(line) = line else {
@@ -244,8 +244,8 @@ impl Desk {
             );
             return say(&mut writer, &known).await;
         };
-        let asker = line.asker(who, &connection, &self.attendance);
-        let said = match line.execute(self.source.as_ref(), &asker) {
+        let requester = line.requester(who, &connection, &self.attendance);
+        let said = match line.execute(self.source.as_ref(), &requester) {
             Ok(Answer::Waits(_)) => return follow(self.source.as_ref(), &line, &mut writer).await,
             Ok(Answer::Done(said)) => said_in_a_line("ok", &said),
             Ok(Answer::TooSoon(why)) | Err(why) => said_in_a_line("error", &why),
@@ -256,7 +256,7 @@ impl Desk {
 
 /// Sends text to a client. A client that does not read it within the timeout loses its connection.
 async fn say(writer: &mut OwnedWriteHalf, text: &str) -> std::io::Result<()> {
-    tokio::time::timeout(PATIENCE, writer.write_all(text.as_bytes())).await?
+    tokio::time::timeout(ANSWER_TIMEOUT, writer.write_all(text.as_bytes())).await?
 }
 
 /// Formats an answer as one line, whatever characters the text contains.
@@ -266,11 +266,15 @@ fn said_in_a_line(word: &str, text: &str) -> String {
 
 /// Reports the result of arming or of a sign check. If the client stays, it also receives the conditions for which its
 /// request waits.
-async fn follow(source: &dyn Source, line: &Line<'_>, writer: &mut OwnedWriteHalf) -> std::io::Result<()> {
+async fn follow(
+    source: &dyn GatewayApi,
+    line: &Line<'_>,
+    writer: &mut OwnedWriteHalf,
+) -> std::io::Result<()> {
     let (mut waited, mut said, mut still) = (Duration::ZERO, String::new(), Duration::ZERO);
     loop {
         let progress = match line.what {
-            What::Command(Command::Sign) => source.signing(line.axis),
+            ParsedCommand::Command(Command::Sign) => source.signing(line.axis),
             _ => source.arming(line.axis),
         };
         let text = match progress {
@@ -302,8 +306,8 @@ async fn follow(source: &dyn Source, line: &Line<'_>, writer: &mut OwnedWriteHal
 
 /// Keeps the connection of a client that stays while the operator reads the gauge. The gateway ends a sign check if its
 /// connection is closed. Returns when the check is over, and at once for any other request.
-async fn wait_for_answer(source: &dyn Source, line: &Line<'_>) {
-    let is_sign_check = line.stays && line.what == What::Command(Command::Sign);
+async fn wait_for_answer(source: &dyn GatewayApi, line: &Line<'_>) {
+    let is_sign_check = line.stays && line.what == ParsedCommand::Command(Command::Sign);
     while is_sign_check && source.signing(line.axis).is_ok() {
         tokio::time::sleep(LOOK_AGAIN).await;
     }
@@ -312,7 +316,7 @@ async fn wait_for_answer(source: &dyn Source, line: &Line<'_>) {
 /// Parsed line of a client.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Line<'a> {
-    what: What<'a>,
+    what: ParsedCommand<'a>,
     axis: Option<&'a str>,
     /// Time and id of a measurement.
     time: Option<&'a str>,
@@ -323,7 +327,7 @@ struct Line<'a> {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum What<'a> {
+enum ParsedCommand<'a> {
     Command(Command),
     /// Measured error of an axis, µm. `None` discards what the axis has learned from such errors.
     Measured(&'a str, Option<f64>),
@@ -338,17 +342,19 @@ impl<'a> Line<'a> {
         let what = match words.next()? {
             "measured" => {
                 let (axis, error) = (words.next()?, words.next()?);
-                What::Measured(axis, if error == "clear" { None } else { Some(error.parse().ok()?) })
+                ParsedCommand::Measured(axis, if error == "clear" { None } else { Some(error.parse().ok()?) })
             }
-            "confirm" => What::Confirm(words.next()?),
-            word => What::Command(Command::ALL.into_iter().find(|(name, _)| *name == word)?.1),
+            "confirm" => ParsedCommand::Confirm(words.next()?),
+            word => ParsedCommand::Command(Command::ALL.into_iter().find(|(name, _)| *name == word)?.1),
         };
         let mut line = Line { what, axis: None, time: None, id: None, until: None, stays: false };
         for word in words {
             match word.split_once('=') {
-                Some(("axis", axis)) if matches!(what, What::Command(_)) => line.axis = Some(axis),
-                Some(("time", time)) if matches!(what, What::Measured(_, Some(_))) => line.time = Some(time),
-                Some(("id", id)) if matches!(what, What::Measured(_, Some(_))) => line.id = Some(id),
+                Some(("axis", axis)) if matches!(what, ParsedCommand::Command(_)) => line.axis = Some(axis),
+                Some(("time", time)) if matches!(what, ParsedCommand::Measured(_, Some(_))) => {
+                    line.time = Some(time)
+                }
+                Some(("id", id)) if matches!(what, ParsedCommand::Measured(_, Some(_))) => line.id = Some(id),
                 Some(("until", seconds)) => {
                     line.until = Some(Duration::try_from_secs_f64(seconds.parse().ok()?).ok()?);
                 }
@@ -361,23 +367,28 @@ impl<'a> Line<'a> {
 
     /// Returns whether a client of this command may stay.
     fn may_stay(&self) -> bool {
-        matches!(self.what, What::Command(Command::Arm | Command::Sign))
+        matches!(self.what, ParsedCommand::Command(Command::Arm | Command::Sign))
     }
 
-    fn asker(&self, who: String, connection: &Arc<Connection>, attendance: &Attendance) -> Arc<Asker> {
+    fn requester(
+        &self,
+        who: String,
+        connection: &Arc<Connection>,
+        attendance: &ServiceTimes,
+    ) -> Arc<Requester> {
         let until = self.until.unwrap_or_else(|| attendance.until());
-        let asker = Asker::new(Way::Socket, who).until(until).at(connection);
-        Arc::new(if self.stays { asker.staying() } else { asker })
+        let requester = Requester::new(Channel::Socket, who).until(until).at(connection);
+        Arc::new(if self.stays { requester.staying() } else { requester })
     }
 
-    fn execute(&self, source: &dyn Source, asker: &Arc<Asker>) -> Result<Answer, String> {
+    fn execute(&self, source: &dyn GatewayApi, requester: &Arc<Requester>) -> Result<Answer, String> {
         match self.what {
-            What::Command(command) => source.command(command, self.axis, asker),
-            What::Measured(axis, error) => {
+            ParsedCommand::Command(command) => source.command(command, self.axis, requester),
+            ParsedCommand::Measured(axis, error) => {
                 let report = error.map(|error| MeasuredReport::new(error, self.time, self.id));
-                source.measured(axis, report.transpose()?, asker)
+                source.measured(axis, report.transpose()?, requester)
             }
-            What::Confirm(device) => source.confirm(device, asker),
+            ParsedCommand::Confirm(device) => source.confirm(device, requester),
         }
     }
 }
@@ -394,7 +405,7 @@ fn document(status: &Status) -> serde_json::Value {
     document
 }
 
-async fn hear(reader: &mut OwnedReadHalf) -> Option<String> {
+async fn receive(reader: &mut OwnedReadHalf) -> Option<String> {
     let mut line = String::new();
     tokio::io::BufReader::new(reader.take(LONGEST)).read_line(&mut line).await.ok()?;
     Some(line)
@@ -452,7 +463,7 @@ async fn serve_trace(
 }
 
 async fn show(
-    listening: &mut Listening,
+    listening: &mut ExchangeReceiver,
     writer: &mut OwnedWriteHalf,
     json: bool,
     count: &mut u64,

@@ -10,7 +10,7 @@ use isotherm_profile::{Axis, AxisId, Profile};
 
 /// Settings that never change while the gateway runs.
 #[derive(Clone)]
-pub(super) struct Given {
+pub(super) struct RunConfig {
     pub(super) profile: Arc<Profile>,
     pub(super) dependents: Arc<Dependents>,
     pub(super) dry_run: bool,

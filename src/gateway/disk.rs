@@ -9,7 +9,7 @@ use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
 use std::path::Path;
 
 use crate::fieldbus::explain::system;
-use isotherm_profile::regular;
+use isotherm_profile::safe_file;
 
 /// Largest document, in bytes.
 const LARGEST: u64 = 16 * 1024 * 1024;
@@ -63,7 +63,7 @@ pub struct Files;
 
 impl Disk for Files {
     fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
-        regular::read(path, LARGEST)
+        safe_file::read(path, LARGEST)
     }
 
     fn replace(&self, path: &Path, document: &[u8]) -> io::Result<()> {
@@ -141,7 +141,7 @@ pub(super) fn create(path: &Path) -> io::Result<File> {
 pub(super) fn append(path: &Path) -> io::Result<File> {
     match create(path) {
         Err(error) if error.kind() == ErrorKind::AlreadyExists => {
-            regular::open(path)?;
+            safe_file::open(path)?;
             OpenOptions::new().append(true).open(path)
         }
         made => made,

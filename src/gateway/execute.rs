@@ -2,8 +2,8 @@
 //!
 //! The task of a line owns an executor for each of its outputs. This is a [`Single`] if the output is written by
 //! itself, or a [`Position`] if it is a corrected position. Outputs that are written together have one [`Set`]. A
-//! [`Single`] has a [`register::Register`] and a [`Controller`](isotherm_core::output::Controller). A [`Set`] has a
-//! register for each output, and a [`SetController`](isotherm_core::output::SetController). A turn begins with the
+//! [`Single`] has a [`register::OutputRegister`] and a [`Controller`](isotherm_core::output::Controller). A [`Set`] has
+//! a register for each output, and a [`SetController`](isotherm_core::output::SetController). A turn begins with the
 //! demand of the axis. Then each action is one exchange, and its result is the next input, until there is nothing to
 //! do. A reference position is an output without a step or a limit.
 
@@ -13,17 +13,17 @@ use super::line_handle::LineHandle;
 use crate::fieldbus::line::DeviceLine;
 use isotherm_core::quantity::Moment;
 
-mod cells;
 mod demand;
 mod failures;
-mod nodes;
 mod position;
 mod register;
 mod report;
 mod set;
+mod set_io;
+mod set_modbus;
+mod set_opcua;
 mod single;
 mod strobe;
-mod together;
 
 pub(super) use position::Position;
 pub(super) use set::Set;

@@ -7,8 +7,8 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::arming::ArmRequest;
-use super::core::Core;
-use crate::observe::asker::{Asker, Way};
+use super::state::GatewayState;
+use crate::observe::requester::{Channel, Requester};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::AxisId;
 
@@ -32,17 +32,17 @@ pub struct Handover {
 }
 
 impl Handover {
-    pub(super) fn of(core: &Core, by: String) -> Handover {
+    pub(super) fn of(core: &GatewayState, by: String) -> Handover {
         let mut handover = Handover { by, ..Handover::default() };
         let axes = core.given.profile.axes.iter().zip(core.arming.as_slice());
         for (place, (axis, arming)) in axes.enumerate() {
             let name = axis.settings.name.clone();
             if arming.is_armed() && !arming.is_tripped() {
                 let of_position = core.outputs.of_axis(place);
-                let stands = of_position.filter(|(output, _)| output.writes.position().is_some());
-                let stands = stands.filter_map(|(_, state)| state.cz).next();
+                let verified_cz = of_position.filter(|(output, _)| output.writes.position().is_some());
+                let verified_cz = verified_cz.filter_map(|(_, state)| state.cz).next();
                 let decided = core.compensation.decision(place).map(|decision| decision.cz);
-                handover.armed.insert(name, stands.or(decided).unwrap_or_default());
+                handover.armed.insert(name, verified_cz.or(decided).unwrap_or_default());
             } else if arming.is_tripped() || arming.is_latched() && !core.places.is_why(&name, &arming.why) {
                 // An axis that is off because of a former register is left out: the next start checks that register
                 // again.
@@ -54,14 +54,17 @@ impl Handover {
 
     /// Lets the axes continue as they were. An armed axis gets a request to arm. Like the request of an operator, it
     /// waits for missing conditions.
-    pub(super) fn go_on(&self, core: &mut Core, now: Moment) {
+    pub(super) fn go_on(&self, core: &mut GatewayState, now: Moment) {
         let profile = core.given.profile.clone();
         for (place, axis) in profile.axes.iter().enumerate() {
             let name = &axis.settings.name;
             if let Some(why) = self.off.get(name) {
                 core.disarm(AxisId(place), why.as_str());
             } else if let Some(from) = self.armed.get(name).filter(|_| axis.has_model()) {
-                let by = Arc::new(Asker::new(Way::Restart, format!("armed before; restarted {}", self.by)));
+                let by = Arc::new(Requester::new(
+                    Channel::Restart,
+                    format!("armed before; restarted {}", self.by),
+                ));
                 let until = now.after(profile.arm_timeout);
                 let reported = (String::new(), now);
                 core.arming[place].asked = Some(ArmRequest { by, until, reported, from: Some(*from) });

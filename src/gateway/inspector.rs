@@ -11,12 +11,12 @@ use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, CanRequest, NodeRequest, Request};
 use crate::gateway::can::Can;
-use crate::gateway::core::Core;
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::namespaces::NamespaceWatch;
+use crate::gateway::state::GatewayState;
 use crate::observe::events::Event;
 use isotherm_core::codec::Encoded;
-use isotherm_core::continuity::{Continuity, Difference, Found, sentence};
+use isotherm_core::continuity::{CheckFailure, Continuity, Difference, sentence};
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
@@ -53,7 +53,7 @@ struct Inspection {
     /// Consecutive attempts without a value, and the time of the last one.
     missed: (u32, Moment),
     /// Whether a device shows by polls, or by frames that it sends, that it is present.
-    is_heard: bool,
+    is_received: bool,
     /// Whether other values than the checks are read from the device.
     is_polled: bool,
     identified: Identified,
@@ -105,7 +105,7 @@ impl Inspector {
         let stretch = checks::stretch(profile, bus);
         let inspection = |(id, device): (DeviceId, &Device)| {
             let has_requests = !profile.requests(id).is_empty();
-            let is_heard = device.can.is_some() || has_requests;
+            let is_received = device.can.is_some() || has_requests;
             let is_polled = has_requests || profile.signals_of(id).next().is_some();
             let identified = match device.is_checked() {
                 true => Identified::ByChecks,
@@ -120,7 +120,7 @@ impl Inspector {
                 device: id,
                 due: start,
                 missed: (0, start),
-                is_heard,
+                is_received,
                 is_polled,
                 identified,
                 set_up: None,
@@ -138,7 +138,7 @@ impl Inspector {
 
     /// Reads the checks that are due.
     pub(super) async fn inspect(&mut self, line: &mut DeviceLine, shared: &LineHandle, can: Option<&Can>) {
-        self.look_at_namespaces(shared);
+        self.check_namespaces(shared);
         for place in 0..self.inspections.len() {
             let (inspection, now) = (&mut self.inspections[place], shared.clock.now());
             let id = inspection.device;
@@ -152,7 +152,7 @@ impl Inspector {
                 }
                 continue;
             }
-            if line.is_resting(id, now) {
+            if line.is_backing_off(id, now) {
                 continue;
             }
             if shared.core().devices.is_confirmed(id) {
@@ -174,7 +174,7 @@ impl Inspector {
                 if line.request_unverified(id, again).await.is_err() {
                     continue;
                 }
-                self.look_at_namespaces(shared);
+                self.check_namespaces(shared);
             }
             let known = self.namespaces.differences(&shared.profile.path, &shared.profile.device(id).name);
             let inspection = &mut self.inspections[place];
@@ -186,9 +186,9 @@ impl Inspector {
 
     /// Compares the namespaces of a server. If one cannot be identified, the devices are reported as changed. If all
     /// can, the checks of the devices are read. A device without checks is then as expected.
-    fn look_at_namespaces(&mut self, shared: &LineHandle) {
+    fn check_namespaces(&mut self, shared: &LineHandle) {
         let Some(table) = shared.core().devices.namespaces(self.bus) else { return };
-        if !self.namespaces.look(shared.profile.bus(self.bus), &table, &mut shared.core()) {
+        if !self.namespaces.check(shared.profile.bus(self.bus), &table, &mut shared.core()) {
             return;
         }
         for inspection in &mut self.inspections {
@@ -214,8 +214,8 @@ impl Inspection {
     /// Returns true if the device did not answer its checks. A poll must then show first that the device is present.
     fn waits_for_polls(&self, shared: &LineHandle) -> bool {
         let core = shared.core();
-        let lost = core.contact.devices[self.device.0].lost.as_ref();
-        self.is_heard && self.missed.0 > 0 && lost.is_some_and(|lost| lost.answers_since.is_none())
+        let lost = core.device_health.devices[self.device.0].lost.as_ref();
+        self.is_received && self.missed.0 > 0 && lost.is_some_and(|lost| lost.answers_since.is_none())
     }
 
     /// Reads the check of a confirmed device that is due first. Returns true if a check was due. All checks are read
@@ -371,7 +371,7 @@ impl Inspection {
         };
         self.missed = (attempts, now);
         let is_busy = fault.is_of_a_gateway() || matches!(fault, Fault::Exception(ACKNOWLEDGE | BUSY));
-        let is_known = self.is_heard || (fault.is_refusal() && !is_busy);
+        let is_known = self.is_received || (fault.is_refusal() && !is_busy);
         is_known && attempts >= ASSUMED_SILENT
     }
 
@@ -395,7 +395,7 @@ async fn read(
         return Ok(Some(check.absent(Fault::Caller(CallerFault::Function))));
     };
     let found = line.read_unverified(device, request).await;
-    match found.and_then(|found| found.answer.believed()) {
+    match found.and_then(|found| found.answer.accepted()) {
         Ok(found) => Ok(check.mismatch(registers(&found).registers())),
         Err(fault) if fault.is_absence() => Ok(Some(check.absent(fault))),
         Err(fault) => Err(fault),
@@ -441,7 +441,7 @@ async fn set_up(
 /// Difference for an object that could not be set up.
 fn not_set_up(setup: &Setup, why: String) -> Difference {
     let (what, was) = (named(setup), setup.value.to_string());
-    let is = Found::Described(format!("{what} {why}"));
+    let is = CheckFailure::Described(format!("{what} {why}"));
     Difference { what, was, is, meaning: String::new(), remedy: String::new() }
 }
 
@@ -465,7 +465,7 @@ fn registers(answer: &Answer) -> Encoded {
 
 fn round_begins(shared: &LineHandle, id: DeviceId) {
     let mut core = shared.core();
-    let Core { devices, compensation, arming, .. } = &mut *core;
+    let GatewayState { devices, compensation, arming, .. } = &mut *core;
     devices.round_begins(id, compensation, arming);
 }
 
@@ -480,7 +480,7 @@ fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Dif
     let has_remedies = differences.iter().all(|difference| !difference.remedy.is_empty());
     let Some(before) = core.devices.verified(id, breaks, differences) else { return };
     if found.is_empty() {
-        let Core { devices, arming, .. } = &mut *core;
+        let GatewayState { devices, arming, .. } = &mut *core;
         devices.round_passed(id, arming);
         if matches!(before, Continuity::Changed(_)) {
             core.events.push(Event::AsExpected { device: name.clone() });
@@ -494,21 +494,21 @@ fn verified(shared: &LineHandle, id: DeviceId, breaks: u64, differences: Vec<Dif
     let found =
         if is_of_settings { format!("the settings of the device were changed: {found}") } else { found };
     let why = Explained::new(format!("device {name}: {found}"), "correct the setting, then arm the axis");
-    let told = match has_remedies {
+    let reported = match has_remedies {
         true => Explained::new(found, "until the setting is correct, no axis that needs the device is armed"),
         false => found.into(),
     };
-    core.events.push(Event::NotAsExpected { device: name.clone(), found: told });
+    core.events.push(Event::NotAsExpected { device: name.clone(), found: reported });
     // A check that cannot be read proves no change.
     let was_evident =
         matches!(&before, Continuity::Changed(known) if known.iter().any(Difference::is_evidence));
     if is_evident && !was_evident && core.devices.of(id).has_lasted() {
-        let Core { devices, arming, .. } = &mut *core;
+        let GatewayState { devices, arming, .. } = &mut *core;
         devices.settings_changed(id, arming);
     }
     // After a break, no reading was used that has these settings.
     if before == Continuity::Confirmed {
-        let Core { devices, board, .. } = &mut *core;
+        let GatewayState { devices, board, .. } = &mut *core;
         let (now, rates) = (shared.clock.now(), devices.of(id).breaks_without_checks());
         for (signal, _) in shared.profile.signals_of(id) {
             board.store(signal, Err(Reason::NotAsExpected), now, rates);

@@ -6,7 +6,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-pub(super) use super::store::Kept;
+pub(super) use super::store::SaveResult;
 use super::store::{Content, Entries, Entry, Opened, WHAT, Writer, fits};
 use super::{Options, places};
 use crate::clock::Clock;
@@ -33,7 +33,7 @@ pub(super) struct Ledger {
 
 /// Condition for a write that depends on a saved entry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Keeping {
+pub(super) enum SaveCondition {
     /// The write need not wait.
     Needless,
     /// The write waits until this version of the document is on disk.
@@ -84,9 +84,9 @@ impl Ledger {
     }
 
     /// Entry of this output on disk at the start. `None` if nothing is known about its register.
-    pub(super) fn at_start(&self, output: &Output) -> Option<output::Kept> {
+    pub(super) fn at_start(&self, output: &Output) -> Option<output::SavedOutput> {
         if self.is_first && !is_shared(output) {
-            return Some(output::Kept { in_order: true, ..output::Kept::default() });
+            return Some(output::SavedOutput { in_order: true, ..output::SavedOutput::default() });
         }
         let counted = self.clock.shift().reversed();
         self.found.get(&output.name).map(|entry| entry.kept.shifted(counted))
@@ -94,26 +94,30 @@ impl Ledger {
 
     /// Saves the state of an output. `is_needed`: the next write depends on it. Otherwise the write waits only while a
     /// document on disk still says that a run ended in order.
-    pub(super) fn keep(&self, output: &Output, kept: output::Kept, is_needed: bool) -> Keeping {
+    pub(super) fn keep(&self, output: &Output, kept: output::SavedOutput, is_needed: bool) -> SaveCondition {
         // A value that no register can hold is not saved either.
         let stood = kept.stood.filter(|counts| fits(*counts));
-        let kept = output::Kept { stood, ..kept }.shifted(self.clock.shift());
+        let kept = output::SavedOutput { stood, ..kept }.shifted(self.clock.shift());
         let entry = Entry::new(places::of_output(&self.profile, output), kept);
         match &self.writer {
-            None if is_shared(output) => Keeping::Impossible,
-            None => Keeping::Needless,
+            None if is_shared(output) => SaveCondition::Impossible,
+            None => SaveCondition::Needless,
             Some(writer) => {
                 let version = writer.keep(output.name.clone(), entry);
-                if is_needed || !self.is_unmarked { Keeping::Version(version) } else { Keeping::Needless }
+                if is_needed || !self.is_unmarked {
+                    SaveCondition::Version(version)
+                } else {
+                    SaveCondition::Needless
+                }
             }
         }
     }
 
     /// Waits for the result: see [`Writer::kept`].
-    pub(super) async fn kept(&self, version: u64, span: Duration, clock: &Clock) -> Kept {
+    pub(super) async fn kept(&self, version: u64, span: Duration, clock: &Clock) -> SaveResult {
         match &self.writer {
             Some(writer) => writer.kept(version, span, clock).await,
-            None => Kept::Yes,
+            None => SaveResult::Yes,
         }
     }
 
@@ -135,7 +139,7 @@ fn found(
     let mut found = Entries::new();
     for output in &profile.outputs {
         let (place, in_words) = (places::of_output(profile, output), in_words(profile, output));
-        let in_question = |doubt| output::Kept::in_question(doubt);
+        let in_question = |doubt| output::SavedOutput::in_question(doubt);
         let is_of_it = |entry: &Entry| entry.is_of(&place, &in_words);
         let kept = match take(&mut before, profile, &output.name, is_of_it) {
             Some(entry) if is_of_it(&entry) && is_shared(output) && is_ours(output, &entry) => {

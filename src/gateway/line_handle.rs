@@ -4,11 +4,11 @@ use std::ops::Deref;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::core::Core;
 use super::shared::Shared;
+use super::state::GatewayState;
 use super::{releasing, signing};
 use crate::fieldbus::error::Fault;
-use crate::fieldbus::line::{Attribution, Witness};
+use crate::fieldbus::line::{Attribution, RequestObserver};
 use crate::fieldbus::wire::Request;
 use crate::observe::events::Event;
 use isotherm_core::continuity::Break;
@@ -57,7 +57,7 @@ impl LineHandle {
         }
         drop(core);
         if looks_at_day {
-            self.look_at_the_time_of_day();
+            self.check_time_of_day();
         }
         if stepped && self.profile.buses.len() > 1 {
             self.wake_others(self.bus);
@@ -66,28 +66,28 @@ impl LineHandle {
     }
 
     /// Checks for new results of the probing cycles that are read on this line.
-    pub(super) fn hear_probings(&self, now: Moment) {
+    pub(super) fn take_probings(&self, now: Moment) {
         let axes = &self.dependents.probed_on[self.bus.0];
         if axes.is_empty() {
             return;
         }
         let mut core = self.core();
-        let heard = axes.iter().filter(|axis| core.hear_probing(**axis, now)).count();
+        let received = axes.iter().filter(|axis| core.take_probing(**axis, now)).count();
         drop(core);
-        if heard > 0 {
+        if received > 0 {
             self.wake_others(self.bus);
         }
     }
 
     /// Checks the latest readings of this line for restarts, before anything is written. Wakes every line if a control
     /// was restarted.
-    pub(super) fn look_for_restarts(&self, now: Moment) {
+    pub(super) fn check_for_restarts(&self, now: Moment) {
         if !self.dependents.shows_restarts[self.bus.0] {
             return;
         }
         let mut core = self.core();
-        let Core { restarts, board, devices, events, .. } = &mut *core;
-        let any = restarts.look(board, self.bus, now, (devices, events));
+        let GatewayState { restarts, board, devices, events, .. } = &mut *core;
+        let any = restarts.check(board, self.bus, now, (devices, events));
         drop(core);
         if any {
             self.wake();
@@ -112,7 +112,7 @@ impl LineHandle {
     pub(super) fn overrun(&self, bus: BusId, count: u64, late: Duration, what: impl FnOnce() -> String) {
         let now = self.clock.now();
         let mut core = self.core();
-        if core.contact.buses[bus.0].overrun(count, late, now) {
+        if core.device_health.buses[bus.0].overrun(count, late, now) {
             let bus = self.profile.bus(bus).name.clone();
             core.events.push(Event::Overrun { bus, what: what(), late });
         }
@@ -139,7 +139,7 @@ impl LineHandle {
 }
 
 /// Counts the result of each request, and reports the beginning and the end of failures.
-impl Witness for LineHandle {
+impl RequestObserver for LineHandle {
     fn note(
         &self,
         device: DeviceId,
@@ -149,8 +149,8 @@ impl Witness for LineHandle {
     ) {
         let mut core = self.core();
         let now = self.clock.now();
-        let Core { contact, devices, events, .. } = &mut *core;
-        let count = &mut contact.devices[device.0];
+        let GatewayState { device_health, devices, events, .. } = &mut *core;
+        let count = &mut device_health.devices[device.0];
         count.requests += 1;
         if let Err(fault) = outcome {
             *count.failures.entry(fault.blame()).or_default() += 1;
@@ -158,15 +158,15 @@ impl Witness for LineHandle {
         match outcome {
             // The gateway before the device has answered: nothing came from the device.
             Err(fault) if !fault.is_refusal() || (fault.is_of_a_gateway() && request.is_read()) => {
-                contact.fails(device, fault, refusals, events);
+                device_health.fails(device, fault, refusals, events);
                 devices.misses(device, now);
             }
             // No device answers a frame: a frame that was sent says nothing about the device.
             Ok(()) if !request.is_answered() => {}
             _ => {
                 devices.answers(device, now);
-                if !contact.devices[device.0].is_here() {
-                    contact.answers(device, now, events);
+                if !device_health.devices[device.0].is_here() {
+                    device_health.answers(device, now, events);
                 }
             }
         }
@@ -230,10 +230,10 @@ impl Witness for LineHandle {
     /// Reports the state of a subscription once, until it changes. A server is asked again on each connection.
     fn subscribes(&self, device: DeviceId, what: String) {
         let mut core = self.core();
-        let Core { contact, events, .. } = &mut *core;
-        let told = &mut contact.devices[device.0].subscription;
-        if *told != what {
-            told.clone_from(&what);
+        let GatewayState { device_health, events, .. } = &mut *core;
+        let reported = &mut device_health.devices[device.0].subscription;
+        if *reported != what {
+            reported.clone_from(&what);
             let device = self.profile.device(device).name.clone();
             events.push(Event::Subscription { device, what });
         }

@@ -3,8 +3,8 @@
 use std::ops::{Deref, DerefMut};
 use std::sync::MutexGuard;
 
-use super::core::Core;
 use super::shared::Shared;
+use super::state::GatewayState;
 use crate::observe::events::Event;
 use isotherm_core::quantity::Moment;
 
@@ -43,9 +43,9 @@ impl LockTimes {
     }
 }
 
-/// Guard of the lock. Events in [`Core::events`] are reported as soon as the lock is free again.
-pub(super) struct Held<'a> {
-    core: MutexGuard<'a, Core>,
+/// Guard of the lock. Events in [`GatewayState::events`] are reported as soon as the lock is free again.
+pub(super) struct StateGuard<'a> {
+    core: MutexGuard<'a, GatewayState>,
     /// Start of the measurement, if this lock is measured.
     since: Option<Moment>,
     /// Reports the events when it is dropped. The field follows the lock, so that it is dropped after the lock.
@@ -58,28 +58,28 @@ struct Unreported<'a> {
     events: Vec<Event>,
 }
 
-impl<'a> Held<'a> {
-    pub(super) fn new(mut core: MutexGuard<'a, Core>, shared: &'a Shared) -> Held<'a> {
+impl<'a> StateGuard<'a> {
+    pub(super) fn new(mut core: MutexGuard<'a, GatewayState>, shared: &'a Shared) -> StateGuard<'a> {
         let since = core.lock_times.take().then(|| shared.clock.now());
-        Held { core, since, after: Unreported { shared, events: Vec::new() } }
+        StateGuard { core, since, after: Unreported { shared, events: Vec::new() } }
     }
 }
 
-impl Deref for Held<'_> {
-    type Target = Core;
+impl Deref for StateGuard<'_> {
+    type Target = GatewayState;
 
-    fn deref(&self) -> &Core {
+    fn deref(&self) -> &GatewayState {
         &self.core
     }
 }
 
-impl DerefMut for Held<'_> {
-    fn deref_mut(&mut self) -> &mut Core {
+impl DerefMut for StateGuard<'_> {
+    fn deref_mut(&mut self) -> &mut GatewayState {
         &mut self.core
     }
 }
 
-impl Drop for Held<'_> {
+impl Drop for StateGuard<'_> {
     fn drop(&mut self) {
         self.after.events = std::mem::take(&mut self.core.events);
         if let Some(since) = self.since {

@@ -45,7 +45,7 @@ mod tests;
 
 #[cfg(feature = "parquet")]
 pub use days::{days, is_for_replay, is_text};
-pub use reader::{Decided, LogError, LogReader, LogRow};
+pub use reader::{LogError, LogReader, LogRow, LoggedDecision};
 pub use recorder::{Recorder, number};
 #[cfg(test)]
 pub(crate) use tests::sample;

@@ -10,13 +10,13 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::board::LastGood;
 use super::places::{Places, renamed};
 use super::sign::SignMemory;
+use super::signal_table::LastGood;
 use super::store::{by_name, by_place};
 use isotherm_core::compensation::Remembered;
 use isotherm_core::compensation::settings::AxisSettings;
-use isotherm_core::place::Moved;
+use isotherm_core::place::MovedPlace;
 use isotherm_core::quantity::{Moment, Shift, Shifted};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::Profile;
@@ -29,12 +29,12 @@ pub(super) struct Memory {
     signals: Vec<String>,
     remembered: Remembered,
     verified_um: BTreeMap<String, f64>,
-    rest: Rest,
+    rest: UnchangedParts,
 }
 
 /// Parts of the state that are saved without a change.
 #[derive(Debug)]
-pub(super) struct Rest {
+pub(super) struct UnchangedParts {
     /// Saved results of the sign checks, by axis.
     pub(super) signs: BTreeMap<String, SignMemory>,
     pub(super) places: Arc<Places>,
@@ -64,7 +64,7 @@ pub(super) struct SavedState {
 
 /// State that a run finds at its start.
 #[derive(Debug, Default)]
-pub(super) struct Recalled {
+pub(super) struct RestoredMemory {
     /// State of the compensation. Its moments are stamps of the previous run.
     pub(super) remembered: Remembered,
     /// Time at which the state was saved.
@@ -78,7 +78,7 @@ pub(super) struct Recalled {
     /// Outputs that have another name at the same place: old name and new name. The other fields contain the new names.
     pub(super) renamed: BTreeMap<String, String>,
     /// Signals that have another place now, if a reference was captured from them. The reference is discarded.
-    pub(super) moved: BTreeMap<String, Moved>,
+    pub(super) moved: BTreeMap<String, MovedPlace>,
     /// Last good values of signals with a `max_rate`, with their age at the start. Empty if the age is not known.
     pub(super) values: BTreeMap<String, LastGood>,
 }
@@ -89,7 +89,7 @@ impl Memory {
         at: Moment,
         remembered: Remembered,
         verified_um: BTreeMap<String, f64>,
-        rest: Rest,
+        rest: UnchangedParts,
     ) -> Memory {
         let signals = profile.signals.iter().map(|signal| signal.name.clone()).collect();
         Memory { at, signals, remembered, verified_um, rest }
@@ -105,7 +105,7 @@ impl Memory {
     pub(super) fn saved(self) -> serde_json::Result<SavedState> {
         let mut machine = serde_json::to_value(&self.remembered)?;
         by_name(&mut machine, &self.signals);
-        let Rest { signs, places, values } = self.rest;
+        let UnchangedParts { signs, places, values } = self.rest;
         let places = Arc::unwrap_or_clone(places);
         Ok(SavedState { at: self.at, machine, verified_um: self.verified_um, signs, places, values })
     }
@@ -114,8 +114,8 @@ impl Memory {
     ///
     /// # Errors
     /// The content is no state of a machine. The error is a clause.
-    pub(super) fn recall(state: Option<Value>, profile: &Profile) -> Result<Recalled, String> {
-        let Some(state) = state else { return Ok(Recalled::default()) };
+    pub(super) fn recall(state: Option<Value>, profile: &Profile) -> Result<RestoredMemory, String> {
+        let Some(state) = state else { return Ok(RestoredMemory::default()) };
         let read = serde_json::from_value(state).and_then(|mut state: SavedState| {
             let signals: Vec<&str> = profile.signals.iter().map(|signal| signal.name.as_str()).collect();
             by_place(&mut state.machine, &signals);
@@ -133,7 +133,7 @@ impl Memory {
                 let place = signals.iter().position(|signal| *signal == name.as_str());
                 place.is_some_and(|place| remembered.forget(SignalId(place), &axes))
             });
-            Ok(Recalled {
+            Ok(RestoredMemory {
                 remembered,
                 at: Some(at),
                 verified_um,

@@ -3,11 +3,11 @@
 
 use std::path::Path;
 
-use super::core::Core;
+use super::state::GatewayState;
 use crate::fieldbus::namespaces::NamespaceTable;
 use crate::observe::events::Event;
 use isotherm_core::codec::{Address, Namespace, Node, NodeId};
-use isotherm_core::continuity::{Difference, Found};
+use isotherm_core::continuity::{CheckFailure, Difference};
 use isotherm_core::explained::Explained;
 use isotherm_core::namespaces::{KnownNamespaces, Located};
 use isotherm_profile::{Bus, BusId, Output, Profile, Share};
@@ -25,7 +25,7 @@ pub(super) struct NamespaceWatch {
 
 impl NamespaceWatch {
     /// Saves and reports the changes since the last call. Returns true if there were changes.
-    pub(super) fn look(&mut self, bus: &Bus, table: &NamespaceTable, core: &mut Core) -> bool {
+    pub(super) fn check(&mut self, bus: &Bus, table: &NamespaceTable, core: &mut GatewayState) -> bool {
         let changes = table.changes();
         if changes == self.seen {
             return false;
@@ -87,7 +87,7 @@ impl NamespaceWatch {
             Difference {
                 what: format!("ns={index}"),
                 was: was.to_owned(),
-                is: Found::Described(found),
+                is: CheckFailure::Described(found),
                 meaning: String::new(),
                 remedy: meant + &confirmed,
             }
@@ -105,7 +105,7 @@ impl NamespaceWatch {
 pub(super) fn confirm_namespaces(
     profile: &Profile,
     bus: BusId,
-    core: &mut Core,
+    core: &mut GatewayState,
 ) -> Result<Option<String>, Explained> {
     let Some(table) = core.devices.namespaces(bus) else { return Ok(None) };
     let lost = table.found().into_iter().filter(|(_, located)| located.is_lost());

@@ -4,19 +4,19 @@ use std::ops::{Index, IndexMut};
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::contact::Contact;
-use super::noted::Noted;
+use super::device_health::DeviceHealth;
+use super::dirty_vec::DirtyVec;
 use super::units::{cz_factor, is_near};
 use crate::fieldbus::error::Fault;
 use crate::observe::events::HandshakeFault;
 use isotherm_core::compensation::AxisState;
-use isotherm_core::display::{Display, Held, Intent};
+use isotherm_core::display::{Display, Intent, KnownCz};
 use isotherm_core::output::Awaited;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{Handshake, Output, OutputId, Profile, Writes};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub(super) enum Standing {
+pub(super) enum RegisterHealth {
     /// The register has not been read since the connection was made.
     #[default]
     Unknown,
@@ -32,7 +32,7 @@ pub(super) enum Standing {
 /// State of one output, for the axes and for the display.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct OutputState {
-    pub(super) standing: Standing,
+    pub(super) standing: RegisterHealth,
     /// Last verified Cz in the register. For a slope it is the effect at the reach of the axis. For a corrected
     /// position it is the Cz that the position contains. For a reference position it shows only that the register is
     /// known.
@@ -60,7 +60,7 @@ pub(super) struct OutputState {
 #[derive(Clone, Debug)]
 pub(super) struct Outputs {
     profile: Arc<Profile>,
-    states: Noted<OutputState>,
+    states: DirtyVec<OutputState>,
     /// Outputs of each axis, in the order of the profile.
     of_axis: Arc<Vec<Vec<OutputId>>>,
 }
@@ -86,7 +86,7 @@ impl Outputs {
         }
         Outputs {
             profile: profile.clone(),
-            states: Noted::new(vec![OutputState::default(); profile.outputs.len()]),
+            states: DirtyVec::new(vec![OutputState::default(); profile.outputs.len()]),
             of_axis: Arc::new(of_axis),
         }
     }
@@ -105,24 +105,24 @@ impl Outputs {
         &self,
         axis: usize,
         (state, intent): (AxisState, Intent),
-        (contact, dry_run): (&Contact, bool),
+        (device_health, dry_run): (&DeviceHealth, bool),
     ) -> Display {
-        Display::of(state, intent, self.held(axis, contact, dry_run))
+        Display::of(state, intent, self.held(axis, device_health, dry_run))
     }
 
     /// Cz of an axis in the control, as far as the gateway knows it.
-    fn held(&self, axis: usize, contact: &Contact, dry_run: bool) -> Held {
+    fn held(&self, axis: usize, device_health: &DeviceHealth, dry_run: bool) -> KnownCz {
         if dry_run {
-            return Held::Unknown;
+            return KnownCz::Unknown;
         }
-        let mut held = Held::Unknown;
+        let mut held = KnownCz::Unknown;
         for (output, state) in self.of_axis(axis).filter(|(output, _)| output.writes.is_cz()) {
             let Some(cz) = state.cz else { continue };
-            if contact.devices[output.device.0].does_not_answer() {
-                return Held::Unreachable;
+            if device_health.devices[output.device.0].does_not_answer() {
+                return KnownCz::Unreachable;
             }
             let is_zero = state.is_near(&self.profile, output, cz, Micron::ZERO);
-            held = if is_zero && held != Held::Other { Held::Zero } else { Held::Other };
+            held = if is_zero && held != KnownCz::Other { KnownCz::Zero } else { KnownCz::Other };
         }
         held
     }
@@ -202,34 +202,34 @@ impl OutputState {
 
     /// Marks the register value as uncertain, for example after a failed write.
     pub(super) fn doubt(&mut self) {
-        if self.standing != Standing::Unknown {
-            self.standing = Standing::Unverified;
+        if self.standing != RegisterHealth::Unknown {
+            self.standing = RegisterHealth::Unverified;
         }
     }
 }
 
-impl Standing {
+impl RegisterHealth {
     /// Name of the state on the page and in the metrics.
     pub(super) const fn name(self) -> &'static str {
         match self {
-            Standing::Unknown => "unknown",
-            Standing::Verified => "verified",
-            Standing::Unverified => "unverified",
-            Standing::Interlocked => "interlocked",
-            Standing::Foreign => "foreign",
+            RegisterHealth::Unknown => "unknown",
+            RegisterHealth::Verified => "verified",
+            RegisterHealth::Unverified => "unverified",
+            RegisterHealth::Interlocked => "interlocked",
+            RegisterHealth::Foreign => "foreign",
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::Standing;
+    use super::RegisterHealth;
     use crate::observe::status::OutputStatus;
 
     #[test]
     fn an_output_that_is_off_or_stands_somehow_is_in_one_of_the_states_that_are_counted() {
-        use Standing::{Foreign, Interlocked, Unknown, Unverified, Verified};
-        let standing = [Unknown, Verified, Unverified, Interlocked, Foreign].map(Standing::name);
+        use RegisterHealth::{Foreign, Interlocked, Unknown, Unverified, Verified};
+        let standing = [Unknown, Verified, Unverified, Interlocked, Foreign].map(RegisterHealth::name);
         assert_eq!(OutputStatus::STATES[0], "off");
         assert_eq!(OutputStatus::STATES[1..], standing);
     }

@@ -12,9 +12,10 @@ use crate::observe::events::Event;
 use isotherm_core::codec::{Namespace, NodeId};
 use isotherm_core::explained::Explained;
 use isotherm_core::namespaces::KnownNamespaces;
-use isotherm_core::output::Kept;
+use isotherm_core::output::SavedOutput;
 use isotherm_core::place::{
-    self, Bounds, Former, Found, KnownOutput, Moved, OutputPlace, Owner, Place, Release, SignalPlace, Stage,
+    self, Bounds, FormerPlace, KnownOutput, MovedPlace, OutputPlace, Owner, Place, PlaceComparison, Release,
+    SignalPlace, Stage,
 };
 use isotherm_core::quantity::Micron;
 use isotherm_profile::{AxisId, DeviceId, Output, OutputId, Profile, Share, Signal, Writes};
@@ -33,7 +34,7 @@ pub(super) struct Places {
     pub(super) signals: BTreeMap<String, SignalPlace>,
     /// Former places of outputs that wait for the operator.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub(super) former: Vec<Former>,
+    pub(super) former: Vec<FormerPlace>,
     /// Outputs whose place was only read: the gateway has written nothing there.
     #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
     only_read: BTreeSet<String>,
@@ -122,8 +123,11 @@ fn index_of(address: &str) -> Option<u16> {
 fn new_names<P: Place>(before: &BTreeMap<String, P>, now: &BTreeMap<String, P>) -> BTreeMap<String, String> {
     let found = place::compare(before, now).into_iter();
     let renamed = found.filter_map(|(name, found)| match found {
-        Found::Renamed(former) => Some((former, name)),
-        Found::Same | Found::Moved(_) | Found::Unknown | Found::Removed => None,
+        PlaceComparison::Renamed(former) => Some((former, name)),
+        PlaceComparison::Same
+        | PlaceComparison::Moved(_)
+        | PlaceComparison::Unknown
+        | PlaceComparison::Removed => None,
     });
     renamed.collect()
 }
@@ -161,7 +165,7 @@ impl Places {
         }
         self.namespaces = namespaces;
         self.outputs.iter_mut().for_each(|(name, place)| known.name_output(now, name, place));
-        for Former { output, place, .. } in &mut self.former {
+        for FormerPlace { output, place, .. } in &mut self.former {
             known.name_output(now, output, place);
         }
         for (name, place) in &mut self.signals {
@@ -202,11 +206,14 @@ impl Places {
     }
 
     /// Signals that have another place in this profile.
-    pub(super) fn moved_signals(&self, now: &Places) -> BTreeMap<String, Moved> {
+    pub(super) fn moved_signals(&self, now: &Places) -> BTreeMap<String, MovedPlace> {
         let found = place::compare(&self.signals, &now.signals).into_iter();
         let moved = found.filter_map(|(name, found)| match found {
-            Found::Moved(moved) => Some((name, moved)),
-            Found::Same | Found::Renamed(_) | Found::Unknown | Found::Removed => None,
+            PlaceComparison::Moved(moved) => Some((name, moved)),
+            PlaceComparison::Same
+            | PlaceComparison::Renamed(_)
+            | PlaceComparison::Unknown
+            | PlaceComparison::Removed => None,
         });
         moved.collect()
     }
@@ -253,12 +260,14 @@ impl Places {
         let keeps_ours =
             |name: &String| self.former.iter().any(|former| now.outputs[name].is_at(&former.place));
         let is_only_read = |name: &String| match found.get(name) {
-            Some(Found::Same | Found::Renamed(_)) => self.only_read.contains(name),
-            Some(Found::Moved(_)) => !keeps_ours(name),
-            Some(Found::Unknown | Found::Removed) | None => is_new_unwritten && !keeps_ours(name),
+            Some(PlaceComparison::Same | PlaceComparison::Renamed(_)) => self.only_read.contains(name),
+            Some(PlaceComparison::Moved(_)) => !keeps_ours(name),
+            Some(PlaceComparison::Unknown | PlaceComparison::Removed) | None => {
+                is_new_unwritten && !keeps_ours(name)
+            }
         };
         let only_read = now.outputs.keys().filter(|name| is_only_read(name)).cloned().collect();
-        let mut former = Former::after(self.former, left, &now.outputs);
+        let mut former = FormerPlace::after(self.former, left, &now.outputs);
         for former in former.iter_mut().filter(|former| former.bounds.is_none()) {
             let known = self.outputs.get(&former.output).filter(|place| **place == former.place);
             former.bounds = known.and_then(|_| self.bounds.get(&former.output).cloned());
@@ -282,7 +291,7 @@ impl Places {
     }
 
     /// Returns the ledger entry of a former place.
-    pub(super) fn kept_of(&self, place: &OutputPlace) -> Option<Kept> {
+    pub(super) fn kept_of(&self, place: &OutputPlace) -> Option<SavedOutput> {
         self.kept.iter().find(|entry| entry.lies_at(place)).map(|entry| entry.kept)
     }
 
@@ -318,11 +327,11 @@ impl Places {
     }
 
     /// Explains why a former place is in doubt. `holds`: value in the register of the output now.
-    fn explained(&self, former: &Former, holds: Option<&str>) -> Explained {
-        let Former { output, place, held_um, .. } = former;
+    fn explained(&self, former: &FormerPlace, holds: Option<&str>) -> Explained {
+        let FormerPlace { output, place, held_um, .. } = former;
         let held = held_um.map(|um| format!("{um:.1} µm"));
-        let moved = self.outputs.get(output).and_then(|is| Moved::between(place, is));
-        let (Some(Moved { was, is, .. }), Some(now)) = (moved, self.outputs.get(output)) else {
+        let moved = self.outputs.get(output).and_then(|is| MovedPlace::between(place, is));
+        let (Some(MovedPlace { was, is, .. }), Some(now)) = (moved, self.outputs.get(output)) else {
             if let Some(name) = former.becomes_whole(&self.outputs) {
                 let holds = holds.map_or(String::new(), |holds| format!("; the register holds {holds} now"));
                 return Explained::new(
@@ -370,7 +379,7 @@ impl Moves {
     pub(super) fn barred(&self, profile: &Profile) -> Vec<(AxisId, Explained)> {
         let axes = profile.axes.iter().enumerate();
         let barred = axes.filter_map(|(place, axis)| {
-            let of_axis = |former: &&Former| former.axes.contains(&axis.settings.name);
+            let of_axis = |former: &&FormerPlace| former.axes.contains(&axis.settings.name);
             let former = self.places.former.iter().find(of_axis)?;
             Some((AxisId(place), self.places.explained(former, None)))
         });
@@ -396,7 +405,7 @@ impl Moves {
 
     /// Returns whether a former place is the reason why this axis is off.
     pub(super) fn is_why(&self, axis: &str, why: &Explained) -> bool {
-        let waits = |former: &&Former| former.axes.contains(axis);
+        let waits = |former: &&FormerPlace| former.axes.contains(axis);
         // The register value is appended to the cause as soon as it was read.
         let mut former = self.places.former.iter().filter(waits);
         former.any(|former| why.cause.starts_with(&self.places.explained(former, None).cause))
@@ -443,7 +452,7 @@ impl Moves {
         events
     }
 
-    fn moved(&self, former: &Former, holds: Option<&str>) -> Option<Event> {
+    fn moved(&self, former: &FormerPlace, holds: Option<&str>) -> Option<Event> {
         let outputs = &self.places.outputs;
         let output = match outputs.contains_key(&former.output) {
             true => former.output.clone(),
@@ -496,7 +505,7 @@ impl Moves {
 }
 
 /// Makes the event about a register that no output uses any more, although it contains a value of the gateway.
-pub(super) fn register_left(former: &Former, releases: &Releases, profile: &Profile) -> Event {
+pub(super) fn register_left(former: &FormerPlace, releases: &Releases, profile: &Profile) -> Event {
     let (output, path) = (former.output.clone(), profile.path.display());
     let hint = match releases.obstacle(&former.place) {
         None => format!(
@@ -518,7 +527,7 @@ pub(super) fn renamed<T>(all: BTreeMap<String, T>, names: &BTreeMap<String, Stri
 }
 
 /// Explains why a reference that was captured from a signal is not used.
-pub(super) fn why_forgotten(signal: &str, Moved { was, is, .. }: &Moved) -> Explained {
+pub(super) fn why_forgotten(signal: &str, MovedPlace { was, is, .. }: &MovedPlace) -> Explained {
     Explained::new(
         format!("signal {signal} was {was}, it is {is}; the captured reference of the signal is not used"),
         "the reference is captured again from now on; measure a part, or write the former place again",

@@ -16,10 +16,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use self::captures::Captures;
-use self::outputs::Job;
+use self::outputs::OutputTask;
 use self::read::Poll;
 use super::can::{Can, CanListener};
-use super::contact::JITTER_MS;
+use super::device_health::JITTER_MS;
 use super::execute::LineTurn;
 use super::inspector::Inspector;
 use super::line_handle::LineHandle;
@@ -32,14 +32,14 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, DeviceId, Profile};
 
 mod captures;
+mod heartbeat_task;
 mod outputs;
-mod pulse;
 mod read;
 mod stamps;
 #[cfg(test)]
 mod tests;
 
-use pulse::Pulse;
+use heartbeat_task::HeartbeatTask;
 
 /// Longest sleep of a line that has nothing to do.
 const IDLE: Duration = Duration::from_secs(1);
@@ -57,8 +57,8 @@ pub(super) struct LineTask {
     can: Option<Arc<Can>>,
     inspector: Inspector,
     polls: Vec<Poll>,
-    jobs: Vec<Job>,
-    pulse: Option<Pulse>,
+    jobs: Vec<OutputTask>,
+    heartbeat_task: Option<HeartbeatTask>,
     /// The inputs of an axis are read on this line, so its steps are made here, directly after the reads.
     steps_axes: bool,
     /// Values that are read on this line are used on another line: for a corrected position, or as a result of probing.
@@ -143,7 +143,7 @@ impl LineTask {
             inspector: Inspector::new(profile, bus, start),
             polls: read::polls(profile, bus, &corrected, start),
             jobs: outputs::jobs(&shared, bus, start),
-            pulse: Pulse::of(profile, bus, start),
+            heartbeat_task: HeartbeatTask::of(profile, bus, start),
             steps_axes,
             feeds_others,
             step_due: Some(start),
@@ -174,7 +174,7 @@ impl LineTask {
     }
 
     async fn turns(&mut self) {
-        let mut now = self.line.look();
+        let mut now = self.line.sample();
         loop {
             self.take_note(now);
             // An OPC UA server keeps a state for this line until the connection is closed in order.
@@ -189,9 +189,9 @@ impl LineTask {
             match turn {
                 Turn::Sleep(due) => {
                     let due = due.min(now.after(IDLE));
-                    self.line.rests_for(due.since(now));
+                    self.line.idle_for(due.since(now));
                     let began = self.sleeper.sleep_from(now, due).await;
-                    self.line.departure.look_at(began);
+                    self.line.send_guard.record_sample(began);
                     self.account(began.since(due));
                     self.pending.inspects = true;
                     self.shared.turned(self.bus);
@@ -199,27 +199,28 @@ impl LineTask {
                     continue;
                 }
                 Turn::Beat => {
-                    if let Some(pulse) = &mut self.pulse {
-                        pulse.beat(&mut self.line, &self.shared, now).await;
+                    if let Some(heartbeat_task) = &mut self.heartbeat_task {
+                        heartbeat_task.beat(&mut self.line, &self.shared, now).await;
                     }
                 }
                 Turn::Inspect => {
                     self.pending.inspects = false;
                     self.inspector.inspect(&mut self.line, &self.shared, self.can.as_deref()).await;
-                    let now = self.line.looked();
+                    let now = self.line.last_sample();
                     self.polls.iter_mut().for_each(|poll| poll.make_up(&self.shared, now));
                 }
                 Turn::Read(place) => self.read(place, now).await,
                 Turn::Step => self.step(now),
                 Turn::Output(place) => {
-                    let along = self.line.takes_along(now).filter(|_| self.jobs[place].corrects.is_some());
+                    let along =
+                        self.line.follow_up_until(now).filter(|_| self.jobs[place].corrects.is_some());
                     if let Some(by) = along {
-                        self.line.ask_behind(self.reads_next(by));
+                        self.line.set_follow_up(self.reads_next(by));
                     }
                     let turn = &mut LineTurn { line: &mut self.line, shared: &self.shared, now };
                     self.jobs[place].turn(turn).await;
                     if along.is_some() {
-                        self.line.ask_behind(None);
+                        self.line.set_follow_up(None);
                     }
                     self.pressed = 0;
                 }
@@ -227,14 +228,14 @@ impl LineTask {
             // A line that is always busy must not keep the others from their turns.
             tokio::task::coop::consume_budget().await;
             self.shared.turned(self.bus);
-            now = self.line.looked();
+            now = self.line.last_sample();
         }
     }
 
     /// Processes events of other tasks since the last turn.
     fn take_note(&mut self, now: Moment) {
-        if let Some(since) = self.line.departure.stood_still() {
-            self.shared.stood_still(since);
+        if let Some(since) = self.line.send_guard.stalled_at() {
+            self.shared.stalled_at(since);
         }
         if self.shared.news(self.bus) == self.news {
             return;
@@ -248,13 +249,13 @@ impl LineTask {
         }
         let before = std::mem::replace(&mut self.work, self.shared.line_work());
         if before == LineWork::All && self.work != LineWork::All {
-            self.shared.outputs_rest();
+            self.shared.outputs_idle();
         }
         let pauses = self.shared.pauses();
         if std::mem::replace(&mut self.pauses, pauses) != pauses {
             // An exchange that is under way belongs to the time before the pause.
             self.line.hang_up();
-            self.polls.iter_mut().for_each(|poll| poll.begin_anew(now));
+            self.polls.iter_mut().for_each(|poll| poll.restart(now));
         }
         self.wake_outputs(now);
     }
@@ -263,8 +264,8 @@ impl LineTask {
     fn step(&mut self, now: Moment) {
         self.pending.has_news = false;
         // Signals in CAN frames are in no device's reads.
-        self.shared.look_for_restarts(now);
-        self.shared.hear_probings(now);
+        self.shared.check_for_restarts(now);
+        self.shared.take_probings(now);
         if self.steps_axes {
             self.step_due = self.shared.advance(now);
         }
@@ -289,10 +290,10 @@ impl LineTask {
         if !is_over {
             return;
         }
-        let now = self.line.looked();
+        let now = self.line.last_sample();
         // This must not wait for a step: a line that is always busy may never complete the reads that are due.
-        self.shared.look_for_restarts(now);
-        self.shared.hear_probings(now);
+        self.shared.check_for_restarts(now);
+        self.shared.take_probings(now);
         self.pending = Pending { has_news: true, wakes_others: self.feeds_others, inspects: true };
         if poll.reads_position {
             let corrections = self.jobs.iter_mut().filter(|job| job.corrects == Some(poll.device));
@@ -302,7 +303,7 @@ impl LineTask {
 
     /// Chooses the next turn from what is due.
     fn next(&self, now: Moment) -> Turn {
-        if self.pulse.as_ref().is_some_and(|pulse| pulse.due <= now) {
+        if self.heartbeat_task.as_ref().is_some_and(|heartbeat_task| heartbeat_task.due <= now) {
             return Turn::Beat;
         }
         let polls = self.polls.iter().enumerate().map(|(place, poll)| (poll.due(), place));
@@ -322,7 +323,7 @@ impl LineTask {
         let output = jobs().min();
         let read = read.filter(|(due, _)| *due <= now);
         match (read, output.filter(|(due, _)| *due <= now)) {
-            (None, None) => Turn::Sleep(self.rests_until()),
+            (None, None) => Turn::Sleep(self.idle_until()),
             (None, Some((_, output))) => Turn::Output(output),
             (Some((due, first)), output) => {
                 let others_wait =
@@ -339,8 +340,8 @@ impl LineTask {
     }
 
     /// Outputs that may do something, with their indices.
-    fn working_jobs(&self) -> impl Iterator<Item = (usize, &Job)> {
-        let works = |job: &Job| self.work == LineWork::All || job.corrects.is_some();
+    fn working_jobs(&self) -> impl Iterator<Item = (usize, &OutputTask)> {
+        let works = |job: &OutputTask| self.work == LineWork::All || job.corrects.is_some();
         self.jobs.iter().enumerate().filter(move |(_, job)| works(job))
     }
 
@@ -372,12 +373,12 @@ impl LineTask {
     }
 
     /// Time at which the next turn is due.
-    fn rests_until(&self) -> Moment {
+    fn idle_until(&self) -> Moment {
         let polls = self.polls.iter().map(|poll| poll.due());
         let jobs = self.working_jobs().map(|(_, job)| job.due);
-        let pulse = self.pulse.iter().map(|pulse| pulse.due);
+        let heartbeat_task = self.heartbeat_task.iter().map(|heartbeat_task| heartbeat_task.due);
         let step = self.step_due.filter(|_| self.steps_axes);
-        polls.chain(jobs).chain(pulse).chain(step).min().unwrap_or(Moment::END)
+        polls.chain(jobs).chain(heartbeat_task).chain(step).min().unwrap_or(Moment::END)
     }
 
     /// Counts a sleep that ended this late, and the late polls before it.
@@ -392,7 +393,7 @@ impl LineTask {
             None => self.line.is_connected(),
         };
         let mut core = self.shared.core();
-        let count = &mut core.contact.buses[self.bus.0];
+        let count = &mut core.device_health.buses[self.bus.0];
         count.cycles += 1;
         count.connected = is_connected;
         let late_ms = late.as_secs_f64() * 1000.0;

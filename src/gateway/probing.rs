@@ -14,15 +14,15 @@ use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{ProbeInput, Profile};
 
 use super::arming::Arming;
-use super::board::Board;
-use super::output::{Outputs, Standing};
+use super::output::{Outputs, RegisterHealth};
+use super::signal_table::SignalTable;
 
 /// Probing of one axis, and the results that wait for its next step.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Probing {
     seen: Option<f64>,
     /// Probing whose result has not been read yet.
-    begun: Option<Begun>,
+    begun: Option<StartedProbe>,
     /// Result that the next step learns from.
     pub(super) measured: Option<Measured>,
     /// The next step discards everything learned.
@@ -30,37 +30,37 @@ pub(super) struct Probing {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Begun {
+struct StartedProbe {
     at: Moment,
     acting: Option<Micron>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Missed {
+pub(super) enum MissReason {
     NoResult,
     /// The Cz that acted during the measurement is not known.
     Acting,
 }
 
-impl Missed {
+impl MissReason {
     pub(super) fn message(self) -> &'static str {
         match self {
-            Missed::NoResult => "the result of the probing could not be read",
-            Missed::Acting => "it is not certain which Cz acted in the machine",
+            MissReason::NoResult => "the result of the probing could not be read",
+            MissReason::Acting => "it is not certain which Cz acted in the machine",
         }
     }
 }
 
 impl Probing {
     /// Checks for a new result. `acting`: Cz that acts in the machine now.
-    pub(super) fn look(
+    pub(super) fn check(
         &mut self,
         profile: &Profile,
         input: &ProbeInput,
-        board: &Board,
+        board: &SignalTable,
         now: Moment,
         acting: Option<Micron>,
-    ) -> Option<Result<Measured, Missed>> {
+    ) -> Option<Result<Measured, MissReason>> {
         let watched = input.trigger.unwrap_or(input.signal);
         let value = board.value(watched, now);
         let before = std::mem::replace(&mut self.seen, value);
@@ -68,13 +68,13 @@ impl Probing {
             && before.to_bits() != value.to_bits()
             && (input.trigger.is_none() || value.abs() > 0.0)
         {
-            self.begun = Some(Begun { at: board.taken(watched), acting });
+            self.begun = Some(StartedProbe { at: board.taken(watched), acting });
         }
-        let Begun { at, acting } = self.begun?;
+        let StartedProbe { at, acting } = self.begun?;
         let result = board.value(input.signal, now).filter(|_| board.taken(input.signal) >= at);
         let found = match result.and_then(|error| Micron::new(error * input.micron)) {
-            Some(error) => acting.map(|_| Measured { error, acting }).ok_or(Missed::Acting),
-            None if now.since(at) > profile.signal(input.signal).max_age => Err(Missed::NoResult),
+            Some(error) => acting.map(|_| Measured { error, acting }).ok_or(MissReason::Acting),
+            None if now.since(at) > profile.signal(input.signal).max_age => Err(MissReason::NoResult),
             None => return None,
         };
         self.begun = None;
@@ -91,8 +91,8 @@ pub(super) fn acting(axis: usize, outputs: &Outputs, arming: &Arming) -> Option<
     match state.standing {
         // If no position is written, the value that the readout shows is not known.
         _ if !output.writes.is_scheduled() && !arming.is_armed() => None,
-        Standing::Verified | Standing::Interlocked | Standing::Foreign => state.cz,
-        Standing::Unknown | Standing::Unverified => None,
+        RegisterHealth::Verified | RegisterHealth::Interlocked | RegisterHealth::Foreign => state.cz,
+        RegisterHealth::Unknown | RegisterHealth::Unverified => None,
     }
 }
 

@@ -14,7 +14,7 @@ const MANY: usize = 256;
 
 /// Subject of a command.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub(super) enum About {
+pub(super) enum RateSubject {
     /// An axis, by its index.
     Axis(usize),
     /// A device, by its index.
@@ -28,25 +28,25 @@ pub(super) enum About {
 /// Present time, by the clock of the machine and by the wall clock. In a demo they differ. One second of either is
 /// enough.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Now {
+pub(super) struct PresentTime {
     pub(super) machine: Moment,
     pub(super) passed: Duration,
 }
 
-impl Now {
-    fn is_later_by(self, span: Duration, before: Now) -> bool {
+impl PresentTime {
+    fn is_later_by(self, span: Duration, before: PresentTime) -> bool {
         self.machine >= before.machine.after(span) || self.passed >= before.passed + span
     }
 }
 
 /// Time of the last command of each subject and verb.
 #[derive(Debug, Default)]
-pub(super) struct Rates(HashMap<(About, &'static str), Now>);
+pub(super) struct Rates(HashMap<(RateSubject, &'static str), PresentTime>);
 
 impl Rates {
     /// Returns whether a command may begin. If it may, it is recorded for all its subjects, otherwise for none.
-    pub(super) fn take(&mut self, verb: &'static str, about: &[About], now: Now) -> bool {
-        let is_too_soon = |about: &About| {
+    pub(super) fn take(&mut self, verb: &'static str, about: &[RateSubject], now: PresentTime) -> bool {
+        let is_too_soon = |about: &RateSubject| {
             let last = self.0.get(&(about.clone(), verb));
             last.is_some_and(|last| !now.is_later_by(SPAN, *last))
         };
@@ -58,7 +58,7 @@ impl Rates {
     }
 
     /// Records a command, whatever the time of the previous one.
-    pub(super) fn note(&mut self, verb: &'static str, about: &[About], now: Now) {
+    pub(super) fn note(&mut self, verb: &'static str, about: &[RateSubject], now: PresentTime) {
         if self.0.len() > MANY {
             self.0.retain(|_, last| !now.is_later_by(SPAN, *last));
         }
@@ -69,11 +69,11 @@ impl Rates {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use About::{Alarm, Axis, Nothing};
+    use RateSubject::{Alarm, Axis, Nothing};
 
-    fn at(machine_ms: u64, passed_ms: u64) -> Now {
+    fn at(machine_ms: u64, passed_ms: u64) -> PresentTime {
         let machine = Moment::from_nanos(machine_ms * 1_000_000);
-        Now { machine, passed: Duration::from_millis(passed_ms) }
+        PresentTime { machine, passed: Duration::from_millis(passed_ms) }
     }
 
     #[test]

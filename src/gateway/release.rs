@@ -19,8 +19,8 @@ use isotherm_core::codec::{Address, DataType, Encoding, Register, Scale, Table, 
 use isotherm_core::compensation::model::{Condition, Kind, Linear, Model};
 use isotherm_core::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, OnFault};
 use isotherm_core::explained::Explained;
-use isotherm_core::output::Kept;
-use isotherm_core::place::{Bounds, Former, Obstacle, OutputPlace, Owner, Release};
+use isotherm_core::output::SavedOutput;
+use isotherm_core::place::{Bounds, FormerPlace, Obstacle, OutputPlace, Owner, Release};
 use isotherm_core::quantity::{Counts, Micron, MicronPerSecond};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{
@@ -47,16 +47,16 @@ pub(super) struct Releases {
     /// Former places, each with the obstacle to its release.
     obstacles: Vec<(OutputPlace, Option<Explained>)>,
     /// Registers that are returning to their base.
-    pub(super) returning: Vec<Returning>,
+    pub(super) returning: Vec<ReturningRegister>,
     /// Registers whose release was given up while a write of the gateway could still arrive.
-    pub(super) given_up: Vec<Returning>,
+    pub(super) given_up: Vec<ReturningRegister>,
     /// Operator offsets of shared registers when their release was given up, in the unit of the register.
     pub(super) parts: Vec<(OutputPlace, f64)>,
 }
 
 /// Register that is returning to its base.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Returning {
+pub(super) struct ReturningRegister {
     pub(super) axis: AxisId,
     pub(super) output: OutputId,
     pub(super) release: Release,
@@ -69,7 +69,7 @@ pub(super) struct Returning {
 
 /// Access to the register of a former place.
 #[derive(Debug)]
-struct Way {
+struct FormerRegister {
     device: DeviceId,
     register: Register,
     encoding: Encoding,
@@ -78,8 +78,8 @@ struct Way {
 
 impl Releases {
     /// Determines which former places of a profile can be released.
-    pub(super) fn of(profile: &Profile, former: &[Former], kept: &[Entry]) -> Releases {
-        let obstacle = |former: &Former| (former.place.clone(), why_not(profile, former, kept).err());
+    pub(super) fn of(profile: &Profile, former: &[FormerPlace], kept: &[Entry]) -> Releases {
+        let obstacle = |former: &FormerPlace| (former.place.clone(), why_not(profile, former, kept).err());
         Releases { obstacles: former.iter().map(obstacle).collect(), ..Releases::default() }
     }
 
@@ -97,7 +97,7 @@ impl Releases {
 
     /// Checks an attempt to arm an axis. An axis that releases a register is refused if no operator has seen the
     /// register value. An axis whose output was moved waits until the former register is back.
-    pub(super) fn judge(
+    pub(super) fn assess(
         &self,
         axis: AxisId,
         attempt: Attempt,
@@ -137,7 +137,7 @@ impl Releases {
     }
 }
 
-impl Returning {
+impl ReturningRegister {
     /// Checks whether the axis may resume from a Cz that was read in its register. `shares`: operator offset and
     /// gateway share of a shared register.
     ///
@@ -214,7 +214,7 @@ fn unknown() -> Explained {
 ///
 /// # Errors
 /// The reason why it cannot be released, and the remedy.
-fn why_not(profile: &Profile, former: &Former, kept: &[Entry]) -> Result<(), Explained> {
+fn why_not(profile: &Profile, former: &FormerPlace, kept: &[Entry]) -> Result<(), Explained> {
     let by_hand = |cause: String| Err(Explained::new(cause, BY_HAND));
     let Some(bounds) = &former.bounds else { return Err(unknown()) };
     way(profile, &former.place, bounds)?;
@@ -239,7 +239,11 @@ fn why_not(profile: &Profile, former: &Former, kept: &[Entry]) -> Result<(), Exp
 
 /// Saved operator offset of a shared register, in the unit of the register. `None` if the register is not shared, or if
 /// the offset is not known.
-pub(super) fn operators_part(place: &OutputPlace, bounds: &Bounds, kept: Option<&Kept>) -> Option<f64> {
+pub(super) fn operators_part(
+    place: &OutputPlace,
+    bounds: &Bounds,
+    kept: Option<&SavedOutput>,
+) -> Option<f64> {
     let account = kept?.account.filter(|_| place.share == Owner::Ledger)?;
     let (_, encoding) = register(place)?;
     if encoding.data_type.integer_range().is_some() {
@@ -256,7 +260,7 @@ fn factor(place: &OutputPlace) -> f64 {
 }
 
 /// Finds the access to the register of a former place.
-fn way(profile: &Profile, place: &OutputPlace, bounds: &Bounds) -> Result<Way, Explained> {
+fn way(profile: &Profile, place: &OutputPlace, bounds: &Bounds) -> Result<FormerRegister, Explained> {
     let by_hand = |cause: String| Explained::new(cause, BY_HAND);
     if !bounds.are_sound() {
         return Err(unknown());
@@ -305,7 +309,7 @@ fn way(profile: &Profile, place: &OutputPlace, bounds: &Bounds) -> Result<Way, E
             ))
         })
     });
-    Ok(Way { device, register, encoding, when: when.transpose()? })
+    Ok(FormerRegister { device, register, encoding, when: when.transpose()? })
 }
 
 /// Finds the device of a former place. Its checks, line and timeouts are those of the profile.
@@ -339,7 +343,7 @@ fn register(place: &OutputPlace) -> Option<(Register, Encoding)> {
 }
 
 /// Adds an axis and an output for each release. Returns the releases that the profile still allows.
-pub(super) fn extend(profile: &mut Profile, releases: &[Release]) -> Vec<Returning> {
+pub(super) fn extend(profile: &mut Profile, releases: &[Release]) -> Vec<ReturningRegister> {
     let mut returning = Vec::new();
     for release in releases {
         let way = way(profile, &release.place, &release.bounds).ok();
@@ -348,9 +352,9 @@ pub(super) fn extend(profile: &mut Profile, releases: &[Release]) -> Vec<Returni
     returning
 }
 
-fn add(profile: &mut Profile, release: &Release, way: Way) -> Option<Returning> {
+fn add(profile: &mut Profile, release: &Release, way: FormerRegister) -> Option<ReturningRegister> {
     let Release { output, place, bounds, .. } = release;
-    let Way { device, register, encoding, when } = way;
+    let FormerRegister { device, register, encoding, when } = way;
     let is_whole = encoding.data_type.integer_range().is_some();
     let count = is_whole.then(|| Micron::new(place.scale.abs() / factor(place))).flatten();
     let guard = GuardSettings {
@@ -406,7 +410,7 @@ fn add(profile: &mut Profile, release: &Release, way: Way) -> Option<Returning> 
         stated: None,
     });
     let grain_um = count.map_or(bounds.step_um * GRAIN_OF_A_STEP, |count| count.get() * 0.501);
-    Some(Returning { axis, output: id, release: release.clone(), grain_um, waits })
+    Some(ReturningRegister { axis, output: id, release: release.clone(), grain_um, waits })
 }
 
 /// Returns this name if it is free, otherwise the name with the first number that is free.

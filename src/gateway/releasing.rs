@@ -11,17 +11,17 @@
 use std::sync::Arc;
 
 use super::arming::{ArmRequest, Arming, ArmingState};
-use super::core::Core;
-use super::output::Standing;
+use super::output::RegisterHealth;
 use super::places::register_left;
-use super::release::{Returning, in_doubt, operators_part};
-use crate::observe::asker::{Asker, Way};
+use super::release::{ReturningRegister, in_doubt, operators_part};
+use super::state::GatewayState;
 use crate::observe::events::Event;
-use crate::observe::status::{LeftState, LeftStatus};
+use crate::observe::requester::{Channel, Requester};
+use crate::observe::status::{FormerRegisterStatus, ReleaseProgress};
 use isotherm_core::explained::Explained;
-use isotherm_core::place::{Former, Owner, Release, Stage};
+use isotherm_core::place::{FormerPlace, Owner, Release, Stage};
 use isotherm_core::quantity::{Micron, Moment};
-use isotherm_profile::regular::quoted;
+use isotherm_profile::safe_file::quoted;
 
 /// Largest difference between the Cz that the operator was shown and the present one, µm. It is shown in tenths of a
 /// micrometre.
@@ -34,9 +34,9 @@ const OVER: (&str, &str) = (
 );
 
 /// Creates the requests to arm the axis of each release of this start.
-pub(super) fn begin(core: &mut Core, now: Moment) {
-    for Returning { axis, release, .. } in core.releases.returning.clone() {
-        let by = Asker::new(Way::Restart, format!("released {}", release.by));
+pub(super) fn begin(core: &mut GatewayState, now: Moment) {
+    for ReturningRegister { axis, release, .. } in core.releases.returning.clone() {
+        let by = Requester::new(Channel::Restart, format!("released {}", release.by));
         let asked =
             ArmRequest { by: Arc::new(by), until: Moment::END, reported: (String::new(), now), from: None };
         core.arming[axis.0] = Arming { state: ArmingState::Latched, asked: Some(asked), ..Arming::default() };
@@ -45,13 +45,13 @@ pub(super) fn begin(core: &mut Core, now: Moment) {
 }
 
 /// Records the progress of each release, and ends the releases that are over.
-pub(super) fn follow(core: &mut Core) {
+pub(super) fn follow(core: &mut GatewayState) {
     for one in core.releases.given_up.clone() {
         settle(core, &one);
     }
     for mut one in core.releases.returning.clone() {
         let (arming, state) = (&core.arming[one.axis.0], core.outputs[one.output.0]);
-        let verified = state.cz.filter(|_| state.standing == Standing::Verified);
+        let verified = state.cz.filter(|_| state.standing == RegisterHealth::Verified);
         if !arming.is_armed() {
             let is_over = arming.asked.is_none() && !core.phase.is_stopping();
             if is_over {
@@ -84,7 +84,7 @@ pub(super) fn follow(core: &mut Core) {
 }
 
 /// Saves the progress of a release in the state.
-fn note(core: &mut Core, one: &Returning) {
+fn note(core: &mut GatewayState, one: &ReturningRegister) {
     let known = core.releases.returning.iter_mut().find(|known| known.axis == one.axis);
     if known.as_ref().is_some_and(|known| **known == *one) {
         return;
@@ -96,7 +96,7 @@ fn note(core: &mut Core, one: &Returning) {
 }
 
 /// Removes a release from the state. Returns its former place, unless the operator has confirmed it in the meantime.
-fn remove(core: &mut Core, one: &Returning) -> Option<Former> {
+fn remove(core: &mut GatewayState, one: &ReturningRegister) -> Option<FormerPlace> {
     let Release { output, place, .. } = &one.release;
     core.releases.returning.retain(|known| known.axis != one.axis);
     core.storage.remember_soon();
@@ -107,9 +107,9 @@ fn remove(core: &mut Core, one: &Returning) -> Option<Former> {
 }
 
 /// Ends a release whose register was read back at its base.
-fn ended(core: &mut Core, one: &Returning) {
+fn ended(core: &mut GatewayState, one: &ReturningRegister) {
     let Release { output, place, .. } = &one.release;
-    let former = remove(core, one).map(|former| Former { held_um: Some(0.0), found_um: None, ..former });
+    let former = remove(core, one).map(|former| FormerPlace { held_um: Some(0.0), found_um: None, ..former });
     let places = Arc::make_mut(&mut core.places.places);
     // The operator must still confirm the new place of an output that was moved.
     let is_moved = places.outputs.contains_key(output);
@@ -120,12 +120,12 @@ fn ended(core: &mut Core, one: &Returning) {
 }
 
 /// Gives up a release whose axis is off before the register has reached its base. The register is reported again.
-fn given_up(core: &mut Core, one: &Returning, found: Option<Micron>) {
+fn given_up(core: &mut GatewayState, one: &ReturningRegister, found: Option<Micron>) {
     let Release { held_um, stage, .. } = one.release;
     let found_um = found.map(Micron::get).filter(|found| (found - held_um).abs() > one.grain_um);
     let former = remove(core, one).unwrap_or_else(|| one.release.former());
     let held_um = if stage == Stage::Begun { Some(held_um) } else { former.held_um };
-    let former = Former { held_um, found_um, ..former };
+    let former = FormerPlace { held_um, found_um, ..former };
     let event = register_left(&former, &core.releases, &core.given.profile);
     core.events.push(event);
     Arc::make_mut(&mut core.places.places).former.push(former);
@@ -139,8 +139,8 @@ fn given_up(core: &mut Core, one: &Returning, found: Option<Micron>) {
 }
 
 /// Records the last write of a release that was given up, as soon as no write of the gateway can arrive any more.
-fn settle(core: &mut Core, one: &Returning) {
-    let Returning { release, grain_um, .. } = one;
+fn settle(core: &mut GatewayState, one: &ReturningRegister) {
+    let ReturningRegister { release, grain_um, .. } = one;
     let register = core.registers[one.output.0].as_ref();
     if register.is_some_and(|register| register.state().may_arrive().next().is_some()) {
         return;
@@ -167,7 +167,11 @@ fn settle(core: &mut Core, one: &Returning) {
 ///
 /// # Errors
 /// The output has no such register, it cannot be released, or it does not hold what the operator has seen.
-pub(super) fn ask(core: &mut Core, (output, seen): (&str, &[f64]), by: String) -> Result<String, Explained> {
+pub(super) fn ask(
+    core: &mut GatewayState,
+    (output, seen): (&str, &[f64]),
+    by: String,
+) -> Result<String, Explained> {
     if core.given.dry_run {
         return Err("nothing is written in a dry run".into());
     }
@@ -186,7 +190,7 @@ pub(super) fn ask(core: &mut Core, (output, seen): (&str, &[f64]), by: String) -
         ));
     }
     let all = left(core);
-    let of_output: Vec<&LeftStatus> = all.iter().filter(|left| left.output == output).collect();
+    let of_output: Vec<&FormerRegisterStatus> = all.iter().filter(|left| left.output == output).collect();
     if of_output.is_empty() {
         let cause = format!(
             "output {}: there is nothing to release. Either it was not moved or removed, or no former \
@@ -195,7 +199,7 @@ pub(super) fn ask(core: &mut Core, (output, seen): (&str, &[f64]), by: String) -
         );
         return Err(Explained::new(cause, "`isotherm status` shows what is left"));
     }
-    if let Some(left) = of_output.iter().find(|left| left.state == LeftState::Returning) {
+    if let Some(left) = of_output.iter().find(|left| left.state == ReleaseProgress::Returning) {
         return Err(Explained::new(
             format!(
                 "output {output}: {} is already returning, {:.1} µm are left",
@@ -204,7 +208,8 @@ pub(super) fn ask(core: &mut Core, (output, seen): (&str, &[f64]), by: String) -
             "`isotherm status` shows its progress",
         ));
     }
-    let can = |former: &Former| former.output == output && core.releases.obstacle(&former.place).is_none();
+    let can =
+        |former: &FormerPlace| former.output == output && core.releases.obstacle(&former.place).is_none();
     let places = &core.places.places;
     let chosen = places.former.iter().filter(|former| former.is_left_behind(&places.outputs) && can(former));
     let released: Vec<Release> = chosen.filter_map(|former| release(core, former, by.clone())).collect();
@@ -232,22 +237,22 @@ pub(super) fn ask(core: &mut Core, (output, seen): (&str, &[f64]), by: String) -
 }
 
 /// Withdraws a request that has not begun. Returns a sentence.
-pub(super) fn take_back(core: &mut Core, output: &str) -> String {
+pub(super) fn take_back(core: &mut GatewayState, output: &str) -> String {
     let saved = &mut Arc::make_mut(&mut core.places.places).releases;
     saved.retain(|release| release.output != output || release.stage == Stage::Begun);
     core.storage.remember_soon();
     format!("output {output}: nothing is released")
 }
 
-fn release(core: &Core, former: &Former, by: String) -> Option<Release> {
+fn release(core: &GatewayState, former: &FormerPlace, by: String) -> Option<Release> {
     let (from_um, operator) = (former.found_um.or(former.held_um)?, operators(core, former));
-    let Former { output, place, bounds, .. } = former.clone();
+    let FormerPlace { output, place, bounds, .. } = former.clone();
     let (bounds, held_um, stage) = (bounds?, from_um, Stage::Asked);
     Some(Release { output, place, bounds, from_um, operator, held_um, stage, by })
 }
 
 /// Last known operator offset of a former register, in the unit of the register. `None` if the register is not shared.
-fn operators(core: &Core, Former { place, bounds, .. }: &Former) -> Option<f64> {
+fn operators(core: &GatewayState, FormerPlace { place, bounds, .. }: &FormerPlace) -> Option<f64> {
     let mut parts = core.releases.parts.iter().rev();
     let found = parts.find(|(known, _)| known == place).map(|(_, part)| *part);
     let saved = || operators_part(place, bounds.as_ref()?, core.places.places.kept_of(place).as_ref());
@@ -255,19 +260,19 @@ fn operators(core: &Core, Former { place, bounds, .. }: &Former) -> Option<f64> 
 }
 
 /// Returns the registers that belong to no output any more, and still contain a value of the gateway.
-pub(super) fn left(core: &Core) -> Vec<LeftStatus> {
+pub(super) fn left(core: &GatewayState) -> Vec<FormerRegisterStatus> {
     let places = &core.places.places;
     let former = places.former.iter().filter(|former| former.is_left_behind(&places.outputs));
-    let is_returning = |former: &Former| {
+    let is_returning = |former: &FormerPlace| {
         core.releases.returning.iter().any(|one| one.release.is_of(&former.output, &former.place))
     };
     let left = former.filter(|former| !is_returning(former)).map(|former| {
         let is_asked = places.releases.iter().any(|release| release.is_of(&former.output, &former.place));
         let from_um = former.found_um.or(former.held_um).unwrap_or_default();
-        LeftStatus {
+        FormerRegisterStatus {
             output: former.output.clone(),
             register: former.place.to_string(),
-            state: if is_asked { LeftState::Asked } else { LeftState::Left },
+            state: if is_asked { ReleaseProgress::Asked } else { ReleaseProgress::Left },
             held_um: former.held_um.unwrap_or_default(),
             found_um: former.found_um,
             operator: operators(core, former),
@@ -278,18 +283,19 @@ pub(super) fn left(core: &Core) -> Vec<LeftStatus> {
             obstacle: core.releases.obstacle(&former.place),
         }
     });
-    let returning = core.releases.returning.iter().map(|Returning { release, .. }| LeftStatus {
-        output: release.output.clone(),
-        register: release.place.to_string(),
-        state: LeftState::Returning,
-        held_um: release.held_um,
-        found_um: None,
-        operator: release.operator,
-        limit_um: Some(release.bounds.limit_um),
-        step_um: Some(release.bounds.step_um),
-        rate_um_per_s: Some(release.bounds.rate_um_per_s),
-        back_s: Some(release.bounds.seconds(release.held_um)),
-        obstacle: None,
-    });
+    let returning =
+        core.releases.returning.iter().map(|ReturningRegister { release, .. }| FormerRegisterStatus {
+            output: release.output.clone(),
+            register: release.place.to_string(),
+            state: ReleaseProgress::Returning,
+            held_um: release.held_um,
+            found_um: None,
+            operator: release.operator,
+            limit_um: Some(release.bounds.limit_um),
+            step_um: Some(release.bounds.step_um),
+            rate_um_per_s: Some(release.bounds.rate_um_per_s),
+            back_s: Some(release.bounds.seconds(release.held_um)),
+            obstacle: None,
+        });
     left.chain(returning).collect()
 }

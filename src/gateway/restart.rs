@@ -11,8 +11,8 @@ use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{BusId, DeviceId, Output, OutputId, Profile};
 
-use super::board::Board;
 use super::continuity::Devices;
+use super::signal_table::SignalTable;
 
 /// Number of restarts of the control of each output, and the signals that show a restart.
 #[derive(Clone, Debug)]
@@ -57,9 +57,9 @@ impl Restarts {
 
     /// Checks the latest readings of this line. Returns whether a control may have been restarted, which breaks its
     /// continuity.
-    pub(super) fn look(
+    pub(super) fn check(
         &mut self,
-        board: &Board,
+        board: &SignalTable,
         line: BusId,
         now: Moment,
         (devices, events): (&mut Devices, &mut Vec<Event>),

@@ -1,7 +1,7 @@
 //! State that the lines, the page and the commands share. Its lock is held for microseconds, and never across a wait.
 //!
 //! A line accesses the state through its [`LineHandle`](super::line_handle::LineHandle), page and commands through the
-//! [`Panel`](super::panel::Panel).
+//! [`ApiBackend`](super::api_backend::ApiBackend).
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -9,11 +9,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
 use tokio::sync::Notify;
 
-use super::core::Core;
-use super::dependents::{Dependents, Given};
+use super::dependents::{Dependents, RunConfig};
 use super::ledger::Ledger;
-use super::lock::Held;
+use super::lock::StateGuard;
 use super::rates::Rates;
+use super::state::GatewayState;
 use crate::clock::{Clock, Wakeup};
 use crate::observe::events::{Event, Journal};
 use crate::observe::status::BrokerFigures;
@@ -47,7 +47,7 @@ pub(crate) struct Shared {
     /// For each bus: the number of its wakeups, and the number of its turns.
     news: Vec<AtomicU64>,
     turns: Vec<AtomicU64>,
-    core: Mutex<Core>,
+    core: Mutex<GatewayState>,
     /// Notified when another program is to take the place of this one.
     pub(super) replaced: Notify,
     line_work: Mutex<LineWork>,
@@ -67,10 +67,10 @@ impl Shared {
         dry_run: bool,
         ledger: Ledger,
         wakeups: Vec<Wakeup>,
-        core: impl FnOnce(Given) -> Core,
+        core: impl FnOnce(RunConfig) -> GatewayState,
     ) -> Shared {
         let dependents = Arc::new(Dependents::new(&profile));
-        let given = Given { profile: profile.clone(), dependents: dependents.clone(), dry_run };
+        let given = RunConfig { profile: profile.clone(), dependents: dependents.clone(), dry_run };
         let counts = || profile.buses.iter().map(|_| AtomicU64::default()).collect();
         Shared {
             started: clock.now(),
@@ -99,8 +99,8 @@ impl Shared {
 
     /// Locks the state until the guard is dropped. A task that panicked with the lock has already stopped the gateway.
     /// Its state is still needed for the fault actions.
-    pub(super) fn core(&self) -> Held<'_> {
-        Held::new(self.core.lock().unwrap_or_else(PoisonError::into_inner), self)
+    pub(super) fn core(&self) -> StateGuard<'_> {
+        StateGuard::new(self.core.lock().unwrap_or_else(PoisonError::into_inner), self)
     }
 
     pub(super) fn rates(&self) -> MutexGuard<'_, Rates> {
@@ -174,7 +174,7 @@ impl Shared {
     }
 
     /// Records that a line has stopped its outputs: none of them is under way.
-    pub(super) fn outputs_rest(&self) {
+    pub(super) fn outputs_idle(&self) {
         self.resting.fetch_add(1, Ordering::Release);
     }
 
@@ -188,14 +188,14 @@ impl Shared {
     }
 
     /// Checks whether the computer's clock was set. Stamps follow this clock; nothing else uses it.
-    pub(super) fn look_at_the_time_of_day(&self) {
-        let Some(correction) = self.clock.look_at_the_time_of_day() else { return };
+    pub(super) fn check_time_of_day(&self) {
+        let Some(correction) = self.clock.check_time_of_day() else { return };
         self.report(&Event::ClockSet(correction));
     }
 
     /// Handles a pause since this moment, in which a task could not sample the clock. Each task detects the pause by
     /// itself, and the first one reports it.
-    pub(super) fn stood_still(&self, since: Moment) {
+    pub(super) fn stalled_at(&self, since: Moment) {
         let now = self.clock.now();
         let mut core = self.core();
         if !core.pauses.begins(since, now) {

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use crate::observe::asker::Asker;
-use crate::observe::status::{Moved, SignStatus};
+use crate::observe::requester::Requester;
+use crate::observe::status::{DialDirection, SignStatus};
 use isotherm_core::compensation::settings::GuardSettings;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{Profile, Writes};
@@ -19,7 +19,7 @@ pub const PATIENCE: Duration = Duration::from_secs(180);
 /// Sign check that is under way.
 #[derive(Clone, Debug)]
 pub(super) struct SignCheck {
-    pub(super) by: Arc<Asker>,
+    pub(super) by: Arc<Requester>,
     pub(super) from: Micron,
     /// Cz at which the gauge is read.
     pub(super) to: Micron,
@@ -36,7 +36,7 @@ pub(super) struct SignMemory {
     #[serde(default)]
     reminded: bool,
     /// Time and result of the last check that was answered.
-    pub(super) checked: Option<(String, Moved)>,
+    pub(super) checked: Option<(String, DialDirection)>,
 }
 
 impl SignMemory {

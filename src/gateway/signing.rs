@@ -4,12 +4,12 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::core::Core;
+use super::causes;
 use super::sign::{PATIENCE, SignCheck, WAY, is_at, must, refused};
-use super::why;
-use crate::observe::asker::Asker;
+use super::state::GatewayState;
 use crate::observe::events::Event;
-use crate::observe::status::{Answer, Moved};
+use crate::observe::requester::Requester;
+use crate::observe::status::{Answer, DialDirection};
 use isotherm_core::compensation::AxisState;
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::{Micron, Moment};
@@ -17,16 +17,16 @@ use isotherm_profile::Profile;
 
 /// Begins a check of this axis.
 pub(super) fn begin(
-    core: &mut Core,
+    core: &mut GatewayState,
     axis: usize,
-    asker: &Arc<Asker>,
+    requester: &Arc<Requester>,
     now: Moment,
 ) -> Result<Answer, Explained> {
     let (profile, dry_run) = given(core);
     let settings = &profile.axes[axis].settings;
     let (name, guard) = (&settings.name, &settings.guard);
     if !profile.axes[axis].has_model() {
-        return Err(why::unmodelled(&profile, axis).within(|cause| format!("axis {name}: {cause}")));
+        return Err(causes::unmodelled(&profile, axis).within(|cause| format!("axis {name}: {cause}")));
     }
     if dry_run || core.phase.is_stopping() {
         let why = if dry_run { "nothing is written in a dry run" } else { "the gateway is stopping" };
@@ -67,12 +67,12 @@ pub(super) fn begin(
     let way = Duration::try_from_secs_f64(steps * settings.ramp_period().as_secs_f64()).unwrap_or(PATIENCE);
     let until =
         now.after(settings.every + way.max(Duration::from_secs_f64(WAY / guard.rate.get())) + PATIENCE);
-    core.arming[axis].sign = Some(SignCheck { by: asker.clone(), from, to, until, is_there: false });
+    core.arming[axis].sign = Some(SignCheck { by: requester.clone(), from, to, until, is_there: false });
     progress(core, axis)
 }
 
 /// Progress of a check. It is done when the offset has arrived and the operator may read the gauge.
-pub(super) fn progress(core: &Core, axis: usize) -> Result<Answer, Explained> {
+pub(super) fn progress(core: &GatewayState, axis: usize) -> Result<Answer, Explained> {
     let (profile, _) = given(core);
     let name = &profile.axes[axis].settings.name;
     let Some(check) = &core.arming[axis].sign else {
@@ -88,10 +88,10 @@ pub(super) fn progress(core: &Core, axis: usize) -> Result<Answer, Explained> {
 
 /// Records the answer of the operator. The offset returns to the value that the model requests.
 pub(super) fn answer(
-    core: &mut Core,
+    core: &mut GatewayState,
     axis: usize,
-    moved: Moved,
-    (asker, stamp): (&Asker, String),
+    moved: DialDirection,
+    (requester, stamp): (&Requester, String),
 ) -> Result<Answer, Explained> {
     let (profile, _) = given(core);
     let name = profile.axes[axis].settings.name.clone();
@@ -114,14 +114,14 @@ pub(super) fn answer(
     core.storage.signs.entry(name.clone()).or_default().checked = Some((stamp, moved));
     core.storage.remember_soon();
     let said = moved.explained(&name);
-    let (way, who) = (asker.way, asker.who.clone());
+    let (way, who) = (requester.way, requester.who.clone());
     core.events.push(Event::SignChecked { axis: name.clone(), moved, way, who });
     Ok(Answer::Done(format!("{name}: {said}")))
 }
 
 /// Records that the offset of a check has arrived. Ends a check if its axis does not follow, its client has
 /// disconnected, or its time is over.
-pub(super) fn follow(core: &mut Core, now: Moment) {
+pub(super) fn follow(core: &mut GatewayState, now: Moment) {
     for axis in 0..core.arming.len() {
         let (Some(check), Some(decision)) = (&core.arming[axis].sign, core.compensation.decision(axis))
         else {
@@ -150,7 +150,7 @@ pub(super) fn follow(core: &mut Core, now: Moment) {
 }
 
 /// Ends the sign check of an axis. Returns true if a check was running.
-pub(super) fn end(core: &mut Core, axis: usize, why: Explained) -> bool {
+pub(super) fn end(core: &mut GatewayState, axis: usize, why: Explained) -> bool {
     let (profile, _) = given(core);
     let was = core.arming[axis].sign.is_some();
     if was {
@@ -160,6 +160,6 @@ pub(super) fn end(core: &mut Core, axis: usize, why: Explained) -> bool {
     was
 }
 
-fn given(core: &Core) -> (Arc<Profile>, bool) {
+fn given(core: &GatewayState) -> (Arc<Profile>, bool) {
     (core.given.profile.clone(), core.given.dry_run)
 }

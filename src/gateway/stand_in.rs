@@ -1,18 +1,18 @@
 //! Reports of sensors that have stand-ins.
 
 use crate::observe::events::{Event, StandIn, others};
-use crate::observe::status::StoodInStatus;
-use isotherm_core::compensation::{Decision, Distrusted, StoodIn};
+use crate::observe::status::SubstitutedSensorStatus;
+use isotherm_core::compensation::{Decision, RejectedSensor, SubstitutedSensor};
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::Profile;
 
-use super::why::SEE_TO_THE_SENSOR;
+use super::causes::SEE_TO_THE_SENSOR;
 
 /// Returns the cause and hint of a sensor with a stand-in: `bed frozen, replaced by a stand-in from 5 other
 /// sensors`.
-pub(super) fn explained(profile: &Profile, found: &StoodIn) -> Explained {
+pub(super) fn explained(profile: &Profile, found: &SubstitutedSensor) -> Explained {
     let is = if found.frozen { "frozen" } else { "lost" };
     let signal = &profile.signal(found.signal).name;
     let cause = format!("{signal} {is}, replaced by a stand-in from {}", others(found.others));
@@ -21,7 +21,7 @@ pub(super) fn explained(profile: &Profile, found: &StoodIn) -> Explained {
 
 /// Sensor that was reported, and its state in the report.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Reported {
+pub(super) struct ReportedSensor {
     signal: SignalId,
     /// The sensor has a stand-in; else it is suspected of being frozen, and its reading is used.
     taken: bool,
@@ -31,25 +31,25 @@ pub(super) struct Reported {
 pub(super) fn report(
     (profile, axis): (&Profile, &str),
     decision: &Decision,
-    found: &[Distrusted],
-    reported: &mut Vec<Reported>,
+    found: &[RejectedSensor],
+    reported: &mut Vec<ReportedSensor>,
     events: &mut Vec<Event>,
 ) {
     let name = |signal| profile.signal(signal).name.clone();
     // A lost sensor without a stand-in is not reported here. The events of the signal and of the axis contain all about
     // it.
-    let is_told = |found: &&Distrusted| found.others.is_some() || found.frozen;
+    let is_reported = |found: &&RejectedSensor| found.others.is_some() || found.frozen;
     reported.retain(|known| {
         let now = found.iter().find(|found| found.signal == known.signal);
-        let is_over = !now.iter().any(is_told);
+        let is_over = !now.iter().any(is_reported);
         if is_over {
             let (axis, signal) = (axis.to_owned(), name(known.signal));
-            events.push(Event::StandIn(StandIn::Over { axis, signal, believed: now.is_none() }));
+            events.push(Event::StandIn(StandIn::Over { axis, signal, accepted: now.is_none() }));
         }
         !is_over
     });
-    for found in found.iter().filter(is_told) {
-        let new = Reported { signal: found.signal, taken: found.others.is_some() };
+    for found in found.iter().filter(is_reported) {
+        let new = ReportedSensor { signal: found.signal, taken: found.others.is_some() };
         if reported.contains(&new) {
             continue;
         }
@@ -66,8 +66,12 @@ pub(super) fn report(
 }
 
 /// Returns the stand-in for the status. `stamp` converts a counted time.
-pub(super) fn status(profile: &Profile, found: &StoodIn, stamp: impl Fn(Moment) -> Moment) -> StoodInStatus {
-    StoodInStatus {
+pub(super) fn status(
+    profile: &Profile,
+    found: &SubstitutedSensor,
+    stamp: impl Fn(Moment) -> Moment,
+) -> SubstitutedSensorStatus {
+    SubstitutedSensorStatus {
         signal: profile.signal(found.signal).name.clone(),
         frozen: found.frozen,
         since: stamp(found.since).to_string(),
@@ -87,14 +91,14 @@ mod tests {
         let axes = vec![profile.axes[0].settings.clone()];
         let compensation = Compensation::new(profile.machine.clone(), axes, Remembered::default());
         let decision = compensation.decision(0).unwrap();
-        let found = |place, frozen, others| Distrusted {
+        let found = |place, frozen, others| RejectedSensor {
             signal: SignalId(place),
             since: Moment::default(),
             frozen,
             others,
         };
         let mut reported = Vec::new();
-        let mut told = |found: &[Distrusted]| -> Vec<String> {
+        let mut told = |found: &[RejectedSensor]| -> Vec<String> {
             let mut events = Vec::new();
             report((&profile, "z"), decision, found, &mut reported, &mut events);
             let texts = events.iter().map(|event| event.entry(Moment::default()).text);

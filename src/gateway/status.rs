@@ -5,24 +5,24 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use super::arming::Arming;
-use super::board::Latest;
+use super::causes::CauseInputs;
 use super::comparison;
-use super::contact::{Contact, JITTER_MS};
 use super::continuity::Devices;
+use super::device_health::{DeviceHealth, JITTER_MS};
 use super::extrapolation;
 use super::lock::LockTimes;
 use super::output::Outputs;
 use super::probing::why_refused;
 use super::releasing;
-use super::reported::Reported;
+use super::reported_conditions::ReportedConditions;
 use super::shared::Shared;
 use super::sign::SignMemory;
+use super::signal_table::Latest;
 use super::stand_in;
-use super::why::Reasons;
 use crate::clock::{Synchronised, zone};
 use crate::observe::status::{
-    ArmingStatus, AxisStatus, BusStatus, DeviceStatus, GainStatus, LeftStatus, OutputStatus, ProbeStatus,
-    ProbedStatus, SharesStatus, SignalStatus, Status, WaitingStatus,
+    ArmingStatus, AxisStatus, BusStatus, DeviceStatus, FormerRegisterStatus, GainStatus, OutputStatus,
+    ProbeStatus, ProbedStatus, SharesStatus, SignalStatus, Status, WaitingStatus,
 };
 use isotherm_core::compensation::{Decision, Probe, Stages};
 use isotherm_core::display::Intent;
@@ -31,7 +31,7 @@ use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
 use isotherm_profile::{Axis, DeviceId, Purpose};
 
-struct Picture {
+struct StatusSnapshot {
     now: Moment,
     /// Time for which the machine has been running; `None` before it was seen running.
     machine_on: Option<Duration>,
@@ -46,18 +46,18 @@ struct Picture {
     latest: Latest,
     /// Readings at the time of this picture: aged, and checked by their conditions.
     seen: Vec<Reading>,
-    contact: Contact,
+    device_health: DeviceHealth,
     devices: Devices,
-    left: Vec<LeftStatus>,
+    left: Vec<FormerRegisterStatus>,
     log_dropped: u64,
     lock_times: LockTimes,
 }
 
-impl Picture {
-    fn of(shared: &Shared) -> Picture {
+impl StatusSnapshot {
+    fn of(shared: &Shared) -> StatusSnapshot {
         let now = shared.clock.now();
         let core = shared.core();
-        let mut picture = Picture {
+        let mut picture = StatusSnapshot {
             now,
             machine_on: core.compensation.machine().on_time(now),
             stopping: core.phase.is_stopping(),
@@ -65,14 +65,14 @@ impl Picture {
             decisions: core.compensation.decisions().copied().collect(),
             arming: core.arming.as_slice().to_vec(),
             signs: core.storage.signs.clone(),
-            is_warned: core.reported.iter().map(Reported::is_warned).collect(),
+            is_warned: core.reported.iter().map(ReportedConditions::is_warned).collect(),
             probes: (0..shared.profile.axes.len())
                 .map(|axis| core.compensation.probe(axis).cloned())
                 .collect(),
             outputs: core.outputs.clone(),
             latest: core.board.latest().clone(),
             seen: Vec::new(),
-            contact: core.contact.clone(),
+            device_health: core.device_health.clone(),
             devices: core.devices.clone(),
             left: releasing::left(&core),
             log_dropped: core.storage.dropped(),
@@ -89,13 +89,13 @@ impl Picture {
     }
 
     fn why(&self, shared: &Shared, axis: usize) -> Explained {
-        let reasons = Reasons {
+        let reasons = CauseInputs {
             profile: &shared.profile,
             axis,
             arming: &self.arming[axis],
             decision: &self.decisions[axis],
             outputs: &self.outputs,
-            contact: &self.contact,
+            device_health: &self.device_health,
             devices: &self.devices,
             seen: &self.seen,
             has_run: self.machine_on.is_some(),
@@ -108,7 +108,7 @@ impl Picture {
 
 pub(super) fn status(shared: &Shared) -> Status {
     let (events, event_counts) = shared.journal.read();
-    let picture = Picture::of(shared);
+    let picture = StatusSnapshot::of(shared);
     let mut status = Status {
         machine: shared.profile.name.clone(),
         label: shared.profile.label.clone(),
@@ -126,7 +126,7 @@ pub(super) fn status(shared: &Shared) -> Status {
         overridden: shared.profile.overridden.clone(),
         dry_run: shared.dry_run,
         stopping: picture.stopping,
-        ready: picture.contact.devices.iter().all(|device| device.answered)
+        ready: picture.device_health.devices.iter().all(|device| device.answered)
             && picture.decisions.iter().all(|decision| decision.at > Moment::default()),
         axes: axes(shared, &picture),
         signals: signals(shared, &picture),
@@ -161,12 +161,12 @@ fn ended(status: &Status) -> Vec<String> {
 
 /// Returns the last verified Cz of an axis, and the time of the request that read it. It is the one in the axis's first
 /// output with a known Cz.
-fn verified(picture: &Picture, axis: usize) -> Option<(Micron, Moment)> {
+fn verified(picture: &StatusSnapshot, axis: usize) -> Option<(Micron, Moment)> {
     let mut outputs = picture.outputs.of_axis(axis).filter(|(output, _)| output.writes.is_cz());
     outputs.find_map(|(_, state)| state.cz.zip(state.verified_at))
 }
 
-fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
+fn axes(shared: &Shared, picture: &StatusSnapshot) -> Vec<AxisStatus> {
     let axes = shared.profile.axes.iter().zip(&picture.decisions).enumerate();
     axes.map(|(place, (axis, decision))| AxisStatus {
         truth: None,
@@ -179,7 +179,7 @@ fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
         shown: picture.outputs.display(
             place,
             (decision.state, picture.intent(shared, place)),
-            (&picture.contact, shared.dry_run),
+            (&picture.device_health, shared.dry_run),
         ),
         // The request of a release does not expire.
         waiting: picture.arming[place].asked.as_ref().filter(|_| !is_release(axis)).map(|asked| {
@@ -240,7 +240,7 @@ fn is_release(axis: &Axis) -> bool {
     axis.purpose == Purpose::Release
 }
 
-fn probe(shared: &Shared, picture: &Picture, place: usize) -> Option<ProbeStatus> {
+fn probe(shared: &Shared, picture: &StatusSnapshot, place: usize) -> Option<ProbeStatus> {
     let settings = &shared.profile.axes[place].settings;
     let (bounds, probe) = settings.probe.zip(picture.probes[place].as_ref())?;
     let decision = &picture.decisions[place];
@@ -272,7 +272,7 @@ fn probe(shared: &Shared, picture: &Picture, place: usize) -> Option<ProbeStatus
     })
 }
 
-fn signals(shared: &Shared, picture: &Picture) -> Vec<SignalStatus> {
+fn signals(shared: &Shared, picture: &StatusSnapshot) -> Vec<SignalStatus> {
     let signals = shared.profile.signals.iter().enumerate().zip(&picture.seen);
     signals
         .map(|((place, signal), reading)| {
@@ -289,7 +289,7 @@ fn signals(shared: &Shared, picture: &Picture) -> Vec<SignalStatus> {
                 },
                 reason: match reading.quality {
                     Quality::Good => String::new(),
-                    Quality::Bad(reason) => picture.contact.why(SignalId(place), reason).to_string(),
+                    Quality::Bad(reason) => picture.device_health.why(SignalId(place), reason).to_string(),
                 },
                 age_s: (taken > Moment::default() && reading.quality != Quality::Bad(Reason::NeverRead))
                     .then(|| picture.now.since(taken).as_secs_f64()),
@@ -298,9 +298,9 @@ fn signals(shared: &Shared, picture: &Picture) -> Vec<SignalStatus> {
         .collect()
 }
 
-fn buses(shared: &Shared, picture: &Picture) -> Vec<BusStatus> {
+fn buses(shared: &Shared, picture: &StatusSnapshot) -> Vec<BusStatus> {
     let bounds = || JITTER_MS.iter().copied().chain([f64::INFINITY]);
-    let buses = shared.profile.buses.iter().zip(&picture.contact.buses);
+    let buses = shared.profile.buses.iter().zip(&picture.device_health.buses);
     buses
         .map(|(bus, count)| BusStatus {
             name: bus.name.clone(),
@@ -313,8 +313,8 @@ fn buses(shared: &Shared, picture: &Picture) -> Vec<BusStatus> {
         .collect()
 }
 
-fn devices(shared: &Shared, picture: &Picture) -> Vec<DeviceStatus> {
-    let devices = shared.profile.devices.iter().zip(&picture.contact.devices).enumerate();
+fn devices(shared: &Shared, picture: &StatusSnapshot) -> Vec<DeviceStatus> {
+    let devices = shared.profile.devices.iter().zip(&picture.device_health.devices).enumerate();
     devices
         .map(|(place, (device, count))| DeviceStatus {
             name: device.name.clone(),
@@ -341,7 +341,7 @@ fn devices(shared: &Shared, picture: &Picture) -> Vec<DeviceStatus> {
         .collect()
 }
 
-fn outputs(shared: &Shared, picture: &Picture) -> Vec<OutputStatus> {
+fn outputs(shared: &Shared, picture: &StatusSnapshot) -> Vec<OutputStatus> {
     let outputs = shared.profile.outputs.iter().zip(picture.outputs.states());
     outputs
         .map(|(output, state)| OutputStatus {

@@ -10,13 +10,13 @@ use std::time::Duration;
 
 use jiff::civil::Date;
 
-use super::board::Board;
 use super::log::Recorder;
 use super::log::outputs::ENDING;
-use super::memory::{Memory, Rest};
+use super::memory::{Memory, UnchangedParts};
 use super::output::OutputState;
 use super::places::{Places, remembers_cz};
 use super::sign::SignMemory;
+use super::signal_table::SignalTable;
 use super::store::Writer;
 use crate::clock::{Clock, Correction};
 use crate::observe::events::Journal;
@@ -25,14 +25,14 @@ use isotherm_core::quantity::{Micron, Moment, Shifted};
 use isotherm_profile::{Output, OutputId, Profile};
 
 mod events;
-pub(super) mod keeping;
 mod outputs;
+pub(super) mod retention;
 mod stamps;
 mod thread;
 
 use events::EventsWake;
 use outputs::OutputsLog;
-pub(super) use outputs::{Steady, Stepped, TurnRecord};
+pub(super) use outputs::{CountedWrite, OutputTransition, TurnRecord};
 use stamps::{Stamped, Stamps};
 use thread::StorageThread;
 
@@ -78,17 +78,17 @@ pub(super) struct Storage {
 
 /// Correction of the clock, if its time does not continue from `last`, the newest stamp in state or log. It does not
 /// continue if it is earlier, or too much later.
-pub(super) fn not_going_on(now: Moment, last: Option<Moment>) -> Option<Correction> {
+pub(super) fn clock_correction(now: Moment, last: Option<Moment>) -> Option<Correction> {
     let last = last.filter(|last| Stop::between(*last, now).by_the_clock.is_none());
     last.map(|from| Correction { from, to: now })
 }
 
 /// Newest stamp in the logs of this machine, for the days of its present clock. `None` if there is none.
 pub(super) fn newest_stamp(directory: &Path, machine: &str, now: Moment) -> Option<Moment> {
-    let logs = keeping::logs(directory, machine);
-    let set = keeping::breaks(directory, &logs);
-    let of_decisions = |log: &&keeping::DayLog| log.name.ends_with(".csv") && !log.name.ends_with(ENDING);
-    let logs = keeping::of_these_days(&logs, keeping::day(now), &set).filter(of_decisions);
+    let logs = retention::logs(directory, machine);
+    let set = retention::breaks(directory, &logs);
+    let of_decisions = |log: &&retention::DayLog| log.name.ends_with(".csv") && !log.name.ends_with(ENDING);
+    let logs = retention::of_these_days(&logs, retention::day(now), &set).filter(of_decisions);
     let newest = logs.clone().map(|log| log.day).max()?;
     logs.filter(|log| log.day == newest)
         .filter_map(|log| thread::last_stamp(&directory.join(&log.name)))
@@ -158,8 +158,8 @@ impl Storage {
     /// the axes. It can then be replayed without earlier rows.
     pub(super) fn prepare(&mut self, now: Moment, compensation: &Compensation) {
         let Some(recorder) = &mut self.recorder else { return };
-        let stamped = self.stamps.look(now);
-        let begun = Some((keeping::day(now.shifted(stamped.shift)), stamped));
+        let stamped = self.stamps.check(now);
+        let begun = Some((retention::day(now.shifted(stamped.shift)), stamped));
         if self.begun != begun || self.torn.load(Ordering::Relaxed) {
             self.begun = begun;
             self.torn.store(false, Ordering::Relaxed);
@@ -230,7 +230,7 @@ impl Storage {
         (now, is_urgent): (Moment, bool),
         compensation: &Compensation,
         (profile, places): (&Profile, &Arc<Places>),
-        (board, outputs): (&Board, &[OutputState]),
+        (board, outputs): (&SignalTable, &[OutputState]),
     ) {
         let is_due = is_urgent || self.remembered.is_none_or(|last| now.since(last) >= REMEMBER_EVERY);
         let Some(writer) = self.writer.as_ref().filter(|_| is_due) else { return };
@@ -246,7 +246,7 @@ impl Storage {
         self.handed_over.clear();
         self.handed_over.extend(outputs.iter().map(|state| state.cz));
         let (signs, values) = (self.signs.clone(), board.last_good(now));
-        let rest = Rest { signs, places: Arc::clone(places), values };
+        let rest = UnchangedParts { signs, places: Arc::clone(places), values };
         let memory = Memory::new(profile, now, compensation.remembered(), verified, rest);
         writer.remember(memory.stamped(self.stamps.of_the_clock()));
         let _ = self.hand_over(Job::Sync { at: now });

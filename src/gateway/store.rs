@@ -54,11 +54,11 @@ pub(super) mod number;
 mod tests;
 mod writer;
 
-use document::{Seal, Unfit, VERSION};
+use document::{DocumentRejection, Seal, VERSION};
 pub(super) use entry::{Entries, Entry, fits};
 pub(super) use file::StoreFile;
 pub(super) use names::{by_name, by_place};
-pub(super) use writer::{Kept, Writer};
+pub(super) use writer::{SaveResult, Writer};
 
 /// Consecutive failures with another cause before that cause is reported.
 const CHANGED_AFTER: u32 = 2;
@@ -95,12 +95,12 @@ pub(super) struct Opened {
 }
 
 /// Documents in a directory, before they are compared with the number.
-struct Found {
+struct FoundDocuments {
     /// Each file, and the ending that it gets if a document of this version replaces it.
     files: Vec<(PathBuf, &'static str)>,
     layout: u32,
     seal: Option<Seal>,
-    content: Result<Option<Content>, Unfit>,
+    content: Result<Option<Content>, DocumentRejection>,
 }
 
 /// Path of the document.
@@ -122,16 +122,16 @@ pub(super) fn open(
     now: Moment,
 ) -> Opened {
     let document = path(directory, machine);
-    let Found { mut files, layout, seal, content } = look(&**disk, directory, machine);
-    let (number_path, number) = number::look(&**disk, directory, machine);
+    let FoundDocuments { mut files, layout, seal, content } = find_documents(&**disk, directory, machine);
+    let (number_path, number) = number::read_number(&**disk, directory, machine);
     let known = number.as_ref().ok().copied().flatten();
     let is_first = matches!((&content, &number), (Ok(None), Ok(None))) && !has_logs;
     let content = content.and_then(|content| {
         let seal = seal.as_ref().filter(|_| content.is_some());
-        let why = number.map_or_else(Some, |number| number::judge(seal, number, has_logs));
-        why.map_or(Ok(content), |why| Err(Unfit::Because(why)))
+        let why = number.map_or_else(Some, |number| number::assess(seal, number, has_logs));
+        why.map_or(Ok(content), |why| Err(DocumentRejection::Because(why)))
     });
-    let is_of_a_later_version = matches!(content, Err(Unfit::Later(_)));
+    let is_of_a_later_version = matches!(content, Err(DocumentRejection::Later(_)));
     let is_earlier = layout < VERSION && matches!(content, Ok(Some(_)));
     if content.is_err() {
         files.push((number_path.clone(), ""));
@@ -175,7 +175,7 @@ pub(super) fn open(
         document,
         number: number::path(directory, machine),
         seal,
-        question: Question(Arc::new(AtomicBool::new(is_in_question))),
+        question: OpenQuestion(Arc::new(AtomicBool::new(is_in_question))),
         state: Vec::new(),
         outputs: BTreeMap::new(),
         aside,
@@ -194,27 +194,29 @@ impl Content {
     }
 }
 
-fn look(disk: &dyn Disk, directory: &Path, machine: &str) -> Found {
+fn find_documents(disk: &dyn Disk, directory: &Path, machine: &str) -> FoundDocuments {
     let document = path(directory, machine);
     let read = read(disk, &document, |bytes| document::read(bytes, machine));
     let (seal, content) = match read {
-        Ok(None) | Err(Unfit::Earlier(_)) => return earlier::look(disk, directory, machine),
+        Ok(None) | Err(DocumentRejection::Earlier(_)) => {
+            return earlier::find_documents(disk, directory, machine);
+        }
         Ok(Some((seal, content))) => (Some(seal), Ok(Some(content))),
         Err(unfit) => (None, Err(unfit)),
     };
-    Found { files: vec![(document, "")], layout: VERSION, seal, content }
+    FoundDocuments { files: vec![(document, "")], layout: VERSION, seal, content }
 }
 
 /// Reads a file. Returns `None` if it does not exist.
 fn read<T>(
     disk: &dyn Disk,
     path: &Path,
-    of: impl FnOnce(&[u8]) -> Result<T, Unfit>,
-) -> Result<Option<T>, Unfit> {
+    of: impl FnOnce(&[u8]) -> Result<T, DocumentRejection>,
+) -> Result<Option<T>, DocumentRejection> {
     match disk.read(path) {
         Ok(bytes) => of(&bytes).map(Some),
         Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => Ok(None),
-        Err(error) => Err(Unfit::Because(system(&error))),
+        Err(error) => Err(DocumentRejection::Because(system(&error))),
     }
 }
 
@@ -240,7 +242,7 @@ pub(super) fn may_start(disk: &dyn Disk, directory: &Path, machine: &str) -> Res
         refuse_what_others_may_write(path)?;
     }
     match read(disk, &document, |bytes| document::read(bytes, machine)) {
-        Err(Unfit::Later(found)) => Err(format!(
+        Err(DocumentRejection::Later(found)) => Err(format!(
             "the saved state {} was written by a later version of this program (layout {found}, this one \
              knows up to {VERSION}). Run that version, or move the file away and let the operator arm the \
              axes",
@@ -252,9 +254,9 @@ pub(super) fn may_start(disk: &dyn Disk, directory: &Path, machine: &str) -> Res
 
 /// Whether something did not fit and no operator has armed since. The writer and the axes share it.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Question(Arc<AtomicBool>);
+pub(super) struct OpenQuestion(Arc<AtomicBool>);
 
-impl Question {
+impl OpenQuestion {
     pub(super) fn is_open(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }

@@ -16,15 +16,15 @@ use std::time::Duration;
 
 use isotherm_core::explained::Explained;
 use isotherm_profile::one_line;
-use isotherm_profile::regular::cut;
+use isotherm_profile::safe_file::cut;
 use rustix::process::{Pid, Signal, kill_process_group};
 
+use super::api_backend::CommandHandle;
 use super::handover::{Handover, KeptProfile, Prepared, digest_path};
-use super::panel::CommandHandle;
 use super::shared::Shared;
-use crate::clock::Passing;
+use crate::clock::BootClock;
 use crate::fieldbus::explain::system;
-use crate::observe::asker::Asker;
+use crate::observe::requester::Requester;
 
 /// Option with which a program only checks its profile and arguments. It is followed by the command socket of the
 /// running gateway.
@@ -55,7 +55,7 @@ pub struct Program {
 
 /// Reason why no program can take the place of this one.
 #[derive(Debug)]
-pub(super) enum Unfit {
+pub(super) enum SuccessorRejection {
     /// The profile is wrong.
     Profile(String),
     /// Another reason, in words.
@@ -116,11 +116,11 @@ impl Program {
     }
 
     /// Lets the program at the path check its profile and arguments, within this time.
-    fn check(&self, socket: &Path, within: Duration) -> Result<Checked, Unfit> {
+    fn check(&self, socket: &Path, within: Duration) -> Result<Checked, SuccessorRejection> {
         let shown = self.path.display();
         let image = Image::at(&self.path);
         let no_memory = |error: std::io::Error| {
-            Unfit::Other(format!("the state cannot be handed over to the new program: {error}"))
+            SuccessorRejection::Other(format!("the state cannot be handed over to the new program: {error}"))
         };
         let answer = KeptProfile::offer().ok();
         let stdout = answer.as_ref().map(File::try_clone).transpose().map_err(no_memory)?;
@@ -134,25 +134,27 @@ impl Program {
             .stderr(Stdio::piped());
         // A script may start other processes. All of them end when the time is over.
         command.process_group(0);
-        let cannot = |error: std::io::Error| Unfit::Other(format!("{shown} cannot be started: {error}"));
+        let cannot =
+            |error: std::io::Error| SuccessorRejection::Other(format!("{shown} cannot be started: {error}"));
         let mut child = command.spawn().map_err(cannot)?;
         // The command holds a copy of the answer.
         drop(command);
         let said = child.stderr.take().map(read_aside);
-        let until = Passing::default().passed() + within;
+        let until = BootClock::default().passed() + within;
         let status = loop {
             match child.try_wait().map_err(cannot)? {
                 Some(status) => break status,
-                None if Passing::default().passed() >= until => {
+                None if BootClock::default().passed() >= until => {
                     end(&mut child);
                     let why = format!("{shown} has not checked the profile within {} s", within.as_secs());
-                    return Err(Unfit::Other(why));
+                    return Err(SuccessorRejection::Other(why));
                 }
                 None => std::thread::sleep(LOOK_EVERY),
             }
         };
-        judge(status, || said.map(collected).unwrap_or_default())?;
-        let profile = answer.map(KeptProfile::answered).transpose().map_err(Unfit::Other)?.flatten();
+        assess(status, || said.map(collected).unwrap_or_default())?;
+        let profile =
+            answer.map(KeptProfile::answered).transpose().map_err(SuccessorRejection::Other)?.flatten();
         Ok(Checked { image, prepared: Prepared::with(profile.as_ref()).map_err(no_memory)? })
     }
 
@@ -204,15 +206,15 @@ fn read_aside(mut stderr: ChildStderr) -> Receiver<Vec<u8>> {
 
 /// Output of a check that has ended.
 fn collected(parts: Receiver<Vec<u8>>) -> String {
-    let until = Passing::default().passed() + LAST_WORDS;
+    let until = BootClock::default().passed() + LAST_WORDS;
     let mut said = Vec::new();
-    while let Ok(part) = parts.recv_timeout(until.saturating_sub(Passing::default().passed())) {
+    while let Ok(part) = parts.recv_timeout(until.saturating_sub(BootClock::default().passed())) {
         said.extend(part);
     }
     String::from_utf8_lossy(&said).into_owned()
 }
 
-fn judge(status: ExitStatus, said: impl FnOnce() -> String) -> Result<(), Unfit> {
+fn assess(status: ExitStatus, said: impl FnOnce() -> String) -> Result<(), SuccessorRejection> {
     if status.success() {
         return Ok(());
     }
@@ -223,9 +225,9 @@ fn judge(status: ExitStatus, said: impl FnOnce() -> String) -> Result<(), Unfit>
     let lines: Vec<&str> = lines.map(|line| line.strip_prefix("isotherm: ").unwrap_or(line)).collect();
     let said = cut(&one_line(&lines.join("; ")), LONGEST_SAID).into_owned();
     Err(match status.code() {
-        Some(WRONG_PROFILE) => Unfit::Profile(said),
-        _ if said.is_empty() => Unfit::Other(format!("the new program ended with {status}")),
-        _ => Unfit::Other(said),
+        Some(WRONG_PROFILE) => SuccessorRejection::Profile(said),
+        _ if said.is_empty() => SuccessorRejection::Other(format!("the new program ended with {status}")),
+        _ => SuccessorRejection::Other(said),
     })
 }
 
@@ -256,25 +258,25 @@ impl Successor {
 
     /// Checks that another program can run in the place of this gateway, and that this gateway can hand over to it.
     /// Blocks for `within` at most, and for the time that the disk needs for one small file.
-    pub(super) fn check(&self, within: Duration) -> Result<Checked, Unfit> {
+    pub(super) fn check(&self, within: Duration) -> Result<Checked, SuccessorRejection> {
         let checked = self.program.check(&self.socket, within)?;
         let directory = self.socket.parent().unwrap_or(Path::new("."));
         Handover::rehearse(&digest_path(directory, &self.shared.profile.name)).map_err(|error| {
-            Unfit::Other(format!("the state cannot be handed over to the new program: {error}"))
+            SuccessorRejection::Other(format!("the state cannot be handed over to the new program: {error}"))
         })?;
         if Image::at(&self.program.path) != checked.image {
             let shown = self.program.path.display();
             let why = format!("{shown} was replaced after it had checked the profile: restart once more");
-            return Err(Unfit::Other(why));
+            return Err(SuccessorRejection::Other(why));
         }
         Ok(checked)
     }
 
     /// Requests the gateway to move nothing more, and to make room for a program that was checked. Returns a sentence.
-    pub(super) fn take_over(&self, asker: &Asker, checked: Checked) -> Result<String, String> {
+    pub(super) fn take_over(&self, requester: &Requester, checked: Checked) -> Result<String, String> {
         let commands = CommandHandle(self.shared.clone());
         let answer =
-            commands.carry_out(("restart".to_owned(), Vec::new()), asker, String::as_str, |core| {
+            commands.carry_out(("restart".to_owned(), Vec::new()), requester, String::as_str, |core| {
                 if core.phase.is_stopping() {
                     return Err("the gateway is stopping".into());
                 }
@@ -286,7 +288,7 @@ impl Successor {
                         "end the sign check first",
                     ));
                 }
-                core.replaced_by = asker.way.by(&asker.who);
+                core.replaced_by = requester.way.by(&requester.who);
                 let path = self.program.path.display();
                 Ok(format!("{path} takes over; the registers keep their values"))
             })?;

@@ -26,7 +26,7 @@ const NAMED: usize = 5;
 #[derive(Debug)]
 pub(super) struct Report {
     /// Whether a service manager listens.
-    is_heard: bool,
+    is_received: bool,
     is_ready: bool,
     waited: Duration,
     status: String,
@@ -34,13 +34,13 @@ pub(super) struct Report {
 
 impl Report {
     pub(super) fn begin() -> Report {
-        let is_heard = std::env::var_os("NOTIFY_SOCKET").is_some();
-        Report { is_heard, is_ready: false, waited: Duration::ZERO, status: String::new() }
+        let is_received = std::env::var_os("NOTIFY_SOCKET").is_some();
+        Report { is_received, is_ready: false, waited: Duration::ZERO, status: String::new() }
     }
 
     /// Reports that all lines take their turns. Must be called repeatedly. `after`: time since the last call.
     pub(super) fn lives(&mut self, shared: &Shared, after: Duration) {
-        if !self.is_heard {
+        if !self.is_received {
             return;
         }
         tell(&[NotifyState::Watchdog]);
@@ -99,8 +99,8 @@ fn are_tried(shared: &Shared) -> bool {
     let profile = &shared.profile;
     let core = shared.core();
     (0..profile.buses.len()).map(BusId).all(|bus| {
-        let count = &core.contact.buses[bus.0];
-        let mut devices = profile.devices_on(bus).map(|(id, _)| &core.contact.devices[id.0]);
+        let count = &core.device_health.buses[bus.0];
+        let mut devices = profile.devices_on(bus).map(|(id, _)| &core.device_health.devices[id.0]);
         count.connected || count.down.is_some() || devices.any(|one| one.requests > 0 || one.answered)
     })
 }
@@ -116,10 +116,10 @@ fn in_words(shared: &Shared) -> Option<String> {
     for (place, axis) in profile.axes.iter().enumerate() {
         let state = core.compensation.decision(place).map_or(AxisState::Off, |decision| decision.state);
         let intent = core.arming[place].intent(profile, place);
-        let display = core.outputs.display(place, (state, intent), (&core.contact, shared.dry_run));
+        let display = core.outputs.display(place, (state, intent), (&core.device_health, shared.dry_run));
         states.entry(display.words()).or_default().push(&axis.settings.name);
     }
-    let is_lost = |place: &usize| !core.contact.devices[*place].is_here();
+    let is_lost = |place: &usize| !core.device_health.devices[*place].is_here();
     let lost: Vec<&str> = (0..profile.devices.len())
         .filter(is_lost)
         .map(|place| profile.devices[place].name.as_str())

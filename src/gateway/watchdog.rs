@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use super::shared::Shared;
 use super::systemd::Report;
-use crate::clock::Looks;
+use crate::clock::StallDetector;
 use crate::observe::events::Event;
 use isotherm_profile::{BusId, Profile};
 
@@ -30,11 +30,11 @@ impl Watchdog {
         let (sender, receiver) = channel();
         let looks =
             |span: Duration| u32::try_from(span.as_millis() / LOOK_EVERY.as_millis()).unwrap_or(u32::MAX);
-        let mut lines: Vec<Seen> = (0..shared.profile.buses.len())
+        let mut lines: Vec<LineObservation> = (0..shared.profile.buses.len())
             .map(|bus| patience.unwrap_or_else(|| limit(&shared.profile, BusId(bus))))
-            .map(|limit| Seen { turns: 0, looks: 0, most: looks(limit).max(1) })
+            .map(|limit| LineObservation { turns: 0, looks: 0, most: looks(limit).max(1) })
             .collect();
-        let mut own = Looks::begin(shared.clock.now(), shared.profile.shortest_age());
+        let mut own = StallDetector::begin(shared.clock.now(), shared.profile.shortest_age());
         let watch = move || {
             let mut stuck = Duration::ZERO;
             let mut is_reported = false;
@@ -42,7 +42,7 @@ impl Watchdog {
             own.away_for(LOOK_EVERY);
             while receiver.recv_timeout(LOOK_EVERY) == Err(RecvTimeoutError::Timeout) {
                 let (last, now) = (own.last(), shared.clock.now());
-                let gap = own.look(now);
+                let gap = own.sample(now);
                 own.away_for(LOOK_EVERY);
                 if shared.clock.is_virtual() {
                     // Virtual time may be held. No line can take a turn then.
@@ -50,7 +50,7 @@ impl Watchdog {
                         continue;
                     }
                 } else if let Some(since) = gap {
-                    shared.stood_still(since);
+                    shared.stalled_at(since);
                     continue;
                 }
                 let Some(late) = late_line(&shared, &mut lines, &mut stuck) else {
@@ -78,7 +78,7 @@ impl Watchdog {
 }
 
 /// Observations of a line. Checks are counted instead of seconds: a pause of the computer is not the fault of the line.
-struct Seen {
+struct LineObservation {
     turns: u64,
     /// Consecutive checks that found the same number of turns.
     looks: u32,
@@ -87,7 +87,7 @@ struct Seen {
 }
 
 /// Name of a line that has not taken a turn for too long. A state that stays locked counts as well.
-fn late_line(shared: &Shared, lines: &mut [Seen], stuck: &mut Duration) -> Option<String> {
+fn late_line(shared: &Shared, lines: &mut [LineObservation], stuck: &mut Duration) -> Option<String> {
     if !shared.is_free() {
         *stuck += LOOK_EVERY;
         return (*stuck > Duration::from_secs(5)).then(|| "(state locked)".to_owned());

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::fieldbus::trace::{Listening, Tap};
+use crate::fieldbus::trace::{ExchangeReceiver, Tap};
 use isotherm_profile::{BusId, DeviceId, Profile};
 
 /// Access to the frames of the devices of a gateway, from any thread.
@@ -30,7 +30,7 @@ impl WireLog {
     ///
     /// # Errors
     /// There is no such device, or too many clients trace its line. The error is a sentence.
-    pub fn listen(&self, device: &str) -> Result<Listening, String> {
+    pub fn listen(&self, device: &str) -> Result<ExchangeReceiver, String> {
         let Some(place) = self.0.devices.iter().position(|(name, _)| name == device) else {
             let known: Vec<&str> = self.0.devices.iter().map(|(name, _)| name.as_str()).collect();
             return Err(format!("there is no device `{device}`; there are: {}", known.join(", ")));

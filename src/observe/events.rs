@@ -9,14 +9,14 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::asker::Way;
-use super::status::Moved;
+use super::requester::Channel;
+use super::status::DialDirection;
 use crate::clock::Correction;
 use data::{both_in_text, in_seconds, in_text};
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::one_line;
-use isotherm_profile::regular::cut;
+use isotherm_profile::safe_file::cut;
 
 mod alarms;
 mod broker;
@@ -31,15 +31,15 @@ mod page;
 mod sentences;
 mod stand_in;
 
-pub use alarms::{Alarm, Change, Seen};
+pub use alarms::{Acknowledgement, Alarm, Change};
 pub use broker::Broker;
 #[cfg(feature = "opcua")]
-pub use certificate::{Expiry, Whose};
+pub use certificate::{CertificateOwner, Expiry};
 pub use comparison::Comparison;
 pub(crate) use comparison::found_worse;
 pub use delivery::Delivery;
 pub use isotherm_core::output::HandshakeFault;
-pub use journal::{Entry, EventListener, Happened, Journal};
+pub use journal::{Entry, EventListener, Journal, ReportedEvent};
 pub use page::{PagePort, PageToken};
 pub use stand_in::StandIn;
 pub(crate) use stand_in::others;
@@ -95,11 +95,11 @@ pub enum Event {
         stopping: bool,
     },
     /// A command was carried out. `axes` is empty if it concerns no axis.
-    Command { command: String, axes: Vec<String>, way: Way, who: String, answer: String },
+    Command { command: String, axes: Vec<String>, way: Channel, who: String, answer: String },
     /// A command was refused.
-    CommandRefused { command: String, axes: Vec<String>, way: Way, who: String, why: Explained },
+    CommandRefused { command: String, axes: Vec<String>, way: Channel, who: String, why: Explained },
     /// A command was dropped, because its sender did not wait for it any more. It will not be carried out.
-    CommandDropped { command: String, axes: Vec<String>, way: Way, who: String, why: String },
+    CommandDropped { command: String, axes: Vec<String>, way: Channel, who: String, why: String },
     /// An axis to be armed now waits for another condition.
     WaitsToArm { axis: String, why: Explained },
     /// A request to arm was withdrawn or has expired.
@@ -109,7 +109,7 @@ pub enum Event {
         axis: String,
         #[serde(rename = "from_um")]
         from: Micron,
-        way: Way,
+        way: Channel,
         who: String,
     },
     /// An armed axis resumes from its register value after a restart of the control.
@@ -117,10 +117,10 @@ pub enum Event {
         axis: String,
         #[serde(rename = "from_um")]
         from: Micron,
-        way: Way,
+        way: Channel,
     },
     /// The operator has reported in which direction a gauge moved when Cz increased.
-    SignChecked { axis: String, moved: Moved, way: Way, who: String },
+    SignChecked { axis: String, moved: DialDirection, way: Channel, who: String },
     /// A check of the sign has ended without an answer. Cz goes back.
     SignEnded { axis: String, why: Explained },
     /// An axis was switched off.
@@ -356,7 +356,7 @@ pub enum Level {
 }
 
 /// Description of an event.
-struct Described {
+struct EventDescription {
     /// Kind, as a word for programs.
     kind: &'static str,
     level: Level,
@@ -366,21 +366,21 @@ struct Described {
     why: Option<Explained>,
 }
 
-const fn info(kind: &'static str, about: String) -> Described {
-    Described { kind, level: Level::Info, about, why: None }
+const fn info(kind: &'static str, about: String) -> EventDescription {
+    EventDescription { kind, level: Level::Info, about, why: None }
 }
 
 /// Describes trouble that the operator should know of. `about` is empty if the cause contains the subject.
-fn warning(kind: &'static str, about: impl Into<String>, why: Explained) -> Described {
-    Described { kind, level: Level::Warning, about: about.into(), why: Some(why) }
+fn warning(kind: &'static str, about: impl Into<String>, why: Explained) -> EventDescription {
+    EventDescription { kind, level: Level::Warning, about: about.into(), why: Some(why) }
 }
 
 /// Describes trouble that requires an action. `about` is empty if the cause contains the subject.
-fn error(kind: &'static str, about: impl Into<String>, why: Explained) -> Described {
-    Described { level: Level::Error, ..warning(kind, about, why) }
+fn error(kind: &'static str, about: impl Into<String>, why: Explained) -> EventDescription {
+    EventDescription { level: Level::Error, ..warning(kind, about, why) }
 }
 
-impl Described {
+impl EventDescription {
     /// Returns the text: subject, cause and hint.
     fn text(&self) -> String {
         let why = self.why.iter().map(ToString::to_string).filter(|why| !why.is_empty());

@@ -13,10 +13,10 @@ mod access;
 mod admission;
 mod alarms;
 mod connection;
-mod crowd;
-mod door;
+mod connection_limiter;
 mod events;
 mod history;
+mod listener;
 mod live;
 mod login;
 mod measured;
@@ -24,8 +24,8 @@ mod peer;
 mod refusal;
 mod refusals;
 mod request;
+mod sessions;
 mod tokens;
-mod visits;
 
 pub use admission::Admission;
 pub use tokens::{TokenFile, new_token};
@@ -44,16 +44,16 @@ use percent_encoding::percent_decode_str;
 use serde::Serialize;
 use tokio::sync::{Semaphore, watch};
 
-pub use self::crowd::Limits;
-pub use self::door::{Door, Shown};
+pub use self::connection_limiter::Limits;
+pub use self::listener::{HttpListener, TlsReceiver};
 
-use self::access::{Access, Pass};
+use self::access::{Access, Grant};
 use self::peer::Peer;
 use self::refusal::TOO_OFTEN;
 use self::tokens::Role;
-use super::asker::{Asker, Attendance};
-use super::page::{May, Words};
-use super::status::{Answer, Command, Source, Status};
+use super::page::{PageAction, Words};
+use super::requester::{Requester, ServiceTimes};
+use super::status::{Answer, Command, GatewayApi, Status};
 use super::{page, prometheus};
 use isotherm_profile::one_line;
 
@@ -75,11 +75,11 @@ const HEADERS: [(HeaderName, &str); 5] = [
 ];
 
 #[derive(Clone)]
-struct Room {
-    source: Arc<dyn Source>,
+struct HttpState {
+    source: Arc<dyn GatewayApi>,
     access: Arc<Access>,
     live: live::Live,
-    attendance: Attendance,
+    attendance: ServiceTimes,
     /// Permits to read the history.
     readers: Arc<Semaphore>,
     /// Permit to read the events.
@@ -88,15 +88,15 @@ struct Room {
     language: Arc<OnceLock<Option<Language>>>,
 }
 
-impl Room {
-    fn asker(&self, peer: &Peer, headers: &HeaderMap) -> Arc<Asker> {
-        Arc::new(peer.asker(headers).until(self.attendance.until()))
+impl HttpState {
+    fn requester(&self, peer: &Peer, headers: &HeaderMap) -> Arc<Requester> {
+        Arc::new(peer.requester(headers).until(self.attendance.until()))
     }
 }
 
 /// Answer to a command. `done` is false if the command still waits.
 #[derive(Serialize)]
-struct Said {
+struct CommandReply {
     done: bool,
     answer: String,
 }
@@ -108,8 +108,8 @@ struct Said {
 /// # Errors
 /// The listener has no address.
 pub async fn serve(
-    door: impl Into<Door>,
-    source: Arc<dyn Source>,
+    door: impl Into<HttpListener>,
+    source: Arc<dyn GatewayApi>,
     admission: Admission,
     shutdown: impl Future<Output = ()> + Send + 'static,
 ) -> io::Result<()> {
@@ -118,11 +118,11 @@ pub async fn serve(
     let limits = door.limits();
     let (stop, stopped) = watch::channel(());
     let live = live::Live::start(Arc::clone(&source), limits.streams, stopped.clone());
-    let attendance = Attendance::default();
+    let attendance = ServiceTimes::default();
     let readers = Arc::new(Semaphore::new(history::AT_ONCE));
     let events = Arc::new(Semaphore::new(1));
     let language = Arc::default();
-    let room = Room { source, access, live, attendance: attendance.clone(), readers, events, language };
+    let room = HttpState { source, access, live, attendance: attendance.clone(), readers, events, language };
     let router = router(room.clone(), limits.body);
     let serving = door.serve(router, stopped);
     // A client that never completes its request must not delay the stop of the gateway.
@@ -145,14 +145,14 @@ async fn ended(mut stopped: watch::Receiver<()>) {
     while stopped.changed().await.is_ok() {}
 }
 
-fn router(room: Room, body_within: Duration) -> Router {
+fn router(room: HttpState, body_within: Duration) -> Router {
     let guard = middleware::from_fn_with_state(room.clone(), access::check);
     let commands = Command::ALL.into_iter().fold(Router::new(), |router, (name, command)| {
-        let take = move |State(room): State<Room>,
+        let take = move |State(room): State<HttpState>,
                          ConnectInfo(peer): ConnectInfo<Peer>,
                          RawQuery(query): RawQuery,
                          headers: HeaderMap| async move {
-            take(&room, command, query.as_deref(), &room.asker(&peer, &headers))
+            take(&room, command, query.as_deref(), &room.requester(&peer, &headers))
         };
         router.route(&format!("/api/{name}"), post(take))
     });
@@ -193,8 +193,8 @@ async fn with_headers(mut response: Response) -> Response {
 }
 
 async fn front(
-    State(room): State<Room>,
-    Extension(pass): Extension<Pass>,
+    State(room): State<HttpState>,
+    Extension(pass): Extension<Grant>,
     RawQuery(query): RawQuery,
     headers: HeaderMap,
 ) -> Response {
@@ -208,11 +208,11 @@ async fn front(
 }
 
 /// Actions that the page offers to this browser.
-fn may(room: &Room, pass: &Pass) -> May {
+fn may(room: &HttpState, pass: &Grant) -> PageAction {
     match pass.role {
-        Role::Operator => May::Command,
-        Role::Viewer if room.access.has_operator() => May::SignIn,
-        Role::Viewer | Role::Scraper => May::MakeToken,
+        Role::Operator => PageAction::Command,
+        Role::Viewer if room.access.has_operator() => PageAction::SignIn,
+        Role::Viewer | Role::Scraper => PageAction::MakeToken,
     }
 }
 
@@ -228,11 +228,11 @@ async fn file(Path(name): Path<String>) -> Response {
     }
 }
 
-async fn status(State(room): State<Room>) -> Json<Status> {
+async fn status(State(room): State<HttpState>) -> Json<Status> {
     Json(room.source.status())
 }
 
-async fn stream(State(room): State<Room>, Extension(pass): Extension<Pass>) -> Response {
+async fn stream(State(room): State<HttpState>, Extension(pass): Extension<Grant>) -> Response {
     let access = Arc::clone(&room.access);
     match room.live.stream(move || access.is_still(&pass)) {
         Some(stream) => stream.into_response(),
@@ -243,9 +243,9 @@ async fn stream(State(room): State<Room>, Extension(pass): Extension<Pass>) -> R
     }
 }
 
-fn take(room: &Room, command: Command, query: Option<&str>, asker: &Arc<Asker>) -> Response {
+fn take(room: &HttpState, command: Command, query: Option<&str>, requester: &Arc<Requester>) -> Response {
     let axis = query.and_then(|query| parameter(query, "axis"));
-    answered(room, room.source.command(command, axis.as_deref(), asker))
+    answered(room, room.source.command(command, axis.as_deref(), requester))
 }
 
 /// Value of a parameter in the query.
@@ -255,28 +255,28 @@ fn parameter(query: &str, name: &str) -> Option<String> {
     Some(percent_decode_str(given).decode_utf8().ok()?.into_owned())
 }
 
-fn answered(room: &Room, said: Result<Answer, String>) -> Response {
+fn answered(room: &HttpState, said: Result<Answer, String>) -> Response {
     let (code, done, answer) = match said {
         Ok(Answer::Done(answer)) => (StatusCode::OK, true, answer),
         Ok(Answer::Waits(answer)) => (StatusCode::ACCEPTED, false, answer),
         Ok(Answer::TooSoon(answer)) => {
             room.access.refused.count(TOO_OFTEN);
-            let said = Json(Said { done: false, answer });
+            let said = Json(CommandReply { done: false, answer });
             return (StatusCode::TOO_MANY_REQUESTS, [(header::RETRY_AFTER, "1")], said).into_response();
         }
         Err(answer) => (StatusCode::CONFLICT, false, answer),
     };
     // The answer quotes the request, and may be read on a terminal.
     let answer = one_line(&answer).into_owned();
-    (code, Json(Said { done, answer })).into_response()
+    (code, Json(CommandReply { done, answer })).into_response()
 }
 
-async fn scrape(State(room): State<Room>) -> Response {
+async fn scrape(State(room): State<HttpState>) -> Response {
     let text = prometheus::exposition(&room.source.status(), &room.access.refused.read());
     ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
 }
 
-async fn ready(State(room): State<Room>) -> Response {
+async fn ready(State(room): State<HttpState>) -> Response {
     let missing = room.source.status().missing();
     let code = if missing.is_empty() { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
     (code, Json(missing)).into_response()

@@ -5,8 +5,9 @@
 //! page does. Queues for a slow or unreachable broker are bounded. Messages without room are counted and reported.
 //!
 //! # Layout
-//! - `snapshot`, `happenings`: the state and the events, as metrics.
-//! - `run`: connects, publishes and waits. `kept`: queue for an unreachable broker. `commands`: received messages.
+//! - `snapshot`, `event_queue`: the state and the events, as metrics.
+//! - `run`: connects, publishes and waits. `record_queue`: queue for an unreachable broker. `commands`: received
+//!   messages.
 //!   `memory`: what earlier runs have published.
 //! - `broker`: interface of a broker. `client`: its implementation.
 
@@ -20,26 +21,26 @@ use tokio::sync::{oneshot, watch};
 use tokio_rustls::rustls::ClientConfig;
 
 use super::events::{Broker as BrokerEvent, Event};
-use super::status::{BrokerFigures, Source};
+use super::status::{BrokerFigures, GatewayApi};
 use crate::clock::Clock;
 use broker::{Broker, Connection};
 use client::Client;
 use commands::Commands;
-use happenings::Happenings;
+use event_queue::EventQueue;
 use isotherm_core::quantity::Moment;
 use isotherm_plant::sparkplug::{Address, Sparkplug};
 use isotherm_plant::{Json, JsonSettings, Publisher};
 use isotherm_profile::{Mqtt, MqttFormat, Profile, stop};
-use kept::Kept;
 use memory::Memory;
+use record_queue::RecordQueue;
 use run::Runner;
 
 mod broker;
 mod client;
 mod commands;
-mod happenings;
-mod kept;
+mod event_queue;
 mod memory;
+mod record_queue;
 mod run;
 mod snapshot;
 
@@ -68,7 +69,7 @@ impl Publishing {
     pub fn start(
         (profile, mqtt): (&Profile, &Mqtt),
         trust: Trust,
-        source: &Arc<dyn Source>,
+        source: &Arc<dyn GatewayApi>,
         figures: &Arc<BrokerFigures>,
         state: &Path,
     ) -> std::io::Result<Publishing> {
@@ -87,7 +88,7 @@ impl Publishing {
             address,
             every: mqtt.every,
             resolutions: snapshot::resolutions(profile),
-            happenings: Happenings::default(),
+            happenings: EventQueue::default(),
             seen: Default::default(),
             kept,
             outbox: VecDeque::new(),
@@ -126,15 +127,15 @@ fn publisher(
     profile: &Profile,
     mqtt: &Mqtt,
     state: &Path,
-    source: &dyn Source,
-) -> (Box<dyn Publisher>, Memory, Kept) {
+    source: &dyn GatewayApi,
+) -> (Box<dyn Publisher>, Memory, RecordQueue) {
     let directory = kept_in(state, &profile.name);
     // The profile reader has rejected an invalid group.
     if let (MqttFormat::SparkplugB, Ok(address)) = (mqtt.format, Address::new(&mqtt.group, &profile.name)) {
-        let kept = Kept::on_disk(&directory, mqtt.buffer).unwrap_or_else(|error| {
+        let kept = RecordQueue::on_disk(&directory, mqtt.buffer).unwrap_or_else(|error| {
             let (broker, why) = (mqtt.broker.to_string(), error.to_string());
             source.report(&Event::Broker(BrokerEvent::NotKept { broker, why }));
-            Kept::in_memory()
+            RecordQueue::in_memory()
         });
         let (memory, last) = Memory::of_deaths(&directory);
         return (Box::new(Sparkplug::new(address, last, mqtt.takes_measured)), memory, kept);
@@ -147,7 +148,7 @@ fn publisher(
         takes_measured: mqtt.takes_measured,
         home_assistant: mqtt.home_assistant,
     });
-    (Box::new(json), Memory::of_topics(&directory), Kept::in_memory())
+    (Box::new(json), Memory::of_topics(&directory), RecordQueue::in_memory())
 }
 
 /// Connects to the broker and disconnects, without publishing.

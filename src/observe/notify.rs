@@ -18,7 +18,7 @@ use tokio::sync::{oneshot, watch};
 use tokio::task::JoinSet;
 use tokio_rustls::rustls::ClientConfig;
 
-use super::events::{Delivery, EventListener, Happened};
+use super::events::{Delivery, EventListener, ReportedEvent};
 use isotherm_profile::{Notify, Profile, stop};
 
 mod answer;
@@ -53,7 +53,8 @@ impl Outboxes {
     /// Listener for events; `None` if the profile has no servers.
     pub fn listener(&self) -> Option<EventListener> {
         let outboxes = self.0.clone();
-        let listener = move |happened: Happened<'_>| outboxes.iter().for_each(|outbox| outbox.hear(happened));
+        let listener =
+            move |happened: ReportedEvent<'_>| outboxes.iter().for_each(|outbox| outbox.receive(happened));
         (!self.0.is_empty()).then(|| Arc::new(listener) as EventListener)
     }
 

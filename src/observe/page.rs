@@ -46,7 +46,7 @@ pub(super) fn file(name: &str) -> Option<(&'static str, &'static str)> {
 
 /// Actions that the page offers to its user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum May {
+pub(super) enum PageAction {
     /// The user may send commands.
     Command,
     /// Viewing; commands after signing in with the operator's token.
@@ -60,7 +60,7 @@ const TOKEN_LINES: &str = "isotherm token --out /etc/isotherm/operator.token\n\
                            token_file = \"/etc/isotherm/operator.token\"   # below [web]";
 
 /// Makes the page. Its buttons are disabled if commands would be refused.
-pub(super) fn front(words: &Words, status: &Status, may: May, is_signed_in: bool) -> Markup {
+pub(super) fn front(words: &Words, status: &Status, may: PageAction, is_signed_in: bool) -> Markup {
     let files = html! {
         link rel="stylesheet" href="/page/page.css";
         link rel="stylesheet" href="/page/axis.css";
@@ -176,20 +176,20 @@ fn head(words: &Words, status: &Status) -> Markup {
     }
 }
 
-fn main(words: &Words, may: May, is_signed_in: bool) -> Markup {
+fn main(words: &Words, may: PageAction, is_signed_in: bool) -> Markup {
     html! {
         main {
             noscript { p .lost { (words.get("no_script")) } }
             section .commands aria-label=(words.get("commands")) {
-                div .buttons data-may=(may == May::Command) {
+                div .buttons data-may=(may == PageAction::Command) {
                     @for command in ["arm", "disarm", "zero"] {
                         button type="button" data-command=(command) disabled { (words.get(command)) }
                     }
                 }
                 @match may {
-                    May::Command => {}
-                    May::SignIn => { p { (words.get("commands_want_operator")) " " a href="/login" { (words.get("sign_in")) } } }
-                    May::MakeToken => {
+                    PageAction::Command => {}
+                    PageAction::SignIn => { p { (words.get("commands_want_operator")) " " a href="/login" { (words.get("sign_in")) } } }
+                    PageAction::MakeToken => {
                         p { (words.get("commands_want_token")) }
                         pre { code { (TOKEN_LINES) } }
                     }

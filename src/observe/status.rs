@@ -7,9 +7,9 @@ use std::sync::Arc;
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
 
-use super::asker::Asker;
-use super::events::file::Found;
+use super::events::file::FileItem;
 use super::events::{Alarm, Entry, Event};
+use super::requester::Requester;
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::display::Display;
 use isotherm_core::explained::Explained;
@@ -17,16 +17,16 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::{Language, Overridden};
 
 mod broker;
-mod left;
+mod former_registers;
 mod probe;
 
 pub use broker::{BrokerFigures, BrokerStatus};
-pub use left::{LeftState, LeftStatus, Wish};
+pub use former_registers::{FormerRegisterStatus, ReleaseProgress, ReleaseRequest};
 pub use probe::{GainStatus, ProbeStatus, ProbedStatus, WorseStatus};
 
 /// Source of the state of a running gateway, and receiver of commands. It can be used from any thread, and never makes
 /// the gateway wait.
-pub trait Source: Send + Sync + 'static {
+pub trait GatewayApi: Send + Sync + 'static {
     /// Returns the present state.
     fn status(&self) -> Status;
 
@@ -35,7 +35,12 @@ pub trait Source: Send + Sync + 'static {
     ///
     /// # Errors
     /// Returns a sentence on why it was refused.
-    fn command(&self, command: Command, axis: Option<&str>, asker: &Arc<Asker>) -> Result<Answer, String>;
+    fn command(
+        &self,
+        command: Command,
+        axis: Option<&str>,
+        requester: &Arc<Requester>,
+    ) -> Result<Answer, String>;
 
     /// Returns the progress of the last [`Command::Arm`].
     ///
@@ -53,33 +58,43 @@ pub trait Source: Send + Sync + 'static {
     ///
     /// # Errors
     /// Returns a sentence on why it was refused.
-    fn measured(&self, axis: &str, report: Option<MeasuredReport>, asker: &Asker) -> Result<Answer, String>;
+    fn measured(
+        &self,
+        axis: &str,
+        report: Option<MeasuredReport>,
+        requester: &Requester,
+    ) -> Result<Answer, String>;
 
     /// Acknowledges an alarm, or all active alarms. The answer is a sentence.
     ///
     /// # Errors
     /// Returns a sentence on why it was refused.
-    fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<Answer, String>;
+    fn acknowledge(&self, alarm: Option<&str>, requester: &Requester) -> Result<Answer, String>;
 
     /// Accepts a device although it differs from the one before, because the operator has checked it. The answer is a
     /// sentence.
     ///
     /// # Errors
     /// Returns a sentence on why it was refused.
-    fn confirm(&self, device: &str, asker: &Asker) -> Result<Answer, String>;
+    fn confirm(&self, device: &str, requester: &Requester) -> Result<Answer, String>;
 
     /// Takes the operator's request to release the registers of an output that was moved or removed, or to withdraw it.
     /// The registers return to their base from the next start on. The answer is a sentence.
     ///
     /// # Errors
     /// Returns a sentence on why it was refused.
-    fn release(&self, output: &str, wish: Wish<'_>, asker: &Asker) -> Result<Answer, String>;
+    fn release(
+        &self,
+        output: &str,
+        wish: ReleaseRequest<'_>,
+        requester: &Requester,
+    ) -> Result<Answer, String>;
 
     /// Returns the logs of decisions that may contain rows of this time span; `None` if no logs are stored.
     fn logs(&self, from: Moment, to: Moment) -> Option<Vec<PathBuf>>;
 
     /// Reports a command that was rejected before it reached the gateway.
-    fn turned_away(&self, command: &str, asker: &Asker, why: &str);
+    fn turned_away(&self, command: &str, requester: &Requester, why: &str);
 
     /// Reports an event of a server that shows the state.
     fn report(&self, event: &Event);
@@ -89,7 +104,7 @@ pub trait Source: Send + Sync + 'static {
     ///
     /// # Errors
     /// Returns the error of reading stored events.
-    fn events(&self, since: Moment, found: &mut dyn FnMut(Found) -> bool) -> std::io::Result<()>;
+    fn events(&self, since: Moment, found: &mut dyn FnMut(FileItem) -> bool) -> std::io::Result<()>;
 }
 
 /// Answer to a command.
@@ -125,13 +140,13 @@ pub enum Command {
     /// Increases the Cz of one axis a little, for a dial gauge.
     Sign,
     /// Reports in which direction the gauge has moved.
-    Signed(Moved),
+    Signed(DialDirection),
 }
 
 /// Direction in which a dial gauge moved when Cz increased.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Moved {
+pub enum DialDirection {
     /// The gauge moved in the correct direction.
     Plus,
     /// The gauge moved in the opposite direction.
@@ -140,22 +155,22 @@ pub enum Moved {
     None,
 }
 
-impl Moved {
+impl DialDirection {
     /// Each direction with its name.
-    pub const ALL: [(&'static str, Moved); 3] =
-        [("plus", Moved::Plus), ("minus", Moved::Minus), ("none", Moved::None)];
+    pub const ALL: [(&'static str, DialDirection); 3] =
+        [("plus", DialDirection::Plus), ("minus", DialDirection::Minus), ("none", DialDirection::None)];
 
     /// Returns the meaning for an axis, and what to do.
     pub fn explained(self, axis: &str) -> Explained {
         match self {
-            Moved::Plus => "the gauge moved to plus: the sign is right".into(),
-            Moved::Minus => Explained::new(
+            DialDirection::Plus => "the gauge moved to plus: the sign is right".into(),
+            DialDirection::Minus => Explained::new(
                 "the gauge moved to minus: the sign is WRONG, and every µm makes the error larger",
                 format!(
                     "disarm {axis}, turn the sign of `scale` at its output (or the sign in the control), and check again"
                 ),
             ),
-            Moved::None => Explained::new(
+            DialDirection::None => Explained::new(
                 format!(
                     "the gauge did not move: the control does not apply the offset, or the gauge does not \
                      measure along {axis}"
@@ -174,9 +189,9 @@ impl Command {
         ("zero", Command::Zero),
         ("cancel", Command::Cancel),
         ("sign", Command::Sign),
-        ("sign-plus", Command::Signed(Moved::Plus)),
-        ("sign-minus", Command::Signed(Moved::Minus)),
-        ("sign-none", Command::Signed(Moved::None)),
+        ("sign-plus", Command::Signed(DialDirection::Plus)),
+        ("sign-minus", Command::Signed(DialDirection::Minus)),
+        ("sign-none", Command::Signed(DialDirection::None)),
     ];
 
     /// Returns the name in the API and on the socket.
@@ -228,7 +243,7 @@ pub struct Status {
     /// Outputs, in the profile's order.
     pub outputs: Vec<OutputStatus>,
     /// Registers that belong to no output any more and contain a value of the gateway.
-    pub left: Vec<LeftStatus>,
+    pub left: Vec<FormerRegisterStatus>,
     /// Number of log rows and states that were lost because the queue to the disk was full.
     pub log_dropped: u64,
     /// Active alarms, newest first.
@@ -371,7 +386,7 @@ pub struct AxisStatus {
     /// Running check of the sign with a dial gauge; `None` without one.
     pub sign: Option<SignStatus>,
     /// Time of the last check of the sign, RFC 3339, and direction in which the gauge moved.
-    pub sign_checked: Option<(String, Moved)>,
+    pub sign_checked: Option<(String, DialDirection)>,
     /// True error of the axis, which only a virtual machine knows.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub truth: Option<TruthStatus>,
@@ -382,7 +397,7 @@ pub struct AxisStatus {
     /// Distance from that range as a share: above 0 outside, negative inside. `None` if the model has no region.
     pub excess: Option<f64>,
     /// Sensor of the model in use that has a stand-in; `None` if there is none.
-    pub stood_in: Option<StoodInStatus>,
+    pub stood_in: Option<SubstitutedSensorStatus>,
 }
 
 /// Arming of one axis. Its fields are fields of the axis in JSON.
@@ -453,7 +468,7 @@ pub struct ExtrapolationStatus {
 
 /// Sensor that has a stand-in.
 #[derive(Clone, Debug, Serialize)]
-pub struct StoodInStatus {
+pub struct SubstitutedSensorStatus {
     /// Name of the signal.
     pub signal: String,
     /// The reading does not change; else the sensor is lost.

@@ -15,7 +15,7 @@ const REACTS_AFTER: Duration = Duration::from_millis(30);
 
 /// Values that a control has accepted from a set.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Taken {
+pub struct AcceptedSet {
     /// Time at which the control accepted the values.
     pub at: Moment,
     /// Set that the values belong to.
@@ -76,7 +76,7 @@ impl Control {
     }
 
     /// Processes a write to the unit. Returns values that are accepted at once.
-    pub(super) fn look(&mut self, bank: &Bank, now: Moment) -> Option<Taken> {
+    pub(super) fn check(&mut self, bank: &Bank, now: Moment) -> Option<AcceptedSet> {
         if let Some([strobe, _]) = self.handshake {
             let up = word(bank, strobe.address).is_some_and(|word| strobe.is_up(word));
             if up != self.strobe_up {
@@ -107,7 +107,7 @@ impl Control {
         bank: &mut Bank,
         fault: Option<AcknowledgeFault>,
         now: Moment,
-    ) -> Option<Taken> {
+    ) -> Option<AcceptedSet> {
         let [_, acknowledge] = self.handshake?;
         let delay = match fault {
             Some(AcknowledgeFault::Late(delay)) if self.strobe_up => delay,
@@ -128,14 +128,14 @@ impl Control {
     }
 
     /// Restarts the control: it loses its state, and accepts the current content of its registers.
-    pub(super) fn restart(&mut self, bank: &Bank, now: Moment) -> Taken {
+    pub(super) fn restart(&mut self, bank: &Bank, now: Moment) -> AcceptedSet {
         (self.strobe_up, self.acknowledges, self.changed, self.last_sequence) = (false, false, now, 0);
         self.take(bank, now)
     }
 
-    fn take(&mut self, bank: &Bank, at: Moment) -> Taken {
+    fn take(&mut self, bank: &Bank, at: Moment) -> AcceptedSet {
         self.taken = self.read(bank);
-        Taken { at, set: self.set, words: self.taken.clone() }
+        AcceptedSet { at, set: self.set, words: self.taken.clone() }
     }
 
     fn read(&self, bank: &Bank) -> Vec<Vec<u16>> {

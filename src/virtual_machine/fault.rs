@@ -24,7 +24,7 @@ mod script;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use running::{Faults, Utterance};
+pub(crate) use running::{FaultFrame, Faults};
 pub use script::FaultError;
 
 /// Faults of one run, checked against a profile.
@@ -39,13 +39,13 @@ struct Fault {
     device: DeviceId,
     at: Duration,
     after: u64,
-    lasts: Lasts,
+    lasts: FaultDuration,
     kind: Kind,
 }
 
 /// Duration of a fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Lasts {
+enum FaultDuration {
     Replies(u64),
     Time(Duration),
     Ever,

@@ -7,9 +7,9 @@ use isotherm_core::codec::{Address, Encoding, Scale};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{AxisId, Capture, DeviceId, Output, OutputId, Profile, SetId, Signal, Writes};
 
-use super::control::{Control, Taken};
+use super::control::{AcceptedSet, Control};
 use super::fault::{Faults, Kind, Reads, ReplyFault};
-use super::journal::Seen;
+use super::journal::SeenRequest;
 use super::modbus::{self, Request};
 use super::plant::Plant;
 use super::probing::Cycle;
@@ -43,12 +43,12 @@ pub(super) struct Hardware {
     /// Control of each set.
     controls: Vec<Control>,
     /// Values that the controls have accepted; recorded only with a journal.
-    pub(super) taken: Vec<Taken>,
+    pub(super) taken: Vec<AcceptedSet>,
     cycles: Vec<Cycle>,
     pub(super) faults: Faults,
     pub(super) observer: Observer,
     /// All requests; `None` if they are not recorded.
-    pub(super) journal: Option<Vec<Seen>>,
+    pub(super) journal: Option<Vec<SeenRequest>>,
 }
 
 /// Answer of a unit: the correct answer, and the fault of the one that is sent.
@@ -154,7 +154,7 @@ impl Hardware {
             return cz_um;
         }
         let outputs = || self.profile.outputs.iter().enumerate().filter(|(_, output)| output.axis == axis);
-        let stands = |(place, output): (usize, &Output)| {
+        let current = |(place, output): (usize, &Output)| {
             let mut controls = self.controls.iter();
             match controls.find_map(|control| control.taken(OutputId(place))) {
                 Some(words) => output.encoding.decode(words).ok(),
@@ -163,7 +163,7 @@ impl Hardware {
         };
         let written = outputs()
             .find(|(_, output)| output.writes.is_cz())
-            .map(|output| stands(output).unwrap_or_default())
+            .map(|output| current(output).unwrap_or_default())
             .or_else(|| outputs().next().map(|(place, _)| self.corrections[place]))
             .unwrap_or_default();
         if self.profile.axis(axis).diameter { 0.5 * written } else { written }
@@ -179,8 +179,8 @@ impl Hardware {
         let request = match Request::decode(pdu) {
             Ok(request) if self.profile.device(device).functions.allow(request.function) => request,
             Ok(request) => {
-                let stands = self.cells_of(place, &request);
-                self.note(device, request, stands.clone(), stands, now);
+                let current = self.cells_of(place, &request);
+                self.note(device, request, current.clone(), current, now);
                 return Reply::honest(modbus::exception(pdu, modbus::ILLEGAL_FUNCTION));
             }
             Err(code) => return Reply::honest(modbus::exception(pdu, code)),
@@ -193,16 +193,16 @@ impl Hardware {
             self.measure(place, now, Some(Capture { address: request.address, value }));
         }
         if request.is_write() {
-            self.controls_look(place, now);
+            self.check_controls(place, now);
         }
         let after = self.cells_of(place, &request);
         self.note(device, request, before, after, now);
         reply
     }
 
-    fn controls_look(&mut self, place: usize, now: Moment) {
+    fn check_controls(&mut self, place: usize, now: Moment) {
         for control in self.controls.iter_mut().filter(|control| control.place == place) {
-            let taken = control.look(&self.units[place].bank, now);
+            let taken = control.check(&self.units[place].bank, now);
             self.taken.extend(taken.filter(|_| self.journal.is_some()));
         }
     }
@@ -210,7 +210,16 @@ impl Hardware {
     fn note(&mut self, device: DeviceId, request: Request, before: Vec<u16>, after: Vec<u16>, at: Moment) {
         let Some(journal) = &mut self.journal else { return };
         let Request { function, address, count, values: wanted } = request;
-        journal.push(Seen { at, device, function, address: address.into(), count, before, after, wanted });
+        journal.push(SeenRequest {
+            at,
+            device,
+            function,
+            address: address.into(),
+            count,
+            before,
+            after,
+            wanted,
+        });
     }
 
     /// Cells that a request addresses; empty if they do not exist, or without a journal.
@@ -297,7 +306,7 @@ impl Hardware {
                 let address = &Address::Modbus(register);
                 self.units[place].bank.set(address, &words);
                 self.note_corrections(place, address, count);
-                self.controls_look(place, now);
+                self.check_controls(place, now);
             }
             Kind::Restart => self.restart(place, now),
             _ => {}

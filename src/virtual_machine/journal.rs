@@ -6,7 +6,7 @@ use isotherm_profile::DeviceId;
 
 /// One request as it reached a device.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Seen {
+pub struct SeenRequest {
     /// Time of the request.
     pub at: Moment,
     /// Device that received it. Devices of one unit are recorded as the first of them.
@@ -25,7 +25,7 @@ pub struct Seen {
     pub wanted: Vec<u16>,
 }
 
-impl Seen {
+impl SeenRequest {
     /// Returns whether the request is a write.
     pub fn is_write(&self) -> bool {
         !self.wanted.is_empty()

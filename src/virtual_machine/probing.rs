@@ -58,9 +58,9 @@ impl Cycle {
         if id == self.input.signal {
             return Some(self.result_um / self.input.micron);
         }
-        let stands = self.count > 0 && now < self.measured.after(FLAG);
+        let is_on = self.count > 0 && now < self.measured.after(FLAG);
         (Some(id) == self.input.trigger).then(|| match signal.encoding.data_type {
-            DataType::Bool => f64::from(u8::from(stands)),
+            DataType::Bool => f64::from(u8::from(is_on)),
             _ => f64::from(self.count),
         })
     }

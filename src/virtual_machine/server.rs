@@ -18,7 +18,7 @@ use super::hardware::{Hardware, Reply};
 use super::modbus::{Framing, Header, NO_SUCH_UNIT, exception};
 use super::plant::stream;
 use super::serial_side::SerialSide;
-use crate::clock::{Clock, Passing};
+use crate::clock::{BootClock, Clock};
 use isotherm_profile::{DeviceId, Serial};
 
 /// State shared by all connections.
@@ -81,7 +81,7 @@ pub(super) async fn serve(
     // A bound socket that does not listen refuses connections, and keeps the port reserved.
     let mut closed: Option<TcpSocket> = None;
     let mut connections = JoinSet::new();
-    let mut strangers = Strangers::default();
+    let mut strangers = NonModbusClients::default();
     loop {
         tokio::select! {
             _ = stop.changed() => break,
@@ -109,16 +109,16 @@ pub(super) async fn serve(
                     tracing::warn!("{line}");
                 }
             }
-            () = tokio::time::sleep(AT_MOST_EVERY), if strangers.untold > 0 => {
-                tracing::warn!("{}", strangers.told());
+            () = tokio::time::sleep(AT_MOST_EVERY), if strangers.unreported > 0 => {
+                tracing::warn!("{}", strangers.reported());
             }
         }
     }
     while let Some(ended) = connections.try_join_next() {
         let _ = report(ended)?.and_then(|peer| strangers.came(peer));
     }
-    if strangers.untold > 0 {
-        tracing::warn!("{}", strangers.told());
+    if strangers.unreported > 0 {
+        tracing::warn!("{}", strangers.reported());
     }
     Ok(())
 }
@@ -156,27 +156,27 @@ fn report(ended: Result<(SocketAddr, io::Result<()>), JoinError>) -> io::Result<
 /// Clients that did not speak Modbus. The first one is logged at once, later ones are counted and logged occasionally.
 /// Such clients thus cannot fill the log.
 #[derive(Debug, Default)]
-struct Strangers {
-    passing: Passing,
-    told_at: Option<Duration>,
-    untold: u64,
+struct NonModbusClients {
+    boot_clock: BootClock,
+    reported_at: Option<Duration>,
+    unreported: u64,
     last: Option<SocketAddr>,
 }
 
-impl Strangers {
+impl NonModbusClients {
     /// Text to log now.
     fn came(&mut self, peer: SocketAddr) -> Option<String> {
-        self.untold += 1;
+        self.unreported += 1;
         self.last = Some(peer);
-        let now = self.passing.passed();
-        let is_due = self.told_at.is_none_or(|told| now.saturating_sub(told) >= AT_MOST_EVERY);
-        is_due.then(|| self.told())
+        let now = self.boot_clock.passed();
+        let is_due = self.reported_at.is_none_or(|reported| now.saturating_sub(reported) >= AT_MOST_EVERY);
+        is_due.then(|| self.reported())
     }
 
-    fn told(&mut self) -> String {
+    fn reported(&mut self) -> String {
         let last = self.last.map_or_else(String::new, |peer| format!(" of {peer}"));
-        let is_first = self.told_at.replace(self.passing.passed()).is_none();
-        match std::mem::take(&mut self.untold) {
+        let is_first = self.reported_at.replace(self.boot_clock.passed()).is_none();
+        match std::mem::take(&mut self.unreported) {
             _ if is_first => {
                 format!(
                     "closed a connection{last}: this is no Modbus TCP; further ones are counted, and logged \
@@ -229,10 +229,10 @@ where
             }
             let asked = received.drain(..pdu.end + framing.trailer()).len();
             let bytes = match responder.say(header, &reply) {
-                Say::Bytes(bytes) => bytes,
+                ServerReply::Bytes(bytes) => bytes,
                 // A serial line has no connection to close.
-                Say::Goodbye if pace.is_none() => return Ok(()),
-                Say::Nothing | Say::Goodbye => continue,
+                ServerReply::Goodbye if pace.is_none() => return Ok(()),
+                ServerReply::Nothing | ServerReply::Goodbye => continue,
             };
             if let Some(serial) = pace {
                 tokio::time::sleep(serial.bytes(asked + bytes.len())).await;
@@ -291,7 +291,7 @@ pub(super) struct Responder {
     before: Option<(u16, Vec<u8>)>,
 }
 
-pub(super) enum Say {
+pub(super) enum ServerReply {
     Bytes(Vec<u8>),
     Nothing,
     Goodbye,
@@ -302,30 +302,30 @@ impl Responder {
         Responder { framing, is_mute: false, before: None }
     }
 
-    pub(super) fn say(&mut self, header: Header, reply: &Reply) -> Say {
+    pub(super) fn say(&mut self, header: Header, reply: &Reply) -> ServerReply {
         self.is_mute |= reply.fault == Some(ReplyFault::HalfOpen);
-        let Some(pdu) = &reply.pdu else { return Say::Nothing };
+        let Some(pdu) = &reply.pdu else { return ServerReply::Nothing };
         let before = self.before.replace((header.transaction, pdu.clone()));
         if self.is_mute {
-            return Say::Nothing;
+            return ServerReply::Nothing;
         }
-        let plain = |pdu: &[u8]| Say::Bytes(self.framing.frame(header.transaction, header.unit, pdu));
+        let plain = |pdu: &[u8]| ServerReply::Bytes(self.framing.frame(header.transaction, header.unit, pdu));
         match reply.fault {
-            Some(ReplyFault::Close) => Say::Goodbye,
+            Some(ReplyFault::Close) => ServerReply::Goodbye,
             Some(ReplyFault::Garbage) => {
                 let mut random = stream(u64::from(header.transaction), "garbage");
-                Say::Bytes((0..16).map(|_| random.random()).collect())
+                ServerReply::Bytes((0..16).map(|_| random.random()).collect())
             }
             Some(ReplyFault::WrongUnit) => {
-                Say::Bytes(self.framing.frame(header.transaction, header.unit.wrapping_add(1), pdu))
+                ServerReply::Bytes(self.framing.frame(header.transaction, header.unit.wrapping_add(1), pdu))
             }
             Some(ReplyFault::WrongTransaction) => {
-                Say::Bytes(self.framing.frame(header.transaction.wrapping_add(1), header.unit, pdu))
+                ServerReply::Bytes(self.framing.frame(header.transaction.wrapping_add(1), header.unit, pdu))
             }
             Some(ReplyFault::WrongChecksum) => {
                 let mut bytes = self.framing.frame(header.transaction, header.unit, pdu);
                 bytes.last_mut().into_iter().for_each(|last| *last ^= 1);
-                Say::Bytes(bytes)
+                ServerReply::Bytes(bytes)
             }
             Some(ReplyFault::WrongFunction) => plain(&changed(pdu, 0, |function| function ^ 1)),
             Some(ReplyFault::WrongEcho) => plain(&changed(pdu, pdu.len() - 1, |low| low.wrapping_add(1))),
@@ -333,10 +333,10 @@ impl Responder {
             Some(ReplyFault::LongRead) => plain(&resized(pdu, 2)),
             Some(ReplyFault::OneBehind { stale_transaction }) => match before {
                 Some((transaction, pdu)) if stale_transaction => {
-                    Say::Bytes(self.framing.frame(transaction, header.unit, &pdu))
+                    ServerReply::Bytes(self.framing.frame(transaction, header.unit, &pdu))
                 }
                 Some((_, pdu)) => plain(&pdu),
-                None => Say::Nothing,
+                None => ServerReply::Nothing,
             },
             _ => plain(pdu),
         }
@@ -374,8 +374,8 @@ mod tests {
     fn clients_that_speak_no_modbus_are_told_of_once_and_then_counted_once_a_minute() {
         let seconds = Arc::new(AtomicU64::new(1000));
         let shown = seconds.clone();
-        let passing = Passing::by(move || Duration::from_secs(shown.load(Ordering::Relaxed)));
-        let mut strangers = Strangers { passing, ..Strangers::default() };
+        let boot_clock = BootClock::by(move || Duration::from_secs(shown.load(Ordering::Relaxed)));
+        let mut strangers = NonModbusClients { boot_clock, ..NonModbusClients::default() };
         let peer: SocketAddr = "127.0.0.1:40000".parse().unwrap();
         assert!(
             strangers
@@ -389,6 +389,6 @@ mod tests {
         seconds.store(1060, Ordering::Relaxed);
         let line = strangers.came(peer).unwrap();
         assert!(line.starts_with("closed 100002 more connections: this is no Modbus TCP"), "{line}");
-        assert_eq!((strangers.came(peer), strangers.untold), (None, 1));
+        assert_eq!((strangers.came(peer), strangers.unreported), (None, 1));
     }
 }

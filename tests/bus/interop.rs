@@ -59,7 +59,7 @@ impl Foreign {
     /// Starts a server. Returns it with its port number or the path of its serial port.
     fn serves(mut command: Command) -> (Foreign, String) {
         let mut running = Running::start(&mut command);
-        let place = running.hears("listening ").trim_start_matches("listening ").to_owned();
+        let place = running.receives("listening ").trim_start_matches("listening ").to_owned();
         (Foreign(running), place)
     }
 
@@ -75,7 +75,7 @@ impl Foreign {
         self.0.stdin().write_all(format!("{line}\n").as_bytes()).unwrap();
         // Lines of its log may be between the answers.
         loop {
-            if let Some(answer) = self.0.hears("> ").strip_prefix("> ") {
+            if let Some(answer) = self.0.receives("> ").strip_prefix("> ") {
                 return answer.to_owned();
             }
         }
@@ -148,7 +148,7 @@ fn follows_the_machine(server: &mut Foreign, line: &str) {
 
     let mut gateway = isotherm(home.path());
     let mut gateway = Running::start(gateway.arg("run").arg(&profile));
-    gateway.hears("axis z: armed");
+    gateway.receives("axis z: armed");
     // Temperatures in 0.1 °C and the position in 0.1 µm, beginning with the reference case.
     let cases: [(i16, i16, i32); 5] = [
         (275, 240, 1_234_567),
@@ -254,10 +254,10 @@ fn reads_and_writes(home: &Path, place: &str, line: &str) {
     let profile = file(home, "machine.toml", &profile(line));
     let mut devices = isotherm(home);
     let mut devices = Running::start(devices.arg("virtual").arg(&profile));
-    devices.hears("stop with Ctrl-C");
+    devices.receives("stop with Ctrl-C");
     let mut python = python("client.py");
     let mut client = Foreign(Running::start(python.arg(place)));
-    client.0.hears("ready");
+    client.0.receives("ready");
     let temperatures = client.words("read 1 input 0 2");
     assert!(temperatures.iter().all(|raw| (50..600).contains(raw)), "{temperatures:?}");
     assert_eq!(client.words("read 4 discrete 1 1").len(), 1);

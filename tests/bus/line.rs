@@ -9,8 +9,8 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use isotherm::gateway::{Options, Pace};
-use isotherm::observe::asker::{Asker, Way};
-use isotherm::observe::status::{Answer, Command, Source};
+use isotherm::observe::requester::{Channel, Requester};
+use isotherm::observe::status::{Answer, Command, GatewayApi};
 
 use crate::support::device;
 
@@ -130,7 +130,7 @@ fn serve(bank: &Arc<Mutex<Bank>>) -> SocketAddr {
 }
 
 /// Runs the gateway together with `script`, which sees its state. The gateway stops when the script ends.
-fn beside(bank: &Arc<Mutex<Bank>>, script: impl FnOnce(&dyn Source) + Send + 'static) {
+fn beside(bank: &Arc<Mutex<Bank>>, script: impl FnOnce(&dyn GatewayApi) + Send + 'static) {
     with(PROFILE, bank, None, script);
 }
 
@@ -139,7 +139,7 @@ fn with(
     text: &str,
     bank: &Arc<Mutex<Bank>>,
     pace: Option<Pace>,
-    script: impl FnOnce(&dyn Source) + Send + 'static,
+    script: impl FnOnce(&dyn GatewayApi) + Send + 'static,
 ) {
     let text = text.replace("ADDRESS", &serve(bank).to_string());
     gateway::beside(&text, Options { pace, ..Options::default() }, script);
@@ -197,7 +197,7 @@ fn beyond_the_error_level_the_axis_goes_to_zero_and_stays_off_until_it_is_armed(
             (Some(&1), Some(&1)),
             "{reported:?}"
         );
-        let arm = || source.command(Command::Arm, None, &Arc::new(Asker::new(Way::Api, "a test")));
+        let arm = || source.command(Command::Arm, None, &Arc::new(Requester::new(Channel::Api, "a test")));
         let why = arm().unwrap_err();
         assert!(why.contains("more than axis.y.error"), "{why}");
         assert!(source.status().event_counts.contains_key("arm-refused"), "it says why not");

@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use isotherm::gateway::{Options, Pace};
-use isotherm::observe::status::{Source, Status};
+use isotherm::observe::status::{GatewayApi, Status};
 
 use crate::support::device;
 
@@ -145,7 +145,7 @@ fn is_followed(stream: &TcpStream) -> Result<bool> {
 }
 
 /// Runs the gateway with this device and a script, as fast as both can. `verify` is the verification of writes.
-fn run(address: SocketAddr, verify: &str, script: impl FnOnce(&dyn Source) + Send + 'static) -> Status {
+fn run(address: SocketAddr, verify: &str, script: impl FnOnce(&dyn GatewayApi) + Send + 'static) -> Status {
     let pace = Pace { polls: Duration::from_micros(1), axes: Duration::from_millis(5) };
     let text = PROFILE.replace("ADDRESS", &address.to_string()) + &format!("verify = \"{verify}\"\n");
     beside(&text, Options { pace: Some(pace), ..Options::default() }, script)

@@ -7,11 +7,11 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use isotherm::clock::Clock;
-use isotherm::fieldbus::departure::Leave;
 use isotherm::fieldbus::dial;
 use isotherm::fieldbus::error::{Fault, LinkFault};
 use isotherm::fieldbus::explain::explain;
 use isotherm::fieldbus::line::DeviceLine;
+use isotherm::fieldbus::send_guard::SendDeadline;
 use isotherm::fieldbus::wire::{Answer, Request};
 use isotherm::tls::TlsFault;
 use isotherm::virtual_machine::{Ports, Setup, VirtualMachine};
@@ -112,7 +112,7 @@ async fn asked(profile: &Profile) -> Result<Answer, Fault> {
         profile.devices.iter().enumerate().map(|(place, device)| (DeviceId(place), device)).collect();
     let mut line =
         DeviceLine::new(&profile.buses[0], &devices, dial(&profile.buses[0]).unwrap(), &Clock::wall());
-    line.request(DeviceId(0), READ, Leave::Whenever).await.map(|answered| answered.answer)
+    line.request(DeviceId(0), READ, SendDeadline::None).await.map(|answered| answered.answer)
 }
 
 fn tls(fault: TlsFault) -> Result<Answer, Fault> {
@@ -290,7 +290,7 @@ async fn a_device_that_asks_for_no_certificate_is_warned_of_once() {
         let (bus, devices) = (&profile.buses[0], [(DeviceId(0), &device)]);
         let mut line = DeviceLine::new(bus, &devices, dial(bus).unwrap(), &Clock::wall());
         for _ in 0..3 {
-            line.request(DeviceId(0), READ, Leave::Whenever).await.unwrap();
+            line.request(DeviceId(0), READ, SendDeadline::None).await.unwrap();
         }
         drop(guard);
         let said = String::from_utf8(log.0.lock().unwrap().clone()).unwrap();

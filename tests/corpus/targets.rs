@@ -17,12 +17,12 @@ use std::time::Duration;
 
 use isotherm::clock::Clock;
 use isotherm::fieldbus::canopen::NodeId;
-use isotherm::fieldbus::canopen::master::{Care, Master, Start};
+use isotherm::fieldbus::canopen::master::{Master, Start, Supervision};
 use isotherm::fieldbus::canopen::sdo::{Client, LONGEST, Progress};
-use isotherm::fieldbus::departure::Departure;
 use isotherm::fieldbus::modbus::ModbusTcp;
 use isotherm::fieldbus::port::Port;
 use isotherm::fieldbus::rtu::Rtu;
+use isotherm::fieldbus::send_guard::SendGuard;
 use isotherm::fieldbus::trace::Tap;
 use isotherm::fieldbus::wire::{Answer, Request, Wire};
 use isotherm::gateway::{Gateway, Options};
@@ -442,7 +442,7 @@ pub(crate) fn canopen(data: &[u8]) {
     } else {
         client.write(entry, &written[..usize::from(how % 41)])
     };
-    let care = Care { heartbeat: Some(Duration::from_secs(1)), start: Start::AtOnce };
+    let care = Supervision { heartbeat: Some(Duration::from_secs(1)), start: Start::AtOnce };
     let mut now = Moment::from_nanos(0);
     let mut master = Master::new([(node, care)], None, now);
     let mut outputs = Vec::new();
@@ -549,12 +549,12 @@ pub(crate) fn client(data: &[u8]) {
     let unit = bytes.byte();
     let peer = Peer { asked: Vec::new(), answer: bytes.0.to_vec(), at: 0, how, calls: 0 };
     let runtime = tokio::runtime::Builder::new_current_thread().build().expect("a runtime without drivers");
-    let mut departure = Departure::whenever(&Clock::wall());
+    let mut send_guard = SendGuard::without_deadline(&Clock::wall());
     let tap = Tap::default();
     let answer = if how & RTU == 0 {
-        runtime.block_on(ModbusTcp::new(peer, &tap).exchange(unit, request, &mut departure))
+        runtime.block_on(ModbusTcp::new(peer, &tap).exchange(unit, request, &mut send_guard))
     } else {
-        runtime.block_on(Rtu::new(peer, None, &tap).exchange(unit, request, &mut departure))
+        runtime.block_on(Rtu::new(peer, None, &tap).exchange(unit, request, &mut send_guard))
     };
     match (answer, request) {
         (Ok(Answer::Registers(words)), Request::Read { from, count }) => {

@@ -77,7 +77,7 @@ impl Home {
     #[track_caller]
     fn runs_and_ends(&self) -> String {
         let mut program = Running::start(&mut self.run());
-        program.hears("the gateway runs");
+        program.receives("the gateway runs");
         program.signal("TERM");
         program.ends_within(SOON);
         program.said.join("\n")
@@ -235,7 +235,7 @@ fn directories_and_files_have_their_modes_whatever_the_umask() {
         shell.envs(run.get_envs().filter_map(|(name, value)| Some((name, value?))));
         shell.args(["-c", &format!("umask {umask}; exec \"$0\" \"$@\"")]).arg(run.get_program());
         let mut program = Running::start(shell.args(run.get_args()));
-        program.hears("the gateway runs");
+        program.receives("the gateway runs");
         program.signal("TERM");
         program.ends_within(SOON);
         assert_eq!(mode(&home.state), 0o750, "umask {umask}");

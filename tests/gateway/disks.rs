@@ -30,7 +30,7 @@ impl Home {
         let state = home.path().join("state");
         std::fs::create_dir(&state).unwrap();
         let mut devices = Running::start(isotherm(home.path()).arg("virtual").arg(&profile));
-        devices.hears("stop with Ctrl-C");
+        devices.receives("stop with Ctrl-C");
         Home { profile, state, home, _devices: devices }
     }
 
@@ -106,20 +106,20 @@ fn a_full_disk_is_reported_and_when_there_is_room_again_everything_goes_on_whole
     let home = Home::new();
     // Limit of the file size. A row beyond it is written in part, as on a full disk.
     let mut program = Running::start(&mut home.run_after("trap '' XFSZ; ulimit -S -f 3"));
-    program.hears("axis z: armed");
-    program.hears("the log cannot be saved");
+    program.receives("axis z: armed");
+    program.receives("the log cannot be saved");
     let before = home.logs().len();
     std::thread::sleep(std::time::Duration::from_secs(3));
     assert_eq!(home.logs().len(), before, "no file is begun again and again: {:?}", home.names());
     let all = ["--fsize=unlimited:unlimited", "--pid"];
     assert!(Command::new("prlimit").args(all).arg(program.id().to_string()).status().unwrap().success());
-    program.hears("the log is saved again");
+    program.receives("the log is saved again");
     std::thread::sleep(std::time::Duration::from_secs(3));
     program.signal("TERM");
     assert!(program.ends_within(PATIENCE).success());
     assert!(home.replays() >= 2);
     let mut again = Running::start(&mut home.run());
-    again.hears("axis z: armed");
+    again.receives("axis z: armed");
     assert!(!again.said.join("\n").contains("is rejected"));
 }
 
@@ -127,7 +127,7 @@ fn a_full_disk_is_reported_and_when_there_is_room_again_everything_goes_on_whole
 fn cut_off_by_the_power_in_the_middle_of_a_row_each_log_is_read_and_gone_on_with() {
     let home = Home::new();
     let mut program = Running::start(&mut home.run());
-    program.hears("axis z: armed");
+    program.receives("axis z: armed");
     home.has_rows_in(2);
     std::thread::sleep(std::time::Duration::from_secs(2));
     program.killed();
@@ -144,7 +144,7 @@ fn cut_off_by_the_power_in_the_middle_of_a_row_each_log_is_read_and_gone_on_with
         std::fs::write(&path, &whole[..whole.len() - 5]).unwrap();
     }
     let mut program = Running::start(&mut home.run());
-    program.hears("axis z: armed");
+    program.receives("axis z: armed");
     home.has_rows_in(4);
     std::thread::sleep(std::time::Duration::from_secs(2));
     program.signal("TERM");
@@ -179,17 +179,17 @@ fn as_nobody(home: &Home) -> Command {
 fn a_directory_that_becomes_read_only_is_reported_and_what_is_kept_again_too() {
     let home = Home::new();
     let mut program = Running::start(&mut as_nobody(&home));
-    program.hears("the gateway runs");
+    program.receives("the gateway runs");
     let state = home.state.join("interop.state.json");
     is_there(&state);
     std::fs::set_permissions(&home.state, std::fs::Permissions::from_mode(0o550)).unwrap();
-    let said = program.hears("the state cannot be saved");
+    let said = program.receives("the state cannot be saved");
     assert!(
         said.contains(home.state.to_str().unwrap()) && said.contains("this user has no permission"),
         "{said}"
     );
     std::fs::set_permissions(&home.state, std::fs::Permissions::from_mode(0o750)).unwrap();
-    program.hears("the state is saved again");
+    program.receives("the state is saved again");
     program.signal("TERM");
     program.ends_within(PATIENCE);
 }
@@ -198,15 +198,15 @@ fn a_directory_that_becomes_read_only_is_reported_and_what_is_kept_again_too() {
 fn a_directory_that_is_deleted_while_running_is_made_again() {
     let home = Home::new();
     let mut program = Running::start(&mut home.run());
-    program.hears("axis z: armed");
+    program.receives("axis z: armed");
     let state = home.state.join("interop.state.json");
     is_there(&state);
     // The deletion may meet a file that is just being created.
     until("it is deleted", || std::fs::remove_dir_all(&home.state).map_err(|error| error.to_string()));
     is_there(&state);
     assert_eq!(mode(&home.state), 0o750);
-    program.hears("was removed");
-    program.hears("the log is saved again");
+    program.receives("was removed");
+    program.receives("the log is saved again");
     let all = ["state.json", ".csv", "interop.sock"];
     until("all is there again", || {
         let names = home.names();
@@ -220,7 +220,7 @@ fn a_directory_that_is_deleted_while_running_is_made_again() {
     program.ends_within(PATIENCE);
     home.replays();
     let mut again = Running::start(&mut home.run());
-    again.hears("axis z: armed");
+    again.receives("axis z: armed");
     assert!(!again.said.join("\n").contains("is rejected"));
 }
 

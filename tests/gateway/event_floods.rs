@@ -14,7 +14,7 @@ use std::time::Duration;
 
 use isotherm::clock::Clock;
 use isotherm::gateway::{Gateway, Options, Outcome};
-use isotherm::observe::status::{Source, Status};
+use isotherm::observe::status::{GatewayApi, Status};
 use isotherm_profile::parse;
 
 const PROFILE: &str = r#"
@@ -136,7 +136,7 @@ fn weather(mad: SocketAddr) -> After {
     runtime.block_on(async {
         let clock = Clock::wall();
         let gateway = Gateway::new(profile, &clock, Options::default());
-        let source: Arc<dyn Source> = gateway.source();
+        let source: Arc<dyn GatewayApi> = gateway.source();
         let before = memory();
         let begun = clock.now();
         let (mut recovered, mut last) = (None, None);

@@ -88,7 +88,7 @@ fn machine() -> (Window, SocketAddr) {
 
 /// Values written to the offset in their order, counts.
 fn writes(window: &Window) -> Vec<i32> {
-    let offset = |seen: &&isotherm::virtual_machine::Seen| {
+    let offset = |seen: &&isotherm::virtual_machine::SeenRequest| {
         seen.is_write() && seen.address.register().is_some_and(|register| register.offset == 104)
     };
     let count = |words: &[u16]| i32::from(words[0].cast_signed()) << 16 | i32::from(words[1]);
@@ -117,19 +117,19 @@ fn a_clock_that_is_set_while_the_program_runs_moves_nothing() {
         });
     };
     let mut gateway = run("@1970-01-01 00:01:00");
-    gateway.hears("armed, starting from");
+    gateway.receives("armed, starting from");
     follows(10);
     for (clock, from) in
         [("+0", "from 1970-01-01"), ("-1h", "clock was set"), ("+1y x1.0005", "clock was set")]
     {
         std::fs::write(&set_to, clock).unwrap();
-        gateway.hears(from);
+        gateway.receives(from);
         follows(10);
     }
     gateway.killed();
     for (clock, doubts) in [("+0", true), ("+1d", false), ("+10y", true), ("@1970-01-01 00:01:00", true)] {
         let mut gateway = run(clock);
-        gateway.hears("armed, starting from");
+        gateway.receives("armed, starting from");
         follows(10);
         let said = gateway.killed().join("\n");
         assert_eq!(said.contains("clock does not continue from"), doubts, "{clock}: {said}");

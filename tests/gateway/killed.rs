@@ -332,7 +332,7 @@ impl Lane {
         let mut arm = isotherm(self.home.path());
         let arm = arm.arg("arm").arg(&self.up).arg("--state").arg(self.home.path().join("state"));
         assert!(arm.status().unwrap().success());
-        gateway.hears(ARMED);
+        gateway.receives(ARMED);
         if !gateway.hears_one_of(&["are the operator offset", QUESTION]).contains("are the operator offset") {
             // While the operator armed, the register may have received a write of the gateway. The operator then reads
             // it and confirms again. That is refused within one second of the last time.
@@ -340,7 +340,7 @@ impl Lane {
                 output if output.status.success() => Ok(()),
                 output => Err(String::from_utf8_lossy(&output.stderr).into_owned()),
             });
-            gateway.hears("are the operator offset");
+            gateway.receives("are the operator offset");
         }
         gateway.killed();
         self.settled();
@@ -399,7 +399,7 @@ impl Lane {
             gateway.killed();
             self.answer()?;
             gateway = self.run(profile);
-            gateway.hears(ARMED);
+            gateway.receives(ARMED);
         }
         gateway.signal("TERM");
         gateway.ends_within(process::PATIENCE);

@@ -56,7 +56,7 @@ struct Lane {
     device: Device,
     program: Running,
     page: String,
-    stood_still: u64,
+    stalled_at: u64,
     wrong: Vec<String>,
     /// The program, and this process with the device.
     starved: [Starved; 2],
@@ -73,8 +73,8 @@ impl Lane {
         command.arg("run").arg(profile).arg("--state").arg(state).args(["--listen", "127.0.0.1:0"]);
         let mut program = Running::start(&mut command);
         let starved = [program.id(), std::process::id()].map(Starved::of);
-        let page = program.hears("page http://").replace("page http://", "");
-        Lane { name, device, program, page, stood_still: 0, wrong: Vec::new(), starved, _home: home }
+        let page = program.receives("page http://").replace("page http://", "");
+        Lane { name, device, program, page, stalled_at: 0, wrong: Vec::new(), starved, _home: home }
     }
 
     /// Checks that the axis reaches the requested value.
@@ -95,8 +95,8 @@ impl Lane {
 
     fn stands_still_for(&mut self, span: Duration) {
         std::thread::sleep(span);
-        self.stood_still += 1;
-        self.program.goes_on();
+        self.stalled_at += 1;
+        self.program.resumes();
     }
 
     /// Pauses the program while it waits for an answer. The answer comes during the pause, and is too old when it is
@@ -129,7 +129,7 @@ impl Lane {
                 return;
             }
             // It had sent the write before it stopped.
-            self.program.goes_on();
+            self.program.resumes();
             std::thread::sleep(MAX_AGE);
         }
         panic!("{}: it was never stopped in time", self.name);
@@ -162,8 +162,8 @@ impl Lane {
     fn end(mut self) -> Option<Vec<String>> {
         let was_starved = self.was_starved();
         let (reported, said) = self.has_reported();
-        if (reported, u64::try_from(said).unwrap()) != (self.stood_still, self.stood_still) {
-            let times = self.stood_still;
+        if (reported, u64::try_from(said).unwrap()) != (self.stalled_at, self.stalled_at) {
+            let times = self.stalled_at;
             self.wrong.push(format!("it stood still {times} times, counts {reported} and has told {said}"));
         }
         let seen = self.device.state().seen.clone();

@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 use isotherm::clock::Clock;
 use isotherm::gateway::{Gateway, Options};
-use isotherm::observe::status::{Source, Status};
+use isotherm::observe::status::{GatewayApi, Status};
 
 use crate::support::starved::Starved;
 use crate::support::tell;
@@ -233,7 +233,7 @@ fn run(
     seen
 }
 
-fn watch(source: &dyn Source, is_done: &dyn Fn() -> bool) -> Seen {
+fn watch(source: &dyn GatewayApi, is_done: &dyn Fn() -> bool) -> Seen {
     let begun = Instant::now();
     let mut seen = Seen::default();
     let mut is_armed = false;

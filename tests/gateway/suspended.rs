@@ -9,9 +9,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use isotherm::clock::{Clock, Passing, TimeOfDay};
+use isotherm::clock::{BootClock, Clock, TimeOfDay};
 use isotherm::gateway::{Gateway, Options};
-use isotherm::observe::status::Source;
+use isotherm::observe::status::GatewayApi;
 
 use crate::support::device;
 use crate::support::starved::Starved;
@@ -30,7 +30,7 @@ const TIMES: Times =
 /// Computer with a gateway and its device.
 struct Computer {
     device: Device,
-    source: Arc<dyn Source>,
+    source: Arc<dyn GatewayApi>,
     /// Time for which the computer was suspended, ms.
     slept: Arc<AtomicU64>,
     starved: Starved,
@@ -41,9 +41,9 @@ impl Computer {
     fn beside(script: impl FnOnce(&Computer) + Send + 'static) {
         let slept = Arc::new(AtomicU64::new(0));
         let counted = slept.clone();
-        let passing = Passing::default();
+        let passing = BootClock::default();
         let passing =
-            Passing::by(move || passing.passed() + Duration::from_millis(counted.load(Ordering::SeqCst)));
+            BootClock::by(move || passing.passed() + Duration::from_millis(counted.load(Ordering::SeqCst)));
         let clock = Clock::wall_by(passing, TimeOfDay::default());
         let device = Device::by(clock.clone(), TcpListener::bind("127.0.0.1:0").unwrap(), Duration::ZERO);
         let text = device::profile(device.address(), TIMES);
@@ -77,7 +77,7 @@ impl Computer {
     /// Checks the state after waking: no earlier reading was used, the pause was reported once, and the axis reaches
     /// its target.
     #[track_caller]
-    fn goes_on(&self) {
+    fn resumes(&self) {
         std::thread::sleep(MAX_AGE);
         let standing = self.device.offset();
         self.arrives(standing + 3 * STEP);
@@ -109,7 +109,7 @@ fn an_answer_that_came_before_the_computer_was_suspended_is_of_before_when_it_is
         device.release();
         device.wait(PATIENCE, |state| (state.held == 0).then_some(()));
         device.asks(5 * STEP);
-        computer.goes_on();
+        computer.resumes();
     });
 }
 
@@ -123,6 +123,6 @@ fn what_was_decided_before_the_computer_was_suspended_is_not_written_when_it_wak
         assert!(device.wait(PATIENCE, decided).is_some());
         computer.is_suspended();
         device.asks(device.offset());
-        computer.goes_on();
+        computer.resumes();
     });
 }

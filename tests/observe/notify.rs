@@ -29,7 +29,7 @@ const BODY: &str = "{\"text\":\"µ\"}";
 fn to(url: &str, ca: Option<&str>) -> Server {
     let url = Url::parse(url).unwrap();
     let notify = Notify { name: "notify[0]".into(), url, on: vec![ALARM], token_file: None, ca: None };
-    Server::of(&notify, tls::visitor(ca.map(str::as_bytes)).map(Arc::new))
+    Server::of(&notify, tls::plant_client(ca.map(str::as_bytes)).map(Arc::new))
 }
 
 /// Starts a server that handles its only connection with `serve`.
@@ -98,7 +98,7 @@ async fn who_is_not_there_is_told_from_who_says_nothing() {
 async fn secured(signed: &Signed) -> (SocketAddr, tokio::sync::oneshot::Receiver<String>) {
     let config = tls::server(signed.cert.as_bytes(), signed.key.as_bytes()).unwrap();
     let acceptor = TlsAcceptor::from(Arc::new(config));
-    let (tell, told) = tokio::sync::oneshot::channel();
+    let (tell, reported) = tokio::sync::oneshot::channel();
     let address = once(move |stream| async move {
         let Ok(mut stream): Result<TlsStream<TcpStream>, _> = acceptor.accept(stream).await else { return };
         let mut request = String::new();
@@ -111,7 +111,7 @@ async fn secured(signed: &Signed) -> (SocketAddr, tokio::sync::oneshot::Receiver
         let _ = stream.shutdown().await;
         let _ = tell.send(request);
     });
-    (address.await, told)
+    (address.await, reported)
 }
 
 #[tokio::test]
@@ -125,10 +125,10 @@ async fn a_server_with_a_certificate_of_the_plants_own_authority_is_posted_to() 
             (signed.clone(), signed.cert)
         },
     ] {
-        let (address, told) = secured(&signed).await;
+        let (address, reported) = secured(&signed).await;
         let server = to(&format!("https://localhost:{}/in?key=1", address.port()), Some(&ca));
         assert_eq!(server.post(BODY).await, Ok(()));
-        let request = told.await.unwrap();
+        let request = reported.await.unwrap();
         assert!(request.starts_with("POST /in?key=1 HTTP/1.1\r\n"), "{request}");
         assert!(request.contains(&format!("\r\nContent-Length: {}\r\n", BODY.len())), "{request}");
         let (address, _) = secured(&signed).await;
@@ -168,7 +168,7 @@ async fn a_web_server_of_others_takes_it_with_the_token_beside_or_within_its_add
     let token = file(home.path(), "token", "T0/B1/secret\n");
     std::fs::set_permissions(&token, std::fs::Permissions::from_mode(0o600)).unwrap();
     let mut python = Running::start(Command::new("python3").args(["-c", OF_PYTHON]).args([cert, key]));
-    let port = python.hears("at ").trim_start_matches("at ").to_owned();
+    let port = python.receives("at ").trim_start_matches("at ").to_owned();
     for (target, seen) in [
         ("in?key=1", "/in?key=1 Bearer T0/B1/secret"),
         ("services/{token}?x", "/services/T0/B1/secret?x None"),
@@ -176,9 +176,9 @@ async fn a_web_server_of_others_takes_it_with_the_token_beside_or_within_its_add
         let url = Url::parse(&format!("https://localhost:{port}/{target}")).unwrap();
         let token_file = Some(token.clone());
         let notify = Notify { name: "notify[0]".into(), url, on: vec![ALARM], token_file, ca: None };
-        let server = Server::of(&notify, tls::visitor(Some(signed.cert.as_bytes())).map(Arc::new));
+        let server = Server::of(&notify, tls::plant_client(Some(signed.cert.as_bytes())).map(Arc::new));
         assert_eq!(server.post(BODY).await, Ok(()));
-        assert_eq!(python.hears("posted"), format!("posted {seen} application/json {BODY}"));
+        assert_eq!(python.receives("posted"), format!("posted {seen} application/json {BODY}"));
     }
 }
 
@@ -190,11 +190,11 @@ async fn a_server_whom_nobody_trusts_gets_no_message_and_it_is_said_why() {
         (authority.signs("elsewhere", NOW), &authority.cert, "for another name: write that name into `url`"),
         (authority.signs("localhost", (2001, 2002)), &authority.cert, "has expired"),
     ] {
-        let (address, told) = secured(&signed).await;
+        let (address, reported) = secured(&signed).await;
         let server = to(&format!("https://localhost:{}/", address.port()), Some(ca));
         let failure = server.post(BODY).await.unwrap_err().to_string();
         assert!(failure.contains(words), "{words}: {failure}");
-        assert!(told.await.is_err(), "it was told all the same");
+        assert!(reported.await.is_err(), "it was told all the same");
     }
     let plain = answering("HTTP/1.1 400 Bad\r\n\r\n").await;
     let failure = to(&format!("https://{plain}/"), Some(&authority.cert)).post(BODY).await.unwrap_err();

@@ -19,7 +19,7 @@ fn looked_at(demo: &[&str], view: &str, words: &[&str]) -> String {
     let home = tempfile::tempdir().unwrap();
     let mut running = isotherm(home.path());
     let mut running = Running::start(running.args(["demo", "--listen", "127.0.0.1:0"]).args(demo));
-    let address = running.hears("page  http://").trim_start_matches("page  ").to_owned();
+    let address = running.receives("page  http://").trim_start_matches("page  ").to_owned();
     look(&address, view, words)
 }
 

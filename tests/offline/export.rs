@@ -66,9 +66,9 @@ fn what_a_gateway_has_logged_is_in_the_parquet_files_cell_by_cell_with_moments_t
     let (home, state) = (home.path(), home.path().join("state"));
     let profile = profile(home, "mill-7", free_port());
     let mut devices = Running::start(isotherm(home).arg("virtual").arg(&profile));
-    devices.hears("module");
+    devices.receives("module");
     let mut gateway = Running::start(isotherm(home).arg("run").arg(&profile).arg("--state").arg(&state));
-    gateway.hears("the gateway runs");
+    gateway.receives("the gateway runs");
     until("it has armed, and decided", || {
         let shown =
             isotherm(home).args(["status", "--json"]).arg(&profile).arg("--state").arg(&state).output();

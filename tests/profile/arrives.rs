@@ -253,9 +253,9 @@ fn what_the_profile_allows_is_listed_first_and_says_so() {
     ];
     let loaded = isotherm_profile::parse(Path::new("machine.toml"), &text, &settings, &[]);
     let profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
-    let told: Vec<String> = profile.overridden.iter().map(ToString::to_string).collect();
+    let reported: Vec<String> = profile.overridden.iter().map(ToString::to_string).collect();
     assert_eq!(
-        told,
+        reported,
         [
             "output.cnc_z.bias = 5, which the profile does not have, from --set output.cnc_z.bias, as `allow_override` allows",
             "output.cnc_z.read_back.register = \"input:12\", which the profile does not have, from --set \

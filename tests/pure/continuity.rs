@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use isotherm_core::continuity::{Break, DeviceContinuity, Difference, Found, Identity};
+use isotherm_core::continuity::{Break, CheckFailure, DeviceContinuity, Difference, Identity};
 use isotherm_core::quantity::Moment;
 
 const DEPTH: usize = 6;
@@ -138,7 +138,7 @@ impl World {
 }
 
 fn other() -> Difference {
-    let is = Found::Value("8".into());
+    let is = CheckFailure::Value("8".into());
     Difference {
         what: "holding:200".into(),
         was: "7".into(),

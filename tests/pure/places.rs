@@ -7,7 +7,7 @@
 
 use std::collections::{BTreeMap, HashSet};
 
-use isotherm_core::place::{Former, Found, KnownOutput, OutputPlace, Owner, compare};
+use isotherm_core::place::{FormerPlace, KnownOutput, OutputPlace, Owner, PlaceComparison, compare};
 
 const DEPTH: usize = 8;
 const CZ_UM: f64 = 20.0;
@@ -77,7 +77,7 @@ struct World {
     places: BTreeMap<String, OutputPlace>,
     held: Option<f64>,
     was_driven: bool,
-    former: Vec<Former>,
+    former: Vec<FormerPlace>,
 }
 
 impl World {
@@ -117,12 +117,12 @@ impl World {
             profile.iter().map(|output| (output.0.to_owned(), place(*output))).collect();
         let found = compare(&self.places, &now);
         let new_name = found.iter().find_map(|(name, found)| match found {
-            Found::Renamed(former) => Some((former.clone(), name.clone())),
+            PlaceComparison::Renamed(former) => Some((former.clone(), name.clone())),
             _ => None,
         });
         let names: BTreeMap<String, String> = new_name.into_iter().collect();
         let former = std::mem::take(&mut self.former).into_iter().map(|former| former.renamed(&names));
-        let open: Vec<Former> = former.filter(|_| self.without != Some(Rule::Open)).collect();
+        let open: Vec<FormerPlace> = former.filter(|_| self.without != Some(Rule::Open)).collect();
         let was_driven = self.was_driven && self.without != Some(Rule::Driven);
         let remembered = std::mem::take(&mut self.places).into_iter().map(|(name, mut place)| {
             if self.without == Some(Rule::Owner) {
@@ -133,7 +133,7 @@ impl World {
         });
         let remembered: BTreeMap<String, KnownOutput> = remembered.collect();
         self.was_driven = now.iter().any(|(name, is)| match found.get(name) {
-            Some(Found::Same | Found::Renamed(_)) => self.was_driven,
+            Some(PlaceComparison::Same | PlaceComparison::Renamed(_)) => self.was_driven,
             _ => open.iter().any(|former| is.is_at(&former.place)),
         });
         // The register is read directly after the start.
@@ -146,7 +146,7 @@ impl World {
         for (register, is_operators) in self.operators.iter_mut().enumerate() {
             *is_operators &= shared.contains(&address(register));
         }
-        self.former = Former::after(open, &remembered, &now);
+        self.former = FormerPlace::after(open, &remembered, &now);
         if self.without == Some(Rule::Waits) {
             self.former.iter_mut().for_each(|former| former.axes.clear());
         }

@@ -208,7 +208,7 @@ fn a_substitution_and_its_end_allocate_nothing() {
         };
         let readings = [Reading::good(frozen, now), Reading::good(21.0 + rise, now), third];
         compensation.step(&Snapshot::new(now, &readings), &[control]);
-        let found = compensation.distrusted(0).find(|found| found.frozen);
+        let found = compensation.rejected(0).find(|found| found.frozen);
         suspected += u32::from(found.is_some_and(|found| found.others.is_none()));
         stood_in += u32::from(found.is_some_and(|found| found.others.is_some()));
     };

@@ -31,7 +31,7 @@ const ARROWS: [(&str, &str, &[&str]); 20] = [
     ("", "net", &["tls"]),
     ("", "fieldbus", &["clock", "net", "tls"]),
     ("", "observe", &["clock", "net", "tls"]),
-    ("", "gateway", &["fieldbus", "clock", "observe::asker", "observe::events", "observe::status"]),
+    ("", "gateway", &["fieldbus", "clock", "observe::requester", "observe::events", "observe::status"]),
     ("", "discovery", &["clock", "fieldbus"]),
     (
         "",
@@ -75,8 +75,8 @@ const TOP: [&str; 16] = [
 
 const LONGEST: usize = 600;
 
-/// Parts of file names. These files may use the word for the time between login and logout, of an OPC UA client, of TLS or of
-/// a browser at the page.
+/// Parts of file names. These files may use the word for the time between login and logout, of an OPC UA client, of TLS
+/// or of a browser at the page.
 const LOGINS: [&str; 9] = [
     "opcua",
     "page",
@@ -234,11 +234,11 @@ fn what_a_verb_prints_goes_through_one_place() {
     let words = ["println!", "print!(", "stdout().write"];
     let wrong: Vec<String> = source::all(root())
         .iter()
-        .filter(|source| source.home().is_empty() && source.path != "src/cli/say.rs")
+        .filter(|source| source.home().is_empty() && source.path != "src/cli/print.rs")
         .filter(|source| words.iter().any(|word| source.code.contains(word)))
         .map(|source| source.path.clone())
         .collect();
-    assert!(wrong.is_empty(), "what is printed is said by crate::cli::say: {wrong:?}");
+    assert!(wrong.is_empty(), "what is printed is said by crate::cli::print: {wrong:?}");
 }
 
 #[test]

@@ -119,9 +119,9 @@ fn the_newest_entry_of_the_changelog_is_the_version_that_is_built_and_speaks_of_
         newest => newest.starts_with(&format!("## [{version}]")),
     };
     assert!(is_told, "{newest} is not {version}");
-    let told = below(entry, "### Security");
+    let reported = below(entry, "### Security");
     assert!(
-        told.lines().any(|line| line.starts_with("- ")),
+        reported.lines().any(|line| line.starts_with("- ")),
         "nothing stands below `### Security` of {newest}"
     );
 }

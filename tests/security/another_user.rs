@@ -32,7 +32,7 @@ fn who_may_not_command_a_gateway_that_runs_reads_that_it_runs_and_who_may() {
     let mut run = isotherm(home.path());
     run.arg("run").arg(&profile).args(["--listen", "127.0.0.1:0", "--state"]).arg(&state);
     let mut gateway = Running::start(&mut run);
-    gateway.hears("the gateway runs");
+    gateway.receives("the gateway runs");
     let _on_time = OnTime::from_now(&device, EVERY, gateway.id());
     let is_root = rustix::process::geteuid().is_root();
     let another = |verb: &str, more: &[&Path]| {

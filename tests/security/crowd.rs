@@ -4,8 +4,8 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use isotherm::clock::Passing;
-use isotherm::observe::http::{Admission, Door, Limits, serve};
+use isotherm::clock::BootClock;
+use isotherm::observe::http::{Admission, HttpListener, Limits, serve};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
 
@@ -23,7 +23,7 @@ async fn page(limits: Limits) -> SocketAddr {
 async fn page_of(fake: Arc<Fake>, limits: Limits) -> SocketAddr {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap();
-    let door = Door::from(listener).within(limits);
+    let door = HttpListener::from(listener).within(limits);
     let admission = Admission { commands: isotherm_profile::Commands::Local, ..Admission::default() };
     tokio::spawn(serve(door, fake, admission, std::future::pending()));
     address
@@ -129,8 +129,8 @@ async fn drips(stream: &mut TcpStream, text: &str) -> String {
 #[tokio::test]
 async fn a_head_and_a_body_have_ten_seconds_each_however_they_drip() {
     let (_machine, _on_time, page) = machine();
-    let begun = Passing::default().passed();
-    let took = || Passing::default().passed() - begun;
+    let begun = BootClock::default().passed();
+    let took = || BootClock::default().passed() - begun;
     let silent = async {
         let said = ended(&mut from(1, page).await).await;
         (said, took())
@@ -161,8 +161,8 @@ async fn whoever_asks_on_stays_and_whoever_is_idle_is_let_go() {
     let limits = Limits { idle: Duration::from_secs(5), head: PATIENCE, ..Limits::default() };
     let page = page(limits).await;
     let mut stream = from(1, page).await;
-    let begun = Passing::default().passed();
-    while Passing::default().passed() - begun < Duration::from_secs(10) {
+    let begun = BootClock::default().passed();
+    while BootClock::default().passed() - begun < Duration::from_secs(10) {
         assert!(is_in(&mut stream, page).await);
         tokio::time::sleep(Duration::from_millis(100)).await;
     }
@@ -213,7 +213,7 @@ async fn a_reader_who_takes_nothing_gives_his_place_back() {
 async fn a_disk_that_hangs_keeps_nobody_else_from_the_page() {
     let fake = Arc::<Fake>::default();
     let page = page_of(fake.clone(), Limits::default()).await;
-    let (goes_on, waits) = std::sync::mpsc::channel::<()>();
+    let (resumes, waits) = std::sync::mpsc::channel::<()>();
     let (hangs, is_hanging) = std::sync::mpsc::channel();
     std::thread::spawn(move || {
         let _disk = fake.disk.lock();
@@ -233,7 +233,7 @@ async fn a_disk_that_hangs_keeps_nobody_else_from_the_page() {
         let said = asks(&mut from(2, page).await, page, path).await;
         assert!(said.starts_with("HTTP/1.1 503") && said.contains("ask again in a moment"), "{path}: {said}");
     }
-    drop(goes_on);
+    drop(resumes);
     let said = asks(&mut from(2, page).await, page, "/api/events").await;
     assert!(said.starts_with("HTTP/1.1 200"), "{said}");
 }

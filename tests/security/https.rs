@@ -7,7 +7,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use isotherm::clock::Passing;
+use isotherm::clock::BootClock;
 use tokio_rustls::rustls::crypto::ring::default_provider;
 use tokio_rustls::rustls::pki_types::pem::PemObject;
 use tokio_rustls::rustls::pki_types::{CertificateDer, ServerName};
@@ -59,7 +59,7 @@ fn the_page_speaks_tls_alone_and_shows_what_lies_in_its_files_now() {
     std::fs::set_permissions(&token, std::fs::Permissions::from_mode(0o600)).unwrap();
     let web = web.replace("commands = \"local\"", &format!("token_file = \"{}\"", token.display()));
     let mut machine = Machine::start(None, &[], &web);
-    let said = machine.gateway.hears("page https://127.0.0.1:");
+    let said = machine.gateway.receives("page https://127.0.0.1:");
     let page: SocketAddr = said.rsplit('/').next().unwrap().parse().unwrap();
     until("its key is warned of", || {
         let said = machine.gateway.so_far().join("\n");
@@ -67,7 +67,7 @@ fn the_page_speaks_tls_alone_and_shows_what_lies_in_its_files_now() {
     });
     let _on_time = machine.on_time();
     let silent = TcpStream::connect(page).unwrap();
-    let begun = Passing::default().passed();
+    let begun = BootClock::default().passed();
 
     let healthy = |authority: &Authority| asks(&authority.cert, page, &get(page, "/healthz"));
     let answer = healthy(&first).unwrap();
@@ -98,14 +98,14 @@ fn the_page_speaks_tls_alone_and_shows_what_lies_in_its_files_now() {
     until("the new certificate is shown", || healthy(&second).map(drop));
     assert!(healthy(&first).is_err(), "the old one is shown no more");
     std::fs::write(&files[0], "no certificate").unwrap();
-    machine.gateway.hears("the page still shows its old certificate");
+    machine.gateway.receives("the page still shows its old certificate");
     healthy(&second).unwrap();
 
     // The handshake has the same timeout as a head.
     let mut silent = silent;
     silent.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
     assert_eq!(silent.read(&mut [0; 16]).unwrap_or(0), 0, "it is still open");
-    let took = Passing::default().passed() - begun;
+    let took = BootClock::default().passed() - begun;
     assert!(took >= Duration::from_secs(9), "{took:?}");
     let said = machine.gateway.so_far().join("\n");
     assert_eq!(said.matches("still shows its old certificate").count(), 1, "{said}");
@@ -130,7 +130,7 @@ fn a_page_without_its_certificate_is_refused_at_the_start_with_the_file_and_what
         let files = ["page.pem", "page.key"].map(|name| home.path().join(name).display().to_string());
         let web = WEB.replace("page.pem", &files[0]).replace("page.key", &files[1]);
         let mut machine = Machine::start(None, &[], &web);
-        machine.gateway.hears(words);
+        machine.gateway.receives(words);
         let checked =
             isotherm(home.path()).arg("check").arg(machine.home.path().join("walker.toml")).output();
         let said = String::from_utf8(checked.unwrap().stderr).unwrap();

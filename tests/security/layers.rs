@@ -67,7 +67,7 @@ fn what_is_set_above_the_profile_is_in_the_log_in_check_in_status_and_where_the_
         .args(["--listen", "127.0.0.1:0", "--state"])
         .arg(&state);
     let mut gateway = Running::start(&mut run);
-    gateway.hears("the gateway runs");
+    gateway.receives("the gateway runs");
     let _on_time = OnTime::from_now(&device, EVERY, gateway.id());
     let said = gateway.said.join("\n");
     lines.iter().for_each(|line| assert!(said.contains(line), "{line}\nis not in\n{said}"));

@@ -139,7 +139,7 @@ static CONTROLS: LazyLock<Vec<Control>> = LazyLock::new(|| {
 
 impl Control {
     fn on(core: CoreId) -> Control {
-        let (tells, told) = channel();
+        let (tells, reported) = channel();
         // Runs until this process ends. Device and gateway run on the same core, because threads keep the affinity of
         // their creator.
         std::thread::spawn(move || {
@@ -158,7 +158,7 @@ impl Control {
                 }
             })
         });
-        Control(told.recv().unwrap())
+        Control(reported.recv().unwrap())
     }
 
     /// Longest delay of its polls around this time span.
@@ -212,7 +212,7 @@ fn a_machine_whose_gateway_stands_still_for_seconds_is_not_held_on_time() {
     machine.gateway.stands_still();
     // The delay is longer than that of a busy computer.
     std::thread::sleep(Duration::from_secs(4));
-    machine.gateway.goes_on();
+    machine.gateway.resumes();
     next_poll(&machine.device);
     assert_ne!(on_time.late(), [""; 0]);
     // The guard would fail this test as well.

@@ -6,7 +6,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use isotherm::clock::Passing;
+use isotherm::clock::BootClock;
 use serde_json::Value;
 
 use crate::process::{file, until};
@@ -155,10 +155,10 @@ fn servers_that_hang_drip_flood_and_break_off_hold_up_no_poll_and_a_stop_for_two
         let unsaid: Vec<String> = (2..6).map(failed).filter(|words| !said.contains(words)).collect();
         if unsaid.is_empty() { Ok(()) } else { Err(format!("{unsaid:?}: {said}")) }
     });
-    let asked = Passing::default().passed();
+    let asked = BootClock::default().passed();
     machine.gateway.signal("TERM");
     assert!(machine.gateway.ends_within(Duration::from_secs(60)).success());
-    let took = Passing::default().passed() - asked;
+    let took = BootClock::default().passed() - asked;
     // A stop that waited for the silent server would take twenty seconds.
     assert!(took < Duration::from_secs(18), "{took:?}");
     let said = machine.gateway.said.join("\n");

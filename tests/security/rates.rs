@@ -5,7 +5,7 @@ use std::net::TcpStream;
 use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
-use isotherm::clock::Passing;
+use isotherm::clock::BootClock;
 
 use crate::process::{Running, file, free_port, isotherm, until};
 use crate::site::{BOTH, OPERATOR, Site, bearer};
@@ -14,7 +14,7 @@ const MACHINE: &str = include_str!("../interop/machine.toml");
 const SECOND: Duration = Duration::from_secs(1);
 
 fn now() -> Duration {
-    Passing::default().passed()
+    BootClock::default().passed()
 }
 
 /// Maximum number of commands that may have been accepted since then.
@@ -134,7 +134,7 @@ fn clients_of_a_virtual_machine_that_speak_no_modbus_are_counted_to_its_last_wor
     let text = MACHINE.replace("127.0.0.1:1\"", &format!("{address}\""));
     let profile = file(home.path(), "machine.toml", &text);
     let mut devices = Running::start(isotherm(home.path()).arg("virtual").arg(&profile));
-    devices.hears("stop with Ctrl-C");
+    devices.receives("stop with Ctrl-C");
     for _ in 0..5 {
         let mut stream = TcpStream::connect(&address).unwrap();
         stream.write_all(b"GET / HTTP/1.1\r\n\r\n").unwrap();
@@ -159,7 +159,7 @@ fn of_many_lines_of_one_kind_ten_a_second_are_logged_and_the_others_counted() {
         .collect();
     let mut site = Site::of("", |text| text.replace("[axis.z]", &format!("{signals}[axis.z]")));
     site.device.asks(-999);
-    site.gateway.hears("more lines within a second were left out: signal-bad");
+    site.gateway.receives("more lines within a second were left out: signal-bad");
     let lines = site.gateway.said.iter().filter(|line| line.contains("signal s")).count();
     assert!(lines <= 20, "{lines} lines: {:#?}", site.gateway.said);
     until("each is an event all the same", || {

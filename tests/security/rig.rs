@@ -56,7 +56,7 @@ impl Machine {
 
     /// Address of the page, from the output of the gateway.
     pub(crate) fn page(&mut self) -> SocketAddr {
-        let line = self.gateway.hears("page http");
+        let line = self.gateway.receives("page http");
         line.rsplit('/').next().unwrap().parse().unwrap()
     }
 

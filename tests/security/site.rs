@@ -94,7 +94,7 @@ impl Site {
             .arg("--state")
             .arg(home.path().join("state"));
         let mut gateway = Running::start(&mut command);
-        let page = gateway.hears("page http://");
+        let page = gateway.receives("page http://");
         let port = page.rsplit(':').next().unwrap();
         let address = SocketAddr::from(([127, 0, 0, 1], port.parse().unwrap()));
         let on_time = OnTime::from_now(&device, TIMES.every, gateway.id());
@@ -164,18 +164,18 @@ impl Site {
         format!("{method} {path} HTTP/1.1\r\nHost: {host}\r\n{headers}Content-Length: {length}\r\n\r\n{body}")
     }
 
-    /// Sends the same request repeatedly on one connection, a hundred at a time, as long as `goes_on` returns true.
+    /// Sends the same request repeatedly on one connection, a hundred at a time, as long as `resumes` returns true.
     /// Returns the number of answers with each code.
     pub(crate) fn floods(
         &self,
         (method, path, headers, body): (&str, &str, &str, &str),
-        mut goes_on: impl FnMut(usize) -> bool,
+        mut resumes: impl FnMut(usize) -> bool,
     ) -> Vec<(u16, usize)> {
         let batch = self.request(method, path, headers, body).repeat(100);
         let mut writer = self.connect("127.0.0.1");
         let mut reader = BufReader::new(writer.try_clone().unwrap());
         let (mut codes, mut sent) = (Vec::new(), 0);
-        while goes_on(sent) {
+        while resumes(sent) {
             writer.write_all(batch.as_bytes()).unwrap();
             for _ in 0..100 {
                 let code = answered(&mut reader);

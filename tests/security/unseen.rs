@@ -49,8 +49,8 @@ fn whoever_asks_over_http_or_the_socket_forges_no_line_of_the_log_nor_of_the_eve
     let state = home.path().join("state");
     let mut gateway =
         Running::start(isotherm(home.path()).arg("run").arg(&profile).arg("--state").arg(&state));
-    let page = gateway.hears("page http://").split_once("http://").unwrap().1.to_owned();
-    gateway.hears("the gateway runs");
+    let page = gateway.receives("page http://").split_once("http://").unwrap().1.to_owned();
+    gateway.receives("the gateway runs");
     let _on_time = OnTime::from_now(&device, EVERY, gateway.id());
 
     let forged = FORGED.replace(' ', "%20");
@@ -86,7 +86,7 @@ fn whoever_asks_over_http_or_the_socket_forges_no_line_of_the_log_nor_of_the_eve
         if is_there { Ok(()) } else { Err(events) }
     });
     is_honest(&events());
-    gateway.hears("\\u001b]0;owned");
+    gateway.receives("\\u001b]0;owned");
     is_honest(&gateway.so_far().join("\n"));
     assert!(gateway.said.iter().any(|line| line.contains("bus.cell.address")), "{:?}", gateway.said);
 }

@@ -302,9 +302,9 @@ fn a_hundred_thousand_wrong_tokens_are_a_few_lines_and_the_right_one_from_elsewh
     assert!(grown < 30_000, "{grown} kB more");
     let lines = site.gateway.so_far().iter().filter(|line| line.contains("wrong token")).count();
     assert!(lines <= 4, "{:#?}", site.gateway.said);
-    let told = site.verb(&["events", "--json"]).1;
-    assert!(told.contains("sign in") && told.contains("127.0.0.1"), "{told}");
-    assert!(!told.contains("disarm"), "each wrong token of a command is told by itself: {told}");
+    let reported = site.verb(&["events", "--json"]).1;
+    assert!(reported.contains("sign in") && reported.contains("127.0.0.1"), "{reported}");
+    assert!(!reported.contains("disarm"), "each wrong token of a command is told by itself: {reported}");
 }
 
 #[test]

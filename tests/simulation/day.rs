@@ -11,7 +11,7 @@ use isotherm::clock::Clock;
 use isotherm::fieldbus::connection::Dial;
 use isotherm::fieldbus::namespaces::NamespaceTable;
 use isotherm::gateway::{Gateway, Options};
-use isotherm::observe::status::Source;
+use isotherm::observe::status::GatewayApi;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Profile, Transport, parse};
 use rand::{RngExt, SeedableRng};
@@ -224,7 +224,7 @@ impl<'a> Day<'a> {
             disk: Arc::new(self.disk.clone()),
             has_threads: false,
             dialer: Arc::new(dialer),
-            is_credulous: self.without == Without::Age,
+            is_unchecked: self.without == Without::Age,
             ..Options::default()
         };
         let gateway = Gateway::new(self.scene.profile.clone(), &clock, options);
@@ -277,7 +277,7 @@ impl<'a> Day<'a> {
     }
 
     /// Executes the due event. Returns the reason if the event ends the gateway.
-    fn happens(&mut self, source: Option<&Arc<dyn Source>>) -> Option<End> {
+    fn happens(&mut self, source: Option<&Arc<dyn GatewayApi>>) -> Option<End> {
         let (_, what) = self.next;
         let now = self.passage.now();
         let mut end = None;

@@ -418,8 +418,8 @@ impl Register {
 
     /// Returns whether the gateway has recently sent this value. An operator does not enter it.
     pub(crate) fn was_sent(&self, value: i64, now: Duration) -> bool {
-        let lately = self.sent.iter().filter(|(at, _)| now.saturating_sub(*at) < REMEMBERED);
-        lately.map(|(_, sent)| *sent).any(|sent| sent == value)
+        let expired = self.sent.iter().filter(|(at, _)| now.saturating_sub(*at) < REMEMBERED);
+        expired.map(|(_, sent)| *sent).any(|sent| sent == value)
     }
 }
 

@@ -2,10 +2,10 @@
 //! behind it. A second namespace has the same nodes for another machine. After each restart, both namespaces have
 //! exchanged their indexes.
 
-use isotherm::fieldbus::departure::Departure;
 use isotherm::fieldbus::error::{CallerFault, Fault};
 use isotherm::fieldbus::modbus::ModbusTcp;
 use isotherm::fieldbus::namespaces::NamespaceTable;
+use isotherm::fieldbus::send_guard::SendGuard;
 use isotherm::fieldbus::wire::{Answer, Boxed, NodeReading, NodeRequest, Request, Stamped, Wire};
 use isotherm_core::codec::{Encoded, Identifier, Namespace, Node, NodeId, Register, Scalar};
 use isotherm_core::reading::{Reason, Status};
@@ -91,10 +91,10 @@ impl Nodes {
         NodeReading { value, stamped: Stamped::Unknown, asked: None }
     }
 
-    async fn ask(&mut self, request: Request<'_>, departure: &mut Departure) -> Result<Answer, Fault> {
+    async fn ask(&mut self, request: Request<'_>, send_guard: &mut SendGuard) -> Result<Answer, Fault> {
         match request {
-            Request::Nodes(NodeRequest::Read(nodes)) => self.read(nodes, departure).await,
-            Request::Nodes(NodeRequest::Namespaces) => departure.leave().map(|_| Answer::Done),
+            Request::Nodes(NodeRequest::Read(nodes)) => self.read(nodes, send_guard).await,
+            Request::Nodes(NodeRequest::Namespaces) => send_guard.leave().map(|_| Answer::Done),
             Request::Nodes(NodeRequest::Write { nodes: [node], values }) => {
                 let at = register(&node.id)?.offset;
                 match self.is_ours(&node.id) {
@@ -114,7 +114,7 @@ impl Nodes {
                     [value] => Request::WriteSingle { at, value },
                     _ => Request::WriteMultiple { at, values },
                 };
-                match self.below.exchange(UNIT, request, departure).await {
+                match self.below.exchange(UNIT, request, send_guard).await {
                     Err(Fault::Exception(code)) => Err(Fault::Status(status(code))),
                     answered => answered,
                 }
@@ -124,17 +124,17 @@ impl Nodes {
     }
 
     /// Reads all nodes with one request, including the registers between them.
-    async fn read(&mut self, nodes: &[Node], departure: &mut Departure) -> Result<Answer, Fault> {
+    async fn read(&mut self, nodes: &[Node], send_guard: &mut SendGuard) -> Result<Answer, Fault> {
         let places: Vec<Register> = nodes.iter().map(|node| register(&node.id)).collect::<Result<_, _>>()?;
         if nodes.iter().any(|node| self.is_ours(&node.id) != Some(true)) {
-            departure.leave()?;
+            send_guard.leave()?;
             return Ok(Answer::Nodes(nodes.iter().map(|node| self.of_other(node)).collect()));
         }
         let from =
             *places.iter().min_by_key(|place| place.offset).ok_or(Fault::Caller(CallerFault::Extent))?;
         let ends = places.iter().zip(nodes).map(|(place, node)| place.offset + node.taken_as().registers());
         let count = ends.max().unwrap_or_default() - from.offset;
-        let answered = self.below.exchange(UNIT, Request::Read { from, count }, departure).await;
+        let answered = self.below.exchange(UNIT, Request::Read { from, count }, send_guard).await;
         let value = |node: &Node, place: &Register| match &answered {
             Ok(answer) => {
                 let at = usize::from(place.offset - from.offset);
@@ -162,8 +162,8 @@ impl Wire for Nodes {
         &'a mut self,
         _: u8,
         request: Request<'a>,
-        departure: &'a mut Departure,
+        send_guard: &'a mut SendGuard,
     ) -> Boxed<'a, Result<Answer, Fault>> {
-        Box::pin(self.ask(request, departure))
+        Box::pin(self.ask(request, send_guard))
     }
 }

@@ -4,8 +4,8 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use isotherm::observe::asker::{Asker, Way};
-use isotherm::observe::status::{Command, Source, Status};
+use isotherm::observe::requester::{Channel, Requester};
+use isotherm::observe::status::{Command, GatewayApi, Status};
 
 use crate::link::{Note, World};
 use crate::machine::{BEAT, CNC, X, Y};
@@ -30,7 +30,7 @@ pub(crate) struct People {
 
 impl People {
     /// Simulates a visit of an operator, who reads the register values on the page before arming.
-    pub(crate) fn visit(&mut self, world: &mut World, source: &Arc<dyn Source>, now: Duration) {
+    pub(crate) fn visit(&mut self, world: &mut World, source: &Arc<dyn GatewayApi>, now: Duration) {
         world.pass(now);
         let status = source.status();
         self.beat = Some((now, world.machine.stands(CNC, BEAT)));
@@ -78,7 +78,7 @@ impl People {
         }
         world.note(now, Note::Did("a person arms", 0));
         world.machine.laws.arms(|axis| !armed(&status, axis));
-        let _ = source.command(Command::Arm, None, &Arc::new(Asker::new(Way::Api, "a person")));
+        let _ = source.command(Command::Arm, None, &Arc::new(Requester::new(Channel::Api, "a person")));
     }
 
     /// Returns a violation if the gateway reports a change by another client without a recent change or restart of a
@@ -97,7 +97,7 @@ impl People {
     pub(crate) fn what_is_wrong(
         &self,
         world: &mut World,
-        source: &Arc<dyn Source>,
+        source: &Arc<dyn GatewayApi>,
         now: Duration,
     ) -> Option<String> {
         world.pass(now);

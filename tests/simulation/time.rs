@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use isotherm::clock::Passing;
+use isotherm::clock::BootClock;
 use tokio::time::{Instant, Sleep, sleep_until};
 
 /// Time since the machine was switched on.
@@ -39,9 +39,9 @@ impl Passage {
     }
 
     /// Time source for the gateway.
-    pub(crate) fn passing(&self) -> Passing {
+    pub(crate) fn passing(&self) -> BootClock {
         let passage = self.clone();
-        Passing::by(move || passage.now())
+        BootClock::by(move || passage.now())
     }
 
     /// Timer of the computer that expires at this time, unless the computer sleeps.

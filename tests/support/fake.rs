@@ -12,13 +12,13 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
-use isotherm::observe::asker::Asker;
-use isotherm::observe::events::file::Found;
+use isotherm::observe::events::file::FileItem;
 use isotherm::observe::events::{Entry, Event, Level};
 use isotherm::observe::http::{Admission, TokenFile, serve};
+use isotherm::observe::requester::Requester;
 use isotherm::observe::status::{
-    Answer, ArmingStatus, AxisStatus, BusStatus, Command, DeviceStatus, GainStatus, OutputStatus,
-    ProbeStatus, ProbedStatus, SignalStatus, Source, Status, Wish,
+    Answer, ArmingStatus, AxisStatus, BusStatus, Command, DeviceStatus, GainStatus, GatewayApi, OutputStatus,
+    ProbeStatus, ProbedStatus, ReleaseRequest, SignalStatus, Status,
 };
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::display::Display;
@@ -54,15 +54,20 @@ impl Default for Fake {
     }
 }
 
-impl Source for Fake {
+impl GatewayApi for Fake {
     fn status(&self) -> Status {
         self.asked.fetch_add(1, Ordering::Relaxed);
         self.status.lock().unwrap().clone()
     }
 
-    fn command(&self, command: Command, axis: Option<&str>, asker: &Arc<Asker>) -> Result<Answer, String> {
+    fn command(
+        &self,
+        command: Command,
+        axis: Option<&str>,
+        requester: &Arc<Requester>,
+    ) -> Result<Answer, String> {
         self.commands.lock().unwrap().push(command);
-        self.askers.lock().unwrap().push(format!("{asker:?} {}", axis.unwrap_or("all")));
+        self.askers.lock().unwrap().push(format!("{requester:?} {}", axis.unwrap_or("all")));
         match command {
             Command::Arm if axis == Some("slow") => {
                 Ok(Answer::Waits("slow: waiting to arm: bed: stale".into()))
@@ -83,18 +88,23 @@ impl Source for Fake {
         self.arming(axis)
     }
 
-    fn confirm(&self, device: &str, asker: &Asker) -> Result<Answer, String> {
-        self.askers.lock().unwrap().push(format!("{asker:?} has confirmed {device}"));
+    fn confirm(&self, device: &str, requester: &Requester) -> Result<Answer, String> {
+        self.askers.lock().unwrap().push(format!("{requester:?} has confirmed {device}"));
         Ok(Answer::Done(format!("device {device} is confirmed")))
     }
 
-    fn release(&self, output: &str, wish: Wish<'_>, asker: &Asker) -> Result<Answer, String> {
-        self.askers.lock().unwrap().push(format!("{asker:?} has asked for {output}: {wish:?}"));
+    fn release(
+        &self,
+        output: &str,
+        wish: ReleaseRequest<'_>,
+        requester: &Requester,
+    ) -> Result<Answer, String> {
+        self.askers.lock().unwrap().push(format!("{requester:?} has asked for {output}: {wish:?}"));
         Ok(Answer::Done(format!("output {output} is released")))
     }
 
-    fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<Answer, String> {
-        self.askers.lock().unwrap().push(format!("{asker:?} has seen {}", alarm.unwrap_or("all")));
+    fn acknowledge(&self, alarm: Option<&str>, requester: &Requester) -> Result<Answer, String> {
+        self.askers.lock().unwrap().push(format!("{requester:?} has seen {}", alarm.unwrap_or("all")));
         match alarm {
             Some("nothing") => Err("there is no such alarm".into()),
             _ => Ok(Answer::Done("one alarm acknowledged".into())),
@@ -106,24 +116,24 @@ impl Source for Fake {
         self.logs.lock().unwrap().clone()
     }
 
-    fn turned_away(&self, command: &str, asker: &Asker, why: &str) {
-        self.askers.lock().unwrap().push(format!("{asker:?} {command} turned away: {why}"));
+    fn turned_away(&self, command: &str, requester: &Requester, why: &str) {
+        self.askers.lock().unwrap().push(format!("{requester:?} {command} turned away: {why}"));
     }
 
     fn report(&self, event: &Event) {
         self.askers.lock().unwrap().push(format!("{event:?}"));
     }
 
-    fn events(&self, since: Moment, found: &mut dyn FnMut(Found) -> bool) -> io::Result<()> {
+    fn events(&self, since: Moment, found: &mut dyn FnMut(FileItem) -> bool) -> io::Result<()> {
         drop(self.disk.lock());
         let mut entry = self.status.lock().unwrap().events[0].clone();
         entry.at = since.to_string();
-        let _ = found(Found::Event(entry));
-        let _ = found(Found::Damage("m.jsonl, line 3: it was changed".into()));
+        let _ = found(FileItem::Event(entry));
+        let _ = found(FileItem::Damage("m.jsonl, line 3: it was changed".into()));
         Ok(())
     }
 
-    fn measured(&self, axis: &str, report: Option<MeasuredReport>, _: &Asker) -> Result<Answer, String> {
+    fn measured(&self, axis: &str, report: Option<MeasuredReport>, _: &Requester) -> Result<Answer, String> {
         self.measured.lock().unwrap().push((axis.into(), report.clone()));
         match report {
             Some(report) if report.error_um.abs() > 25.0 => Err("z: not learned from".into()),
@@ -306,7 +316,7 @@ impl Door {
         let fake = Arc::new(Fake::default());
         let (stop, stopped) = oneshot::channel::<()>();
         let shutdown = async { drop(stopped.await) };
-        let source = Arc::clone(&fake) as Arc<dyn Source>;
+        let source = Arc::clone(&fake) as Arc<dyn GatewayApi>;
         let serving = tokio::spawn(serve(listener, source, admission, shutdown));
         Door { address, fake, stop: Some(stop), serving, _tokens: tokens }
     }

@@ -53,7 +53,7 @@ impl Running {
 
     /// Waits for a line that contains this text.
     #[track_caller]
-    pub(crate) fn hears(&mut self, text: &str) -> String {
+    pub(crate) fn receives(&mut self, text: &str) -> String {
         self.hears_one_of(&[text])
     }
 
@@ -116,7 +116,7 @@ impl Running {
 
     /// Lets it continue.
     #[track_caller]
-    pub(crate) fn goes_on(&self) {
+    pub(crate) fn resumes(&self) {
         self.signal("CONT");
     }
 

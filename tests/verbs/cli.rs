@@ -78,7 +78,7 @@ fn machine(directory: &Path) -> (String, String) {
 
 fn devices(home: &Path, profile: &Path) -> Running {
     let mut devices = Running::start(isotherm(home).arg("virtual").arg(profile));
-    devices.hears("stop with Ctrl-C");
+    devices.receives("stop with Ctrl-C");
     devices
 }
 
@@ -279,17 +279,17 @@ fn a_stopped_gateway_is_at_rest_remembers_and_its_log_replays_bit_for_bit() {
     let mut gateway = isotherm(home.path());
     gateway.arg("run").arg(&profile).args(["--listen", "127.0.0.1:0", "--state", &state]);
     let mut gateway = Running::start(&mut gateway);
-    gateway.hears("page http://127.0.0.1:");
-    gateway.hears("axis z: armed, starting from 0.0 µm");
+    gateway.receives("page http://127.0.0.1:");
+    gateway.receives("axis z: armed, starting from 0.0 µm");
     let command = |verb: &str| ended(isotherm(home.path()).arg(verb).arg(&profile).args(["--state", &state]));
     let second = ended(isotherm(home.path()).arg("run").arg(&profile).args(["--state", &state]));
     assert_eq!(second.code, Some(1));
     assert!(second.said.contains("another gateway of this machine is running"), "{}", second.said);
     let off = command("disarm");
     assert!(off.code == Some(0) && off.out.contains("the registers keep their values"), "{}", off.said);
-    gateway.hears("switched off by a person");
+    gateway.receives("switched off by a person");
     assert_eq!(command("arm").code, Some(0));
-    gateway.hears("axis z: armed");
+    gateway.receives("axis z: armed");
     let measured = |more: &[&str]| {
         let verb =
             isotherm(home.path()).arg("measured").arg(&profile).args(["--state", &state]).args(more).output();
@@ -303,12 +303,12 @@ fn a_stopped_gateway_is_at_rest_remembers_and_its_log_replays_bit_for_bit() {
         is_certain
     };
     assert!((0..100).any(|_| learns()), "{}", gateway.said.join("\n"));
-    gateway.hears("axis z: probed -0.5 µm");
+    gateway.receives("axis z: probed -0.5 µm");
     assert!(measured(&["--axis", "z", "--clear"]).contains("is removed"));
-    gateway.hears("the correction from probings is removed");
+    gateway.receives("the correction from probings is removed");
     std::thread::sleep(Duration::from_secs(3));
     gateway.signal("TERM");
-    gateway.hears("stopping: the fault actions run; this takes at most");
+    gateway.receives("stopping: the fault actions run; this takes at most");
     assert_eq!(gateway.ends_within(PATIENCE).code(), Some(0), "{}", gateway.said.join("\n"));
     assert!(gateway.said.join("\n").contains("stopped; cnc_z holds 0.0 µm"), "{}", gateway.said.join("\n"));
     assert!(home.path().join("interop.state.json").exists());
@@ -361,11 +361,11 @@ fn a_second_signal_ends_it_at_once_and_says_what_is_left() {
     let _devices = devices(home.path(), &profile);
     let mut gateway = isotherm(home.path());
     let mut gateway = Running::start(gateway.arg("run").arg(&profile).args(["--state", &state]));
-    gateway.hears("axis z: armed");
+    gateway.receives("axis z: armed");
     // After this time, the way back is longer than the delay of a busy computer until the second signal.
     std::thread::sleep(Duration::from_secs(20));
     gateway.signal("TERM");
-    gateway.hears("stopping: the fault actions run; this takes at most");
+    gateway.receives("stopping: the fault actions run; this takes at most");
     gateway.signal("TERM");
     assert_eq!(gateway.ends_within(PATIENCE).code(), Some(1), "{}", gateway.said.join("\n"));
     let said = gateway.said.join("\n");
@@ -411,7 +411,7 @@ fn a_recorded_run_has_every_signal_and_overwrites_nothing() {
         record
     };
     let mut recording = Running::start(&mut record());
-    recording.hears("recording 4 signals into");
+    recording.receives("recording 4 signals into");
     process::until("there are rows with every signal", || {
         let rows = std::fs::read_to_string(&log).unwrap_or_default();
         // The last row may be incomplete.
@@ -527,7 +527,7 @@ fn status_has_the_content_of_the_page_for_people_programs_and_a_watchdog() {
     assert!(nobody.code == Some(1) && nobody.said.contains("no gateway runs"), "{}", nobody.said);
     let mut gateway =
         Running::start(isotherm(home.path()).arg("run").arg(&profile).arg("--state").arg(&state));
-    gateway.hears("the gateway runs");
+    gateway.receives("the gateway runs");
     process::until("every device has answered", || {
         let Ended { out, .. } = status(&[]);
         if out.contains(" good\n") { Ok(()) } else { Err(out) }
@@ -553,7 +553,7 @@ fn status_has_the_content_of_the_page_for_people_programs_and_a_watchdog() {
     gateway.stands_still();
     let silent = status(&["--healthy"]);
     assert!(silent.code == Some(3) && silent.said.contains("no answer"), "{:?} {}", silent.code, silent.said);
-    gateway.goes_on();
+    gateway.resumes();
 }
 
 /// Calls of every verb. The files that they need are in the directory.
@@ -607,8 +607,8 @@ fn full() -> std::process::Stdio {
 }
 
 /// Runs a verb for at most two seconds, and checks how it ends.
-fn is_called(home: &Path, call: &[&str], stdout: fn() -> std::process::Stdio, is_heard: bool) {
-    let stderr = if is_heard { std::process::Stdio::piped() } else { stdout() };
+fn is_called(home: &Path, call: &[&str], stdout: fn() -> std::process::Stdio, is_received: bool) {
+    let stderr = if is_received { std::process::Stdio::piped() } else { stdout() };
     let mut command = isotherm(home);
     command.current_dir(home).args(call).stdin(std::process::Stdio::null()).stdout(stdout()).stderr(stderr);
     let child = command.spawn().unwrap();

@@ -42,7 +42,7 @@ impl Bench {
         let text = MACHINE.replace("127.0.0.1:1\"", &format!("{address}\""));
         let profile = file(home.path(), "machine.toml", &text);
         let mut devices = Running::start(isotherm(home.path()).arg("virtual").arg(&profile));
-        devices.hears("stop with Ctrl-C");
+        devices.receives("stop with Ctrl-C");
         Bench { home, profile, line: format!("tcp://{address}"), _devices: devices }
     }
 
@@ -105,7 +105,7 @@ fn a_scan_that_is_stopped_says_how_far_it_came_and_what_it_found() {
     let mut scan = isotherm(home.path());
     scan.args(["scan", "--bus", &careless_device(4), "--timeout", "10s"]);
     let mut scan = Running::start(&mut scan);
-    scan.hears("unit 4 answers");
+    scan.receives("unit 4 answers");
     scan.signal("INT");
     assert_eq!(scan.ends_within(PATIENCE).code(), Some(1), "{}", scan.said.join("\n"));
     let said = scan.said.join("\n");
@@ -189,13 +189,13 @@ fn reading_one_register_again_and_again_goes_on_after_a_fault() {
     let mut watch = isotherm(bench.home());
     let place = ["--unit", "1", "--register", "input:0", "--watch", "--every", "50ms"];
     let mut watch = Running::start(watch.args(["read", "--bus", &bench.line]).args(place));
-    watch.hears("input:0 (30001)");
-    watch.hears("input:0 (30001)");
+    watch.receives("input:0 (30001)");
+    watch.receives("input:0 (30001)");
     let mut missing = isotherm(bench.home());
     let place = ["--unit", "1", "--register", "input:9", "--watch", "--every", "50ms"];
     let mut missing = Running::start(missing.args(["read", "--bus", &bench.line]).args(place));
-    missing.hears("input:9 (30010): exception 2");
-    missing.hears("input:9 (30010): exception 2");
+    missing.receives("input:9 (30010): exception 2");
+    missing.receives("input:9 (30010): exception 2");
 }
 
 #[test]
@@ -244,7 +244,7 @@ fn the_frames_of_one_device_of_a_running_gateway_can_be_had_while_it_runs() {
     let state = bench.home().display().to_string();
     let mut gateway = isotherm(bench.home());
     let mut gateway = Running::start(gateway.arg("run").arg(&bench.profile).args(["--state", &state]));
-    gateway.hears("axis z: armed");
+    gateway.receives("axis z: armed");
     let trace = |device: &str, more: &[&str]| {
         let mut trace = isotherm(bench.home());
         trace.arg("trace").arg(&bench.profile).args(["--state", &state, "--device", device]).args(more);
@@ -272,7 +272,7 @@ fn the_frames_of_one_device_of_a_running_gateway_can_be_had_while_it_runs() {
     let mut left = isotherm(bench.home());
     left.arg("trace").arg(&bench.profile).args(["--state", &state, "--device", "cnc"]);
     let mut left = Running::start(&mut left);
-    left.hears("unit 4 ");
+    left.receives("unit 4 ");
     left.signal("INT");
     left.ends_within(PATIENCE);
     assert_eq!(trace("cnc", &["--for", "1s"]).code, Some(0));
@@ -291,7 +291,7 @@ fn on_a_serial_line_scan_finds_units_and_settings_and_the_frames_are_shown_with_
     let text: Vec<&str> = text.lines().filter(|line| !line.starts_with("address = ")).collect();
     let profile = file(home.path(), "machine.toml", &text.join("\n"));
     let mut devices = Running::start(isotherm(home.path()).arg("virtual").arg(&profile));
-    devices.hears("stop with Ctrl-C");
+    devices.receives("stop with Ctrl-C");
     let bus = format!("rtu://{port}");
     // On a busy computer the kernel may take longer to move the bytes between both ends of the port.
     let attempt = |timeout: &str| {

@@ -157,7 +157,7 @@ fn a_fault_of_the_running_gateway_is_explained_as_the_other_verbs_explain_it() {
         let state = home.path().join(index.to_string());
         let mut gateway =
             Running::start(isotherm(home.path()).arg("run").arg(&machine).arg("--state").arg(&state));
-        gateway.hears(words);
+        gateway.receives(words);
         let says =
             |verb: &[&str]| said(isotherm(home.path()).args(verb).arg(&machine).arg("--state").arg(&state));
         until("the status says it", || {
@@ -190,6 +190,6 @@ fn a_page_s_port_that_is_taken_says_who_may_have_it() {
     let address = taken.local_addr().unwrap().to_string();
     let profile = file(home.path(), "machine.toml", &profile(&tcp("127.0.0.1:1"), ""));
     let mut run = Running::start(isotherm(home.path()).arg("run").arg(profile).args(["--listen", &address]));
-    let said = run.hears("the page cannot listen");
+    let said = run.receives("the page cannot listen");
     assert!(said.contains("perhaps a gateway that is running") && !said.contains("os error"), "{said}");
 }

@@ -9,7 +9,7 @@
 
 use std::time::Duration;
 
-use isotherm_core::output::{Action, Fact, Kept, Rules, Settings, State, Verify, Who, step};
+use isotherm_core::output::{Action, Fact, Rules, SavedOutput, Settings, State, Verify, Who, step};
 use isotherm_core::quantity::{Counts, Moment};
 
 const START: Moment = Moment::from_nanos(1_000_000_000_000);
@@ -54,7 +54,7 @@ impl Desk {
             rules: Rules::default(),
         };
         // The last run ended in order, so none of its writes may still arrive.
-        let kept = Kept { in_order: true, ..Kept::default() };
+        let kept = SavedOutput { in_order: true, ..SavedOutput::default() };
         let state = State::new(&settings, Some(&kept), START);
         Desk { settings, state, now: START, register: Counts(0), answer_is_lost: false }
     }

@@ -24,26 +24,26 @@ pub mod settings;
 mod axis;
 mod datum;
 mod guard;
-mod instead;
 mod probe;
 mod remembered;
 mod running;
 mod stand_in;
 mod state;
+mod substitution;
 
 pub use guard::Stages;
 pub use model::{CLEARLY_INSIDE, Extrapolation, Unusable};
 pub use probe::{Measured, MeasuredReport, Probe, Probed, Refused, Rejected, Residual, Worse};
 pub use remembered::{AxisMemory, Remembered, Stop};
 pub use running::AxisRunning;
-pub use stand_in::{Distrusted, StoodIn};
+pub use stand_in::{RejectedSensor, SubstitutedSensor};
 pub use state::AxisState;
 
 use axis::Axis;
-use instead::Instead;
 use model::Model;
-use reference::{Machine, Noticed, Reference};
+use reference::{Machine, MachineChange, Reference};
 use settings::{AxisSettings, MachineSettings};
+use substitution::Substitution;
 
 /// State of the machine at one moment: one reading for each signal of the profile, with its age already applied.
 #[derive(Clone, Copy, Debug)]
@@ -53,7 +53,7 @@ pub struct Snapshot<'a> {
     /// Readings, indexed by [`SignalId`].
     pub readings: &'a [Reading],
     /// Substitutes for rejected readings.
-    instead: &'a [Instead],
+    substitutions: &'a [Substitution],
     /// All lags have been updated with this snapshot, from their own sensors. No reference has been captured since.
     is_followed: bool,
 }
@@ -61,7 +61,7 @@ pub struct Snapshot<'a> {
 impl<'a> Snapshot<'a> {
     /// Creates a snapshot without substitutes.
     pub fn new(now: Moment, readings: &'a [Reading]) -> Snapshot<'a> {
-        Snapshot { now, readings, instead: &[], is_followed: false }
+        Snapshot { now, readings, substitutions: &[], is_followed: false }
     }
 
     /// Marks the lags as updated with this snapshot.
@@ -73,7 +73,7 @@ impl<'a> Snapshot<'a> {
     /// Returns the value of a signal; `None` if it must not be used. A substitute replaces the reading.
     pub fn value(&self, id: SignalId) -> Option<f64> {
         match self.instead_of(id) {
-            Some(instead) => instead.value(),
+            Some(substitution) => substitution.value(),
             None => self.reading(id),
         }
     }
@@ -93,8 +93,8 @@ impl<'a> Snapshot<'a> {
 
     /// Returns the substitute for the reading of this sensor; `None` if its reading is used.
     #[inline]
-    fn instead_of(&self, id: SignalId) -> Option<&'a Instead> {
-        self.instead.iter().find(|instead| instead.signal == id)
+    fn instead_of(&self, id: SignalId) -> Option<&'a Substitution> {
+        self.substitutions.iter().find(|substitution| substitution.signal == id)
     }
 
     /// Returns the value of a signal that is the position of an axis; `None` if it must not be used.
@@ -223,7 +223,7 @@ pub struct Decision {
     pub lacks: Option<Unusable>,
     /// Sensor of the model in use that has a stand-in; `None` if there is none.
     #[serde(default)]
-    pub stood_in: Option<StoodIn>,
+    pub stood_in: Option<SubstitutedSensor>,
     /// The model requested more than the error level. The axis runs its fault action until it is armed again.
     pub tripped: bool,
     /// Comparison which shows that the model in use is worse than no compensation; `None` if none shows it. While no
@@ -247,11 +247,11 @@ pub struct Compensation {
 
 /// Result of [`Compensation::step`]: whether an axis decided, and which events of the machine were detected.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Stepped {
+pub struct StepResult {
     /// At least one axis decided, or an edge was detected. The log gets a row.
     pub anything: bool,
     /// Whether a machine start or a zero command was detected.
-    pub noticed: Noticed,
+    pub noticed: MachineChange,
 }
 
 impl Compensation {
@@ -271,7 +271,7 @@ impl Compensation {
     }
 
     /// Steps each axis that is due at `snapshot.now`. `controls` has one control for each axis, in the same order.
-    pub fn step(&mut self, snapshot: &Snapshot<'_>, controls: &[Control]) -> Stepped {
+    pub fn step(&mut self, snapshot: &Snapshot<'_>, controls: &[Control]) -> StepResult {
         let due = |axis: &Axis, control: &Control| axis.is_due(snapshot.now, control);
         let mut is_any_due = false;
         let reads = |(axis, control): (&Axis, &Control)| {
@@ -283,7 +283,7 @@ impl Compensation {
             && !self.would_notice(|id| snapshot.value(id), || snapshot.has_usable())
         {
             if !is_any_due {
-                return Stepped::default();
+                return StepResult::default();
             }
             // Axes that read no signal do not update the machine, so that a log without readings is replayed alike.
             self.follow(snapshot);
@@ -292,16 +292,16 @@ impl Compensation {
             {
                 axis.step(&snapshot.followed(), &self.machine, *control);
             }
-            return Stepped { anything: true, noticed: Noticed::default() };
+            return StepResult { anything: true, noticed: MachineChange::default() };
         }
         for (axis, control) in self.axes.iter_mut().zip(controls) {
-            axis.look(snapshot, &self.machine);
+            axis.check(snapshot, &self.machine);
             if control.trust {
                 axis.trust(&self.machine, snapshot.now);
             }
         }
         self.take_beginnings();
-        let is_distrusted = |id| self.axes.iter().any(|axis| axis.distrusts(id));
+        let is_distrusted = |id| self.axes.iter().any(|axis| axis.rejects(id));
         let noticed = self.machine.observe_without(&self.settings, snapshot, is_distrusted);
         for axis in &mut self.axes {
             if noticed.started {
@@ -318,7 +318,7 @@ impl Compensation {
                 axis.step(&followed, &self.machine, *control);
             }
         }
-        Stepped { anything: true, noticed }
+        StepResult { anything: true, noticed }
     }
 
     /// Returns whether a step would run this axis now, with this control.
@@ -374,8 +374,8 @@ impl Compensation {
     }
 
     /// Returns the rejected sensors of an axis, each once.
-    pub fn distrusted(&self, axis: usize) -> impl Iterator<Item = Distrusted> {
-        self.axes.get(axis).into_iter().flat_map(Axis::distrusted)
+    pub fn rejected(&self, axis: usize) -> impl Iterator<Item = RejectedSensor> {
+        self.axes.get(axis).into_iter().flat_map(Axis::rejected)
     }
 
     /// Returns the Cz that the model requests now if it is beyond the axis's error level; else `None`.
@@ -401,7 +401,7 @@ impl Compensation {
         measured: Measured,
     ) -> Result<(), Probed> {
         let Some(axis) = self.axes.get(axis) else { return Ok(()) };
-        let probed = axis.judge(snapshot, &self.machine, measured);
+        let probed = axis.assess(snapshot, &self.machine, measured);
         if probed.refused.is_some() { Err(probed) } else { Ok(()) }
     }
 
@@ -433,7 +433,7 @@ impl Compensation {
     /// has rows between two updates, and these must not be lost.
     pub fn follow(&mut self, snapshot: &Snapshot<'_>) {
         for axis in &mut self.axes {
-            axis.look(snapshot, &self.machine);
+            axis.check(snapshot, &self.machine);
             axis.follow(snapshot, &self.machine);
         }
         self.take_beginnings();

@@ -77,7 +77,7 @@ pub struct Difference {
     /// Value that the profile expects.
     pub was: String,
     /// Value found, or the reason why it cannot be read.
-    pub is: Found,
+    pub is: CheckFailure,
     /// Meaning of the value, for messages.
     pub meaning: String,
     /// Remedy from the profile; may be empty.
@@ -86,7 +86,7 @@ pub struct Difference {
 
 /// Result of a check that did not pass.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Found {
+pub enum CheckFailure {
     /// The check read another value than expected, given as text.
     Value(String),
     /// No value: the device answered that it has no such register, for this reason.
@@ -251,13 +251,13 @@ impl DeviceContinuity {
 impl Difference {
     /// Returns whether the check read a different value.
     pub fn is_value(&self) -> bool {
-        matches!(self.is, Found::Value(_))
+        matches!(self.is, CheckFailure::Value(_))
     }
 
     /// Returns whether the difference proves that the device is another one or has other settings. It does if a
     /// different value was read, or if the device answered that it has no such register.
     pub fn is_evidence(&self) -> bool {
-        matches!(self.is, Found::Value(_) | Found::Absent(_))
+        matches!(self.is, CheckFailure::Value(_) | CheckFailure::Absent(_))
     }
 }
 
@@ -282,11 +282,11 @@ impl fmt::Display for Difference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Difference { what, was, is, meaning, remedy } = self;
         match is {
-            Found::Value(is) => write!(f, "{what} reads {is} instead of {was} ({meaning})")?,
-            Found::Absent(why) | Found::Unreadable(why) => {
+            CheckFailure::Value(is) => write!(f, "{what} reads {is} instead of {was} ({meaning})")?,
+            CheckFailure::Absent(why) | CheckFailure::Unreadable(why) => {
                 write!(f, "{what} cannot be read: {why} ({meaning})")?
             }
-            Found::Described(sentence) => f.write_str(sentence)?,
+            CheckFailure::Described(sentence) => f.write_str(sentence)?,
         }
         if remedy.is_empty() { Ok(()) } else { write!(f, ": {remedy}") }
     }

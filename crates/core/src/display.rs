@@ -21,7 +21,7 @@ pub use control_word::control_word;
 
 /// Cz in the control, as far as the gateway knows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Held {
+pub enum KnownCz {
     /// Nothing is written, or nothing has been verified yet.
     Unknown,
     /// Zero was verified in every output.
@@ -111,17 +111,17 @@ impl Display {
     ];
 
     /// Chooses the displayed state from the decided state, the requested mode and Cz in the control.
-    pub fn of(state: AxisState, intent: Intent, held: Held) -> Display {
+    pub fn of(state: AxisState, intent: Intent, held: KnownCz) -> Display {
         match (state, intent) {
             (_, Intent::Arm) => Display::Waiting,
             (AxisState::Off, Intent::Unmodelled) => Display::Unmodelled,
             (AxisState::Off, _) => Display::Off,
-            _ if held == Held::Unreachable => Display::Unreachable,
+            _ if held == KnownCz::Unreachable => Display::Unreachable,
             (AxisState::Active | AxisState::Degraded, Intent::CheckSign) => Display::SignCheck,
             (AxisState::Active, _) => Display::Active,
             (AxisState::Degraded, _) => Display::Degraded,
             (AxisState::Holding(_), _) => Display::Holding,
-            (AxisState::Zeroed, _) if held == Held::Zero => Display::Zeroed,
+            (AxisState::Zeroed, _) if held == KnownCz::Zero => Display::Zeroed,
             (AxisState::Ramping | AxisState::Zeroed, _) => Display::Ramping,
         }
     }
@@ -175,10 +175,10 @@ mod tests {
     fn every_state_and_every_value_in_the_control_have_what_is_shown() {
         use Display::{Active, Degraded, Holding, Off, Ramping, Unreachable, Zeroed};
         let table = [
-            (Held::Unknown, [Off, Active, Degraded, Holding, Ramping, Ramping]),
-            (Held::Zero, [Off, Active, Degraded, Holding, Ramping, Zeroed]),
-            (Held::Other, [Off, Active, Degraded, Holding, Ramping, Ramping]),
-            (Held::Unreachable, [Off, Unreachable, Unreachable, Unreachable, Unreachable, Unreachable]),
+            (KnownCz::Unknown, [Off, Active, Degraded, Holding, Ramping, Ramping]),
+            (KnownCz::Zero, [Off, Active, Degraded, Holding, Ramping, Zeroed]),
+            (KnownCz::Other, [Off, Active, Degraded, Holding, Ramping, Ramping]),
+            (KnownCz::Unreachable, [Off, Unreachable, Unreachable, Unreachable, Unreachable, Unreachable]),
         ];
         for (held, expected) in table {
             for (state, display) in STATES.into_iter().zip(expected) {
@@ -202,7 +202,7 @@ mod tests {
             assert_eq!(same.count(), 1, "{name}");
         }
         for state in STATES.into_iter().filter(|state| *state != AxisState::Zeroed) {
-            let shown = Display::of(state, Intent::Follow, Held::Zero);
+            let shown = Display::of(state, Intent::Follow, KnownCz::Zero);
             assert_eq!(shown.words(), AxisState::display_of(state.name()), "the words of events");
         }
     }

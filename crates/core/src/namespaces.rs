@@ -22,12 +22,12 @@ use serde::{Deserialize, Serialize};
 /// Stored URIs of the indices of one server.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
-pub struct KnownNamespaces(BTreeMap<u16, Known>);
+pub struct KnownNamespaces(BTreeMap<u16, StoredUri>);
 
 /// Stored URI of one index, and whether the profile means it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Known {
+struct StoredUri {
     uri: String,
     #[serde(default)]
     meaning: Meaning,
@@ -88,7 +88,7 @@ impl KnownNamespaces {
             return Located::Unidentified;
         }
         let count = |uri: &str| array.iter().filter(|known| *known == uri).count();
-        let Some(Known { uri, meaning }) = self.0.get(&index) else {
+        let Some(StoredUri { uri, meaning }) = self.0.get(&index) else {
             let uri = array.get(usize::from(index)).filter(|uri| !uri.is_empty() && count(uri) == 1);
             return uri.map_or(Located::Unidentified, |uri| Located::New(uri.clone()));
         };
@@ -107,14 +107,14 @@ impl KnownNamespaces {
 
     /// Stores the URI of an index.
     pub fn remember(&mut self, index: u16, uri: String) {
-        self.0.insert(index, Known { uri, meaning: Meaning::Seen });
+        self.0.insert(index, StoredUri { uri, meaning: Meaning::Seen });
     }
 
     /// Stores the confirmation of the operator that the profile means the namespace at this index of the array. Returns
     /// its URI. Returns `None` without a change if the array has no URI at the index.
     pub fn accept(&mut self, index: u16, array: &[String]) -> Option<&str> {
         let uri = array.get(usize::from(index)).filter(|uri| !uri.is_empty())?;
-        self.0.insert(index, Known { uri: uri.clone(), meaning: Meaning::Accepted });
+        self.0.insert(index, StoredUri { uri: uri.clone(), meaning: Meaning::Accepted });
         self.uri(index)
     }
 

@@ -8,10 +8,10 @@
 //! # Theory of operation
 //! A write without an answer may have been carried out, may still be carried out, or never will be. The knowledge about
 //! a register is therefore not one value. It is the last value read, and **every copy of a value that may still
-//! arrive** ([`Copies`]). A value is sent only directly after a read that showed nothing new. The value must be at most
-//! one step from the value read and from each of these copies. Whichever copy arrives, the register then moves by one
-//! step at most. If no such value is nearer to the requested one, the change waits until the copies can no longer
-//! arrive.
+//! arrive** ([`InFlightWrites`]). A value is sent only directly after a read that showed nothing new. The value must be
+//! at most one step from the value read and from each of these copies. Whichever copy arrives, the register then moves
+//! by one step at most. If no such value is nearer to the requested one, the change waits until the copies can no
+//! longer arrive.
 //!
 //! A value that appears in the register is the gateway's only if it was under way. The register value is repeated
 //! (`refresh`) under the same rule, and never while a change waits. One decision moves the register once, by one step
@@ -40,8 +40,8 @@
 //! acknowledged. For this purpose the last acknowledged value is sent again.
 //!
 //! An output **in a set** is sent in one request with others. When one of them or the heartbeat is written, the
-//! register values of the others are sent with it, in every state ([`Fact::GoesAlong`]). Such a value is a copy under
-//! way like any other.
+//! register values of the others are sent with it, in every state ([`Fact::PiggybackAsked`]). Such a value is a copy
+//! under way like any other.
 //!
 //! # Meaning of a read
 //! The value read is compared with the last value that was answered as done, or else with the last verified one.
@@ -79,20 +79,20 @@ use crate::quantity::{Counts, Moment, Shift, Shifted};
 
 mod applied;
 mod controller;
-mod copies;
 mod demand;
 mod event;
 mod facts;
 mod follow;
 mod handshake;
 mod heartbeat;
-mod inside;
-mod judge;
-mod kept;
+mod in_flight;
+mod interpretation;
 mod numbers;
 mod plan;
 mod position;
+mod position_cz;
 mod reports;
+mod saved_output;
 mod sequence;
 mod set;
 mod set_controller;
@@ -100,36 +100,38 @@ mod set_members;
 mod set_phase;
 mod settings;
 mod slots;
-mod standing;
 mod state;
+mod state_parts;
 mod strobe;
 mod transaction;
 mod turns;
 
 pub use controller::{Controller, MOST_EVENTS, Policy};
-pub use copies::{Copies, LatelySent, MOST_REMEMBERED, MOST_UNDER_WAY, Room, Sent};
-pub use demand::{Condition, Demand, Demanded, Input, Mode, NotSent, SetCommit};
+pub use demand::{Condition, Demand, Input, Mode, NotSent, OutputDecision, SetCommit};
 pub use event::{Doubt, Event};
 pub use follow::{Cause, Follow, OutputHealth, Trouble};
 pub use handshake::HandshakeFault;
 pub use heartbeat::{Beat, HeartbeatController};
-pub use inside::{Inside, farthest_behind};
-pub use kept::{Account, Kept, Promise};
+pub use in_flight::{
+    ExpiredWrite, InFlightWrite, InFlightWrites, MOST_REMEMBERED, MOST_UNDER_WAY, SendRange,
+};
 pub use position::{
     PositionAction, PositionController, PositionDecision, PositionDemand, PositionEvent, PositionResult,
     PositionTurn,
 };
+pub use position_cz::{PositionCz, farthest_behind};
+pub use saved_output::{Account, Promise, SavedOutput};
 pub use set::{
-    Alone, ControlWord, MemberDemand, OutputAnswer, OwnWords, SetAction, SetDemand, SetInput, SetSettings,
-    SetValue, SetWords, StrobeResult, WriteResult,
+    ControlWord, MemberDemand, OutputAnswer, OwnWords, SetAction, SetDemand, SetInput, SetSettings, SetValue,
+    SetWords, StandaloneWrite, StrobeResult, WriteResult,
 };
 pub use set_controller::SetController;
 pub use settings::{AppliedSettings, Rule, Rules, Settings, Verify};
 pub use slots::Slots;
-pub use standing::{ArmState, Seen, Shown};
 pub use state::State;
+pub use state_parts::{ArmState, OutputView, TimedValue};
 pub use strobe::{Awaited, Strobe, StrobeLevel};
-pub use transaction::Taking;
+pub use transaction::CommitTrigger;
 
 /// Input of [`step`]: something that has happened to the register, its axis or its device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -147,9 +149,9 @@ pub enum Fact {
         not_after: Moment,
     },
     /// Another value of the same request is about to be sent. The register value may be sent with it.
-    GoesAlong,
+    PiggybackAsked,
     /// The register value, as it was just read, was sent in one request with others.
-    WentAlong {
+    Piggybacked {
         /// Value that was sent.
         value: Counts,
         /// Time after its last byte was sent.
@@ -267,7 +269,7 @@ impl Shifted for Action {
 pub fn step(state: &mut State, settings: &Settings, fact: Fact, now: Moment) -> Action {
     let fresh = facts::take(state, settings, fact, now);
     match fact {
-        Fact::GoesAlong => plan::go_along(state, settings, now),
+        Fact::PiggybackAsked => plan::piggyback(state, settings, now),
         _ => plan::act(state, settings, fresh, now),
     }
 }

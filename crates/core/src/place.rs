@@ -1,17 +1,17 @@
 //! Places of outputs and signals: the address of a value, and the size of its count. The state contains the places of
-//! the last run. [`compare`] compares them with those of the profile. [`Former::after`] decides which axes wait for the
-//! operator.
+//! the last run. [`compare`] compares them with those of the profile. [`FormerPlace::after`] decides which axes wait
+//! for the operator.
 //!
 //! A name does not identify a place. The register of an output, its scale, or the channel of a sensor can change under
 //! the same name.
 //!
 //! | stored under a name | in the profile | result |
 //! |---|---|---|
-//! | this place | this place | [`Found::Same`] |
-//! | nothing | this place, which a removed name had | [`Found::Renamed`] |
-//! | nothing | another place | [`Found::Unknown`] |
-//! | another place | this place | [`Found::Moved`] |
-//! | a place | nothing | [`Found::Removed`] |
+//! | this place | this place | [`PlaceComparison::Same`] |
+//! | nothing | this place, which a removed name had | [`PlaceComparison::Renamed`] |
+//! | nothing | another place | [`PlaceComparison::Unknown`] |
+//! | another place | this place | [`PlaceComparison::Moved`] |
+//! | a place | nothing | [`PlaceComparison::Removed`] |
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -188,7 +188,7 @@ impl Place for SignalPlace {
 
 /// Result of the comparison for one name.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Found {
+pub enum PlaceComparison {
     /// The place is the stored one.
     Same,
     /// The place is the one of a removed name, which is given here.
@@ -196,14 +196,14 @@ pub enum Found {
     /// No place is stored under this name.
     Unknown,
     /// Another place is stored under this name.
-    Moved(Moved),
+    Moved(MovedPlace),
     /// The name is not in the profile any more.
     Removed,
 }
 
 /// Difference of two places.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Moved {
+pub struct MovedPlace {
     /// Most serious part that differs.
     pub what: Part,
     /// Former values of all parts that differ.
@@ -212,13 +212,13 @@ pub struct Moved {
     pub is: String,
 }
 
-impl Moved {
+impl MovedPlace {
     /// Compares two places. Returns `None` if they are equal.
-    pub fn between(was: &impl Place, is: &impl Place) -> Option<Moved> {
+    pub fn between(was: &impl Place, is: &impl Place) -> Option<MovedPlace> {
         let (was, is) = (was.parts(), is.parts());
         let changed = || was.iter().zip(&is).filter(|(was, is)| was != is);
         let text = |parts: Vec<&str>| parts.join(", ");
-        Some(Moved {
+        Some(MovedPlace {
             what: changed().next()?.0.0,
             was: text(changed().map(|(was, _)| was.1.as_str()).collect()),
             is: text(changed().map(|(_, is)| is.1.as_str()).collect()),
@@ -230,28 +230,30 @@ impl Moved {
 pub fn compare<P: Place>(
     remembered: &BTreeMap<String, P>,
     profile: &BTreeMap<String, P>,
-) -> BTreeMap<String, Found> {
+) -> BTreeMap<String, PlaceComparison> {
     let gone = || remembered.iter().filter(|(name, _)| !profile.contains_key(*name));
     let mut renamed = BTreeSet::new();
     let mut found = BTreeMap::new();
     for (name, is) in profile {
         let result = match remembered.get(name) {
-            Some(was) => Moved::between(was, is).map_or(Found::Same, Found::Moved),
+            Some(was) => MovedPlace::between(was, is).map_or(PlaceComparison::Same, PlaceComparison::Moved),
             None => {
                 let mut left = gone().filter(|(former, _)| !renamed.contains(*former));
-                match left.find(|(_, was)| Moved::between(*was, is).is_none()) {
+                match left.find(|(_, was)| MovedPlace::between(*was, is).is_none()) {
                     Some((former, _)) => {
                         renamed.insert(former.clone());
-                        Found::Renamed(former.clone())
+                        PlaceComparison::Renamed(former.clone())
                     }
-                    None => Found::Unknown,
+                    None => PlaceComparison::Unknown,
                 }
             }
         };
         found.insert(name.clone(), result);
     }
     found.extend(
-        gone().filter(|(name, _)| !renamed.contains(*name)).map(|(name, _)| (name.clone(), Found::Removed)),
+        gone()
+            .filter(|(name, _)| !renamed.contains(*name))
+            .map(|(name, _)| (name.clone(), PlaceComparison::Removed)),
     );
     found
 }
@@ -277,7 +279,7 @@ impl KnownOutput {
 /// Former place of an output, until the operator confirms the new one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Former {
+pub struct FormerPlace {
     /// Name of the output.
     pub output: String,
     /// Place that the output had before it was moved or removed.
@@ -294,40 +296,40 @@ pub struct Former {
     pub found_um: Option<f64>,
 }
 
-impl Former {
+impl FormerPlace {
     /// Creates an entry without axes, bounds and a found Cz.
-    fn of(output: String, place: OutputPlace, held_um: Option<f64>) -> Former {
-        Former { output, place, held_um, axes: BTreeSet::new(), bounds: None, found_um: None }
+    fn of(output: String, place: OutputPlace, held_um: Option<f64>) -> FormerPlace {
+        FormerPlace { output, place, held_um, axes: BTreeSet::new(), bounds: None, found_um: None }
     }
 
     /// Replaces the name of the output, if the list contains a new one for it.
-    pub fn renamed(self, names: &BTreeMap<String, String>) -> Former {
+    pub fn renamed(self, names: &BTreeMap<String, String>) -> FormerPlace {
         let output = names.get(&self.output).cloned().unwrap_or(self.output);
-        Former { output, ..self }
+        FormerPlace { output, ..self }
     }
 
     /// Returns the former places after a start, with the axes that wait for the operator. These are places of earlier
     /// starts that still wait (`open`), and places that were changed or removed since the last run.
     pub fn after(
-        open: Vec<Former>,
+        open: Vec<FormerPlace>,
         remembered: &BTreeMap<String, KnownOutput>,
         profile: &BTreeMap<String, OutputPlace>,
-    ) -> Vec<Former> {
+    ) -> Vec<FormerPlace> {
         let places = remembered.iter().map(|(name, known)| (name.clone(), known.place.clone())).collect();
         let found = compare(&places, profile);
         // If the output is back in a former register, the value in that register is known. This does not hold for the
         // operator offset in a shared register.
-        let is_back = |former: &&Former| {
-            profile.get(&former.output).is_some_and(|is| Moved::between(&former.place, is).is_none())
+        let is_back = |former: &&FormerPlace| {
+            profile.get(&former.output).is_some_and(|is| MovedPlace::between(&former.place, is).is_none())
         };
         let back: BTreeSet<String> =
             open.iter().filter(is_back).map(|former| former.output.clone()).collect();
         let mut all = open;
         for (name, known) in remembered {
             let (output, KnownOutput { place, held_um, .. }) = (name.clone(), known.clone());
-            let former = Former::of(output, place, held_um);
+            let former = FormerPlace::of(output, place, held_um);
             let is_in_doubt = match found.get(name) {
-                Some(Found::Moved(_)) => profile.get(name).is_some_and(|is| {
+                Some(PlaceComparison::Moved(_)) => profile.get(name).is_some_and(|is| {
                     let is_back = back.contains(name);
                     let leaves = former.keeps_something() && !is.is_at(&former.place);
                     // A value of the gateway may remain at the former place, or one of the operator at the new place.
@@ -335,7 +337,7 @@ impl Former {
                     known.was_driven && (leaves || !is_back)
                         || known.becomes_ours(is) && (is.is_at(&former.place) || !is_back)
                 }),
-                Some(Found::Removed) => {
+                Some(PlaceComparison::Removed) => {
                     known.was_driven && former.keeps_something() || former.becomes_whole(profile).is_some()
                 }
                 _ => false,
@@ -353,7 +355,11 @@ impl Former {
 
     /// Adds the axes whose new outputs could repeat the effect of a removed output. Does nothing if its register keeps
     /// no value of the gateway.
-    fn bar_new_outputs(&mut self, found: &BTreeMap<String, Found>, profile: &BTreeMap<String, OutputPlace>) {
+    fn bar_new_outputs(
+        &mut self,
+        found: &BTreeMap<String, PlaceComparison>,
+        profile: &BTreeMap<String, OutputPlace>,
+    ) {
         let does_again = self.keeps_something() || self.becomes_whole(profile).is_some();
         if !profile.contains_key(&self.output) && does_again {
             self.axes.extend(axes_with_new_outputs(&self.place, found, profile));
@@ -378,7 +384,7 @@ impl Former {
             self.axes.retain(|axis| profile.values().any(|place| place.axis == *axis));
             return is_something(self.held_um) || self.becomes_whole(profile).is_some();
         };
-        let Some(Moved { what, .. }) = Moved::between(&self.place, is) else { return false };
+        let Some(MovedPlace { what, .. }) = MovedPlace::between(&self.place, is) else { return false };
         let is_bridged = is.is_corrected_position() && what.is_bridged_by_steps();
         self.axes = BTreeSet::from([is.axis.clone()]);
         !is_bridged
@@ -403,11 +409,12 @@ impl Former {
 /// of an output in the same register. If its own axis is gone, any axis counts.
 fn axes_with_new_outputs(
     removed: &OutputPlace,
-    found: &BTreeMap<String, Found>,
+    found: &BTreeMap<String, PlaceComparison>,
     profile: &BTreeMap<String, OutputPlace>,
 ) -> BTreeSet<String> {
     let has_its_axis = profile.values().any(|place| place.axis == removed.axis);
-    let is_new = |name: &String| matches!(found.get(name), Some(Found::Unknown | Found::Moved(_)));
+    let is_new =
+        |name: &String| matches!(found.get(name), Some(PlaceComparison::Unknown | PlaceComparison::Moved(_)));
     let new = profile.iter().filter(|(name, _)| is_new(name));
     let repeats = |place: &&OutputPlace| !has_its_axis || place.axis == removed.axis || place.is_at(removed);
     new.map(|(_, place)| place).filter(repeats).map(|place| place.axis.clone()).collect()

@@ -13,7 +13,7 @@ mod lines;
 mod map;
 
 pub use bars::{Bar, bars};
-pub use lines::{Line, Look, along, curve, lines, scatter};
+pub use lines::{Line, LineStyle, along, curve, lines, scatter};
 pub use map::map;
 
 type Paper<'a> = DrawingArea<SVGBackend<'a>, Shift>;

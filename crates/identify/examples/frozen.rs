@@ -189,7 +189,7 @@ fn seen(profile: &Profile, run: &Run, (names, columns): (&[String], &[usize]), e
         };
         let readings: Vec<Reading> = sensors.iter().map(reading).collect();
         compensation.step(&Snapshot::new(now, &readings), &[control]);
-        for found in compensation.distrusted(0) {
+        for found in compensation.rejected(0) {
             let Some(sensor) = sensors[found.signal.0] else { continue };
             if found.others.is_some() && !replaced.contains(&sensor) {
                 replaced.push(sensor);

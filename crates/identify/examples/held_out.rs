@@ -27,7 +27,7 @@ use isotherm_identify::identified::TermFound;
 use isotherm_identify::method::{Method, PriorTerm, Settings};
 use isotherm_identify::setup::{Choice, Ready, ready};
 use isotherm_identify::stand_in::{Frozen, frozen};
-use isotherm_identify::{Identified, RunScore, identify, judged_on_the_others};
+use isotherm_identify::{Identified, RunScore, assessed_on_others, identify};
 use isotherm_profile::Profile;
 use record::{machine, mean};
 
@@ -249,7 +249,7 @@ impl Record<'_> {
         let sets: Vec<Vec<usize>> =
             if runs == 1 { (0..all).map(|run| vec![run]).collect() } else { pairs.collect() };
         let ratio = |training: &Vec<usize>| {
-            let scores = judged_on_the_others(&ready, settings, training).unwrap();
+            let scores = assessed_on_others(&ready, settings, training).unwrap();
             let sum = |of: fn(&RunScore) -> f64| scores.iter().map(of).sum::<f64>();
             sum(|run| run.range_um) / sum(|run| run.uncompensated_range_um)
         };
@@ -281,10 +281,10 @@ impl Record<'_> {
         let all: Vec<Frozen> = (0..5).flat_map(|seed| frozen(&ready, &found.held_out, seed)).collect();
         let growth =
             |of: fn(&Frozen) -> f64| 100.0 * (mean(all.iter().map(|one| of(one) / one.range.1)) - 1.0);
-        let (told, untold) = (growth(|one| one.range.0), growth(|one| one.range_unnoticed));
+        let (told, unreported) = (growth(|one| one.range.0), growth(|one| one.range_unnoticed));
         let reached = if told <= FROZEN { "reached" } else { "MISSED" };
         println!(
-            "{:7} one sensor frozen          {told:+6.1} %, at most {FROZEN} % ({untold:+.0} % unnoticed): {reached}",
+            "{:7} one sensor frozen          {told:+6.1} %, at most {FROZEN} % ({unreported:+.0} % unnoticed): {reached}",
             self.error
         );
         let mut after: Vec<f64> = all.iter().map(|one| one.noticed_after.unwrap_or(f64::INFINITY)).collect();

@@ -16,7 +16,7 @@ use jiff::tz::TimeZone;
 use crate::statistics::range;
 use isotherm_core::quantity::Moment;
 
-mod acted;
+mod active_cz;
 mod csv;
 mod files;
 mod gauge;

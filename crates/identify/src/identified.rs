@@ -10,25 +10,25 @@ use crate::coverage;
 use crate::dataset::{Column, Kind};
 use crate::expected::{Expected, expected, inside};
 use crate::faults::{Notes, Repaired, resolution};
-use crate::lean::lean;
 use crate::learn::Learned;
 use crate::method::{Method, Settings};
+use crate::pruning::prune;
 use crate::region::Region;
-use crate::select::{Counted, counted};
+use crate::select::{Counted, point_counts};
 use crate::setup::Ready;
 use crate::stand_in::{self, StandIn};
 use crate::statistics::least_and_most;
 use crate::uncertainty::standard_errors;
 use crate::validate::{HeldOut, Means, Progress, RunScore, leave_one_run_out};
 use crate::wander::wander;
-use lost::{fallbacks, irreplaceable, keep_the_better};
+use lost_sensor::{fallbacks, irreplaceable, keep_the_better};
 
-mod alone;
 mod harm;
-mod lost;
+mod lost_sensor;
+mod single_sensor;
 
-pub use alone::Alone;
-pub use lost::Fallback;
+pub use lost_sensor::Fallback;
+pub use single_sensor::Alone;
 
 /// Maximum number of sensors in the table by number of sensors.
 const MOST_COUNTED: usize = 8;
@@ -171,7 +171,7 @@ pub fn identify(
     if settings.method == Method::Whitened {
         notes.remarks.extend(worth(bank.runs.len(), settings.prior.is_some()));
         let half_a_count = ready.half_a_count();
-        learned = lean(learned, bank, half_a_count);
+        learned = prune(learned, bank, half_a_count);
         if learned.inputs().is_empty() {
             notes.remarks.push(format!(
                 "Cz does not reach half a count of the register ({half_a_count} µm) in any row: there is \
@@ -185,8 +185,8 @@ pub fn identify(
         Some(_) => inputs.clone(),
         None => (0..campaign.inputs.len()).collect(),
     };
-    let is_judged = is_whole && settings.method == Method::Whitened && !held_out.is_empty();
-    let mut stand_ins = match is_judged {
+    let is_assessed = is_whole && settings.method == Method::Whitened && !held_out.is_empty();
+    let mut stand_ins = match is_assessed {
         true => stand_in::stand_ins(campaign, &among, &inputs, &held_out),
         false => Vec::new(),
     };
@@ -195,8 +195,8 @@ pub fn identify(
         false => Vec::new(),
     };
     keep_the_better(&mut stand_ins, &mut fallbacks);
-    let by_sensors = match is_judged {
-        true => counted(campaign, bank, &campaign.sensors(), MOST_COUNTED, &|_, _| {}).table,
+    let by_sensors = match is_assessed {
+        true => point_counts(campaign, bank, &campaign.sensors(), MOST_COUNTED, &|_, _| {}).table,
         false => Vec::new(),
     };
     let (mut terms, mut condition) = (Vec::new(), None);
@@ -217,7 +217,7 @@ pub fn identify(
     for (place, run) in runs.iter_mut().enumerate() {
         run.expected_um = inside(&held_out, place);
     }
-    let irreplaceable = match is_judged {
+    let irreplaceable = match is_assessed {
         true => {
             let sensors = inputs.iter().map(|input| &campaign.inputs[*input]);
             let sensors = sensors.filter(|input| !input.is_speed()).map(|input| input.name.as_str());
@@ -277,7 +277,7 @@ impl Identified {
 ///
 /// # Errors
 /// Returns the message of the method.
-pub fn judged_on_the_others(
+pub fn assessed_on_others(
     ready: &Ready<'_>,
     settings: &Settings,
     runs: &[usize],
@@ -286,13 +286,13 @@ pub fn judged_on_the_others(
     let learner = settings.method.prepare(campaign, settings)?;
     let (bank, learned) = (learner.bank(), learner.learn(runs, &[])?);
     let others = (0..bank.runs.len()).filter(|run| !runs.contains(run));
-    let judged = |run: usize| {
+    let assessed = |run: usize| {
         let error = bank.runs[run].error();
         let cz = learned.predict(campaign, bank, run);
         let left: Vec<f64> = error.iter().zip(cz).map(|(error, cz)| error + cz).collect();
         RunScore::new(&bank.runs[run].name, &error, &left)
     };
-    Ok(others.map(judged).collect())
+    Ok(others.map(assessed).collect())
 }
 
 /// Returns a remark on the reliability of a model from one or two runs; `None` for more.

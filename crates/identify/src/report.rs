@@ -12,16 +12,16 @@ use isotherm_core::quantity::Moment;
 use isotherm_html::{chart, date, decimals, duration, figure, number, plain, row, table, three_digits};
 use isotherm_profile::Profile;
 
-mod drifted;
+mod drift_page;
 mod identified;
-mod judged;
 mod logs;
-mod selected;
+mod selection_page;
 mod terms;
+mod validation_page;
 
-pub use drifted::drifted;
+pub use drift_page::drift_page;
 pub use identified::{Subject, identified};
-pub use selected::selected;
+pub use selection_page::selection_page;
 
 /// Renders a whole page.
 fn page(title: &str, made: Moment, content: &Markup) -> String {

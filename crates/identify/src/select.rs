@@ -14,19 +14,19 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use crate::alike::{correlations, groups};
 use crate::bank::{Bank, Traced};
 use crate::faults::Notes;
+use crate::similarity::{correlations, groups};
 use crate::statistics::range;
 use crate::validate::{Progress, RunScore};
 
-mod counted;
 mod grey;
+mod point_counts;
 mod points;
 mod steps;
 
-pub use counted::Counted;
-pub(crate) use counted::counted;
+pub use point_counts::Counted;
+pub(crate) use point_counts::point_counts;
 pub use points::{Pointed, points};
 pub use steps::{Step, Steps};
 
@@ -155,7 +155,7 @@ pub fn select(
         groups: groups(&between, count, *least).into_iter().map(named).collect(),
     });
     let grouped: Vec<Grouped> = grouped.collect();
-    let counts = counted::counted(campaign, &bank, &all, settings.most, progress);
+    let counts = point_counts::point_counts(campaign, &bank, &all, settings.most, progress);
     let recommended = counts.recommended(&grouped, &name);
     let mut order = all;
     order.sort_by(by_error);

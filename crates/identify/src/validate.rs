@@ -177,7 +177,7 @@ pub(super) fn leave_one_run_out(
     probe: Option<f64>,
     progress: Progress<'_>,
 ) -> Vec<Result<Vec<HeldOut>, String>> {
-    let judge =
+    let assess =
         |campaign: &Campaign<'_>, learner: &dyn Learner, out: usize, others: &[usize], without: &[usize]| {
             let learned = learner.learn(others, without)?;
             let run = &learner.bank().runs[out];
@@ -187,7 +187,7 @@ pub(super) fn leave_one_run_out(
             Ok(HeldOut { score, windows, seconds, error, cz, learned })
         };
     let each = |campaign: &Campaign<'_>, learner: &dyn Learner, out: usize, others: &[usize]| {
-        without.iter().map(|without| judge(campaign, learner, out, others, without)).collect::<Vec<_>>()
+        without.iter().map(|without| assess(campaign, learner, out, others, without)).collect::<Vec<_>>()
     };
     let held = |out: usize, others: &[usize]| match campaign.never_saw(out) {
         None => each(campaign, learner, out, others),

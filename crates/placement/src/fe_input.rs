@@ -16,8 +16,8 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use crate::body::{LoadCase, Materials, Progress};
-use crate::each::each;
 use crate::mesh::Mesh;
+use crate::parallel::each;
 
 mod card;
 mod keywords;

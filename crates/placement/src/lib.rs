@@ -39,9 +39,9 @@ pub mod views;
 pub mod write;
 
 mod drawing;
-mod each;
 mod element;
 mod graph;
+mod parallel;
 mod restraint;
 mod system;
 

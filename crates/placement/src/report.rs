@@ -8,7 +8,7 @@ use crate::mesh::{AXES, count};
 use crate::methods::Method;
 use crate::study::{CaseResult, Placement, SensorCount, Study, root_mean_square};
 use isotherm_core::quantity::Moment;
-use isotherm_html::chart::{self, Line, Look};
+use isotherm_html::chart::{self, Line, LineStyle};
 use isotherm_html::{date, figure, number, page, table};
 
 /// Renders the report as one HTML file; `made` is its time.
@@ -85,15 +85,15 @@ fn sensors(placement: &Placement) -> Markup {
 }
 
 fn displacements(placement: &Placement, line: &GuideLine) -> Markup {
-    let curve = |look: Look, values: &[f64], axis: usize| {
+    let curve = |style: LineStyle, values: &[f64], axis: usize| {
         let um = line.mean(values, axis).into_iter().map(|mm| mm * 1000.0);
-        Line { look, points: line.guide_mm.iter().copied().zip(um).collect() }
+        Line { style, points: line.guide_mm.iter().copied().zip(um).collect() }
     };
     let picture = |case: &CaseResult, axis: usize| {
         let lines = [
-            curve(Look::Dashed, &case.naive_mm, axis),
-            curve(Look::Solid, &case.delta1_mm, axis),
-            curve(Look::Points, &case.read_mm, axis),
+            curve(LineStyle::Dashed, &case.naive_mm, axis),
+            curve(LineStyle::Solid, &case.delta1_mm, axis),
+            curve(LineStyle::Points, &case.read_mm, axis),
         ];
         let says = format!("displacement along {} in the case {}", AXES[axis], case.name);
         chart::along("µm", &format!("{}, mm", AXES[line.axis]), &says, &lines)
@@ -182,9 +182,9 @@ fn numbers(placement: &Placement) -> Markup {
         placement.by_number.iter().map(|entry| (count(entry.sensors), of(entry))).collect()
     };
     let lines = [
-        Line { look: Look::Dashed, points: points(|entry| entry.floor_um) },
-        Line { look: Look::Solid, points: points(|entry| entry.rms_um) },
-        Line { look: Look::Points, points: vec![(count(own), placement.rms_um)] },
+        Line { style: LineStyle::Dashed, points: points(|entry| entry.floor_um) },
+        Line { style: LineStyle::Solid, points: points(|entry| entry.rms_um) },
+        Line { style: LineStyle::Points, points: vec![(count(own), placement.rms_um)] },
     ];
     let picture = chart::along("µm", "sensors", "error against number of sensors", &lines);
     html! {

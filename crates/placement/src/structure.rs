@@ -4,12 +4,12 @@ use faer::{Mat, MatRef};
 use rayon::prelude::*;
 
 use crate::body::{Materials, Progress};
-use crate::each::listening;
 use crate::element::{Point, dot, for_each_element, for_each_point};
 use crate::fe_input::FeInput;
 use crate::graph::Graph;
 use crate::heat::{HeatError, temperatures_of_each};
 use crate::mesh::{Mesh, NodeId};
+use crate::parallel::listening;
 use crate::restraint;
 use crate::system::{Factor, System};
 

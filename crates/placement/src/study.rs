@@ -14,11 +14,11 @@ use serde::Serialize;
 
 use crate::blocks::{Part, Reach, blocks};
 use crate::body::Progress;
-use crate::each::listening;
 use crate::mesh::{AXES, Mesh, count};
 use crate::methods::multi_case::{Effort, Tolerance, multi_case, noise_um};
 use crate::methods::patent::Round;
 use crate::methods::{Method, central, nearest};
+use crate::parallel::listening;
 use crate::problem::{Block, Load, Problem};
 use crate::structure::Adjoint;
 

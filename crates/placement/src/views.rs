@@ -21,12 +21,12 @@ pub struct View {
     low: [f64; 2],
     /// Side of a pixel, mm.
     pub pixel: f64,
-    seen: Vec<Option<Seen>>,
+    seen: Vec<Option<VisiblePoint>>,
 }
 
 /// Visible point of a pixel.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen {
+pub struct VisiblePoint {
     /// Coordinate along the axis towards the viewer, mm.
     depth: f64,
     /// Corners of the triangle.
@@ -35,7 +35,7 @@ pub struct Seen {
     pub shares: [f64; 3],
 }
 
-impl Seen {
+impl VisiblePoint {
     /// Value of a nodal quantity at this point.
     #[must_use]
     pub fn of(&self, values: &[f64]) -> f64 {
@@ -91,7 +91,7 @@ impl View {
 
     /// Visible point of a pixel.
     #[must_use]
-    pub fn at(&self, right: usize, up: usize) -> Option<&Seen> {
+    pub fn at(&self, right: usize, up: usize) -> Option<&VisiblePoint> {
         if right >= self.size[0] || up >= self.size[1] {
             return None;
         }
@@ -151,7 +151,7 @@ impl View {
                 let near: f64 = shares.iter().zip(&depth).map(|(share, depth)| share * depth).sum();
                 let seen = &mut self.seen[y * self.size[0] + x];
                 if seen.is_none_or(|seen| near > seen.depth) {
-                    *seen = Some(Seen { depth: near, corners, shares });
+                    *seen = Some(VisiblePoint { depth: near, corners, shares });
                 }
             }
         }

@@ -17,8 +17,8 @@ use std::time::Duration;
 use isotherm_core::quantity::Moment;
 use serde_json::{Map, Value as Document, json};
 
-use crate::seam::{
-    Happening, Message, Metric, Publisher, Qos, Reaction, Record, Snapshot, Subject, Subscription, Value,
+use crate::interface::{
+    Message, Metric, PlantEvent, Publisher, Qos, Reaction, Record, Snapshot, Subject, Subscription, Value,
 };
 
 mod command;
@@ -50,13 +50,13 @@ pub struct Json {
     settings: JsonSettings,
     /// Topic prefix `GROUP/MACHINE`.
     root: String,
-    told: BTreeMap<Subject, Told>,
+    published: BTreeMap<Subject, PublishedValues>,
     /// Published events with their times.
     recent: VecDeque<(Moment, Record)>,
 }
 
 #[derive(Debug)]
-struct Told {
+struct PublishedValues {
     values: Vec<Option<Value>>,
     at: Moment,
 }
@@ -65,7 +65,7 @@ impl Json {
     /// Makes a publisher that has published nothing yet.
     pub fn new(settings: JsonSettings) -> Json {
         let root = format!("{}/{}", settings.group, settings.machine);
-        Json { settings, root, told: BTreeMap::new(), recent: VecDeque::new() }
+        Json { settings, root, published: BTreeMap::new(), recent: VecDeque::new() }
     }
 
     fn state(&self, word: &str) -> Message {
@@ -98,7 +98,7 @@ impl Publisher for Json {
     }
 
     fn connected(&mut self, now: Moment, snapshot: &Snapshot) -> Vec<Message> {
-        self.told.clear();
+        self.published.clear();
         let mut messages = match self.settings.home_assistant {
             true => discovery::messages(&self.settings, snapshot),
             false => Vec::new(),
@@ -112,12 +112,14 @@ impl Publisher for Json {
         let mut messages = Vec::new();
         for metrics in snapshot.metrics.chunk_by(|one, next| one.subject == next.subject) {
             let [first, ..] = metrics else { continue };
-            let told = self.told.get(&first.subject);
-            if told.is_some_and(|told| now.since(told.at) < self.settings.refresh && told.is_still(metrics)) {
+            let published = self.published.get(&first.subject);
+            if published.is_some_and(|published| {
+                now.since(published.at) < self.settings.refresh && published.is_still(metrics)
+            }) {
                 continue;
             }
             let values = metrics.iter().map(|metric| metric.value.clone()).collect();
-            self.told.insert(first.subject.clone(), Told { values, at: now });
+            self.published.insert(first.subject.clone(), PublishedValues { values, at: now });
             messages.push(Message {
                 topic: format!("{}/{}", self.root, first.subject),
                 payload: document(metrics).to_string().into_bytes(),
@@ -135,9 +137,9 @@ impl Publisher for Json {
         Reaction { messages: Vec::new(), outcome }
     }
 
-    fn disconnected(&mut self, last_heard: Moment) -> Vec<Record> {
+    fn disconnected(&mut self, last_received: Moment) -> Vec<Record> {
         let recent = std::mem::take(&mut self.recent);
-        recent.into_iter().filter(|(at, _)| *at >= last_heard).map(|(_, record)| record).collect()
+        recent.into_iter().filter(|(at, _)| *at >= last_received).map(|(_, record)| record).collect()
     }
 
     fn absent(&mut self, _now: Moment, snapshot: &Snapshot) -> Vec<Record> {
@@ -148,7 +150,7 @@ impl Publisher for Json {
         records.iter().map(|record| self.event(now, record.clone())).collect()
     }
 
-    fn tells_in_order(&self) -> bool {
+    fn publishes_in_order(&self) -> bool {
         true
     }
 
@@ -157,11 +159,11 @@ impl Publisher for Json {
     }
 }
 
-impl Told {
+impl PublishedValues {
     fn is_still(&self, metrics: &[Metric]) -> bool {
-        let is_near = |(told, metric): (&Option<Value>, &Metric)| match (told, &metric.value) {
-            (Some(told), Some(value)) => told.is_near(value, metric.resolution),
-            (told, value) => told.is_none() && value.is_none(),
+        let is_near = |(published, metric): (&Option<Value>, &Metric)| match (published, &metric.value) {
+            (Some(published), Some(value)) => published.is_near(value, metric.resolution),
+            (published, value) => published.is_none() && value.is_none(),
         };
         self.values.len() == metrics.len() && self.values.iter().zip(metrics).all(is_near)
     }
@@ -188,7 +190,7 @@ fn document(metrics: &[Metric]) -> Document {
     Document::Object(document)
 }
 
-fn record(event: &Happening) -> Record {
+fn record(event: &PlantEvent) -> Record {
     let mut document = json!({
         "at": event.at.to_string(),
         "kind": event.kind,

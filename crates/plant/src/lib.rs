@@ -4,13 +4,13 @@
 //! Everything is pure: there is no connection and no clock, and time is an argument. The gateway makes a [`Snapshot`]
 //! of its state, a [`Publisher`] makes [`Message`]s from it, and the gateway sends them to a broker.
 
+pub mod interface;
 pub mod json;
-pub mod seam;
 pub mod sparkplug;
 pub mod store;
 
-pub use json::{Json, JsonSettings};
-pub use seam::{
-    Command, Happening, Importance, Message, Metric, Outcome, Publisher, Qos, Reaction, Record, Snapshot,
+pub use interface::{
+    Command, Importance, Message, Metric, Outcome, PlantEvent, Publisher, Qos, Reaction, Record, Snapshot,
     Subject, Subscription, Value,
 };
+pub use json::{Json, JsonSettings};

@@ -1,7 +1,8 @@
 //! Sparkplug B, version 3.0 of the specification: isotherm is an edge node.
 //!
 //! ```text
-//! will ──► NBIRTH ──► NDATA … ──► NDEATH      bdSeq is the same in the will, in each birth and in the death of a connection
+//! will ──► NBIRTH ──► NDATA … ──► NDEATH      bdSeq is the same in the will, in each birth and in the death of a
+//! connection
 //!  bdSeq+1  seq 0       1 … 255, 0 …
 //! ```
 //!
@@ -38,11 +39,11 @@ use isotherm_core::quantity::{Moment, Shift, Shifted};
 use prost::Message as _;
 
 mod address;
-mod born;
+mod birth;
 mod command;
 mod datum;
 mod payload;
-mod told;
+mod published;
 mod unconfirmed;
 
 #[cfg(test)]
@@ -52,12 +53,12 @@ pub use address::{Address, Verb};
 pub use datum::{DataType, Datum};
 pub use payload::{Metric, Payload, Property, PropertyRaw, PropertySet, Raw, Unreadable};
 
-use self::born::{BD_SEQ, Born, milliseconds};
-use self::command::Heard;
-use self::told::Told;
+use self::birth::{BD_SEQ, BirthMetrics, milliseconds};
+use self::command::CommandResult;
+use self::published::PublishedMetrics;
 use self::unconfirmed::Unconfirmed;
-use crate::seam::{
-    Command, Happening, Message, Outcome, Publisher, Qos, Reaction, Record, Snapshot, Subscription,
+use crate::interface::{
+    Command, Message, Outcome, PlantEvent, Publisher, Qos, Reaction, Record, Snapshot, Subscription,
 };
 
 /// Minimum time between two births that hosts request.
@@ -77,26 +78,26 @@ pub struct Sparkplug {
     bd_seq: u8,
     seq: u8,
     /// Metrics in the birth of this connection; `None` without one.
-    born: Option<Born>,
+    born: Option<BirthMetrics>,
     born_at: Moment,
     /// Shift of the last snapshot.
     shift: Shift,
-    told: Told,
+    published: PublishedMetrics,
     unconfirmed: Unconfirmed,
     /// Whether a host has requested a birth that is not due yet. No data are published before it.
     owes_birth: bool,
     /// Events since the request of the host.
-    waiting: Vec<Happening>,
+    waiting: Vec<PlantEvent>,
     /// Time and content of the last measured error without an identification. A broker may deliver it twice.
     last_asked: Option<(u64, Command)>,
-    left_out: LeftOut,
+    left_out: LostValues,
     /// Number of lost values at the last query of [`Publisher::left_out`].
     queried: u64,
 }
 
 /// Numbers of lost values since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct LeftOut {
+pub struct LostValues {
     /// Stored records that cannot be read.
     pub unreadable_records: u64,
     /// Values in stored records whose metric no longer exists, or has another type.
@@ -119,12 +120,12 @@ impl Sparkplug {
             born: None,
             born_at: Moment::default(),
             shift: Shift::default(),
-            told: Told::default(),
+            published: PublishedMetrics::default(),
             unconfirmed: Unconfirmed::default(),
             owes_birth: false,
             waiting: Vec::new(),
             last_asked: None,
-            left_out: LeftOut::default(),
+            left_out: LostValues::default(),
             queried: 0,
         }
     }
@@ -135,28 +136,28 @@ impl Sparkplug {
     }
 
     /// Numbers of lost values so far.
-    pub fn left_out(&self) -> LeftOut {
-        LeftOut { unconfirmed_records: self.unconfirmed.dropped(), ..self.left_out }
+    pub fn left_out(&self) -> LostValues {
+        LostValues { unconfirmed_records: self.unconfirmed.dropped(), ..self.left_out }
     }
 
     /// Makes the birth, and data messages with the events since then.
-    fn birth(&mut self, now: Moment, snapshot: &Snapshot, events: &[Happening]) -> Vec<Message> {
+    fn birth(&mut self, now: Moment, snapshot: &Snapshot, events: &[PlantEvent]) -> Vec<Message> {
         let stamp = self.stamp(now, snapshot);
         self.owes_birth = false;
         self.born_at = now;
         self.seq = 0;
         let mut happened = std::mem::take(&mut self.waiting);
         happened.extend_from_slice(events);
-        let changes = self.told.changes(snapshot, &happened, stamp);
+        let changes = self.published.changes(snapshot, &happened, stamp);
         self.unconfirmed.keep(now, records(stamp, &changes));
 
-        let (born, mut metrics) = Born::of(snapshot, stamp, self.takes_measured);
+        let (born, mut metrics) = BirthMetrics::of(snapshot, stamp, self.takes_measured);
         metrics.push(self.death_number(Some(stamp)));
         metrics.sort_by_key(|metric| metric.timestamp);
         let payload = Payload { timestamp: Some(milliseconds(stamp)), metrics, seq: Some(0) };
         let mut messages = vec![self.message(Verb::Birth, Qos::AtMostOnce, &payload)];
         self.born = Some(born);
-        let is_event = |metric: &Metric| metric.name.as_deref() == Some(born::EVENT);
+        let is_event = |metric: &Metric| metric.name.as_deref() == Some(birth::EVENT);
         messages.extend(self.data(stamp, changes.into_iter().filter(is_event), false));
         messages
     }
@@ -175,14 +176,16 @@ impl Sparkplug {
         is_historical: bool,
     ) -> Vec<Message> {
         let Some(born) = &self.born else { return Vec::new() };
-        let mut told = Vec::new();
+        let mut published = Vec::new();
         for metric in metrics {
             match born.as_data(metric) {
-                Some(metric) => told.push(Metric { is_historical: is_historical.then_some(true), ..metric }),
+                Some(metric) => {
+                    published.push(Metric { is_historical: is_historical.then_some(true), ..metric })
+                }
                 None => self.left_out.unknown_values += 1,
             }
         }
-        let parts = in_parts(told);
+        let parts = in_parts(published);
         let messages = parts.into_iter().map(|metrics| {
             self.seq = self.seq.wrapping_add(1);
             let timestamp = Some(milliseconds(stamp));
@@ -265,7 +268,7 @@ impl Publisher for Sparkplug {
         if self.born.is_none() {
             return Vec::new();
         }
-        if !self.told.is_of(snapshot) || (self.owes_birth && self.may_be_born(now)) {
+        if !self.published.is_of(snapshot) || (self.owes_birth && self.may_be_born(now)) {
             return self.birth(now, snapshot, &snapshot.events);
         }
         if self.owes_birth {
@@ -276,7 +279,7 @@ impl Publisher for Sparkplug {
             return Vec::new();
         }
         let stamp = self.stamp(now, snapshot);
-        let changes = self.told.changes(snapshot, &snapshot.events, stamp);
+        let changes = self.published.changes(snapshot, &snapshot.events, stamp);
         self.unconfirmed.keep(now, records(stamp, &changes));
         self.data(stamp, changes, false)
     }
@@ -285,14 +288,14 @@ impl Publisher for Sparkplug {
         let Some(born) = self.born.as_ref().filter(|_| topic == self.address.topic(Verb::Command)) else {
             return Reaction::default();
         };
-        let Heard { asks_for_birth, sent, outcome } =
-            command::hear(payload, now.shifted(snapshot.shift), snapshot, born, self.takes_measured);
+        let CommandResult { asks_for_birth, sent, outcome } =
+            command::receive(payload, now.shifted(snapshot.shift), snapshot, born, self.takes_measured);
         let outcome = match (sent, outcome) {
             (Some(sent), Some(Outcome::Asked(command))) if !command.is_identified() => {
                 let asked = Some((sent, command.clone()));
                 let is_again = self.last_asked == asked;
                 self.last_asked = asked;
-                Some(if is_again { command::came_twice(&command) } else { Outcome::Asked(command) })
+                Some(if is_again { command::repeated_outcome(&command) } else { Outcome::Asked(command) })
             }
             (_, outcome) => outcome,
         };
@@ -303,20 +306,20 @@ impl Publisher for Sparkplug {
         Reaction { messages, outcome }
     }
 
-    fn disconnected(&mut self, last_heard: Moment) -> Vec<Record> {
+    fn disconnected(&mut self, last_received: Moment) -> Vec<Record> {
         self.born = None;
         self.owes_birth = false;
-        let mut kept = self.unconfirmed.take(last_heard);
+        let mut kept = self.unconfirmed.take(last_received);
         let waiting = std::mem::take(&mut self.waiting);
         if let Some(last) = waiting.last().map(|event| event.at) {
-            kept.extend(records(last, &self.told.happened(&waiting)));
+            kept.extend(records(last, &self.published.happened(&waiting)));
         }
         kept
     }
 
     fn absent(&mut self, now: Moment, snapshot: &Snapshot) -> Vec<Record> {
         let stamp = self.stamp(now, snapshot);
-        records(stamp, &self.told.changes(snapshot, &snapshot.events, stamp))
+        records(stamp, &self.published.changes(snapshot, &snapshot.events, stamp))
     }
 
     fn forward(&mut self, now: Moment, records: &[Record]) -> Vec<Message> {

@@ -2,8 +2,8 @@
 //!
 //! ```text
 //! DIRECTORY/00000000000000000000.records     records 0, 1, 2 …: header, then length, checksum and bytes of each
-//! DIRECTORY/00000000000000000210.records     from 210 on; only the last file grows, and none is written to after a restart
-//! DIRECTORY/told                             all records before this number were published
+//! DIRECTORY/00000000000000000210.records     from 210 on; only the last file grows, and none is written to after a
+//! restart DIRECTORY/told                             all records before this number were published
 //! ```
 //!
 //! **After a kill**, every record that [`push`](Store::push) has accepted is available, in order and unchanged. A
@@ -33,7 +33,7 @@ pub use number::NumberFile;
 pub use topics::TopicsFile;
 
 use self::segment::{FRAME, HEADER, LONGEST, Segment};
-use crate::seam::Record;
+use crate::interface::Record;
 
 const CHECKSUM: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 
@@ -55,10 +55,10 @@ pub struct Store {
     /// Whether the directory entry of the last file may not be on disk yet.
     is_new: bool,
     /// Number of the first record that was not published.
-    told: u64,
+    published: u64,
     /// Number of the next record.
     next: u64,
-    told_file: NumberFile,
+    published_file: NumberFile,
     dropped: u64,
     disk: Disk,
 }
@@ -97,8 +97,8 @@ impl Store {
     fn in_files_of(directory: &Path, most_bytes: u64, longest_file: u64) -> io::Result<Store> {
         let directory = directory.to_owned();
         fs::create_dir_all(&directory)?;
-        let told_file = NumberFile::at(directory.join("told"));
-        let marked = told_file.read()?;
+        let published_file = NumberFile::at(directory.join("told"));
+        let marked = published_file.read()?;
         let mut segments = VecDeque::new();
         for first in segment::numbers(&directory)? {
             match Segment::open(&directory, first)? {
@@ -113,18 +113,18 @@ impl Store {
             segments,
             writer: None,
             is_new: false,
-            told: marked.unwrap_or(0),
+            published: marked.unwrap_or(0),
             next: 0,
-            told_file,
+            published_file,
             dropped: 0,
             disk: Disk::default(),
         };
         if marked.is_none() {
-            store.told = store.segments.front().map_or(0, |segment| segment.first);
+            store.published = store.segments.front().map_or(0, |segment| segment.first);
         }
-        store.next = store.segments.back().map_or(0, Segment::end).max(store.told);
+        store.next = store.segments.back().map_or(0, Segment::end).max(store.published);
         store.dropped = store.missing();
-        store.forget_told()?;
+        store.forget_published()?;
         // The limit may be smaller than before.
         store.make_room(0)?;
         Ok(store)
@@ -132,9 +132,9 @@ impl Store {
 
     /// Number of records missing between the published records and those on disk.
     fn missing(&self) -> u64 {
-        let mut expected = self.told;
+        let mut expected = self.published;
         let mut missing = 0;
-        for segment in self.segments.iter().filter(|segment| segment.end() > self.told) {
+        for segment in self.segments.iter().filter(|segment| segment.end() > self.published) {
             missing += segment.first.saturating_sub(expected);
             expected = segment.end();
         }
@@ -156,7 +156,7 @@ impl Store {
         if added.is_err() {
             self.give_up_file();
         }
-        self.disk.hear(&added);
+        self.disk.receive(&added);
         added
     }
 
@@ -202,16 +202,16 @@ impl Store {
         while self.after(bytes) > self.most_bytes {
             let Some(oldest) = self.segments.front() else { break };
             remove(&oldest.path(&self.directory))?;
-            let untold = oldest.end().saturating_sub(oldest.first.max(self.told));
-            self.told = self.told.max(oldest.end());
-            self.dropped += untold;
+            let unreported = oldest.end().saturating_sub(oldest.first.max(self.published));
+            self.published = self.published.max(oldest.end());
+            self.dropped += unreported;
             lost_some = true;
             self.segments.pop_front();
             if self.segments.is_empty() {
                 self.writer = None;
             }
         }
-        if lost_some { self.told_file.write(self.told) } else { Ok(()) }
+        if lost_some { self.published_file.write(self.published) } else { Ok(()) }
     }
 
     /// Size of all files on disk after this number of bytes is appended.
@@ -231,11 +231,11 @@ impl Store {
     pub fn first(&mut self, most: usize) -> io::Result<Vec<Record>> {
         let most = u64::try_from(most).unwrap_or(u64::MAX);
         loop {
-            self.forget_told()?;
+            self.forget_published()?;
             let Some(segment) = self.segments.front().filter(|_| most > 0) else { return Ok(Vec::new()) };
-            let from = self.told.max(segment.first);
+            let from = self.published.max(segment.first);
             let found = segment.records(&self.directory, from, most)?;
-            self.told = from;
+            self.published = from;
             let count = u64::try_from(found.len()).unwrap_or(u64::MAX);
             if count < most.min(segment.end() - from) {
                 self.drop_damaged(from + count)?;
@@ -255,7 +255,7 @@ impl Store {
         if is_growing {
             self.writer = None;
         }
-        self.forget_told()
+        self.forget_published()
     }
 
     /// Marks this number of the oldest records as published, and removes them.
@@ -266,16 +266,16 @@ impl Store {
     pub fn drop_first(&mut self, count: usize) -> io::Result<()> {
         let mut left = u64::try_from(count).unwrap_or(u64::MAX);
         for segment in &self.segments {
-            let from = self.told.max(segment.first);
+            let from = self.published.max(segment.first);
             let taken = left.min(segment.end().saturating_sub(from));
             if taken > 0 {
-                self.told = from + taken;
+                self.published = from + taken;
             }
             left -= taken;
         }
         // The mark is written first: records that are removed without a mark would count as lost.
-        let marked = self.told_file.write(self.told);
-        let marked = self.forget_told().and(marked);
+        let marked = self.published_file.write(self.published);
+        let marked = self.forget_published().and(marked);
         if let Err(error) = &marked {
             self.disk.fail(error);
         }
@@ -283,9 +283,9 @@ impl Store {
     }
 
     /// Removes the files in which all records were published.
-    fn forget_told(&mut self) -> io::Result<()> {
+    fn forget_published(&mut self) -> io::Result<()> {
         while let Some(oldest) = self.segments.front()
-            && oldest.end() <= self.told.max(oldest.first)
+            && oldest.end() <= self.published.max(oldest.first)
         {
             let path = oldest.path(&self.directory);
             self.segments.pop_front();
@@ -312,7 +312,7 @@ impl Store {
 
     /// Number of waiting records.
     pub fn len(&self) -> u64 {
-        let waiting = |segment: &Segment| segment.end().saturating_sub(segment.first.max(self.told));
+        let waiting = |segment: &Segment| segment.end().saturating_sub(segment.first.max(self.published));
         self.segments.iter().map(waiting).sum()
     }
 
@@ -351,7 +351,7 @@ fn create(path: &Path) -> io::Result<File> {
 }
 
 impl Disk {
-    fn hear(&mut self, added: &io::Result<()>) {
+    fn receive(&mut self, added: &io::Result<()>) {
         match added {
             Ok(()) if self.fails => {
                 self.fails = false;

@@ -13,7 +13,7 @@ use isotherm_core::quantity::Moment;
 use isotherm_plant::sparkplug::{Address, Sparkplug};
 use isotherm_plant::store::Store;
 use isotherm_plant::{
-    Command as Asked, Happening, Importance, Message, Metric, Outcome, Publisher, Snapshot, Subject, Value,
+    Command as Asked, Importance, Message, Metric, Outcome, PlantEvent, Publisher, Snapshot, Subject, Value,
 };
 use serde_json::{Value as Json, json};
 
@@ -21,7 +21,7 @@ use serde_json::{Value as Json, json};
 struct Host {
     child: Child,
     says: ChildStdin,
-    hears: BufReader<ChildStdout>,
+    receives: BufReader<ChildStdout>,
 }
 
 impl Host {
@@ -34,14 +34,14 @@ impl Host {
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/host.py");
         command.arg("-u").arg(script).stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut child = command.spawn().unwrap();
-        let (says, hears) = (child.stdin.take().unwrap(), BufReader::new(child.stdout.take().unwrap()));
-        Host { child, says, hears }
+        let (says, receives) = (child.stdin.take().unwrap(), BufReader::new(child.stdout.take().unwrap()));
+        Host { child, says, receives }
     }
 
     fn ask(&mut self, line: &Json) -> Json {
         writeln!(self.says, "{line}").unwrap();
         let mut answer = String::new();
-        self.hears.read_line(&mut answer).unwrap();
+        self.receives.read_line(&mut answer).unwrap();
         assert!(!answer.is_empty(), "pysparkplug refuses {line} (or is not installed: `tests/run interop`)");
         serde_json::from_str(&answer).unwrap()
     }
@@ -153,7 +153,7 @@ fn another_implementation_reads_will_birth_data_and_death_as_they_are_meant() {
 
     // Data contain aliases only; pysparkplug knows the names from the birth.
     let mut state = snapshot(2, None);
-    state.events = vec![Happening {
+    state.events = vec![PlantEvent {
         at: at(2),
         kind: "signal-bad".to_owned(),
         importance: Importance::Error,

@@ -4,9 +4,9 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::regular::LONGEST_QUOTE;
-use crate::span::Spans;
-use crate::unseen::{lines, one_line};
+use crate::control_chars::{lines, one_line};
+use crate::safe_file::LONGEST_QUOTE;
+use crate::source_map::SourceMap;
 use crate::wording::{allowing_line, counted};
 
 /// Error or warning in a profile.
@@ -59,17 +59,17 @@ const LONGEST_HELP: usize = 1900;
 
 /// Collected errors or warnings. The number is limited, because a file may contain millions of wrong keys.
 #[derive(Debug, Default)]
-pub(crate) struct Found {
+pub(crate) struct Findings {
     described: Vec<ProfileError>,
     more: usize,
 }
 
-impl Found {
+impl Findings {
     pub(crate) fn push(&mut self, error: ProfileError) {
         if self.is_full() { self.more += 1 } else { self.described.push(error) }
     }
 
-    pub(crate) fn append(&mut self, other: Found) {
+    pub(crate) fn append(&mut self, other: Findings) {
         self.more += other.more;
         other.described.into_iter().for_each(|error| self.push(error));
     }
@@ -94,7 +94,7 @@ impl Found {
 
     /// Returns the errors that are listed. Those of keys that layers must not set come first. Both groups are in the
     /// order of the layers and lines.
-    pub(crate) fn listed(mut self, spans: &Spans) -> Vec<ProfileError> {
+    pub(crate) fn listed(mut self, spans: &SourceMap) -> Vec<ProfileError> {
         spans.sort(&mut self.described);
         self.described.sort_by_key(|error| error.allow_override.is_none());
         self.described.dedup();

@@ -5,8 +5,8 @@ use std::io::{Error, ErrorKind};
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use crate::regular;
-use crate::sources::{Found, Sources, is_open_to_all, layer_name, names_in};
+use crate::safe_file;
+use crate::sources::{FileState, Sources, is_open_to_all, layer_name, names_in};
 
 /// Source of the files of one profile.
 #[derive(Clone, Copy, Debug)]
@@ -66,24 +66,24 @@ impl<'a> Disk<'a> {
             return sources.bytes(name);
         }
         let path = self.directory.join(name);
-        let read = regular::read(&path, largest).map_err(|why| {
-            format!("{} cannot be read: {}", path.display(), regular::without_numbers(&why.to_string()))
+        let read = safe_file::read(&path, largest).map_err(|why| {
+            format!("{} cannot be read: {}", path.display(), safe_file::without_numbers(&why.to_string()))
         });
         if let Some(sources) = &mut reads.sources {
             match &read {
                 Ok(bytes) => sources.put_file(name, bytes, is_open_to_all(&path)),
-                Err(why) => sources.put(name, Found::Unreadable(why.clone()), &[]),
+                Err(why) => sources.put(name, FileState::Unreadable(why.clone()), &[]),
             }
         }
         read
     }
 
     fn layer(&self, path: &Path) -> std::io::Result<String> {
-        let read = regular::read_text_of(path, regular::LARGEST_PROFILE);
+        let read = safe_file::read_text_of(path, safe_file::LARGEST_PROFILE);
         if let Some(sources) = &mut self.reads().sources {
             match &read {
                 Ok(text) => sources.put_file(&layer_name(path), text.as_bytes(), false),
-                Err(_) => sources.put(&layer_name(path), Found::Absent, &[]),
+                Err(_) => sources.put(&layer_name(path), FileState::Absent, &[]),
             }
         }
         read
@@ -115,18 +115,18 @@ impl Files<'_> {
             if let Files::Beside(disk) = self
                 && let Some(sources) = &mut disk.reads().sources
             {
-                sources.put(name, Found::Absent, &[]);
+                sources.put(name, FileState::Absent, &[]);
             }
             return Ok(None);
         }
-        let text = String::from_utf8(self.bytes(name, regular::LARGEST_PROFILE)?);
+        let text = String::from_utf8(self.bytes(name, safe_file::LARGEST_PROFILE)?);
         text.map(Some).map_err(|_| format!("{} is no text in UTF-8", self.path(name)))
     }
 
     fn is_there(&self, name: &str) -> bool {
         match self {
             Files::Beside(disk) => disk.directory.join(name).exists(),
-            Files::Kept(_, sources) => sources.found(name).is_some_and(|found| *found != Found::Absent),
+            Files::Kept(_, sources) => sources.found(name).is_some_and(|found| *found != FileState::Absent),
             Files::Inside(files) => files.iter().any(|(known, _)| *known == name),
         }
     }
@@ -157,7 +157,7 @@ impl Files<'_> {
     pub(crate) fn is_open_to_all(&self, name: &str) -> bool {
         let kept = if let Files::Kept(_, sources) = self { sources.found(name) } else { None };
         match kept {
-            Some(Found::File { open_to_all, .. }) => *open_to_all,
+            Some(FileState::File { open_to_all, .. }) => *open_to_all,
             _ => self.directory().is_some_and(|directory| is_open_to_all(&directory.join(name))),
         }
     }
@@ -169,12 +169,12 @@ impl Files<'_> {
             Files::Beside(disk) => {
                 let names = names_in(&disk.directory.join(directory), end);
                 if let Some(sources) = &mut disk.reads().sources {
-                    sources.put(&list, Found::Names(names.clone()), &[]);
+                    sources.put(&list, FileState::Names(names.clone()), &[]);
                 }
                 names
             }
             Files::Kept(_, sources) => match sources.found(&list) {
-                Some(Found::Names(names)) => names.clone(),
+                Some(FileState::Names(names)) => names.clone(),
                 _ => Vec::new(),
             },
             Files::Inside(files) => {
@@ -190,7 +190,7 @@ impl Files<'_> {
     /// # Errors
     /// A sentence, if the file does not exist, cannot be read, or is too large.
     pub(crate) fn read(&self, name: &str) -> Result<Vec<u8>, String> {
-        self.bytes(name, regular::LARGEST)
+        self.bytes(name, safe_file::LARGEST)
     }
 
     fn bytes(&self, name: &str, largest: u64) -> Result<Vec<u8>, String> {

@@ -4,14 +4,15 @@
 //! errors at once, each with its place. The result is a [`Profile`], in which names are indices and texts are types.
 //!
 //! # Layout
-//! - `load`, `merge`, `walk`, `span`: reading the layers, merging them, checking them against the schema, and the place
-//!   of each key.
-//! - `overridden`, `guarded`: keys that the layers change, and keys that they must not change.
+//! - `load`, `merge`, `schema_check`, `source_map`: reading the layers, merging them, checking them against the schema,
+//!   and the place of each key.
+//! - `overridden_keys`, `protected_keys`: keys that the layers change, and keys that they must not change.
 //! - `files`, `sources`: files that a profile names, and the record of everything that was read.
-//! - [`host_and_port`]: addresses. [`regular`]: files named by a user. `unseen`: safe display of foreign texts.
+//! - [`host_and_port`]: addresses. [`safe_file`]: files named by a user. `control_chars`: safe display of foreign
+//!   texts.
 //! - `template`, `dbc`: device templates and DBC files.
 //! - `tables`: one file for each table of the profile: its keys, checks, resolved form, and preview.
-//! - `written`: the places that a gateway writes to.
+//! - `written_places`: the places that a gateway writes to.
 //! - [`plan`], [`preview`]: read requests of a device; the document of `isotherm check`.
 
 use std::path::PathBuf;
@@ -21,37 +22,38 @@ use isotherm_core::codec::{Address, Object};
 use isotherm_core::compensation::settings::MachineSettings;
 use isotherm_core::reading::SignalId;
 
+mod control_chars;
 mod dbc;
 mod document;
 mod duration;
 mod error;
 mod files;
-mod guarded;
 mod host_port;
 mod load;
 mod merge;
-mod overridden;
+mod overridden_keys;
 pub mod plan;
 pub mod preview;
-pub mod regular;
+mod protected_keys;
+pub mod safe_file;
+mod schema_check;
 mod schema_of;
 mod size;
+mod source_map;
 mod sources;
-mod span;
 pub mod stop;
 mod tables;
 pub mod template;
-mod unseen;
-mod walk;
 mod wording;
-mod written;
+mod written_places;
 
+pub use control_chars::{lines, one_line};
 pub use error::{Errors, ProfileError, allowed, nearest};
 pub use host_port::{NoPlace, host_and_port};
 pub use load::{
     Loaded, environment, load, load_and_keep, load_before_certificates, load_from, parse, parse_with,
 };
-pub use overridden::Overridden;
+pub use overridden_keys::Overridden;
 pub use sources::{SOURCES_MARK, Sources};
 pub use tables::axis::model::network;
 pub use tables::axis::model::seals::{sha256, sha256_of};
@@ -78,7 +80,7 @@ pub use tables::notify::{ALARM, ALARM_OVER, AXIS_OFF, CLOCK, Notify, TRIGGERS, U
 pub use tables::opcua::{ReadBy, SourceTime};
 pub use tables::output::Output;
 pub use tables::output::applied::Applied;
-pub use tables::output::display::{Beside, Display, Shown, Stale};
+pub use tables::output::display::{Display, ExtraWord, Shown, Stale};
 pub use tables::output::share::Share;
 pub use tables::output::stated::Stated;
 pub use tables::output::verify::Verify;
@@ -92,7 +94,6 @@ pub use tables::signal::counter::Capture;
 pub use tables::signal::unit::Unit;
 pub use tables::web::{Commands, Language, PLAIN, Web, WebTls};
 pub use template::Template;
-pub use unseen::{lines, one_line};
 pub use wording::{counted, duration_text};
 
 /// Index of a bus (one physical line) in the profile.

@@ -7,18 +7,18 @@ use serde_json::{Map, Value};
 use toml::Spanned;
 use toml::de::DeValue;
 
-use crate::error::{Errors, Found, ProfileError, allowed};
+use crate::error::{Errors, Findings, ProfileError, allowed};
 use crate::files::{Certificates, Disk, Files, Reads};
-use crate::guarded::{self, Refusal};
-use crate::overridden::Above;
-use crate::regular::without_numbers;
+use crate::overridden_keys::Above;
+use crate::protected_keys::{self, Refusal};
+use crate::safe_file::without_numbers;
 use crate::schema;
+use crate::schema_check::{SchemaCheck, resolved, types};
+use crate::source_map::{SourceMap, child};
 use crate::sources::Sources;
-use crate::span::{Spans, child};
 use crate::tables::RawProfile;
 use crate::tables::output::stated;
 use crate::tables::signal::unit::Scaling;
-use crate::walk::{Walk, resolved, types};
 use crate::{Profile, merge, template};
 
 /// Prefix of environment variables that are a layer of the profile.
@@ -242,8 +242,8 @@ fn merged_and_checked(
 ) -> Result<Loaded, Errors> {
     let mut loader = Loader {
         schema: schema(),
-        spans: Spans::default(),
-        errors: Found::default(),
+        spans: SourceMap::default(),
+        errors: Findings::default(),
         layers: Vec::new(),
         refused: Vec::new(),
         files: 0,
@@ -276,8 +276,8 @@ fn merged_and_checked(
 
 struct Loader<'a> {
     schema: &'a Value,
-    spans: Spans,
-    errors: Found,
+    spans: SourceMap,
+    errors: Findings,
     /// Layers, the profile first unless it cannot be parsed.
     layers: Vec<Value>,
     /// Keys that layers above the profile set although their rules forbid it.
@@ -289,9 +289,9 @@ struct Loader<'a> {
 }
 
 impl Loader<'_> {
-    fn walk(&mut self, layer: usize) -> Walk<'_> {
+    fn walk(&mut self, layer: usize) -> SchemaCheck<'_> {
         let beside = Scaling::default();
-        Walk { schema: self.schema, layer, spans: &mut self.spans, errors: &mut self.errors, beside }
+        SchemaCheck { schema: self.schema, layer, spans: &mut self.spans, errors: &mut self.errors, beside }
     }
 
     fn file(&mut self, path: &Path, text: &str) {
@@ -310,7 +310,7 @@ impl Loader<'_> {
     /// Adds a layer above the existing ones.
     fn layer(&mut self, layer: Value) {
         if let Some(profile) = self.layers.first().filter(|_| !self.broken) {
-            self.refused.extend(guarded::refused(profile, &layer, &self.spans));
+            self.refused.extend(protected_keys::refused(profile, &layer, &self.spans));
         }
         self.layers.push(layer);
     }
@@ -348,7 +348,7 @@ impl Loader<'_> {
             merged = merge_all(&layers, &mut self.errors);
             let files = self.files.saturating_sub(1);
             let (profile, above) = (&layers[0], &layers[1..]);
-            let (allowed, spans) = (guarded::allowed(profile), &self.spans);
+            let (allowed, spans) = (protected_keys::allowed(profile), &self.spans);
             overridden = Above { profile, layers: above, allowed, files, merged: &merged, spans }.list();
             own = Some(layers.swap_remove(0));
         } else if let Some(only) = layers.pop() {
@@ -360,7 +360,7 @@ impl Loader<'_> {
             let templates = template::fill(&mut merged, files, &mut self.spans, &mut self.errors);
             if let Some(own) = &own {
                 let refused = std::mem::take(&mut self.refused);
-                let refused = guarded::that_count(refused, own, &merged);
+                let refused = protected_keys::that_count(refused, own, &merged);
                 refused.into_iter().for_each(|error| self.errors.push(error));
             }
             let schema = self.schema;
@@ -377,7 +377,7 @@ impl Loader<'_> {
                 self.errors.append(checked.errors);
                 (checked.profile, checked.warnings)
             }
-            None => (None, Found::default()),
+            None => (None, Findings::default()),
         };
         if let Some(mut profile) = profile.filter(|_| self.errors.is_empty()) {
             profile.overridden = overridden;
@@ -393,7 +393,7 @@ impl Loader<'_> {
 }
 
 /// Merges the layers. If that fails, reports an error and returns null.
-fn merge_all(layers: &[Value], errors: &mut Found) -> Value {
+fn merge_all(layers: &[Value], errors: &mut Findings) -> Value {
     merge::merged(layers).unwrap_or_else(|why| {
         errors.push(ProfileError::about("the layers", why.to_string(), None));
         Value::Null

@@ -8,7 +8,7 @@ use std::fmt;
 use serde::Serialize;
 
 use crate::document::{Section, entries};
-use crate::tables::axis::model::all_over::AllOver;
+use crate::tables::axis::model::uniform_temperature::UniformTemperature;
 use crate::tables::bus::Transport;
 use crate::tables::label::labelled;
 use crate::{BusId, Device, DeviceId, Profile};
@@ -85,7 +85,7 @@ impl Preview {
             ));
         }
         section.entry("only_recorded", &profile.only_recorded);
-        let all_over = AllOver::shown(profile);
+        let all_over = UniformTemperature::shown(profile);
         section.parts("axes", profile.axes.iter().map(|axis| axis.preview(profile, &all_over)));
         section.line("");
         section.line("writes");

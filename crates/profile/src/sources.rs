@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::regular;
+use crate::safe_file;
 
 /// First word of every sources file, independent of the version of its format.
 pub const SOURCES_MARK: &str = "isotherm-sources ";
@@ -38,7 +38,7 @@ struct Layers {
 /// Answer of the file system.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Found {
+pub(crate) enum FileState {
     Absent,
     /// The file cannot be read. The text is the error.
     Unreadable(String),
@@ -54,7 +54,7 @@ pub(crate) enum Found {
 #[derive(Serialize, Deserialize)]
 struct Record {
     name: String,
-    found: Found,
+    found: FileState,
 }
 
 /// Sources of one profile: everything that the loader read from files, environment and command line. `file` contains
@@ -66,7 +66,7 @@ pub struct Sources {
     end: u64,
     layers: Layers,
     /// Answers by name relative to the directory of the profile, with the positions of their bytes.
-    known: BTreeMap<String, (Found, u64)>,
+    known: BTreeMap<String, (FileState, u64)>,
     /// First failed write. Later records are not stored.
     failed: Option<Error>,
 }
@@ -107,7 +107,7 @@ impl Sources {
             let Record { name, found } =
                 serde_json::from_str(&line(&mut reader, &mut end)?).map_err(|_| invalid())?;
             let place = end;
-            if let Found::File { bytes, .. } = found {
+            if let FileState::File { bytes, .. } = found {
                 end = end.checked_add(bytes).filter(|end| *end <= length).ok_or_else(invalid)?;
                 reader.seek(SeekFrom::Start(end))?;
             }
@@ -137,12 +137,12 @@ impl Sources {
     /// Returns whether the profile at this path was read from a file. If not, it is a profile that is part of the
     /// program.
     pub fn has_file(&self, path: &Path) -> bool {
-        matches!(self.found(&layer_name(path)), Some(Found::File { .. }))
+        matches!(self.found(&layer_name(path)), Some(FileState::File { .. }))
     }
 
     /// Records that there is no file at this path. The profile is then one of those that are part of the program.
     pub fn put_absent(&mut self, path: &Path) {
-        self.put(&layer_name(path), Found::Absent, &[]);
+        self.put(&layer_name(path), FileState::Absent, &[]);
     }
 
     /// Returns the names of the files, variables and settings that have changed. `path` is the path of the profile.
@@ -153,13 +153,15 @@ impl Sources {
         settings: &[(String, String)],
     ) -> Vec<String> {
         let directory = path.parent().unwrap_or(Path::new(""));
-        let differs = |(name, (found, _)): (&String, &(Found, u64))| {
-            let now = regular::read(&directory.join(name), regular::LARGEST);
+        let differs = |(name, (found, _)): (&String, &(FileState, u64))| {
+            let now = safe_file::read(&directory.join(name), safe_file::LARGEST);
             let is_same = match found {
-                Found::Absent => now.is_err_and(|why| why.kind() == ErrorKind::NotFound),
-                Found::Unreadable(_) => now.is_err(),
-                Found::File { .. } => now.is_ok_and(|now| self.bytes(name).is_ok_and(|bytes| bytes == now)),
-                Found::Names(names) => {
+                FileState::Absent => now.is_err_and(|why| why.kind() == ErrorKind::NotFound),
+                FileState::Unreadable(_) => now.is_err(),
+                FileState::File { .. } => {
+                    now.is_ok_and(|now| self.bytes(name).is_ok_and(|bytes| bytes == now))
+                }
+                FileState::Names(names) => {
                     let (folder, end) = name.rsplit_once("/*").unwrap_or_default();
                     names_in(&directory.join(folder), end) == *names
                 }
@@ -177,30 +179,30 @@ impl Sources {
         different
     }
 
-    pub(crate) fn found(&self, name: &str) -> Option<&Found> {
+    pub(crate) fn found(&self, name: &str) -> Option<&FileState> {
         self.known.get(name).map(|(found, _)| found)
     }
 
     /// Returns the bytes of a file, or a sentence that says why there are none.
     pub(crate) fn bytes(&self, name: &str) -> std::result::Result<Vec<u8>, String> {
         match self.known.get(name) {
-            Some((Found::File { bytes, .. }, place)) => {
+            Some((FileState::File { bytes, .. }, place)) => {
                 let length = usize::try_from(*bytes).unwrap_or(usize::MAX);
                 let mut found = vec![0; length];
                 let read = self.file.read_exact_at(&mut found, *place);
                 read.map(|()| found).map_err(|why| format!("{name} cannot be read: {why}"))
             }
-            Some((Found::Unreadable(why), _)) => Err(why.clone()),
+            Some((FileState::Unreadable(why), _)) => Err(why.clone()),
             _ => Err(format!("{name} is not among the files of this profile")),
         }
     }
 
     pub(crate) fn put_file(&mut self, name: &str, bytes: &[u8], open_to_all: bool) {
-        self.put(name, Found::File { bytes: bytes.len() as u64, open_to_all }, bytes);
+        self.put(name, FileState::File { bytes: bytes.len() as u64, open_to_all }, bytes);
     }
 
     /// Records an answer. Only the first one of each name is stored.
-    pub(crate) fn put(&mut self, name: &str, found: Found, bytes: &[u8]) {
+    pub(crate) fn put(&mut self, name: &str, found: FileState, bytes: &[u8]) {
         if self.known.contains_key(name) {
             return;
         }

@@ -14,9 +14,9 @@ use serde::Deserialize;
 
 use crate::Profile;
 use crate::duration::{Timespan, shown};
-use crate::error::{Found, ProfileError, allowed};
+use crate::error::{Findings, ProfileError, allowed};
 use crate::files::Files;
-use crate::span::{Spans, child, element};
+use crate::source_map::{SourceMap, child, element};
 use crate::template::Templates;
 use axis::{Axis, RawAxis};
 use bus::periods::Periods;
@@ -44,9 +44,9 @@ mod expression;
 pub(crate) mod handshake;
 pub(crate) mod heartbeat;
 pub(crate) mod history;
+mod incomplete_parts;
 pub(crate) mod label;
 mod line_time;
-mod loose_ends;
 pub(crate) mod machine;
 pub(crate) mod mqtt;
 pub(crate) mod notify;
@@ -114,8 +114,8 @@ const SHORTEST_PERIOD: Duration = Duration::from_millis(1);
 /// Result of the check.
 pub(crate) struct Checked {
     pub(crate) profile: Option<Profile>,
-    pub(crate) errors: Found,
-    pub(crate) warnings: Found,
+    pub(crate) errors: Findings,
+    pub(crate) warnings: Findings,
 }
 
 /// Tables of one kind: their names in the order of the file, and the resolved ones so far.
@@ -130,7 +130,7 @@ struct Tables<T> {
 /// State of a check in progress.
 pub(crate) struct Check<'a> {
     raw: &'a RawProfile,
-    spans: &'a Spans,
+    spans: &'a SourceMap,
     files: &'a Files<'a>,
     templates: &'a Templates,
     buses: Tables<Bus>,
@@ -139,8 +139,8 @@ pub(crate) struct Check<'a> {
     axes: Tables<Axis>,
     outputs: Tables<Output>,
     sets: Tables<OutputSet>,
-    errors: RefCell<Found>,
-    warnings: RefCell<Found>,
+    errors: RefCell<Findings>,
+    warnings: RefCell<Findings>,
     /// Whether each signal is used, by its index.
     used: RefCell<Vec<bool>>,
     /// Frames that outputs write on CAN lines.
@@ -152,7 +152,7 @@ pub(crate) struct Check<'a> {
 
 /// Key of the profile that is being checked, with functions for its errors and warnings.
 #[derive(Clone)]
-struct At<'c> {
+struct KeyContext<'c> {
     check: &'c Check<'c>,
     path: String,
 }
@@ -161,7 +161,7 @@ impl RawProfile {
     /// Checks and resolves the profile.
     pub(crate) fn check(
         &self,
-        spans: &Spans,
+        spans: &SourceMap,
         path: PathBuf,
         files: &Files<'_>,
         templates: &Templates,
@@ -191,7 +191,7 @@ impl RawProfile {
 }
 
 impl<T> Tables<T> {
-    fn of<R>(kind: &'static str, raw: &BTreeMap<String, R>, spans: &Spans) -> Tables<T> {
+    fn of<R>(kind: &'static str, raw: &BTreeMap<String, R>, spans: &SourceMap) -> Tables<T> {
         let mut names: Vec<String> = raw.keys().cloned().collect();
         names.sort_by_key(|name| spans.rank(&child(kind, name)));
         let places = names.iter().cloned().enumerate().map(|(place, name)| (name, place)).collect();
@@ -208,7 +208,7 @@ impl<T> Tables<T> {
     }
 
     /// Iterates over the tables without errors.
-    fn right(&self) -> impl Iterator<Item = &T> {
+    fn valid(&self) -> impl Iterator<Item = &T> {
         self.resolved.iter().flatten()
     }
 
@@ -246,8 +246,8 @@ impl Check<'_> {
         claims::check(self, heartbeat.as_ref());
         line_time::check(self);
         sysfs::too_quick(self);
-        loose_ends::warn(self);
-        let only_recorded = loose_ends::only_recorded(self);
+        incomplete_parts::warn(self);
+        let only_recorded = incomplete_parts::only_recorded(self);
         let profile = Profile {
             name: machine.name,
             label: machine.label,
@@ -280,7 +280,7 @@ impl Check<'_> {
         &'c self,
         tables: &Tables<T>,
         raw: &BTreeMap<String, R>,
-        resolve: impl Fn(&R, &At<'c>, &str) -> Option<T>,
+        resolve: impl Fn(&R, &KeyContext<'c>, &str) -> Option<T>,
     ) -> Vec<Option<T>> {
         let all = self.at(tables.kind);
         tables.names.iter().map(|name| resolve(raw.get(name)?, &all.key(name), name)).collect()
@@ -312,8 +312,8 @@ impl Check<'_> {
     }
 
     /// Returns a key at the top of the profile.
-    fn at(&self, key: &str) -> At<'_> {
-        At { check: self, path: String::new() }.key(key)
+    fn at(&self, key: &str) -> KeyContext<'_> {
+        KeyContext { check: self, path: String::new() }.key(key)
     }
 
     /// Returns the kind of a device's line. `None` if the device or its line is unknown.
@@ -327,15 +327,15 @@ impl Check<'_> {
     }
 }
 
-impl<'c> At<'c> {
+impl<'c> KeyContext<'c> {
     /// Returns a key of this table.
-    fn key(&self, key: &str) -> At<'c> {
-        At { check: self.check, path: child(&self.path, key) }
+    fn key(&self, key: &str) -> KeyContext<'c> {
+        KeyContext { check: self.check, path: child(&self.path, key) }
     }
 
     /// Returns an entry of this list.
-    fn item(&self, index: usize) -> At<'c> {
-        At { check: self.check, path: element(&self.path, index) }
+    fn item(&self, index: usize) -> KeyContext<'c> {
+        KeyContext { check: self.check, path: element(&self.path, index) }
     }
 
     /// Returns whether this table has the key with a value of the correct type.
@@ -354,7 +354,7 @@ impl<'c> At<'c> {
     }
 
     /// Reports an error at the value.
-    fn wrong(&self, message: impl Into<String>, help: impl Into<String>) {
+    fn invalid(&self, message: impl Into<String>, help: impl Into<String>) {
         if self.is_enough() {
             return;
         }
@@ -387,7 +387,7 @@ impl<'c> At<'c> {
     }
 
     /// Reports keys of this table that belong to something else.
-    fn foreign(&self, keys: &[&str], owner: &str, help: &str) {
+    fn not_applicable(&self, keys: &[&str], owner: &str, help: &str) {
         for key in keys.iter().filter(|key| self.has(key)) {
             self.key(key).wrong_key(format!("`{key}` is only for {owner}"), help);
         }
@@ -429,7 +429,7 @@ impl<'c> At<'c> {
                 return None;
             }
             let help = allowed(name, tables.names.iter().map(String::as_str));
-            self.wrong(format!("there is no {} named `{name}`", tables.kind), help);
+            self.invalid(format!("there is no {} named `{name}`", tables.kind), help);
         }
         found
     }
@@ -448,7 +448,7 @@ impl<'c> At<'c> {
         // A wrong unit has been reported.
         if let Some(unit) = signal.map(|signal| signal.unit.0).filter(|unit| *unit != "mm") {
             let help = format!("write unit = \"mm\" and the scale in mm per count at signal `{name}`");
-            self.wrong(format!("`{name}` is in \"{unit}\"; a position is in mm"), help);
+            self.invalid(format!("`{name}` is in \"{unit}\"; a position is in mm"), help);
         }
         Some(position)
     }
@@ -463,7 +463,7 @@ impl<'c> At<'c> {
     fn duration(&self, raw: Option<Timespan>) -> Option<Duration> {
         let Timespan(span) = raw?;
         if span.is_zero() {
-            self.wrong("a duration of zero is not allowed here", "write a longer one, as \"1s\"");
+            self.invalid("a duration of zero is not allowed here", "write a longer one, as \"1s\"");
             return None;
         }
         Some(span)
@@ -475,7 +475,7 @@ impl<'c> At<'c> {
         if span < SHORTEST_PERIOD {
             let (short, shortest) = (shown(span), shown(SHORTEST_PERIOD));
             let message = format!("every {short} is too often: {shortest} is the shortest period");
-            self.wrong(message, "no device answers this fast; write \"10ms\" or longer");
+            self.invalid(message, "no device answers this fast; write \"10ms\" or longer");
             return None;
         }
         Some(span)
@@ -485,7 +485,7 @@ impl<'c> At<'c> {
     fn positive(&self, number: Option<f64>) -> Option<f64> {
         let number = number?;
         if number <= 0.0 {
-            self.wrong(format!("{number} is not above zero"), "write a number above zero");
+            self.invalid(format!("{number} is not above zero"), "write a number above zero");
             return None;
         }
         Some(number)
@@ -493,6 +493,6 @@ impl<'c> At<'c> {
 
     /// Returns the content of the file with this name.
     fn file(&self, name: &str, help: &str) -> Option<Vec<u8>> {
-        self.check.files.read(name).map_err(|why| self.wrong(why, help)).ok()
+        self.check.files.read(name).map_err(|why| self.invalid(why, help)).ok()
     }
 }

@@ -11,10 +11,10 @@ use std::collections::BTreeMap;
 use serde_json::{Map, Value};
 
 use crate::document::{Section, entries};
-use crate::error::Found;
+use crate::error::Findings;
 use crate::files::Files;
 use crate::sha256;
-use crate::span::{Spans, child};
+use crate::source_map::{SourceMap, child};
 
 mod changes;
 mod channels;
@@ -97,8 +97,8 @@ pub(crate) type Templates = BTreeMap<String, Template>;
 pub(crate) fn fill(
     profile: &mut Value,
     files: &Files<'_>,
-    spans: &mut Spans,
-    errors: &mut Found,
+    spans: &mut SourceMap,
+    errors: &mut Findings,
 ) -> Templates {
     let Some(profile) = profile.as_object_mut() else { return Templates::new() };
     fill::Filling::new(profile, files, spans, errors).run()
@@ -117,7 +117,7 @@ fn texts(table: &Group, key: &str) -> Vec<String> {
 }
 
 /// Returns the names of one kind of table, in the order of the file.
-fn in_order(profile: &Map<String, Value>, table: &str, spans: &Spans) -> Vec<String> {
+fn in_order(profile: &Map<String, Value>, table: &str, spans: &SourceMap) -> Vec<String> {
     let names = profile.get(table).and_then(Value::as_object);
     let mut names: Vec<String> = names.into_iter().flat_map(Map::keys).cloned().collect();
     names.sort_by_key(|name| spans.rank(&child(table, name)));

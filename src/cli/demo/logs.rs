@@ -47,9 +47,9 @@ impl Drop for Logs {
 }
 
 /// Disk that keeps nothing.
-pub(super) struct Forgetful;
+pub(super) struct NullDisk;
 
-impl Disk for Forgetful {
+impl Disk for NullDisk {
     fn read(&self, _: &Path) -> io::Result<Vec<u8>> {
         Err(io::ErrorKind::NotFound.into())
     }

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::io::{IsTerminal, Write};
 use std::time::Duration;
 
-use crate::cli::say::{Out, Screen};
+use crate::cli::print::{Out, Screen};
 use crate::observe::status::{AxisStatus, Status, TruthStatus};
 use crate::virtual_machine::Summary;
 

@@ -5,17 +5,17 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::clock::Clock;
-use crate::observe::asker::Asker;
 use crate::observe::events::Event;
-use crate::observe::events::file::Found;
-use crate::observe::status::{Answer, Command, Source, Status, TruthStatus, Wish};
+use crate::observe::events::file::FileItem;
+use crate::observe::requester::Requester;
+use crate::observe::status::{Answer, Command, GatewayApi, ReleaseRequest, Status, TruthStatus};
 use crate::virtual_machine::Window;
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::quantity::{Moment, time};
 
 /// Source of the gateway's state, with the truth added.
 pub(super) struct WithTruth {
-    pub(super) source: Arc<dyn Source>,
+    pub(super) source: Arc<dyn GatewayApi>,
     pub(super) window: Window,
     /// Log of the truth, in the directory of the gateway's logs.
     pub(super) log: Option<PathBuf>,
@@ -44,7 +44,7 @@ impl WithTruth {
     }
 }
 
-impl Source for WithTruth {
+impl GatewayApi for WithTruth {
     fn status(&self) -> Status {
         let mut status = self.source.status();
         let summary = self.window.summary();
@@ -63,8 +63,13 @@ impl Source for WithTruth {
         Some(logs.into_iter().chain(self.log.clone()).collect())
     }
 
-    fn command(&self, command: Command, axis: Option<&str>, asker: &Arc<Asker>) -> Result<Answer, String> {
-        self.source.command(command, axis, asker)
+    fn command(
+        &self,
+        command: Command,
+        axis: Option<&str>,
+        requester: &Arc<Requester>,
+    ) -> Result<Answer, String> {
+        self.source.command(command, axis, requester)
     }
 
     fn arming(&self, axis: Option<&str>) -> Result<Answer, String> {
@@ -75,31 +80,41 @@ impl Source for WithTruth {
         self.source.signing(axis)
     }
 
-    fn measured(&self, axis: &str, report: Option<MeasuredReport>, asker: &Asker) -> Result<Answer, String> {
-        self.source.measured(axis, report, asker)
+    fn measured(
+        &self,
+        axis: &str,
+        report: Option<MeasuredReport>,
+        requester: &Requester,
+    ) -> Result<Answer, String> {
+        self.source.measured(axis, report, requester)
     }
 
-    fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<Answer, String> {
-        self.source.acknowledge(alarm, asker)
+    fn acknowledge(&self, alarm: Option<&str>, requester: &Requester) -> Result<Answer, String> {
+        self.source.acknowledge(alarm, requester)
     }
 
-    fn confirm(&self, device: &str, asker: &Asker) -> Result<Answer, String> {
-        self.source.confirm(device, asker)
+    fn confirm(&self, device: &str, requester: &Requester) -> Result<Answer, String> {
+        self.source.confirm(device, requester)
     }
 
-    fn release(&self, output: &str, wish: Wish<'_>, asker: &Asker) -> Result<Answer, String> {
-        self.source.release(output, wish, asker)
+    fn release(
+        &self,
+        output: &str,
+        wish: ReleaseRequest<'_>,
+        requester: &Requester,
+    ) -> Result<Answer, String> {
+        self.source.release(output, wish, requester)
     }
 
-    fn turned_away(&self, command: &str, asker: &Asker, why: &str) {
-        self.source.turned_away(command, asker, why);
+    fn turned_away(&self, command: &str, requester: &Requester, why: &str) {
+        self.source.turned_away(command, requester, why);
     }
 
     fn report(&self, event: &Event) {
         self.source.report(event);
     }
 
-    fn events(&self, since: Moment, found: &mut dyn FnMut(Found) -> bool) -> std::io::Result<()> {
+    fn events(&self, since: Moment, found: &mut dyn FnMut(FileItem) -> bool) -> std::io::Result<()> {
         self.source.events(since, found)
     }
 }

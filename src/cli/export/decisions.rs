@@ -11,7 +11,7 @@ use csv::{ByteRecord, Reader, ReaderBuilder};
 use super::table::{Kind, Table};
 use crate::gateway::log::{is_for_replay, is_text};
 use isotherm_core::quantity::{Moment, time};
-use isotherm_profile::regular;
+use isotherm_profile::safe_file;
 
 /// Columns before those of the logs.
 const FIRST: [(&str, Kind); 2] = [("time", Kind::Moment), ("machine", Kind::Text)];
@@ -51,7 +51,7 @@ fn open<'p>(
     known: &mut BTreeMap<String, usize>,
 ) -> anyhow::Result<Log<'p>> {
     let shown = || format!("{} cannot be read", path.display());
-    let file = regular::open(path).with_context(shown)?;
+    let file = safe_file::open(path).with_context(shown)?;
     let mut reader = ReaderBuilder::new().flexible(true).from_reader(file);
     let header = reader.headers().with_context(shown)?.clone();
     let names: Vec<&str> = header.iter().collect();

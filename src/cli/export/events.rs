@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::Context;
 
 use super::table::{Kind, Table};
-use crate::observe::events::file::{self, Found};
+use crate::observe::events::file::{self, FileItem};
 use isotherm_core::quantity::time;
 
 const COLUMNS: [(&str, Kind); 6] = [
@@ -23,8 +23,8 @@ pub(super) fn write(machine: &str, log: &Path, to: &mut File) -> anyhow::Result<
     let mut table = Table::new(to, &COLUMNS.map(|(name, kind)| (name.to_owned(), kind)))?;
     let (mut warnings, mut written) = (Vec::new(), Ok(()));
     file::read(log, |found| match found {
-        Found::Damage(what) => warnings.push(what),
-        Found::Event(entry) => {
+        FileItem::Damage(what) => warnings.push(what),
+        FileItem::Event(entry) => {
             let Ok(at) = time::parse(&entry.at) else {
                 warnings.push(format!("{}: an event has no valid time, and is left out", log.display()));
                 return;

@@ -1,6 +1,6 @@
 //! `isotherm identify --balls`: converts the touches of a ball array to a log of drifts and tilts.
 
-use crate::cli::say::say;
+use crate::cli::print::say;
 use std::path::PathBuf;
 
 use anyhow::Context;

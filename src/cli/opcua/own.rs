@@ -8,10 +8,10 @@ use anyhow::Context;
 use super::{LineArguments, SecuredLine, shown};
 use crate::cli::backup::write_new;
 use crate::cli::port::hostname;
+use crate::cli::print::{say, say_all};
 use crate::cli::print_json;
-use crate::cli::say::{say, say_all};
 use crate::clock::Clock;
-use crate::discovery::opcua::{Certificate, Made, make};
+use crate::discovery::opcua::{Certificate, NewCertificate, make};
 use crate::fieldbus::explain;
 
 const YEAR: Duration = Duration::from_hours(365 * 24);
@@ -84,7 +84,7 @@ fn made(line: &SecuredLine, cert: &Path, key: &Path, years: u32) -> anyhow::Resu
     let (subject, application) =
         (format!("isotherm {}", line.machine), format!("urn:{host}:isotherm:{}", line.machine));
     let now = Clock::wall().time_of_day();
-    let Made { cert: bytes, key: secret } =
+    let NewCertificate { cert: bytes, key: secret } =
         make(&subject, &application, &host, now, YEAR * years).map_err(anyhow::Error::msg)?;
     put(key, secret.as_bytes(), OF_A_KEY)?;
     put(cert, &bytes, OF_A_CERTIFICATE).inspect_err(|_| {

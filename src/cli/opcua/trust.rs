@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::own::put;
 use super::{LineArguments, SecuredLine, shown};
-use crate::cli::say::{say, say_all, say_beside};
+use crate::cli::print::{say, say_all, say_beside};
 use crate::cli::values::typed;
 use crate::cli::{print_json, runtime};
 use crate::discovery::opcua::{Certificate, Offer, offers};

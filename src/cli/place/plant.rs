@@ -1,6 +1,6 @@
 //! Modes of a structure for a plant, and the files of the example.
 
-use crate::cli::say::say;
+use crate::cli::print::say;
 use std::path::Path;
 
 use anyhow::Context;

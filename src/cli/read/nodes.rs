@@ -1,6 +1,6 @@
 //! The nodes of an OPC UA server, for a user who looks for the right one.
 
-use crate::cli::say::{say, say_beside};
+use crate::cli::print::{say, say_beside};
 use crate::cli::target::Target;
 use crate::cli::{print_json, refuse, runtime};
 use crate::discovery::opcua::{Described, browse, in_a_line};

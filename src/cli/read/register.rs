@@ -3,13 +3,13 @@
 use std::io::Write;
 use std::time::Duration;
 
-use crate::cli::say::{Out, say, say_beside};
+use crate::cli::print::{Out, say, say_beside};
 use crate::cli::target::{Line, Target};
 use crate::cli::{print_json, refuse, values};
 use crate::clock::Clock;
-use crate::discovery::ask::{Asker, Trace};
 use crate::discovery::remedy::{Question, remedy};
-use crate::discovery::values::{Form, RegisterValue};
+use crate::discovery::unit_reader::{Trace, UnitReader};
+use crate::discovery::values::{RegisterValue, ValueFormat};
 use crate::discovery::{DataType, Exchange, Register, WordOrder};
 
 /// Maximum number of registers in one request, by the protocol. [`MOST_BITS`] applies to bits.
@@ -84,9 +84,9 @@ impl One {
         self.register.is_some()
     }
 
-    fn form(&self) -> Form {
+    fn form(&self) -> ValueFormat {
         let One { data_type, word_order, byte_swap, scale, offset, .. } = *self;
-        Form { data_type, word_order, byte_swap, scale, offset }
+        ValueFormat { data_type, word_order, byte_swap, scale, offset }
     }
 }
 
@@ -131,12 +131,12 @@ pub(super) fn run(target: &Target, one: &One, watch: bool, json: bool) -> anyhow
     let (line, unit) = line(target, one, json)?;
     let question = Question { line: &line.address, unit, from, count, timeout: line.bus.timeout };
     let trace = one.trace.then_some(print_exchange as Trace);
-    let mut asker = Asker::new(&line.address, &line.bus, line.quirks, trace);
+    let mut requester = UnitReader::new(&line.address, &line.bus, line.quirks, trace);
     crate::cli::runtime()?.block_on(async {
         let clock = Clock::wall();
         let begun = clock.now();
         loop {
-            let answer = asker.read(unit, from, count).await;
+            let answer = requester.read(unit, from, count).await;
             let values = answer
                 .map(|answer| form.values(from, &answer))
                 .map_err(|fault| remedy(fault, question));
@@ -164,7 +164,11 @@ fn print_exchange(exchange: &Exchange) {
 }
 
 /// Prints one reading. With `now` it is one of many: its error is printed and does not end the verb.
-fn print(values: &Result<Vec<RegisterValue>, String>, form: &Form, now: Option<&str>) -> std::io::Result<()> {
+fn print(
+    values: &Result<Vec<RegisterValue>, String>,
+    form: &ValueFormat,
+    now: Option<&str>,
+) -> std::io::Result<()> {
     let mut out = Out;
     if let Some(now) = now {
         writeln!(out, "{now}")?;

@@ -8,7 +8,7 @@ use serde::Serialize;
 use crate::gateway::log::LogRow;
 use crate::gateway::why_by_decision;
 use isotherm_core::compensation::model::{Model, StandIns};
-use isotherm_core::compensation::{AxisState, Compensation, Distrusted, Permit};
+use isotherm_core::compensation::{AxisState, Compensation, Permit, RejectedSensor};
 use isotherm_core::explained::Explained;
 use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
 use isotherm_profile::{Profile, duration_text};
@@ -58,7 +58,7 @@ pub struct Hold {
 
 /// Whether an axis is on hold after a row.
 #[derive(Debug)]
-pub(super) enum Held {
+pub(super) enum HoldChange {
     /// The axis decided nothing at this row. Its state is the one before.
     AsBefore,
     /// The axis follows a model, is off, or stops because the gateway stops.
@@ -72,17 +72,17 @@ pub(super) enum Held {
 pub(super) struct Findings {
     pub(super) stand_ins: Vec<StandIn>,
     pub(super) suspicions: Vec<Suspicion>,
-    pub(super) held: Held,
+    pub(super) held: HoldChange,
 }
 
 impl Findings {
     /// Collects the findings of an axis after the step at this row.
     pub(super) fn of(profile: &Profile, compensation: &Compensation, axis: usize, row: &LogRow) -> Findings {
         let (mut stand_ins, mut suspicions) = (Vec::new(), Vec::new());
-        let distrusted: Vec<Distrusted> = compensation.distrusted(axis).collect();
+        let rejected: Vec<RejectedSensor> = compensation.rejected(axis).collect();
         let models = profile.axes.get(axis).map_or(&[][..], |axis| &axis.settings.models);
         let used = compensation.decision(axis).and_then(|decision| decision.model);
-        for found in &distrusted {
+        for found in &rejected {
             let Some((place, watch)) = watching(models, used, found.signal) else { continue };
             let signal = profile.signal(found.signal).name.clone();
             let for_s = row.now.since(found.since).as_secs_f64();
@@ -94,7 +94,7 @@ impl Findings {
             } else if found.frozen {
                 let is_used = used.is_none_or(|used| used == place);
                 let why = match is_used {
-                    true => why_not_replaced(profile, watch, found.signal, &distrusted, &row.readings),
+                    true => why_not_replaced(profile, watch, found.signal, &rejected, &row.readings),
                     false => "the model in use has no stand-in for this sensor".to_owned(),
                 };
                 suspicions.push(Suspicion { signal, for_s, why });
@@ -124,13 +124,13 @@ fn predictors(stand_ins: &StandIns, signal: SignalId) -> Vec<SignalId> {
     all
 }
 
-/// Returns why a suspected sensor has no stand-in. `distrusted`: all sensors of the axis that are suspected, frozen or
+/// Returns why a suspected sensor has no stand-in. `rejected`: all sensors of the axis that are suspected, frozen or
 /// lost.
 fn why_not_replaced(
     profile: &Profile,
     stand_ins: &StandIns,
     signal: SignalId,
-    distrusted: &[Distrusted],
+    rejected: &[RejectedSensor],
     readings: &[Reading],
 ) -> String {
     let name = |id: SignalId| &profile.signal(id).name;
@@ -138,7 +138,7 @@ fn why_not_replaced(
     if let [only] = others[..] {
         return format!("the stand-in depends on {} alone", name(only));
     }
-    let is_distrusted = |id: &&SignalId| distrusted.iter().any(|other| other.signal == **id);
+    let is_distrusted = |id: &&SignalId| rejected.iter().any(|other| other.signal == **id);
     if let Some(doubted) = others.iter().find(is_distrusted) {
         return format!("the stand-in depends on {}, which is frozen or lost, too", name(*doubted));
     }
@@ -152,12 +152,12 @@ fn why_not_replaced(
 }
 
 /// Returns whether an axis is on hold after this row, and why.
-fn held(profile: &Profile, compensation: &Compensation, axis: usize, row: &LogRow) -> Held {
+fn held(profile: &Profile, compensation: &Compensation, axis: usize, row: &LogRow) -> HoldChange {
     let decided = compensation.decision(axis).filter(|decision| decision.at == row.now);
-    let Some((decision, control)) = decided.zip(row.controls.get(axis)) else { return Held::AsBefore };
+    let Some((decision, control)) = decided.zip(row.controls.get(axis)) else { return HoldChange::AsBefore };
     let holds = matches!(decision.state, AxisState::Holding(_) | AxisState::Ramping | AxisState::Zeroed);
     if !holds || control.permit == Permit::Stopping {
-        return Held::No;
+        return HoldChange::No;
     }
     let has_run = compensation.machine().on_time(row.now).is_some();
     let bad = |id: SignalId| -> Explained {
@@ -180,7 +180,7 @@ fn held(profile: &Profile, compensation: &Compensation, axis: usize, row: &LogRo
         }
         (true, None) => "no model of the axis has a value".to_owned(),
     };
-    Held::Yes(Hold { state: decision.state.name(), why })
+    HoldChange::Yes(Hold { state: decision.state.name(), why })
 }
 
 /// Returns a time span as text, in whole seconds.

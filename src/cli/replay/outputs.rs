@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::{Difference, Reproduced};
 use crate::gateway::log::outputs::{ENDING, Entry, HEADER, OutputLogReader, OutputReplay, Replayed};
 use isotherm_core::quantity::Moment;
-use isotherm_profile::regular;
+use isotherm_profile::safe_file;
 use isotherm_profile::{counted, duration_text};
 
 /// Statistics of a replayed log of outputs.
@@ -39,7 +39,7 @@ pub(super) fn is_of_outputs(first: &[u8]) -> bool {
 pub(super) fn beside(log: &Path) -> anyhow::Result<Option<OutputsSummary>> {
     let Some(stem) = log.to_str().and_then(|name| name.strip_suffix(".csv")) else { return Ok(None) };
     let name = format!("{stem}{ENDING}");
-    match regular::open(Path::new(&name)) {
+    match safe_file::open(Path::new(&name)) {
         Ok(file) => {
             let replayed = replay_outputs(BufReader::new(file), &name);
             let why = "error in the log of the outputs in the same directory; move it away to replay only \

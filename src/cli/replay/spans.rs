@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::findings::{Findings, Held, Hold, StandIn, Suspicion, whole_seconds};
+use super::findings::{Findings, Hold, HoldChange, StandIn, Suspicion, whole_seconds};
 use crate::gateway::log::LogRow;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::counted;
@@ -41,12 +41,12 @@ pub struct AxisSpans {
     /// Spans in which the axis kept its value, went to zero or was at zero.
     pub holds: Vec<Span<Hold>>,
     /// Number of spans that are missing from each list.
-    pub left_out: LeftOut,
+    pub left_out: OmittedSpans,
 }
 
 /// Number of spans of each kind that are not in the lists, because there are too many.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct LeftOut {
+pub struct OmittedSpans {
     /// Number of missing stand-ins.
     pub stand_ins: u64,
     /// Number of missing suspicions.
@@ -58,14 +58,14 @@ pub struct LeftOut {
 /// Collects the spans of one axis row by row.
 #[derive(Debug)]
 pub(super) struct SpanTally {
-    stand_ins: Gathered<StandIn>,
-    suspicions: Gathered<Suspicion>,
-    holds: Gathered<Hold>,
+    stand_ins: SpanList<StandIn>,
+    suspicions: SpanList<Suspicion>,
+    holds: SpanList<Hold>,
 }
 
 impl SpanTally {
     pub(super) fn new() -> SpanTally {
-        SpanTally { stand_ins: Gathered::new(), suspicions: Gathered::new(), holds: Gathered::new() }
+        SpanTally { stand_ins: SpanList::new(), suspicions: SpanList::new(), holds: SpanList::new() }
     }
 
     /// Adds the findings of a row.
@@ -76,9 +76,9 @@ impl SpanTally {
         });
         self.suspicions.row(row, found.suspicions, |one, other| one.signal == other.signal);
         let holds = match found.held {
-            Held::AsBefore => return,
-            Held::No => Vec::new(),
-            Held::Yes(hold) => vec![hold],
+            HoldChange::AsBefore => return,
+            HoldChange::No => Vec::new(),
+            HoldChange::Yes(hold) => vec![hold],
         };
         self.holds.row(row, holds, |one, other| one == other);
     }
@@ -88,15 +88,18 @@ impl SpanTally {
         let (stand_ins, stand_ins_left_out) = self.stand_ins.spans(last);
         let (suspicions, suspicions_left_out) = self.suspicions.spans(last);
         let (holds, holds_left_out) = self.holds.spans(last);
-        let left_out =
-            LeftOut { stand_ins: stand_ins_left_out, suspicions: suspicions_left_out, holds: holds_left_out };
+        let left_out = OmittedSpans {
+            stand_ins: stand_ins_left_out,
+            suspicions: suspicions_left_out,
+            holds: holds_left_out,
+        };
         AxisSpans { stand_ins, suspicions, holds, left_out }
     }
 }
 
 /// Spans of one kind.
 #[derive(Debug)]
-struct Gathered<T> {
+struct SpanList<T> {
     kept: Vec<Span<T>>,
     left_out: u64,
     open: Vec<Open<T>>,
@@ -113,9 +116,9 @@ struct Open<T> {
     lasts: bool,
 }
 
-impl<T: Clone> Gathered<T> {
-    fn new() -> Gathered<T> {
-        Gathered { kept: Vec::new(), left_out: 0, open: Vec::new() }
+impl<T: Clone> SpanList<T> {
+    fn new() -> SpanList<T> {
+        SpanList { kept: Vec::new(), left_out: 0, open: Vec::new() }
     }
 
     /// Adds the findings of a row. `is_same` returns whether two findings belong to one span.

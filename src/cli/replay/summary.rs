@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::spans::{AxisSpans, SpanTally};
 use super::{Findings, Outcome, OutputsSummary};
-use crate::gateway::log::{Decided, LogRow};
+use crate::gateway::log::{LogRow, LoggedDecision};
 use isotherm_core::compensation::{AxisState, Remembered};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::Profile;
@@ -282,7 +282,7 @@ impl AxisTally {
 
 /// Returns the first column in which the decision of the replay differs from the log, bit for bit. `None` if there is
 /// none.
-fn difference(axis: &str, line: u64, decided: &Decided, outcome: &Outcome<'_>) -> Option<Difference> {
+fn difference(axis: &str, line: u64, decided: &LoggedDecision, outcome: &Outcome<'_>) -> Option<Difference> {
     let decision = &outcome.decision;
     let (raw, cz) = (outcome.raw.map(|raw| raw.get()), decision.cz.get());
     let number = |value: Option<f64>| value.map(super::text).unwrap_or_default();

@@ -1,8 +1,8 @@
 //! Endpoints of an OPC UA server, with their users and its certificate, also as lines of a profile.
 
 use crate::cli::opcua::shown;
+use crate::cli::print::{say, say_all};
 use crate::cli::print_json;
-use crate::cli::say::{say, say_all};
 use crate::cli::target::Line;
 use crate::discovery::opcua::{Offer, offers};
 use isotherm_profile::Security;

@@ -3,8 +3,8 @@
 use std::path::Path;
 use std::time::Duration;
 
+use crate::cli::print::{say, say_all};
 use crate::cli::print_json;
-use crate::cli::say::{say, say_all};
 use crate::cli::target::Line;
 use crate::discovery::sysfs::{Temperature, scan};
 

@@ -6,8 +6,8 @@ use std::time::Duration;
 use serde_json::json;
 
 use crate::discovery::bus::{LineAddress, Transport};
-use crate::discovery::scan::{How, Responder, Scan, heeds_no_number};
-use crate::discovery::walk::RegisterRange;
+use crate::discovery::register_search::RegisterRange;
+use crate::discovery::scan::{AnswerKind, Responder, Scan, heeds_no_number};
 use isotherm_profile::duration_text;
 use isotherm_profile::{BusId, Profile};
 
@@ -37,9 +37,13 @@ pub(super) fn found(line: &LineAddress, found: &Responder) -> String {
         _ => String::new(),
     };
     match how {
-        How::Value(value) => format!("unit {unit} answers{serial}: {register} = {value} (0x{value:04X})"),
-        How::Exception(code) => format!("unit {unit} answers{serial} (exception {code}: {})", meaning(*code)),
-        How::Garbled(why) => format!("unit {unit}: invalid answer{serial}: {why}"),
+        AnswerKind::Value(value) => {
+            format!("unit {unit} answers{serial}: {register} = {value} (0x{value:04X})")
+        }
+        AnswerKind::Exception(code) => {
+            format!("unit {unit} answers{serial} (exception {code}: {})", meaning(*code))
+        }
+        AnswerKind::Garbled(why) => format!("unit {unit}: invalid answer{serial}: {why}"),
     }
 }
 
@@ -75,7 +79,7 @@ pub(super) fn summary(
     known: Option<(&Profile, BusId)>,
 ) -> String {
     let mut answering: Vec<&(LineAddress, Responder)> =
-        found.iter().filter(|(_, found)| !matches!(found.how, How::Garbled(_))).collect();
+        found.iter().filter(|(_, found)| !matches!(found.how, AnswerKind::Garbled(_))).collect();
     let all: Vec<&Responder> = answering.iter().map(|(_, found)| found).collect();
     let mut text = String::new();
     if scan.lines.len() == 1 && heeds_no_number(&all, scan.units.len()) {

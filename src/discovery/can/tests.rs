@@ -3,9 +3,9 @@ use std::time::Duration;
 use super::*;
 use crate::discovery::bus::{LineAddress, Transport};
 
-fn found(name: &str, wants_fd: bool, found: Result<Interface, CanFault>) -> Inspected {
+fn found(name: &str, requires_fd: bool, found: Result<Interface, CanFault>) -> Inspected {
     let place = LineAddress { transport: Transport::Can, address: name.to_owned() };
-    inspected(&place.bus(Duration::from_secs(1)), wants_fd, found)
+    inspected(&place.bus(Duration::from_secs(1)), requires_fd, found)
 }
 
 const WELL: Interface = Interface {
@@ -21,7 +21,7 @@ const WELL: Interface = Interface {
 fn each_trouble_of_an_interface_has_its_command() {
     let vcan =
         Interface { bitrate: None, restart_ms: None, state: None, errors: None, does_fd: true, ..WELL };
-    for (name, wants_fd, given, state, advice) in [
+    for (name, requires_fd, given, state, advice) in [
         ("can0", false, Ok(WELL), "up, 250000 bit/s, restart 100 ms after bus-off, controller well", None),
         ("vcan0", true, Ok(vcan.clone()), "up, CAN FD", None),
         ("can0", false, Err(CanFault::NoInterface), "no such interface", Some("type can bitrate")),
@@ -43,7 +43,7 @@ fn each_trouble_of_an_interface_has_its_command() {
         ),
         ("can0", true, Ok(WELL), "up", Some("type can fd on`, `ip link set dev can0 mtu 72`")),
     ] {
-        let inspected = found(name, wants_fd, given);
+        let inspected = found(name, requires_fd, given);
         assert!(inspected.state.contains(state), "{inspected:?}");
         assert_eq!(inspected.advice.len(), usize::from(advice.is_some()), "{inspected:?}");
         assert!(advice.is_none_or(|part| inspected.advice[0].contains(part)), "{inspected:?}");

@@ -23,7 +23,7 @@ pub struct Inspected {
 }
 
 /// Requirements of the profile for a node.
-struct Wanted<'p> {
+struct NodeRequirement<'p> {
     of: String,
     node: &'p Node,
     is_written: bool,
@@ -55,7 +55,7 @@ pub async fn inspect(profile: &Profile) -> Vec<Inspected> {
     all
 }
 
-async fn found(bus: &Bus, wanted: &[Wanted<'_>]) -> Result<Vec<Described>, Fault> {
+async fn found(bus: &Bus, wanted: &[NodeRequirement<'_>]) -> Result<Vec<Described>, Fault> {
     let mut browser = Browser::open(bus).await?;
     let ids: Vec<_> = wanted.iter().map(|wanted| wanted.node.id.clone()).collect();
     let found = browser.describe(&ids).await;
@@ -64,22 +64,22 @@ async fn found(bus: &Bus, wanted: &[Wanted<'_>]) -> Result<Vec<Described>, Fault
 }
 
 /// Returns every node of the profile on this bus.
-fn wanted<'p>(profile: &'p Profile, bus: BusId) -> Vec<Wanted<'p>> {
+fn wanted<'p>(profile: &'p Profile, bus: BusId) -> Vec<NodeRequirement<'p>> {
     let mut wanted = of_devices(profile, bus);
     wanted.extend(of_sets(profile, bus));
     let heartbeat = profile.heartbeat.iter().filter(|heartbeat| profile.device(heartbeat.device).bus == bus);
     wanted.extend(heartbeat.filter_map(|heartbeat| {
         let node = heartbeat.address.node()?;
-        Some(Wanted { of: "heartbeat".to_owned(), node, is_written: true })
+        Some(NodeRequirement { of: "heartbeat".to_owned(), node, is_written: true })
     }));
     wanted
 }
 
-fn of_sets<'p>(profile: &'p Profile, bus: BusId) -> Vec<Wanted<'p>> {
+fn of_sets<'p>(profile: &'p Profile, bus: BusId) -> Vec<NodeRequirement<'p>> {
     let mut wanted = Vec::new();
     for set in profile.sets.iter().filter(|set| profile.device(set.device).bus == bus) {
         let mut want = |what: &str, node: &'p Node, is_written| {
-            wanted.push(Wanted { of: format!("{what} of {}", set.label()), node, is_written });
+            wanted.push(NodeRequirement { of: format!("{what} of {}", set.label()), node, is_written });
         };
         set.own_nodes().for_each(|(word, node)| want(word.name(), node, true));
         if let Some(handshake) = &set.handshake {
@@ -94,11 +94,11 @@ fn of_sets<'p>(profile: &'p Profile, bus: BusId) -> Vec<Wanted<'p>> {
     wanted
 }
 
-fn of_devices<'p>(profile: &'p Profile, bus: BusId) -> Vec<Wanted<'p>> {
+fn of_devices<'p>(profile: &'p Profile, bus: BusId) -> Vec<NodeRequirement<'p>> {
     let mut wanted = Vec::new();
     let mut want = |of: String, address: &'p Address, is_written| {
         if let Address::Node(node) = address {
-            wanted.push(Wanted { of, node, is_written });
+            wanted.push(NodeRequirement { of, node, is_written });
         }
     };
     for (id, device) in profile.devices_on(bus) {
@@ -115,7 +115,7 @@ fn of_devices<'p>(profile: &'p Profile, bus: BusId) -> Vec<Wanted<'p>> {
     wanted
 }
 
-fn advice(wanted: &Wanted<'_>, found: &Described) -> Vec<String> {
+fn advice(wanted: &NodeRequirement<'_>, found: &Described) -> Vec<String> {
     let explained = |status| explain_on(Transport::OpcUa, Fault::Status(status)).to_string();
     let Some(variable) = &found.variable else {
         return vec![match found.status.is_good() {

@@ -1,10 +1,10 @@
 use super::*;
 
-fn form(data_type: Option<DataType>, word_order: Option<WordOrder>, scale: f64) -> Form {
-    Form { data_type, word_order, byte_swap: false, scale, offset: 0.0 }
+fn form(data_type: Option<DataType>, word_order: Option<WordOrder>, scale: f64) -> ValueFormat {
+    ValueFormat { data_type, word_order, byte_swap: false, scale, offset: 0.0 }
 }
 
-fn read(form: &Form, words: &[u16]) -> Vec<String> {
+fn read(form: &ValueFormat, words: &[u16]) -> Vec<String> {
     let values = form.values("holding:100".parse().unwrap(), &Answer::Registers(words.to_vec()));
     let way = |read: &Reading| format!("{} {}", read.way, read.value).trim().to_owned();
     values

@@ -29,7 +29,7 @@ impl Interface {
     ///
     /// # Errors
     /// The interface does not exist, or the kernel does not report its state.
-    pub fn look(name: &str) -> Result<Interface, CanFault> {
+    pub fn query(name: &str) -> Result<Interface, CanFault> {
         let interface = CanInterface::open(name).map_err(|_| CanFault::NoInterface)?;
         let details = interface.details().map_err(|_| CanFault::NoInterface)?;
         Ok(Interface {

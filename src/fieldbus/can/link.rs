@@ -68,9 +68,11 @@ impl Link {
         let mut inner = self.inner();
         let opened = match &inner.socket {
             Some(socket) => Ok(socket.clone()),
-            None => Socket::open(&self.interface, &self.wanted).and_then(Socket::hears_itself).map(Arc::new),
+            None => Socket::open(&self.interface, &self.wanted)
+                .and_then(Socket::receives_own_frames)
+                .map(Arc::new),
         };
-        let found = Interface::look(&self.interface).map_err(|fault| Fault::Link(LinkFault::Can(fault)));
+        let found = Interface::query(&self.interface).map_err(|fault| Fault::Link(LinkFault::Can(fault)));
         let (socket, fault) = match (opened, found) {
             (Err(fault), _) | (Ok(_), Err(fault)) => (None, Some(fault)),
             (Ok(socket), Ok(found)) if found.is_up => (Some(socket), None),
@@ -111,7 +113,7 @@ impl Link {
     /// Returns true if the interface is down now. The error of a socket may be outdated. If the interface was down when
     /// the socket was opened, the socket returns that error even after the interface is up.
     pub fn is_down(&self) -> bool {
-        !Interface::look(&self.interface).is_ok_and(|found| found.is_up)
+        !Interface::query(&self.interface).is_ok_and(|found| found.is_up)
     }
 
     /// Passes an SDO frame to the current requester: an answer, or its own request once that was on the bus.

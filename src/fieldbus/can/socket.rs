@@ -10,8 +10,8 @@
 //! - The default receive buffer holds 278 frames. Later frames are lost without an error. The socket enlarges the
 //!   buffer, and counts losses.
 //!
-//! A socket receives its own frames only after [`Socket::hears_itself`]. If the interface was removed, the socket is
-//! unusable, even if a new interface has the same name: open another socket.
+//! A socket receives its own frames only after [`Socket::receives_own_frames`]. If the interface was removed, the
+//! socket is unusable, even if a new interface has the same name: open another socket.
 
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
@@ -24,7 +24,7 @@ use socketcan::{
 use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
 
-use super::trouble::Trouble;
+use super::error_frame::ErrorFrame;
 use crate::fieldbus::error::{CanFault, Fault, LinkFault};
 use isotherm_core::codec::{CanId, CanMatch, Frame};
 
@@ -40,11 +40,11 @@ const TROUBLES: u32 = libc::CAN_ERR_MASK & !libc::CAN_ERR_LOSTARB;
 
 /// Frame that a socket has received.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Heard {
+pub enum ReceivedFrame {
     /// A frame with data.
     Frame(Frame),
     /// Error frame: the controller reports a problem on the bus.
-    Trouble(Trouble),
+    Error(ErrorFrame),
 }
 
 /// Open socket on one interface.
@@ -68,7 +68,7 @@ impl Socket {
             Some(libc::EPERM | libc::EACCES) => fault(CanFault::Forbidden),
             _ => fault(CanFault::NoInterface),
         })?;
-        let fd = set(&socket, wanted).and_then(|()| watched(socket)).map_err(|error| judge(&error))?;
+        let fd = set(&socket, wanted).and_then(|()| watched(socket)).map_err(|error| assess(&error))?;
         Ok(Socket { fd, full: AtomicU64::new(0) })
     }
 
@@ -77,13 +77,13 @@ impl Socket {
     ///
     /// # Errors
     /// The kernel refuses the option.
-    pub fn hears_itself(self) -> Result<Socket, Fault> {
-        self.fd.get_ref().set_recv_own_msgs(true).map_err(|error| judge(&error))?;
+    pub fn receives_own_frames(self) -> Result<Socket, Fault> {
+        self.fd.get_ref().set_recv_own_msgs(true).map_err(|error| assess(&error))?;
         Ok(self)
     }
 
-    /// Waits until something has arrived since the last call. The caller must then call [`Socket::hear_now`] until it
-    /// returns `None`. Otherwise nothing reports the remaining frames.
+    /// Waits until something has arrived since the last call. The caller must then call [`Socket::receive_now`] until
+    /// it returns `None`. Otherwise nothing reports the remaining frames.
     pub async fn ready(&self) {
         // An error means that the runtime ends, and the caller with it.
         if let Ok(mut guard) = self.fd.ready(READING).await {
@@ -97,16 +97,16 @@ impl Socket {
     /// # Errors
     /// Down: reported once for each time that the interface goes down; the socket receives again when it is up. Gone:
     /// open another socket.
-    pub fn hear_now(&self) -> Result<Option<Heard>, Fault> {
+    pub fn receive_now(&self) -> Result<Option<ReceivedFrame>, Fault> {
         loop {
             match self.fd.get_ref().read_frame() {
                 Ok(frame) => {
-                    if let Some(heard) = taken(frame) {
-                        return Ok(Some(heard));
+                    if let Some(received) = taken(frame) {
+                        return Ok(Some(received));
                     }
                 }
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(None),
-                Err(error) => return Err(judge(&error)),
+                Err(error) => return Err(assess(&error)),
             }
         }
     }
@@ -137,7 +137,7 @@ impl Socket {
             written => written,
         };
         written.map_err(|error| {
-            let fault = judge(&error);
+            let fault = assess(&error);
             if fault == Fault::Link(LinkFault::Can(CanFault::Full)) {
                 self.full.fetch_add(1, Ordering::Relaxed);
             }
@@ -203,16 +203,16 @@ fn filter(wanted: &CanMatch) -> CanFilter {
     CanFilter::new(wanted.id.raw() | length, wanted.mask | libc::CAN_EFF_FLAG | libc::CAN_RTR_FLAG)
 }
 
-fn taken(frame: CanAnyFrame) -> Option<Heard> {
+fn taken(frame: CanAnyFrame) -> Option<ReceivedFrame> {
     let is_fd = matches!(frame, CanAnyFrame::Fd(_));
     match frame {
-        CanAnyFrame::Error(error) => Some(Heard::Trouble(Trouble::of(error))),
+        CanAnyFrame::Error(error) => Some(ReceivedFrame::Error(ErrorFrame::of(error))),
         CanAnyFrame::Remote(_) => None,
         CanAnyFrame::Normal(_) | CanAnyFrame::Fd(_) => {
             let raw = frame.raw_id();
             let id = if frame.is_extended() { CanId::extended(raw) } else { CanId::standard(raw) }?;
             let frame = if is_fd { Frame::fd(id, frame.data()) } else { Frame::classic(id, frame.data()) };
-            frame.map(Heard::Frame)
+            frame.map(ReceivedFrame::Frame)
         }
     }
 }
@@ -230,7 +230,7 @@ fn packed(frame: &Frame) -> Option<CanAnyFrame> {
     Some(CanAnyFrame::Normal(CanDataFrame::new(id, data)?))
 }
 
-fn judge(error: &io::Error) -> Fault {
+fn assess(error: &io::Error) -> Fault {
     fault(match error.raw_os_error() {
         Some(libc::ENETDOWN) => CanFault::Down,
         Some(libc::ENOBUFS) => CanFault::Full,

@@ -10,8 +10,8 @@ use super::socket::Socket;
 use crate::fieldbus::canopen::NodeId;
 use crate::fieldbus::canopen::sdo::{ANSWER, Client, Data, Progress};
 use crate::fieldbus::connection::{Connection, Dial};
-use crate::fieldbus::departure::Departure;
 use crate::fieldbus::error::{CallerFault, CanFault, Fault, LinkFault, PeerFault};
+use crate::fieldbus::send_guard::SendGuard;
 use crate::fieldbus::trace::Tap;
 use crate::fieldbus::wire::{Answer, Boxed, Call, CanRequest, Ending, Request, Wire};
 use isotherm_core::codec::Frame;
@@ -62,16 +62,16 @@ struct CanWire {
 }
 
 impl Wire for CanWire {
-    fn exchange<'a>(&'a mut self, unit: u8, request: Request<'a>, departure: &'a mut Departure) -> Call<'a> {
+    fn exchange<'a>(&'a mut self, unit: u8, request: Request<'a>, send_guard: &'a mut SendGuard) -> Call<'a> {
         Box::pin(async move {
             let Request::Can(request) = request else { return Err(Fault::Caller(CallerFault::Function)) };
             match request {
                 CanRequest::Read { object } => {
                     let node = node(unit)?;
                     self.discard_unasked(node);
-                    departure.leave()?;
+                    send_guard.leave()?;
                     let first = self.link.client(node, |client| client.read(object.entry));
-                    let data = self.transfer(node, first, departure).await?;
+                    let data = self.transfer(node, first, send_guard).await?;
                     let bytes = data.as_ref().ok_or(Fault::Peer(PeerFault::Malformed))?;
                     let bytes = bytes.of_width(object.size())?;
                     let registers = object.registers(bytes).ok_or(Fault::Caller(CallerFault::Extent))?;
@@ -82,16 +82,16 @@ impl Wire for CanWire {
                     let node = node(unit)?;
                     let bytes = object.bytes(values);
                     self.discard_unasked(node);
-                    departure.leave()?;
+                    send_guard.leave()?;
                     let first = self.link.client(node, |client| client.write(object.entry, &bytes));
-                    self.transfer(node, first, departure).await.map(|_| Answer::Done)
+                    self.transfer(node, first, send_guard).await.map(|_| Answer::Done)
                 }
                 CanRequest::Send { id, bits, values } => {
                     // A value that may not be sent now must not be sent later with another value of the same frame
                     // either.
-                    departure.leave()?;
+                    send_guard.leave()?;
                     let frame = self.link.images(|images| images.put(id, bits, values))?;
-                    self.send(&frame, Some(departure)).await.map(|()| Answer::Done)
+                    self.send(&frame, Some(send_guard)).await.map(|()| Answer::Done)
                 }
             }
         })
@@ -128,9 +128,9 @@ impl CanWire {
         &mut self,
         node: NodeId,
         question: &Frame,
-        departure: Option<&mut Departure>,
+        send_guard: Option<&mut SendGuard>,
     ) -> Result<(), Fault> {
-        self.send(question, departure).await?;
+        self.send(question, send_guard).await?;
         loop {
             let passed = self.next().await?;
             if passed == *question {
@@ -158,10 +158,10 @@ impl CanWire {
         &mut self,
         node: NodeId,
         first: Frame,
-        departure: &mut Departure,
+        send_guard: &mut SendGuard,
     ) -> Result<Option<Data>, Fault> {
         self.asked = Some(node);
-        self.ask(node, &first, Some(departure)).await?;
+        self.ask(node, &first, Some(send_guard)).await?;
         let end = loop {
             let progress = loop {
                 let answer = self.next().await?;
@@ -173,8 +173,8 @@ impl CanWire {
                 Progress::Send(next) => self.ask(node, &next, None).await?,
                 // Only now is the actual request sent, if it is not too late for it.
                 Progress::Begin(first) => {
-                    departure.leave()?;
-                    self.ask(node, &first, Some(departure)).await?;
+                    send_guard.leave()?;
+                    self.ask(node, &first, Some(send_guard)).await?;
                 }
                 Progress::Read(data) => break Ok(Some(data)),
                 Progress::Written => break Ok(None),
@@ -192,7 +192,7 @@ impl CanWire {
 
     /// Sends a frame through the queue of the interface. It waits a limited time for room in a full queue. A request
     /// that begins with this frame may become too late meanwhile.
-    async fn send(&self, frame: &Frame, mut departure: Option<&mut Departure>) -> Result<(), Fault> {
+    async fn send(&self, frame: &Frame, mut send_guard: Option<&mut SendGuard>) -> Result<(), Fault> {
         self.tap.pass(frame.data(), true);
         let mut pauses = self.patience.as_millis() / PAUSE.as_millis();
         let sent = loop {
@@ -201,8 +201,8 @@ impl CanWire {
                 sent => break sent,
             }
             tokio::time::sleep(PAUSE).await;
-            if let Some(departure) = &mut departure {
-                departure.leave()?;
+            if let Some(send_guard) = &mut send_guard {
+                send_guard.leave()?;
             }
         };
         if let Err(fault @ Fault::Link(LinkFault::Can(CanFault::Down | CanFault::NoInterface))) = sent {

@@ -20,7 +20,7 @@ use isotherm_profile::duration_text;
 
 /// Supervision settings of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Care {
+pub struct Supervision {
     /// Heartbeat timeout, after which the node counts as lost; `None`: it is not supervised.
     pub heartbeat: Option<Duration>,
     /// Condition on which the master starts the node.
@@ -85,10 +85,10 @@ pub struct Master {
 #[derive(Clone, Debug)]
 struct Node {
     id: NodeId,
-    care: Care,
+    care: Supervision,
     state: Option<NodeState>,
     /// Time of the last heartbeat; before the first one, the start of listening.
-    heard: Moment,
+    received: Moment,
     was_heard: bool,
     is_lost: bool,
     /// Whether a start command was sent since the last boot-up.
@@ -97,12 +97,16 @@ struct Node {
 
 impl Master {
     /// Returns a master that begins to listen at `now`.
-    pub fn new(nodes: impl IntoIterator<Item = (NodeId, Care)>, sync: Option<Sync>, now: Moment) -> Master {
+    pub fn new(
+        nodes: impl IntoIterator<Item = (NodeId, Supervision)>,
+        sync: Option<Sync>,
+        now: Moment,
+    ) -> Master {
         let nodes = nodes.into_iter().map(|(id, care)| Node {
             id,
             care,
             state: None,
-            heard: now,
+            received: now,
             was_heard: false,
             is_lost: false,
             is_started: false,
@@ -125,7 +129,7 @@ impl Master {
     pub fn take(&mut self, frame: &Frame, now: Moment, outputs: &mut Vec<Output>) {
         if let Some((id, state)) = NodeState::of(frame) {
             self.with(id, |node| {
-                node.is_heard(now, outputs);
+                node.is_received(now, outputs);
                 node.is_in(state, outputs);
             });
         } else if let Some((id, emergency)) = Emergency::of(frame) {
@@ -182,15 +186,15 @@ impl Master {
 impl Node {
     fn due(&self) -> Option<Moment> {
         let patience = self.care.heartbeat.filter(|_| !self.is_lost)?;
-        Some(self.heard.after(patience))
+        Some(self.received.after(patience))
     }
 
-    fn is_heard(&mut self, now: Moment, outputs: &mut Vec<Output>) {
+    fn is_received(&mut self, now: Moment, outputs: &mut Vec<Output>) {
         if std::mem::take(&mut self.is_lost) {
-            let after = now.since(self.heard);
+            let after = now.since(self.received);
             outputs.push(Output::Tell(self.id, NodeEvent::Back { after }));
         }
-        self.heard = now;
+        self.received = now;
     }
 
     fn is_in(&mut self, state: NodeState, outputs: &mut Vec<Output>) {

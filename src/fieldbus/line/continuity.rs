@@ -22,36 +22,36 @@ impl DeviceLine {
     /// Returns whether the device has checks that have not passed since contact was last broken.
     pub(super) fn is_unverified(&self, place: usize) -> bool {
         let unit = self.units.at(place);
-        unit.is_checked && self.witness.as_ref().is_some_and(|witness| !witness.is_verified(unit.device))
+        unit.is_checked && self.observer.as_ref().is_some_and(|observer| !observer.is_verified(unit.device))
     }
 
     /// Reports a break if a request ended like this on an open connection.
-    pub(super) fn look_for_a_break(&mut self, place: usize, answer: &Result<Answer, Fault>, now: Moment) {
+    pub(super) fn check_for_break(&mut self, place: usize, answer: &Result<Answer, Fault>, now: Moment) {
         let (Err(fault), Some(connection)) = (answer, &mut self.wire) else { return };
         let ending = connection.wire().ending();
         let unit = self.units.at(place);
         let broken = match connection.wire().has_transaction_id() {
             // Without transaction numbers a missed answer leaves the connection open.
-            false if *fault == Fault::Timeout => Broken::None,
-            _ => self.evidence.ends(*fault, ending, unit.heard, now),
+            false if *fault == Fault::Timeout => BrokenContact::None,
+            _ => self.evidence.ends(*fault, ending, unit.received, now),
         };
         match broken {
-            Broken::None => {}
-            Broken::Unit => self.unit_breaks(unit.number, Break::ConnectionLost),
-            Broken::All => self.all_break(Break::ConnectionLost),
+            BrokenContact::None => {}
+            BrokenContact::Unit => self.unit_breaks(unit.number, Break::ConnectionLost),
+            BrokenContact::All => self.all_break(Break::ConnectionLost),
         }
     }
 
     /// Reports a break of the devices with this unit number.
     pub(super) fn unit_breaks(&self, number: u8, cause: Break) {
-        let Some(witness) = &self.witness else { return };
-        self.units.named(number).for_each(|device| witness.breaks(Some(device), cause));
+        let Some(observer) = &self.observer else { return };
+        self.units.named(number).for_each(|device| observer.breaks(Some(device), cause));
     }
 
     /// Reports a break of all devices of the line.
     pub(super) fn all_break(&self, cause: Break) {
-        let Some(witness) = &self.witness else { return };
-        witness.breaks(None, cause);
+        let Some(observer) = &self.observer else { return };
+        observer.breaks(None, cause);
     }
 }
 
@@ -66,7 +66,7 @@ pub(super) struct Evidence {
 
 /// Devices with which contact was broken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Broken {
+pub(super) enum BrokenContact {
     None,
     /// The devices with the unit number of the request.
     Unit,
@@ -85,23 +85,31 @@ impl Evidence {
         self.answers = self.answers.saturating_add(1);
     }
 
-    /// Returns the devices with which contact was broken if a request ends with this fault and ending. `heard` is the
-    /// time of the device's last answer.
-    pub(super) fn ends(&mut self, fault: Fault, ending: Ending, heard: Moment, now: Moment) -> Broken {
+    /// Returns the devices with which contact was broken if a request ends with this fault and ending. `received` is
+    /// the time of the device's last answer.
+    pub(super) fn ends(
+        &mut self,
+        fault: Fault,
+        ending: Ending,
+        received: Moment,
+        now: Moment,
+    ) -> BrokenContact {
         match (fault, ending) {
-            (_, Ending::Kept) => Broken::None,
+            (_, Ending::Kept) => BrokenContact::None,
             (Fault::Link(_), Ending::Closed) => {
                 let before = self.closed_at.replace(now);
                 let by_habit = before.is_some_and(|before| now.since(before) < HABIT);
                 match self.answers {
-                    1 => Broken::None,
-                    2.. if by_habit => Broken::None,
-                    _ => Broken::All,
+                    1 => BrokenContact::None,
+                    2.. if by_habit => BrokenContact::None,
+                    _ => BrokenContact::All,
                 }
             }
-            (Fault::Link(_), Ending::Lost) => Broken::All,
-            (Fault::Timeout, Ending::Closed | Ending::Lost) if now.since(heard) > SILENCE => Broken::Unit,
-            _ => Broken::None,
+            (Fault::Link(_), Ending::Lost) => BrokenContact::All,
+            (Fault::Timeout, Ending::Closed | Ending::Lost) if now.since(received) > SILENCE => {
+                BrokenContact::Unit
+            }
+            _ => BrokenContact::None,
         }
     }
 }

@@ -1,9 +1,9 @@
 //! Control questions: requests that show whether the answers of a unit behind a gateway belong to their requests. See
-//! [`crate::fieldbus::order`].
+//! [`crate::fieldbus::order_check`].
 
 use super::DeviceLine;
 use crate::fieldbus::error::Fault;
-use crate::fieldbus::mark::Mark;
+use crate::fieldbus::reply_signature::ReplySignature;
 use crate::fieldbus::wire::{Answer, Request};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::DeviceId;
@@ -16,16 +16,17 @@ impl DeviceLine {
         if !unit.is_behind_gateway || unit.quirks.close_after_each {
             return None;
         }
-        let owed = self.units.owed.get(unit.number)?;
+        let pending = self.units.pending.get(unit.number)?;
         // A repeated read may be answered by the answer to its first attempt.
-        if owed.first_asked(request).is_some() {
+        if pending.first_asked(request).is_some() {
             return None;
         }
         // A late answer would be taken for the answer to the control question.
         let is_allowed = |read: Request<'static>| {
-            unit.functions.allow(read.function()) && owed.marks().all(|mark| mark != Mark::of(read))
+            unit.functions.allow(read.function())
+                && pending.marks().all(|mark| mark != ReplySignature::of(read))
         };
-        owed.order.control(request, is_allowed)
+        pending.order.control(request, is_allowed)
     }
 
     /// Records the result of a control question. Returns true if the request that waits for it may be sent: the unit
@@ -37,14 +38,14 @@ impl DeviceLine {
         answer: &Result<Answer, Fault>,
     ) -> bool {
         let Err(fault) = answer else { return true };
-        self.units.owed(place).order.record_failed_control(control, *fault);
+        self.units.pending(place).order.record_failed_control(control, *fault);
         fault.is_refusal() && !fault.is_of_a_gateway()
     }
 
     /// Begins a pause, because the unit's gateway has sent the answer to an earlier request. The pause doubles each
     /// time, even if some answers in between were good.
     pub(super) fn rest_out_of_order(&mut self, place: usize, now: Moment) {
-        let lost = self.units.owed(place).order.lost;
+        let lost = self.units.pending(place).order.lost;
         let breaker = &mut self.units.at_mut(place).breaker;
         if lost > 0 {
             breaker.succeed();
@@ -54,10 +55,10 @@ impl DeviceLine {
 
     /// Reports the result of a request to the observer, unless it was not sent.
     pub(super) fn report(&self, device: DeviceId, request: Request<'_>, answer: &Result<Answer, Fault>) {
-        let Some(witness) = &self.witness else { return };
+        let Some(observer) = &self.observer else { return };
         if !matches!(answer, Err(Fault::Caller(_) | Fault::UNVERIFIED)) {
             let outcome = answer.as_ref().map(|_| ()).map_err(|fault| *fault);
-            witness.note(device, request, outcome, self.refusals());
+            observer.note(device, request, outcome, self.refusals());
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Retries of a request: at once on a new connection, or later after a missing answer.
 
 use super::DeviceLine;
-use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::Fault;
+use crate::fieldbus::send_guard::SendDeadline;
 use crate::fieldbus::wire::{Answer, Request};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::DeviceId;
@@ -12,9 +12,9 @@ impl DeviceLine {
     /// transaction numbers. On an RTU line, one lost answer does not yet show a fault of the device.
     pub fn again_at(&self, device: DeviceId) -> Option<Moment> {
         let unit = self.units.get(device).filter(|_| self.is_nameless)?;
-        let owed = self.units.owed.get(unit.number).and_then(|owed| owed.again_at(self.spans()));
+        let pending = self.units.pending.get(unit.number).and_then(|pending| pending.again_at(self.spans()));
         let rests = unit.breaker.not_before().max(self.redial.not_before());
-        Some(owed.max(rests).unwrap_or_default().max(self.looked()))
+        Some(pending.max(rests).unwrap_or_default().max(self.last_sample()))
     }
 
     /// Returns whether a request is repeated at once on a new connection, after the old one was lost with this answer.
@@ -22,11 +22,11 @@ impl DeviceLine {
     /// repeated, and neither is one that depends on a value read on the lost connection.
     pub(super) fn is_repeated(
         request: Request<'_>,
-        leave: Leave,
+        leave: SendDeadline,
         answer: &Result<Answer, Fault>,
         has_ids: bool,
     ) -> bool {
-        let is_free = !matches!(leave, Leave::Here(_));
+        let is_free = !matches!(leave, SendDeadline::OnConnection(_));
         request.is_read() && has_ids || *answer == Err(Fault::CLOSED) && is_free
     }
 }

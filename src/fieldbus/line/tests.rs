@@ -2,7 +2,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
 use super::*;
-use crate::clock::{Passing, TimeOfDay};
+use crate::clock::{BootClock, TimeOfDay};
 use crate::fieldbus::wire::Boxed;
 use crate::fieldbus::wire::Wire;
 use isotherm_core::codec::{Register, Table};
@@ -30,7 +30,7 @@ struct Script {
     /// Unit, function, and milliseconds since the start of the test.
     asked: Vec<(u8, u8, u128)>,
     /// Whether `listen` waits for the whole time, as on a serial line.
-    is_heard: bool,
+    is_received: bool,
     began: Option<tokio_time::Instant>,
 }
 
@@ -65,10 +65,10 @@ impl Wire for Scripted {
         &'a mut self,
         unit: u8,
         request: Request<'a>,
-        departure: &'a mut Departure,
+        send_guard: &'a mut SendGuard,
     ) -> Boxed<'a, Result<Answer, Fault>> {
         Box::pin(async move {
-            departure.leave()?;
+            send_guard.leave()?;
             let turn = {
                 let mut script = self.0.lock().unwrap();
                 let began = *script.began.get_or_insert_with(tokio_time::Instant::now);
@@ -92,9 +92,9 @@ impl Wire for Scripted {
     }
 
     fn listen(&mut self, _unit: u8, span: Duration, quiet: Duration) -> Boxed<'_, Result<(), Fault>> {
-        let is_heard = self.0.lock().unwrap().is_heard;
+        let is_received = self.0.lock().unwrap().is_received;
         Box::pin(async move {
-            if is_heard {
+            if is_received {
                 tokio::time::sleep(span + quiet).await;
             }
             Ok(())
@@ -120,7 +120,7 @@ struct Rig {
 impl Rig {
     /// Sends a request at this time in milliseconds.
     async fn ask(&mut self, device: usize, request: Request<'_>, at: u64) -> Result<Answer, Fault> {
-        self.ask_by(device, request, at, Leave::Whenever).await
+        self.ask_by(device, request, at, SendDeadline::None).await
     }
 
     async fn ask_by(
@@ -128,10 +128,10 @@ impl Rig {
         device: usize,
         request: Request<'_>,
         at: u64,
-        leave: Leave,
+        leave: SendDeadline,
     ) -> Result<Answer, Fault> {
         self.goes_to(at);
-        self.line.look();
+        self.line.sample();
         self.line.request(DeviceId(device), request, leave).await.map(|answered| answered.answer)
     }
 
@@ -139,8 +139,8 @@ impl Rig {
         *self.time.lock().unwrap() = Duration::from_millis(at);
     }
 
-    fn is_resting(&self, device: usize, at: u64) -> bool {
-        self.line.is_resting(DeviceId(device), self.begun.after(Duration::from_millis(at)))
+    fn is_backing_off(&self, device: usize, at: u64) -> bool {
+        self.line.is_backing_off(DeviceId(device), self.begun.after(Duration::from_millis(at)))
     }
 }
 
@@ -184,7 +184,7 @@ fn line_of(timeout: Duration, change: impl Fn(&mut Device)) -> (Rig, Shared) {
     let script = Shared::default();
     let time = Arc::new(Mutex::new(Duration::ZERO));
     let passed = time.clone();
-    let clock = Clock::wall_by(Passing::by(move || *passed.lock().unwrap()), TimeOfDay::default());
+    let clock = Clock::wall_by(BootClock::by(move || *passed.lock().unwrap()), TimeOfDay::default());
     let devices = [(DeviceId(0), &one), (DeviceId(1), &two)];
     let line = DeviceLine::new(&bus, &devices, Box::new(Scripted(script.clone())), &clock);
     (Rig { line, begun: clock.now(), time }, script)
@@ -199,11 +199,11 @@ async fn a_silent_unit_is_left_alone_for_a_pause_and_the_other_one_is_served() {
     let (mut line, script) = line(|_| {});
     answers(&script, &[Turn::NeverEnds]);
     assert_eq!(line.ask(0, READ, 0).await, Err(Fault::Timeout));
-    assert!(line.is_resting(0, 1000) && !line.is_resting(1, 0));
+    assert!(line.is_backing_off(0, 1000) && !line.is_backing_off(1, 0));
     assert_eq!(line.ask(0, READ, 400).await, Err(Fault::Timeout), "at once, with its last fault");
     assert_eq!(line.ask(1, READ, 400).await, Ok(good()));
     assert_eq!(script.lock().unwrap().asked.len(), 2, "the resting unit was not asked");
-    assert!(!line.is_resting(0, 1300), "the pause begins when the timeout is over");
+    assert!(!line.is_backing_off(0, 1300), "the pause begins when the timeout is over");
     assert_eq!(line.ask(0, READ, 1300).await, Ok(good()));
 }
 
@@ -253,7 +253,7 @@ async fn a_write_on_a_connection_that_broke_is_never_repeated() {
 #[tokio::test(start_paused = true)]
 async fn what_goes_by_what_was_read_leaves_on_no_other_connection() {
     let (mut line, script) = line(|_| {});
-    let here = Leave::Here(Moment::END);
+    let here = SendDeadline::OnConnection(Moment::END);
     assert_eq!(line.ask_by(0, WRITE, 0, here).await, Err(Fault::CLOSED), "nothing has been read yet");
     assert_eq!(line.ask(0, READ, 0).await, Ok(good()));
     assert_eq!(line.ask_by(0, WRITE, 100, here).await, Ok(good()));
@@ -261,7 +261,7 @@ async fn what_goes_by_what_was_read_leaves_on_no_other_connection() {
     answers(&script, &[Turn::Gives(Err(Fault::Peer(PeerFault::Malformed)))]);
     assert_eq!(line.ask(1, READ, 200).await, Err(Fault::Peer(PeerFault::Malformed)));
     assert_eq!(line.ask_by(0, WRITE, 300, here).await, Err(Fault::CLOSED));
-    assert!(!line.is_resting(0, 300), "the device has done nothing wrong");
+    assert!(!line.is_backing_off(0, 300), "the device has done nothing wrong");
     assert_eq!(line.ask(0, READ, 300).await, Ok(good()));
     assert_eq!(line.ask_by(0, WRITE, 300, here).await, Ok(good()));
     let script = script.lock().unwrap();
@@ -295,7 +295,7 @@ async fn a_connection_that_breaks_at_once_again_is_not_tried_for_ever() {
     );
     assert_eq!(line.ask(0, READ, 0).await, Ok(good()));
     assert_eq!(line.ask(0, READ, 1000).await, Err(Fault::Link(LinkFault::TurnedAway)));
-    assert!(line.is_resting(0, 1001));
+    assert!(line.is_backing_off(0, 1001));
     assert_eq!(script.lock().unwrap().asked.len(), 3);
 }
 
@@ -376,9 +376,9 @@ impl Wire for Nameless {
         &'a mut self,
         unit: u8,
         request: Request<'a>,
-        departure: &'a mut Departure,
+        send_guard: &'a mut SendGuard,
     ) -> Boxed<'a, Result<Answer, Fault>> {
-        self.0.exchange(unit, request, departure)
+        self.0.exchange(unit, request, send_guard)
     }
 
     fn has_transaction_id(&self) -> bool {
@@ -404,7 +404,7 @@ async fn without_transactions_a_unit_is_not_asked_again_before_its_late_answer_h
     let (mut line, script) = nameless();
     answers(&script, &[Turn::NeverEnds]);
     assert_eq!(line.ask(0, READ, 0).await, Err(Fault::Timeout));
-    assert!(line.is_resting(0, 4 * 300 - 1), "three timeouts more, also where the pause is over");
+    assert!(line.is_backing_off(0, 4 * 300 - 1), "three timeouts more, also where the pause is over");
     assert_eq!(line.ask(1, READ, 300).await, Ok(good()), "the other one is asked at once");
     // The clock of the caller may be ahead of wall-clock time. The silence before the next request is wall-clock time.
     assert_eq!(line.ask(0, READ, 2200).await, Ok(good()));
@@ -420,7 +420,7 @@ async fn without_transactions_a_late_answer_is_waited_for_under_every_name_that_
     line.line.units.at_mut(1).number = 1;
     answers(&script, &[Turn::NeverEnds]);
     assert_eq!(line.ask(0, READ, 0).await, Err(Fault::Timeout));
-    assert!(line.is_resting(1, 4 * 300 - 1), "it is the same unit");
+    assert!(line.is_backing_off(1, 4 * 300 - 1), "it is the same unit");
     assert_eq!(line.ask(1, READ, 4 * 300).await, Ok(good()));
     let script = script.lock().unwrap();
     assert!(script.asked[1].2 >= 4 * 300, "{:?}", script.asked);
@@ -446,7 +446,7 @@ async fn without_transactions_nothing_that_was_sent_is_repeated_and_what_was_not
     assert_eq!(line.ask(0, WRITE, 1000).await, Ok(Answer::Done));
     answers(&script, &[Turn::Gives(Err(Fault::BROKEN))]);
     assert_eq!(line.ask(0, READ, 2000).await, Err(Fault::BROKEN));
-    assert!(line.is_resting(0, 2001) && !line.is_resting(1, 2001));
+    assert!(line.is_backing_off(0, 2001) && !line.is_backing_off(1, 2001));
     assert_eq!(script.lock().unwrap().dialled, 3);
 }
 
@@ -468,7 +468,7 @@ async fn a_device_that_hangs_up_before_its_first_answer_is_said_to_have_another_
     assert_eq!(fault, Fault::Link(LinkFault::TurnedAway));
     let said = crate::fieldbus::explain::explain(fault);
     assert!(said.contains("is another master connected?"), "{said}");
-    assert!(line.is_resting(0, 700), "it is not asked again at once");
+    assert!(line.is_backing_off(0, 700), "it is not asked again at once");
     assert_eq!(line.ask(0, READ, 1100).await, Ok(good()));
 }
 
@@ -509,19 +509,19 @@ async fn stands_still(
 ) -> Vec<Moment> {
     let (rig, script) = line_of(timeout, change);
     let begun = tokio_time::Instant::now();
-    let clock = Clock::wall_by(Passing::by(move || begun.elapsed()), TimeOfDay::default());
+    let clock = Clock::wall_by(BootClock::by(move || begun.elapsed()), TimeOfDay::default());
     let mut line = rig.line;
-    line.departure = Departure::whenever(&clock).aged(Duration::from_secs(5));
+    line.send_guard = SendGuard::without_deadline(&clock).aged(Duration::from_secs(5));
     let mut gaps = Vec::new();
     for second in 0..30 {
         turn(&script);
-        let _ = line.request(DeviceId(second % 2), READ, Leave::Whenever).await;
-        gaps.extend(line.departure.stood_still());
+        let _ = line.request(DeviceId(second % 2), READ, SendDeadline::None).await;
+        gaps.extend(line.send_guard.stalled_at());
         let pause = Duration::from_secs(1);
-        line.departure.away_for(pause);
+        line.send_guard.away_for(pause);
         tokio::time::sleep(pause).await;
-        line.look();
-        gaps.extend(line.departure.stood_still());
+        line.sample();
+        gaps.extend(line.send_guard.stalled_at());
     }
     gaps
 }
@@ -530,7 +530,7 @@ async fn stands_still(
 async fn a_line_that_waits_as_long_as_it_may_has_not_stood_still() {
     let (half, two) = (Duration::from_millis(500), Duration::from_secs(2));
     let nothing = |_: &Shared| {};
-    let listens = |script: &Shared| script.lock().unwrap().is_heard = true;
+    let listens = |script: &Shared| script.lock().unwrap().is_received = true;
     assert_eq!(stands_still(half, |_| {}, listens).await, [], "a serial line that is listened to");
     let slow = |device: &mut Device| device.quirks.pause_after_connect = Duration::from_secs(3);
     assert_eq!(

@@ -5,8 +5,8 @@ use std::time::Duration;
 use super::seed;
 use crate::fieldbus::backoff::Backoff;
 use crate::fieldbus::error::{Fault, LinkFault, PeerFault};
-use crate::fieldbus::mark::Mark;
-use crate::fieldbus::owed::{Debts, Owed, Spans};
+use crate::fieldbus::pending_replies::{PendingReplies, Spans, UnitReplies};
+use crate::fieldbus::reply_signature::ReplySignature;
 use crate::fieldbus::wire::Request;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Device, DeviceId, Functions, Quirks, Transport};
@@ -35,14 +35,14 @@ pub(super) struct Unit {
     /// another request.
     pub(super) is_behind_gateway: bool,
     /// Time of the last answer.
-    pub(super) heard: Moment,
+    pub(super) received: Moment,
 }
 
 /// All devices of the line. Several devices of a profile may have the same unit number.
 pub(super) struct Units {
     all: Vec<Unit>,
     /// Late answers that may still arrive, by unit number.
-    pub(super) owed: Debts,
+    pub(super) pending: UnitReplies,
 }
 
 impl Units {
@@ -58,15 +58,15 @@ impl Units {
             last_fault: Fault::Link(LinkFault::Down),
             is_checked: device.is_checked() || transport == Transport::OpcUa,
             is_behind_gateway: device.quirks.gateway.is_present(transport, numbers()),
-            heard: Moment::default(),
+            received: Moment::default(),
         };
-        let mut owed = Debts::of_units(numbers());
+        let mut pending = UnitReplies::of_units(numbers());
         if is_tcp {
             // A gateway has one request at a time on its line, so that an answer to an earlier process gets no new
             // transaction.
-            owed.each().for_each(Owed::is_quiet);
+            pending.each().for_each(PendingReplies::is_quiet);
         }
-        Units { all: devices.iter().map(unit).collect(), owed }
+        Units { all: devices.iter().map(unit).collect(), pending }
     }
 
     /// Returns the index of a device.
@@ -96,13 +96,13 @@ impl Units {
         self.all.iter().filter(move |unit| unit.number == number).map(|unit| unit.device)
     }
 
-    pub(super) fn owed(&mut self, place: usize) -> &mut Owed {
-        self.owed.of(self.all[place].number)
+    pub(super) fn pending(&mut self, place: usize) -> &mut PendingReplies {
+        self.pending.of(self.all[place].number)
     }
 
     /// Returns whether the last request to the unit with this number was not answered in time.
     pub(super) fn has_timed_out(&self, number: u8) -> bool {
-        let has_missed = self.owed.get(number).is_some_and(|owed| owed.missed() > 0);
+        let has_missed = self.pending.get(number).is_some_and(|pending| pending.missed() > 0);
         has_missed && self.all.iter().any(|unit| unit.number == number && unit.last_fault == Fault::Timeout)
     }
 
@@ -124,29 +124,30 @@ impl Units {
         spans: Spans,
     ) {
         let is_behind_gateway = self.all[place].is_behind_gateway;
-        let owed = self.owed(place);
+        let pending = self.pending(place);
         let is_lost = fault.is_of_a_gateway()
             || matches!(fault, Fault::Timeout | Fault::Peer(PeerFault::Malformed | PeerFault::Foreign));
         if !is_lost {
-            owed.distrust();
+            pending.reset_timing();
         }
-        // A control question differs in form from each late answer. If answers of two forms may be late, there may be none.
-        let are_alike = owed.marks().all(|mark| mark == Mark::of(request));
-        let may_be_asked = owed.misses(request, asked, missed) && (are_alike || !is_behind_gateway);
+        // A control question differs in form from each late answer. If answers of two forms may be late, there may be
+        // none.
+        let are_alike = pending.marks().all(|mark| mark == ReplySignature::of(request));
+        let may_be_asked = pending.misses(request, asked, missed) && (are_alike || !is_behind_gateway);
         self.all[place].last_fault = fault;
         if !may_be_asked {
-            self.rest(place, fault, now, spans);
+            self.back_off(place, fault, now, spans);
         }
     }
 
     /// Stops requests to a unit, by all its devices, while its late answer may still arrive. Its pause also doubles if
     /// it has never answered, or has missed more than a few answers.
-    pub(super) fn rest(&mut self, place: usize, fault: Fault, now: Moment, spans: Spans) {
+    pub(super) fn back_off(&mut self, place: usize, fault: Fault, now: Moment, spans: Spans) {
         let quiet = now.after((spans.timeout + spans.grace).max(spans.timeout + SHORTEST_REST));
         let number = self.all[place].number;
-        let owed = self.owed.of(number);
-        owed.anything();
-        if !owed.has_answered() || !(1..=PATIENT).contains(&owed.missed()) {
+        let pending = self.pending.of(number);
+        pending.anything();
+        if !pending.has_answered() || !(1..=PATIENT).contains(&pending.missed()) {
             self.all[place].breaker.fail(now.after(spans.timeout));
         }
         for unit in self.all.iter_mut().filter(|unit| unit.number == number) {

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use super::*;
 use crate::clock::Clock;
-use crate::fieldbus::departure::Leave;
+use crate::fieldbus::send_guard::SendDeadline;
 use isotherm_core::codec::{Register, Table};
 
 const READ: Request<'static> =
@@ -22,7 +22,7 @@ fn frame(asked: &[u8], transaction: u8, unit: u8, pdu: &[u8]) -> Vec<u8> {
     bytes
 }
 
-async fn hear(peer: &mut DuplexStream) -> Vec<u8> {
+async fn receive(peer: &mut DuplexStream) -> Vec<u8> {
     let mut header = [0; 6];
     peer.read_exact(&mut header).await.unwrap();
     let mut asked = header.to_vec();
@@ -36,12 +36,12 @@ async fn asked(request: Request<'_>, answer: impl FnOnce(&[u8]) -> Vec<u8>) -> R
     let (ours, mut theirs) = duplex(512);
     let mut wire = ModbusTcp::new(ours, &Tap::default());
     let peer = async {
-        let asked = hear(&mut theirs).await;
+        let asked = receive(&mut theirs).await;
         theirs.write_all(&answer(&asked)).await.unwrap();
         drop(theirs);
     };
-    let mut departure = Departure::whenever(&Clock::wall());
-    tokio::join!(wire.exchange(3, request, &mut departure), peer).0
+    let mut send_guard = SendGuard::without_deadline(&Clock::wall());
+    tokio::join!(wire.exchange(3, request, &mut send_guard), peer).0
 }
 
 async fn plain(request: Request<'_>, pdu: &[u8]) -> Result<Answer, Fault> {
@@ -151,11 +151,11 @@ async fn pair(
         assert_eq!(theirs.read(&mut both).await.unwrap(), 0);
     };
     let ours = async {
-        let mut departure = Departure::whenever(&Clock::wall());
-        departure.begins(Duration::from_secs(1));
-        wire.ask_behind(Some((3, READ)));
-        let written = wire.exchange(3, WRITE, &mut departure).await;
-        let read = wire.exchange(3, READ, &mut departure).await;
+        let mut send_guard = SendGuard::without_deadline(&Clock::wall());
+        send_guard.begins(Duration::from_secs(1));
+        wire.set_follow_up(Some((3, READ)));
+        let written = wire.exchange(3, WRITE, &mut send_guard).await;
+        let read = wire.exchange(3, READ, &mut send_guard).await;
         drop(wire);
         (written, read)
     };
@@ -214,22 +214,22 @@ async fn an_answer_that_nobody_asked_for_in_time_is_forgotten_and_the_question_p
     let (ours, mut theirs) = duplex(512);
     let mut wire = ModbusTcp::new(ours, &Tap::default());
     let peer = async {
-        let (write, read) = (hear(&mut theirs).await, hear(&mut theirs).await);
+        let (write, read) = (receive(&mut theirs).await, receive(&mut theirs).await);
         theirs.write_all(&[frame(&write, 0, 0, ECHO), frame(&read, 0, 0, TWO)].concat()).await.unwrap();
         // Another write between the two.
-        let again = hear(&mut theirs).await;
+        let again = receive(&mut theirs).await;
         theirs.write_all(&frame(&again, 0, 0, ECHO)).await.unwrap();
-        let anew = hear(&mut theirs).await;
+        let anew = receive(&mut theirs).await;
         theirs.write_all(&frame(&anew, 0, 0, &[3, 4, 0, 7, 0, 8])).await.unwrap();
     };
     let ours = async {
-        let mut departure = Departure::whenever(&Clock::wall());
-        departure.begins(Duration::from_millis(20));
-        wire.ask_behind(Some((3, READ)));
-        assert_eq!(wire.exchange(3, WRITE, &mut departure).await, Ok(Answer::Done));
-        assert_eq!(wire.exchange(3, WRITE, &mut departure).await, Ok(Answer::Done));
+        let mut send_guard = SendGuard::without_deadline(&Clock::wall());
+        send_guard.begins(Duration::from_millis(20));
+        wire.set_follow_up(Some((3, READ)));
+        assert_eq!(wire.exchange(3, WRITE, &mut send_guard).await, Ok(Answer::Done));
+        assert_eq!(wire.exchange(3, WRITE, &mut send_guard).await, Ok(Answer::Done));
         tokio::time::sleep(Duration::from_millis(30)).await;
-        assert_eq!(wire.exchange(3, READ, &mut departure).await, Ok(Answer::Registers(vec![7, 8])));
+        assert_eq!(wire.exchange(3, READ, &mut send_guard).await, Ok(Answer::Registers(vec![7, 8])));
     };
     tokio::join!(ours, peer);
 }
@@ -239,21 +239,21 @@ async fn what_is_read_behind_a_question_is_as_old_as_that() {
     let (ours, mut theirs) = duplex(512);
     let mut wire = ModbusTcp::new(ours, &Tap::default());
     let peer = async {
-        let (write, read) = (hear(&mut theirs).await, hear(&mut theirs).await);
+        let (write, read) = (receive(&mut theirs).await, receive(&mut theirs).await);
         theirs.write_all(&frame(&write, 0, 0, ECHO)).await.unwrap();
         tokio::time::sleep(Duration::from_millis(20)).await;
         theirs.write_all(&frame(&read, 0, 0, TWO)).await.unwrap();
     };
     let ours = async {
-        let mut departure = Departure::whenever(&Clock::wall());
-        departure.begins(Duration::from_secs(1));
-        wire.ask_behind(Some((3, READ)));
-        wire.exchange(3, WRITE, &mut departure).await.unwrap();
-        let left = departure.asked();
-        departure.next(READ, Leave::Whenever);
-        wire.exchange(3, READ, &mut departure).await.unwrap();
-        assert_eq!(departure.asked(), left);
-        assert!(departure.took() >= Duration::from_millis(20));
+        let mut send_guard = SendGuard::without_deadline(&Clock::wall());
+        send_guard.begins(Duration::from_secs(1));
+        wire.set_follow_up(Some((3, READ)));
+        wire.exchange(3, WRITE, &mut send_guard).await.unwrap();
+        let left = send_guard.asked();
+        send_guard.next(READ, SendDeadline::None);
+        wire.exchange(3, READ, &mut send_guard).await.unwrap();
+        assert_eq!(send_guard.asked(), left);
+        assert!(send_guard.took() >= Duration::from_millis(20));
     };
     tokio::join!(ours, peer);
 }
@@ -263,39 +263,39 @@ async fn a_read_behind_a_question_that_is_not_answered_was_sent_with_that() {
     let (ours, mut theirs) = duplex(512);
     let mut wire = ModbusTcp::new(ours, &Tap::default());
     let peer = async {
-        let write = hear(&mut theirs).await;
+        let write = receive(&mut theirs).await;
         theirs.write_all(&frame(&write, 0, 0, ECHO)).await.unwrap();
     };
-    let mut departure = Departure::whenever(&Clock::wall());
-    departure.begins(Duration::from_secs(1));
-    wire.ask_behind(Some((3, READ)));
-    let (written, ()) = tokio::join!(wire.exchange(3, WRITE, &mut departure), peer);
+    let mut send_guard = SendGuard::without_deadline(&Clock::wall());
+    send_guard.begins(Duration::from_secs(1));
+    wire.set_follow_up(Some((3, READ)));
+    let (written, ()) = tokio::join!(wire.exchange(3, WRITE, &mut send_guard), peer);
     written.unwrap();
-    let left = departure.asked();
+    let left = send_guard.asked();
     assert_eq!(wire.unanswered_behind(), left.map(|asked| (3, READ, asked)));
-    departure.next(READ, Leave::Whenever);
-    let answer = wire.exchange(3, READ, &mut departure);
+    send_guard.next(READ, SendDeadline::None);
+    let answer = wire.exchange(3, READ, &mut send_guard);
     assert!(tokio::time::timeout(Duration::from_millis(20), answer).await.is_err());
-    assert_eq!(departure.asked(), left);
+    assert_eq!(send_guard.asked(), left);
     assert_eq!(wire.unanswered_behind(), None, "it has become the present request");
 }
 
 #[tokio::test]
 async fn the_form_of_an_answer_is_known_though_it_is_a_wrong_one() {
     for (pdu, form) in [
-        (&[3, 2, 0, 1][..], Mark::of_answer(&[3, 2])),
-        (&[4, 4, 0, 1, 0, 2], Mark::of_answer(&[4, 4])),
+        (&[3, 2, 0, 1][..], ReplySignature::of_answer(&[3, 2])),
+        (&[4, 4, 0, 1, 0, 2], ReplySignature::of_answer(&[4, 4])),
         (&[0x83, 2], None),
         (ECHO, None),
     ] {
         let (ours, mut theirs) = duplex(512);
         let mut wire = ModbusTcp::new(ours, &Tap::default());
         let peer = async {
-            let asked = hear(&mut theirs).await;
+            let asked = receive(&mut theirs).await;
             theirs.write_all(&frame(&asked, 0, 0, pdu)).await.unwrap();
         };
-        let mut departure = Departure::whenever(&Clock::wall());
-        let (answer, ()) = tokio::join!(wire.exchange(3, READ, &mut departure), peer);
+        let mut send_guard = SendGuard::without_deadline(&Clock::wall());
+        let (answer, ()) = tokio::join!(wire.exchange(3, READ, &mut send_guard), peer);
         assert!(answer.is_err());
         assert_eq!(wire.received_form(), form, "{pdu:?}");
     }
@@ -308,18 +308,18 @@ async fn what_nobody_asked_for_keeps_a_write_from_leaving_and_is_found_behind_on
         let (ours, mut theirs) = duplex(512);
         let clock = Clock::simulated(Moment::default().after(Duration::from_secs(60)), None);
         let mut wire = ModbusTcp::new(ours, &Tap::default());
-        let mut departure = Departure::whenever(&clock);
+        let mut send_guard = SendGuard::without_deadline(&clock);
         let mut asked = Vec::new();
         let peer_answers = async {
-            asked = hear(&mut theirs).await;
+            asked = receive(&mut theirs).await;
             theirs.write_all(&frame(&asked, 0, 0, TWO)).await.unwrap();
         };
-        let (read, ()) = tokio::join!(wire.exchange(3, READ, &mut departure), peer_answers);
+        let (read, ()) = tokio::join!(wire.exchange(3, READ, &mut send_guard), peer_answers);
         assert_eq!(read, Ok(Answer::Registers(vec![1, 2])));
         theirs.write_all(&frame(&asked, 0, 0, TWO)).await.unwrap();
         clock.skip(Duration::from_millis(pause));
-        departure.look();
-        assert_eq!(wire.exchange(3, WRITE, &mut departure).await, peer(fault));
+        send_guard.sample();
+        assert_eq!(wire.exchange(3, WRITE, &mut send_guard).await, peer(fault));
         drop(wire);
         let mut heard = Vec::new();
         theirs.read_to_end(&mut heard).await.unwrap();

@@ -14,7 +14,7 @@ use ::opcua::types::{
 };
 use isotherm_core::codec::{self, DataType};
 use isotherm_core::reading::Status;
-use isotherm_profile::{Bus, one_line, regular};
+use isotherm_profile::{Bus, one_line, safe_file};
 use serde::{Serialize, Serializer};
 
 use super::channel::Link;
@@ -103,7 +103,7 @@ pub struct Tree {
 }
 
 /// Node that was found.
-struct Place {
+struct FoundNode {
     id: NodeId,
     depth: usize,
     below: Vec<usize>,
@@ -153,9 +153,9 @@ impl Browser {
             return Err(Fault::Status(*status));
         }
         let mut seen = HashSet::from([first.clone()]);
-        let mut places = vec![Place { id: first, depth: 0, below: Vec::new() }];
+        let mut places = vec![FoundNode { id: first, depth: 0, below: Vec::new() }];
         let (mut at, mut is_cut) = (0, false);
-        while let Some(Place { id, depth: so_deep, .. }) = places.get(at) {
+        while let Some(FoundNode { id, depth: so_deep, .. }) = places.get(at) {
             let (id, so_deep, room) = (id.clone(), *so_deep, most.saturating_sub(places.len()));
             if so_deep < depth && (at == 0 || id.namespace != 0) {
                 let (found, is_more) = match self.below(&id, room).await {
@@ -167,7 +167,7 @@ impl Browser {
                     if seen.insert(id.clone()) {
                         let place = places.len();
                         places[at].below.push(place);
-                        places.push(Place { id, depth: so_deep + 1, below: Vec::new() });
+                        places.push(FoundNode { id, depth: so_deep + 1, below: Vec::new() });
                     }
                 }
             }
@@ -367,5 +367,5 @@ fn hold(node: &mut Described, value: DataValue) {
 }
 
 fn text(text: &str) -> String {
-    regular::cut(&one_line(text), LONGEST).into_owned()
+    safe_file::cut(&one_line(text), LONGEST).into_owned()
 }

@@ -61,7 +61,7 @@ pub struct Certificate {
 }
 
 /// New certificate with its key.
-pub struct Made {
+pub struct NewCertificate {
     /// The certificate, in DER form.
     pub cert: Vec<u8>,
     /// The private key, in PEM form.
@@ -144,13 +144,13 @@ pub fn make(
     host: &str,
     now: Moment,
     lasts: Duration,
-) -> Result<Made, String> {
+) -> Result<NewCertificate, String> {
     let key =
         RsaPrivateKey::new(&mut OsRng, KEY_BITS).map_err(|why| format!("no key could be made: {why}"))?;
     let cert = signed(&key, subject, application, host, [now.before(EARLIER), now.after(lasts)]);
     let cert = cert.map_err(|why| format!("no certificate could be made: {why}"))?;
     let key = key.to_pkcs8_pem(LineEnding::LF).map_err(|why| format!("no key could be written: {why}"))?;
-    Ok(Made { cert, key: key.to_string() })
+    Ok(NewCertificate { cert, key: key.to_string() })
 }
 
 fn signed(

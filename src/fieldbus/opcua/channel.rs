@@ -19,7 +19,7 @@ use tokio::net::TcpStream;
 use tokio_util::codec::FramedRead;
 
 use super::chunks::Chunks;
-use super::contained::contained;
+use super::panic_guard::contained;
 
 /// Requested lifetime of the keys in milliseconds. The library renews them before a request, once three quarters of it
 /// have passed.

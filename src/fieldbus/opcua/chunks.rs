@@ -26,7 +26,7 @@ impl<R> Chunks<R> {
         Chunks { inner, longest, header: [0; HEADER], known: 0, rest: 0 }
     }
 
-    fn look(&mut self, mut bytes: &[u8]) -> Result<()> {
+    fn check(&mut self, mut bytes: &[u8]) -> Result<()> {
         while !bytes.is_empty() {
             let passed = self.rest.min(bytes.len());
             (self.rest, bytes) = (self.rest - passed, &bytes[passed..]);
@@ -57,7 +57,7 @@ impl<R: AsyncRead + Unpin> AsyncRead for Chunks<R> {
     ) -> Poll<Result<()>> {
         let before = buffer.filled().len();
         ready!(Pin::new(&mut self.inner).poll_read(context, buffer))?;
-        Poll::Ready(self.look(&buffer.filled()[before..]))
+        Poll::Ready(self.check(&buffer.filled()[before..]))
     }
 }
 
@@ -76,7 +76,7 @@ mod tests {
             let bytes = [&right, &short, &right, &last].map(Vec::as_slice).concat();
             for size in 1..bytes.len() {
                 let mut chunks = Chunks::new((), 1000);
-                let taken = bytes.chunks(size).try_for_each(|part| chunks.look(part));
+                let taken = bytes.chunks(size).try_for_each(|part| chunks.check(part));
                 assert_eq!(taken.is_ok(), is_taken, "{size}");
             }
         }

@@ -39,7 +39,7 @@ impl Files {
         let application = match line.own.as_ref().zip(own.as_ref()) {
             None => APPLICATION.to_owned(),
             Some(((cert, _), (parsed, _))) => application(parsed).unwrap_or_else(|| {
-                wrong.push(cert.wrong(
+                wrong.push(cert.invalid(
                     "the certificate names no application: its subjectAltName needs a URI, because servers \
                      compare the URI",
                 ));
@@ -53,7 +53,7 @@ impl Files {
                     Some(IdentityToken::new_user_name(name.as_str(), text.trim_end_matches(['\r', '\n'])))
                 }
                 Err(_) => {
-                    wrong.push(password.wrong("the file is no text in UTF-8"));
+                    wrong.push(password.invalid("the file is no text in UTF-8"));
                     None
                 }
             },
@@ -65,7 +65,7 @@ impl Files {
         for file in &line.trusted {
             match certificate(&file.bytes).and_then(|cert| cert.to_der().ok()) {
                 Some(der) => trusted.push(der),
-                None => wrong.push(file.wrong("the file is no certificate in DER or PEM form")),
+                None => wrong.push(file.invalid("the file is no certificate in DER or PEM form")),
             }
         }
         match user {
@@ -107,16 +107,16 @@ fn in_its_time(cert: &X509) -> Result<(), OpcUaFault> {
 fn pair(cert: &NamedFile, key: &NamedFile, wrong: &mut Vec<ProfileError>) -> Option<(X509, PrivateKey)> {
     let parsed = certificate(&cert.bytes);
     if parsed.is_none() {
-        wrong.push(cert.wrong("the file is no certificate in DER or PEM form"));
+        wrong.push(cert.invalid("the file is no certificate in DER or PEM form"));
     }
     let secret = PrivateKey::from_pem(&key.bytes).ok();
     if secret.is_none() {
-        wrong.push(key.wrong("the file is no RSA key in PEM form without a password"));
+        wrong.push(key.invalid("the file is no RSA key in PEM form without a password"));
     }
     let (parsed, secret) = (parsed?, secret?);
     let of_cert = Certificate::from_der(&parsed.to_der().ok()?).ok()?.tbs_certificate.subject_public_key_info;
     if secret.public_key_to_info().ok()? != of_cert {
-        wrong.push(key.wrong(&format!("the key is not the key of the certificate {}", cert.name)));
+        wrong.push(key.invalid(&format!("the key is not the key of the certificate {}", cert.name)));
         return None;
     }
     Some((parsed, secret))

@@ -14,7 +14,7 @@ use isotherm_profile::plan::Subscription;
 use super::channel::Link;
 use super::session::Session;
 use super::status::call_fault;
-use super::subscription::{Heard, Subscribed, subscribe, unsubscribe};
+use super::subscription::{Subscribed, ValueState, subscribe, unsubscribe};
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::wire::NodeReading;
 
@@ -73,19 +73,19 @@ impl Publishing {
                     continue;
                 }
             };
-            is_more |= self.hear(answered, first.asked, now)?;
+            is_more |= self.receive(answered, first.asked, now)?;
         }
         loop {
             self.ask(link, session, now).await?;
             let first = if is_more { self.waiting.pop_front() } else { None };
             let Some(first) = first else { return Ok(()) };
             let answered = link.ask(first.answer).await;
-            is_more = self.hear(answered, first.asked, now)?;
+            is_more = self.receive(answered, first.asked, now)?;
         }
     }
 
     /// Processes an answer. Returns whether the server has more to send at once.
-    fn hear(
+    fn receive(
         &mut self,
         answered: Result<PublishResponse, Error>,
         asked: Moment,
@@ -113,10 +113,10 @@ impl Publishing {
         });
         // Data of an ended subscription is discarded.
         let Some(subscribed) = sent else { return Ok(false) };
-        match subscribed.hear(answer, asked, now) {
-            Heard::All => Ok(false),
-            Heard::More => Ok(true),
-            Heard::Lost(why) => {
+        match subscribed.receive(answer, asked, now) {
+            ValueState::All => Ok(false),
+            ValueState::More => Ok(true),
+            ValueState::Lost(why) => {
                 self.of.retain(|(_, state)| !matches!(state, State::Sent(subscribed) if subscribed.id == id));
                 self.lost(why);
                 Ok(false)
@@ -180,7 +180,7 @@ impl Publishing {
             None => Latest::New,
             Some((_, State::Refused)) => Latest::Unknown,
             Some((_, State::Sent(subscribed))) if subscribed.is_silent(now) => Latest::Silent,
-            Some((_, State::Sent(subscribed))) if subscribed.is_to_be_made_anew(now) => Latest::New,
+            Some((_, State::Sent(subscribed))) if subscribed.must_be_recreated(now) => Latest::New,
             Some((_, State::Sent(subscribed))) => {
                 subscribed.readings(asked).map_or(Latest::Unknown, Latest::Known)
             }

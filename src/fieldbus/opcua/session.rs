@@ -32,12 +32,12 @@ const NONCE: usize = 32;
 pub(super) struct Session {
     application: String,
     timeout: Duration,
-    held: Arc<Mutex<Option<Held>>>,
+    held: Arc<Mutex<Option<ServerSession>>>,
 }
 
 /// Data of a session at the server.
 #[derive(Clone)]
-struct Held {
+struct ServerSession {
     /// Authentication token in each request.
     token: NodeId,
     /// Nonce for the next signature.
@@ -124,15 +124,15 @@ impl Session {
         patience(self.timeout)
     }
 
-    fn held(&self) -> Option<Held> {
+    fn held(&self) -> Option<ServerSession> {
         self.lock().clone()
     }
 
-    fn hold(&self, held: Option<Held>) {
+    fn hold(&self, held: Option<ServerSession>) {
         *self.lock() = held;
     }
 
-    fn lock(&self) -> MutexGuard<'_, Option<Held>> {
+    fn lock(&self) -> MutexGuard<'_, Option<ServerSession>> {
         self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -148,7 +148,7 @@ impl Session {
         self.activate(link, login, held).await.map_err(|error| dial_fault(&error))
     }
 
-    async fn create(&self, link: &mut Link, login: Login<'_>) -> Result<Held, Fault> {
+    async fn create(&self, link: &mut Link, login: Login<'_>) -> Result<ServerSession, Fault> {
         let Login { endpoint, own, user } = login;
         let channel = link.channel.clone();
         let nonce = random::byte_string(NONCE);
@@ -189,7 +189,7 @@ impl Session {
                 return Err(fault(OpcUaFault::Weakened));
             }
         }
-        Ok(Held {
+        Ok(ServerSession {
             token: made.authentication_token.clone(),
             nonce: made.server_nonce.clone(),
             subscriptions: Vec::new(),
@@ -197,7 +197,7 @@ impl Session {
         })
     }
 
-    async fn activate(&self, link: &mut Link, login: Login<'_>, held: Held) -> Result<(), Error> {
+    async fn activate(&self, link: &mut Link, login: Login<'_>, held: ServerSession) -> Result<(), Error> {
         let Login { endpoint, own, user } = login;
         let channel = link.channel.clone();
         channel.set_auth_token(held.token.clone());
@@ -211,7 +211,7 @@ impl Session {
             None => request,
         };
         let answer = link.ask(request.send(&channel)).await?;
-        self.hold(Some(Held { nonce: answer.server_nonce.clone(), ..held }));
+        self.hold(Some(ServerSession { nonce: answer.server_nonce.clone(), ..held }));
         Ok(())
     }
 

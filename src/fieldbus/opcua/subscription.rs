@@ -76,7 +76,7 @@ struct Confirmed {
 
 /// State of a subscription after a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Heard {
+pub(super) enum ValueState {
     /// All values are known as of this message.
     All,
     /// The server has more to send.
@@ -257,11 +257,11 @@ pub(super) async fn unsubscribe(link: &mut Link, session: &Session, ids: Vec<u32
 
 impl Subscribed {
     /// Processes a message. `asked` is the time at which its request was sent.
-    pub(super) fn hear(&mut self, answer: PublishResponse, asked: Moment, now: Moment) -> Heard {
+    pub(super) fn receive(&mut self, answer: PublishResponse, asked: Moment, now: Moment) -> ValueState {
         let message = answer.notification_message;
         let parts = message.notification_data.unwrap_or_default();
         if self.next.is_some_and(|next| next != message.sequence_number) {
-            return Heard::Lost(None);
+            return ValueState::Lost(None);
         }
         self.heard = now;
         self.next = Some(message.sequence_number);
@@ -272,7 +272,7 @@ impl Subscribed {
         }
         for part in parts {
             if let Some(ended) = part.inner_as::<StatusChangeNotification>() {
-                return Heard::Lost(Some(ended.status));
+                return ValueState::Lost(Some(ended.status));
             }
             let Some(changed) = part.into_inner_as::<DataChangeNotification>() else { continue };
             for item in changed.monitored_items.unwrap_or_default() {
@@ -283,7 +283,7 @@ impl Subscribed {
             }
         }
         if answer.more_notifications {
-            return Heard::More;
+            return ValueState::More;
         }
         let (sent, made) = (answer.response_header.timestamp, message.publish_time);
         let sent = if sent.is_null() { made } else { sent };
@@ -292,7 +292,7 @@ impl Subscribed {
             _ => Duration::ZERO,
         };
         self.confirmed = Some(Confirmed { asked, sent, lay });
-        Heard::All
+        ValueState::All
     }
 
     /// Returns the numbers of the messages since the last call.
@@ -306,7 +306,7 @@ impl Subscribed {
     }
 
     /// Returns whether to subscribe again: a missing node may exist by now, or a namespace has another index.
-    pub(super) fn is_to_be_made_anew(&self, now: Moment) -> bool {
+    pub(super) fn must_be_recreated(&self, now: Moment) -> bool {
         let (table, changes) = &self.namespaces;
         table.changes() != *changes || self.lacks && now.since(self.made) >= AGAIN
     }
@@ -400,12 +400,12 @@ mod tests {
     #[test]
     fn a_value_is_as_old_as_the_request_that_brought_it_and_a_sign_of_life_makes_it_younger() {
         let (mut subscribed, asked) = (subscribed(), asked(false));
-        assert_eq!(subscribed.hear(message(1, 10, &[(0, 21.5)]), at(9), at(11)), Heard::All);
+        assert_eq!(subscribed.receive(message(1, 10, &[(0, 21.5)]), at(9), at(11)), ValueState::All);
         assert_eq!(subscribed.readings(&asked), None, "one node has not been heard of");
-        assert_eq!(subscribed.hear(message(2, 11, &[(1, 3.0)]), at(10), at(12)), Heard::All);
+        assert_eq!(subscribed.receive(message(2, 11, &[(1, 3.0)]), at(10), at(12)), ValueState::All);
         let taken = |subscribed: &Subscribed| subscribed.readings(&asked).unwrap()[0].asked;
         assert_eq!(taken(&subscribed), Some(at(9)), "a sampling older than the request at 10 s");
-        assert_eq!(subscribed.hear(message(3, 14, &[]), at(13), at(15)), Heard::All);
+        assert_eq!(subscribed.receive(message(3, 14, &[]), at(13), at(15)), ValueState::All);
         assert_eq!(taken(&subscribed), Some(at(12)));
         assert_eq!(subscribed.received(), [1, 2], "a sign of life is not acknowledged");
     }
@@ -413,8 +413,8 @@ mod tests {
     #[test]
     fn a_stamp_that_stands_still_makes_a_value_older_whatever_the_server_says_beside_it() {
         let (mut subscribed, asked) = (subscribed(), asked(true));
-        subscribed.hear(message(1, 10, &[(0, 21.5), (1, 3.0)]), at(9), at(11));
-        subscribed.hear(message(2, 40, &[]), at(39), at(41));
+        subscribed.receive(message(1, 10, &[(0, 21.5), (1, 3.0)]), at(9), at(11));
+        subscribed.receive(message(2, 40, &[]), at(39), at(41));
         let bed = subscribed.readings(&asked).unwrap()[0];
         assert_eq!((bed.asked, bed.stamped), (Some(at(39)), Stamped::Ago(SECOND * 30)));
     }
@@ -424,7 +424,7 @@ mod tests {
         let (mut subscribed, asked) = (subscribed(), asked(false));
         let mut late = message(1, 10, &[(0, 21.5), (1, 3.0)]);
         late.response_header.timestamp = by_server(15);
-        subscribed.hear(late, at(20), at(21));
+        subscribed.receive(late, at(20), at(21));
         assert_eq!(subscribed.readings(&asked).unwrap()[0].asked, Some(at(14)));
     }
 
@@ -432,22 +432,22 @@ mod tests {
     fn what_is_still_to_come_is_asked_for_before_anything_is_believed() {
         let (mut subscribed, asked) = (subscribed(), asked(false));
         let first = PublishResponse { more_notifications: true, ..message(1, 10, &[(0, 21.5)]) };
-        assert_eq!(subscribed.hear(first, at(9), at(11)), Heard::More);
+        assert_eq!(subscribed.receive(first, at(9), at(11)), ValueState::More);
         assert_eq!(subscribed.readings(&asked), None);
-        assert_eq!(subscribed.hear(message(2, 10, &[(1, 3.0)]), at(11), at(11)), Heard::All);
+        assert_eq!(subscribed.receive(message(2, 10, &[(1, 3.0)]), at(11), at(11)), ValueState::All);
         assert!(subscribed.readings(&asked).is_some());
     }
 
     #[test]
     fn a_message_that_is_missing_and_an_end_are_noticed() {
         let mut some = subscribed();
-        some.hear(message(1, 10, &[(0, 21.5)]), at(9), at(11));
-        assert_eq!(some.hear(message(3, 12, &[(0, 22.5)]), at(11), at(13)), Heard::Lost(None));
+        some.receive(message(1, 10, &[(0, 21.5)]), at(9), at(11));
+        assert_eq!(some.receive(message(3, 12, &[(0, 22.5)]), at(11), at(13)), ValueState::Lost(None));
         let mut some = subscribed();
-        some.hear(message(1, 10, &[(0, 21.5)]), at(9), at(11));
+        some.receive(message(1, 10, &[(0, 21.5)]), at(9), at(11));
         assert_eq!(
-            some.hear(message(3, 12, &[]), at(11), at(13)),
-            Heard::Lost(None),
+            some.receive(message(3, 12, &[]), at(11), at(13)),
+            ValueState::Lost(None),
             "a sign of life names the next"
         );
         let ended = PublishResponse {
@@ -458,7 +458,10 @@ mod tests {
             ),
             ..PublishResponse::default()
         };
-        assert_eq!(subscribed().hear(ended, at(9), at(11)), Heard::Lost(Some(StatusCode::BadTimeout)));
+        assert_eq!(
+            subscribed().receive(ended, at(9), at(11)),
+            ValueState::Lost(Some(StatusCode::BadTimeout))
+        );
     }
 
     #[test]
@@ -466,8 +469,8 @@ mod tests {
         let (mut subscribed, asked) = (Subscribed { lacks: true, ..subscribed() }, asked(false));
         subscribed.values[1] =
             Some(DataValue { status: Some(StatusCode::BadNodeIdUnknown), ..DataValue::null() });
-        assert!(!subscribed.is_to_be_made_anew(at(59)) && subscribed.is_to_be_made_anew(at(60)));
-        subscribed.hear(message(1, 10, &[(0, 21.5)]), at(9), at(11));
+        assert!(!subscribed.must_be_recreated(at(59)) && subscribed.must_be_recreated(at(60)));
+        subscribed.receive(message(1, 10, &[(0, 21.5)]), at(9), at(11));
         let [bed, scale] = subscribed.readings(&asked).unwrap().try_into().unwrap();
         assert!(bed.value.is_ok());
         assert_eq!(scale.value, Err(Reason::Status(StatusCode::BadNodeIdUnknown.bits())));
@@ -490,7 +493,7 @@ mod tests {
     #[test]
     fn nothing_for_longer_than_was_promised_is_silence() {
         let mut subscribed = subscribed();
-        subscribed.hear(message(1, 10, &[]), at(9), at(10));
+        subscribed.receive(message(1, 10, &[]), at(9), at(10));
         assert!(!subscribed.is_silent(at(13)));
         assert!(subscribed.is_silent(at(14)));
     }

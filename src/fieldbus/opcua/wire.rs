@@ -17,8 +17,8 @@ use super::publishing::{Latest, Publishing};
 use super::session::{Limits, Session, value_of};
 use super::status::{all_written, call_fault, is_of_the_session};
 use super::value::{reading, variant};
-use crate::fieldbus::departure::Departure;
 use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
+use crate::fieldbus::send_guard::SendGuard;
 use crate::fieldbus::wire::{Answer, Boxed, Call, Ending, NodeReading, NodeRequest, Request, Stamped, Wire};
 
 /// Open session on an open channel.
@@ -34,7 +34,7 @@ impl OpcUa {
         OpcUa { link, session, limits, publishing: Publishing::default() }
     }
 
-    async fn exchange(&mut self, request: Request<'_>, departure: &mut Departure) -> Result<Answer, Fault> {
+    async fn exchange(&mut self, request: Request<'_>, send_guard: &mut SendGuard) -> Result<Answer, Fault> {
         let Request::Nodes(request) = request else { return Err(Fault::Caller(CallerFault::Function)) };
         if self.link.is_closed().await {
             return Err(Fault::CLOSED);
@@ -43,30 +43,30 @@ impl OpcUa {
             self.renew_keys().await?;
         }
         match request {
-            NodeRequest::Read(nodes) => self.read(nodes, departure).await,
-            NodeRequest::Latest(asked) => self.latest(asked, departure).await,
+            NodeRequest::Read(nodes) => self.read(nodes, send_guard).await,
+            NodeRequest::Latest(asked) => self.latest(asked, send_guard).await,
             NodeRequest::Namespaces => {
-                departure.leave()?;
+                send_guard.leave()?;
                 let table = self.session.namespaces().table();
                 let read = self.session.read_namespaces(&mut self.link, &table).await;
                 read.map(|()| Answer::Done).map_err(|error| self.failed(&error))
             }
-            NodeRequest::Write { nodes, values } => self.write(nodes, values, departure).await,
+            NodeRequest::Write { nodes, values } => self.write(nodes, values, send_guard).await,
         }
     }
 
     /// Returns the values that the server has sent, if all are known. Otherwise reads the nodes.
-    async fn latest(&mut self, asked: &Subscription, departure: &mut Departure) -> Result<Answer, Fault> {
-        let now = departure.leave()?;
+    async fn latest(&mut self, asked: &Subscription, send_guard: &mut SendGuard) -> Result<Answer, Fault> {
+        let now = send_guard.leave()?;
         let OpcUa { link, session, publishing, .. } = self;
         let taken_in = publishing.take_in(link, session, now).await;
         taken_in.map_err(|error| self.failed(&error))?;
         match self.publishing.latest(asked, now) {
             Latest::Known(nodes) => Ok(Answer::Nodes(nodes)),
-            Latest::Unknown => self.read(&asked.nodes, departure).await,
+            Latest::Unknown => self.read(&asked.nodes, send_guard).await,
             Latest::Silent => Err(Fault::Peer(PeerFault::Silent)),
             Latest::New => {
-                let answer = self.read(&asked.nodes, departure).await?;
+                let answer = self.read(&asked.nodes, send_guard).await?;
                 let OpcUa { link, session, publishing, .. } = self;
                 let subscribed = publishing.subscribe(link, session, asked, now).await;
                 subscribed.map_err(|error| self.failed(&error))?;
@@ -77,14 +77,14 @@ impl OpcUa {
 
     /// Reads nodes, in as many calls as the limit of the server requires. The age of all values counts from the first
     /// call. Nodes whose namespace the server does not have are not sent.
-    async fn read(&mut self, nodes: &[Node], departure: &mut Departure) -> Result<Answer, Fault> {
+    async fn read(&mut self, nodes: &[Node], send_guard: &mut SendGuard) -> Result<Answer, Fault> {
         let namespaces = self.session.namespaces();
         let known: Result<Vec<Option<NodeId>>, Fault> =
             nodes.iter().map(|node| namespaces.node_id(&node.id)).collect();
         let known = known?;
         let mut ids: Vec<_> = known.iter().flatten().cloned().map(value_of).collect();
         let mut found = Vec::with_capacity(nodes.len());
-        departure.leave()?;
+        send_guard.leave()?;
         while !ids.is_empty() {
             let rest = ids.split_off(ids.len().min(self.limits.read));
             let asked = std::mem::replace(&mut ids, rest);
@@ -109,7 +109,7 @@ impl OpcUa {
         &mut self,
         nodes: &[Node],
         mut values: &[u16],
-        departure: &mut Departure,
+        send_guard: &mut SendGuard,
     ) -> Result<Answer, Fault> {
         if nodes.len() > self.limits.write {
             let most = u32::try_from(self.limits.write).unwrap_or(u32::MAX);
@@ -129,7 +129,7 @@ impl OpcUa {
         let handle = channel.request_handle();
         let write =
             Write::new_manual(0, self.session.patience(), self.session.token(), handle).nodes_to_write(each);
-        departure.leave()?;
+        send_guard.leave()?;
         let answer = self.link.ask(write.send(&channel)).await.map_err(|error| self.failed(&error))?;
         let said = answer.results.unwrap_or_default();
         if said.len() != nodes.len() {
@@ -185,8 +185,8 @@ fn written(node: &Node, node_id: NodeId, value: &[u16]) -> Option<WriteValue> {
 }
 
 impl Wire for OpcUa {
-    fn exchange<'a>(&'a mut self, _: u8, request: Request<'a>, departure: &'a mut Departure) -> Call<'a> {
-        Box::pin(self.exchange(request, departure))
+    fn exchange<'a>(&'a mut self, _: u8, request: Request<'a>, send_guard: &'a mut SendGuard) -> Call<'a> {
+        Box::pin(self.exchange(request, send_guard))
     }
 
     fn time_under_way(&self, request: Request<'_>) -> Duration {

@@ -3,8 +3,8 @@
 //! Frames are separated by length and checksum, not by gaps. Adapters on USB and on the network divide and join frames
 //! as they like.
 
-use crate::fieldbus::mark::Mark;
 use crate::fieldbus::pdu;
+use crate::fieldbus::reply_signature::ReplySignature;
 use crate::fieldbus::request::Request;
 use isotherm_core::codec::{Table, checksum};
 
@@ -150,7 +150,7 @@ pub(super) fn is_exception(pdu: &[u8]) -> bool {
 /// Returns the length of the read request at the start, if it is complete and its checksum is correct.
 fn whole_question(bytes: &[u8]) -> Option<usize> {
     let (body, sum) = bytes.get(..QUESTION)?.split_at(QUESTION - 2);
-    Mark::of_question(&body[1..])?;
+    ReplySignature::of_question(&body[1..])?;
     (checksum(body).to_le_bytes() == *sum).then_some(QUESTION)
 }
 

@@ -6,7 +6,7 @@ use std::task::Context;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, DuplexStream, ReadBuf, duplex};
 
 use super::*;
-use crate::clock::{Clock, Patience};
+use crate::clock::{Clock, WallTimeout};
 use isotherm_core::codec::{Register, Table, checksum};
 use isotherm_profile::Parity;
 
@@ -38,8 +38,9 @@ async fn asked(
     answer: &[u8],
 ) -> Result<Answer, Fault> {
     let call = async {
-        let answer =
-            Patience::new().within(Duration::from_secs(1), wire.exchange(3, request, &mut whenever())).await;
+        let answer = WallTimeout::new()
+            .within(Duration::from_secs(1), wire.exchange(3, request, &mut without_deadline()))
+            .await;
         answer.unwrap_or_else(|| Err(wire.missed()))
     };
     let device = async {
@@ -52,8 +53,8 @@ async fn asked(
 
 const GOOD: [u16; 2] = [1, 2];
 
-fn whenever() -> Departure {
-    Departure::whenever(&Clock::wall())
+fn without_deadline() -> SendGuard {
+    SendGuard::without_deadline(&Clock::wall())
 }
 
 fn good() -> Result<Answer, Fault> {
@@ -81,8 +82,8 @@ async fn an_answer_may_come_one_byte_at_a_time() {
             tokio::time::sleep(Duration::from_millis(20)).await;
         }
     };
-    let mut departure = whenever();
-    assert_eq!(tokio::join!(wire.exchange(3, READ, &mut departure), piecemeal).0, good());
+    let mut send_guard = without_deadline();
+    assert_eq!(tokio::join!(wire.exchange(3, READ, &mut send_guard), piecemeal).0, good());
 }
 
 #[tokio::test(start_paused = true)]
@@ -90,7 +91,7 @@ async fn what_came_before_the_question_is_never_its_answer() {
     let (mut wire, mut device) = line();
     device.write_all(&registers(7, 7)).await.unwrap();
     assert_eq!(
-        wire.exchange(3, READ, &mut whenever()).await,
+        wire.exchange(3, READ, &mut without_deadline()).await,
         Err(Fault::UNASKED),
         "something answers out of turn"
     );
@@ -183,10 +184,10 @@ async fn frames_of_another_master_are_noted_and_neither_echoes_nor_late_answers_
     let (mut wire, mut device) = line();
     let theirs = Request::Read { from: Register { table: Table::Holding, offset: 300 }, count: 1 };
     let said = |unit| [frame::request(unit, theirs), framed(unit, &[3, 2, 0, 9])];
-    let form = Some(Mark::of(theirs));
-    let noted = |unit| [true, false].map(|is_question| Overheard { unit, form, is_question });
+    let form = Some(ReplySignature::of(theirs));
+    let noted = |unit| [true, false].map(|is_question| ForeignFrame { unit, form, is_question });
     device.write_all(&said(3).concat()).await.unwrap();
-    assert_eq!(wire.exchange(3, READ, &mut whenever()).await, Err(Fault::UNASKED));
+    assert_eq!(wire.exchange(3, READ, &mut without_deadline()).await, Err(Fault::UNASKED));
     assert_eq!(wire.overheard(), noted(3));
     assert_eq!(wire.overheard(), []);
     let before = [said(8).concat(), registers(1, 2)].concat();
@@ -200,10 +201,10 @@ async fn frames_of_another_master_are_noted_and_neither_echoes_nor_late_answers_
     assert_eq!(wire.overheard(), noted(3)[1..]);
     let echoed = [frame::request(3, READ), registers(1, 2)].concat();
     assert_eq!(asked(&mut wire, &mut device, READ, &echoed).await, good());
-    wire.pass_over(vec![(8, Mark::of(theirs))]);
+    wire.pass_over(vec![(8, ReplySignature::of(theirs))]);
     let late = [frame::request(3, READ), framed(8, &[3, 2, 0, 9]), registers(1, 2)].concat();
     assert_eq!(asked(&mut wire, &mut device, READ, &late).await, good());
-    assert_eq!((wire.overheard(), wire.heard_late()), (Vec::new(), vec![8]));
+    assert_eq!((wire.overheard(), wire.received_late()), (Vec::new(), vec![8]));
 }
 
 #[tokio::test(start_paused = true)]
@@ -216,7 +217,10 @@ async fn the_echo_of_a_question_that_was_given_up_is_no_question_of_another_mast
     device.write_all(&frame::request(3, READ)).await.unwrap();
     assert_eq!(asked(&mut wire, &mut device, READ, &registers(1, 2)).await, good());
     let is_question = true;
-    assert_eq!(wire.overheard(), [Overheard { unit: 3, form: Some(Mark::of(READ)), is_question }]);
+    assert_eq!(
+        wire.overheard(),
+        [ForeignFrame { unit: 3, form: Some(ReplySignature::of(READ)), is_question }]
+    );
 }
 
 /// Frame of five bytes in the middle of an answer: it looks like an exception of this unit.
@@ -239,10 +243,10 @@ async fn a_frame_inside_of_an_answer_that_arrives_in_parts_is_a_part_of_it() {
                     tokio::time::sleep(Duration::from_millis(20)).await;
                     device.write_all(&whole[cut..]).await.unwrap();
                 };
-                let mut departure = whenever();
-                let (answer, ()) = tokio::join!(wire.exchange(3, read, &mut departure), parts);
+                let mut send_guard = without_deadline();
+                let (answer, ()) = tokio::join!(wire.exchange(3, read, &mut send_guard), parts);
                 assert_eq!(answer, Ok(Answer::Registers(words.clone())), "{unit} at {before}, cut at {cut}");
-                assert_eq!((wire.overheard(), wire.heard_late()), (Vec::new(), Vec::new()));
+                assert_eq!((wire.overheard(), wire.received_late()), (Vec::new(), Vec::new()));
             }
         }
     }
@@ -255,7 +259,7 @@ async fn an_exception_that_answers_nothing_is_no_sign_of_another_master() {
     assert_eq!(asked(&mut wire, &mut device, READ, &before).await, good());
     assert_eq!(wire.overheard(), []);
     device.write_all(&framed(3, &[0x83, 2])).await.unwrap();
-    assert_eq!(wire.exchange(3, READ, &mut whenever()).await, Err(Fault::UNASKED));
+    assert_eq!(wire.exchange(3, READ, &mut without_deadline()).await, Err(Fault::UNASKED));
     assert_eq!(wire.overheard(), []);
 }
 
@@ -293,15 +297,15 @@ async fn the_echo_of_a_read_is_no_answer_whatever_it_looks_like() {
 async fn a_connection_that_ends_while_idle_is_told_apart_from_one_that_breaks_under_a_question() {
     let (mut wire, device) = line();
     drop(device);
-    assert_eq!(wire.exchange(3, READ, &mut whenever()).await, Err(Fault::CLOSED));
+    assert_eq!(wire.exchange(3, READ, &mut without_deadline()).await, Err(Fault::CLOSED));
     let (mut wire, mut device) = line();
     let dies = async {
         let mut question = [0; 8];
         device.read_exact(&mut question).await.unwrap();
         drop(device);
     };
-    let mut departure = whenever();
-    assert_eq!(tokio::join!(wire.exchange(3, READ, &mut departure), dies).0, Err(Fault::BROKEN));
+    let mut send_guard = without_deadline();
+    assert_eq!(tokio::join!(wire.exchange(3, READ, &mut send_guard), dies).0, Err(Fault::BROKEN));
 }
 
 #[tokio::test(start_paused = true)]
@@ -360,8 +364,8 @@ impl AsyncWrite for Chatter {
 async fn whoever_never_stops_talking_is_listened_to_for_as_long_as_was_said_and_no_longer() {
     let mut wire = Rtu::new(Chatter, Some(SLOW), &Tap::default());
     let (span, quiet) = (Duration::from_millis(40), Duration::from_millis(20));
-    let listened = Patience::new().within(Duration::from_secs(30), wire.listen(3, span, quiet)).await;
+    let listened = WallTimeout::new().within(Duration::from_secs(30), wire.listen(3, span, quiet)).await;
     assert_eq!(listened, Some(Ok(())));
-    let asked = Patience::new().within(quiet, wire.exchange(3, READ, &mut whenever())).await;
+    let asked = WallTimeout::new().within(quiet, wire.exchange(3, READ, &mut without_deadline())).await;
     assert_eq!((asked, wire.missed()), (None, Fault::Peer(PeerFault::Malformed)));
 }

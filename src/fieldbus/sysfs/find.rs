@@ -34,7 +34,7 @@ impl fmt::Display for Files {
 
 /// Temperature sensor of this computer.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Present {
+pub struct PresentSensor {
     /// Shortest name that fits no other sensor of this computer.
     pub sensor: PcSensor,
     /// Files of the sensor.
@@ -66,25 +66,25 @@ pub fn find(root: &Path, sensor: &PcSensor) -> Result<Files, Reason> {
 }
 
 /// Returns every temperature sensor of this computer, each with its shortest unambiguous name.
-pub fn all(root: &Path) -> Vec<Present> {
+pub fn all(root: &Path) -> Vec<PresentSensor> {
     let one_wire = entries(&one_wire(root)).into_iter().filter_map(|directory| {
         let sensor: PcSensor = format!("w1:{}", name_of(&directory)?).parse().ok()?;
-        Some(Present::new(sensor, Files::OneWire(directory), String::new()))
+        Some(PresentSensor::new(sensor, Files::OneWire(directory), String::new()))
     });
-    let found: Vec<Present> = on_chips(root, None).into_iter().chain(one_wire).collect();
-    let mut named: Vec<Present> = Vec::new();
+    let found: Vec<PresentSensor> = on_chips(root, None).into_iter().chain(one_wire).collect();
+    let mut named: Vec<PresentSensor> = Vec::new();
     for present in &found {
         let names = present.names();
         let own = names.iter().find(|name| found.iter().filter(|other| other.is(name)).count() == 1);
         let Some(sensor) = own.or(names.last()) else { continue };
-        named.push(Present { sensor: sensor.clone(), ..present.clone() });
+        named.push(PresentSensor { sensor: sensor.clone(), ..present.clone() });
     }
     named
 }
 
-impl Present {
-    fn new(own: PcSensor, files: Files, driver: String) -> Present {
-        Present { sensor: own.clone(), files, own, driver }
+impl PresentSensor {
+    fn new(own: PcSensor, files: Files, driver: String) -> PresentSensor {
+        PresentSensor { sensor: own.clone(), files, own, driver }
     }
 
     /// Returns whether `name` fits this sensor.
@@ -123,7 +123,7 @@ impl Present {
 }
 
 /// Returns the temperature channels of all chips, or of those with this name, with their full names.
-fn on_chips(root: &Path, only: Option<&str>) -> Vec<Present> {
+fn on_chips(root: &Path, only: Option<&str>) -> Vec<PresentSensor> {
     let hwmon = chips(&root.join("class/hwmon"), only).into_iter().flat_map(|(name, chip)| {
         let device = last_of(&chip.join("device"));
         let channels =
@@ -131,7 +131,7 @@ fn on_chips(root: &Path, only: Option<&str>) -> Vec<Present> {
         channels.into_iter().map(move |driver| {
             let channel = label(&chip.join(format!("{driver}_label")), &driver);
             let own = Channel { chip: name.clone(), device: device.clone(), channel };
-            Present::new(PcSensor::Hwmon(own), Files::Hwmon(chip.clone(), driver.clone()), driver)
+            PresentSensor::new(PcSensor::Hwmon(own), Files::Hwmon(chip.clone(), driver.clone()), driver)
         })
     });
     let iio = chips(&root.join("bus/iio/devices"), only).into_iter().flat_map(|(name, chip)| {
@@ -143,7 +143,7 @@ fn on_chips(root: &Path, only: Option<&str>) -> Vec<Present> {
         channels.into_iter().map(move |driver| {
             let channel = label(&chip.join(format!("in_{driver}_label")), &driver);
             let own = Channel { chip: name.clone(), device: device.clone(), channel };
-            Present::new(PcSensor::Iio(own), Files::Iio(chip.clone(), driver.clone()), driver)
+            PresentSensor::new(PcSensor::Iio(own), Files::Iio(chip.clone(), driver.clone()), driver)
         })
     });
     hwmon.chain(iio).collect()

@@ -9,7 +9,7 @@ use tokio::sync::mpsc::unbounded_channel;
 
 use super::find::find;
 use super::value;
-use crate::clock::Patience;
+use crate::clock::WallTimeout;
 use isotherm_core::codec::PcSensor;
 use isotherm_core::reading::Reason;
 
@@ -46,7 +46,7 @@ impl Readers {
         root: &Path,
         sensors: &[PcSensor],
         within: Duration,
-        patience: &mut Patience,
+        patience: &mut WallTimeout,
     ) -> Vec<Result<f64, Reason>> {
         let mut found: Vec<Result<f64, Reason>> = vec![Err(Reason::Timeout); sensors.len()];
         let (sender, mut receiver) = unbounded_channel();

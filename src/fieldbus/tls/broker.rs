@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use tokio_rustls::rustls::ClientConfig;
 
-use super::visitor::{own, showing, trusting};
+use super::plant_client::{own, showing, trusting};
 use isotherm_profile::{Mqtt, ProfileError};
 
 /// Returns the TLS settings of a profile, for TLS 1.2 or 1.3; `None` if the broker is used without TLS.
@@ -18,8 +18,8 @@ pub fn broker(mqtt: &Mqtt) -> Result<Option<Arc<ClientConfig>>, Vec<ProfileError
     let ca = mqtt.ca.as_ref();
     let builder = trusting(ca.map(|ca| ca.bytes.as_slice())).map_err(|why| {
         vec![ca.map_or_else(
-            || mqtt.wrong(&why, "write `ca` in `tls`, as tls = { ca = \"…\" }"),
-            |ca| ca.wrong(&why),
+            || mqtt.invalid(&why, "write `ca` in `tls`, as tls = { ca = \"…\" }"),
+            |ca| ca.invalid(&why),
         )]
     })?;
     let config = match &mqtt.own {

@@ -15,9 +15,9 @@ use tokio_rustls::rustls::{
     SignatureScheme,
 };
 
-use super::visitor::{own, showing, trusting, visitor};
-use crate::fieldbus::eager::Eager;
+use super::plant_client::{own, plant_client, showing, trusting};
 use crate::fieldbus::error::{Fault, LinkFault};
+use crate::fieldbus::local_tcp::LocalTcp;
 use crate::fieldbus::port::Port;
 use crate::net::{self, ConnectError};
 use isotherm_profile::{Errors, Profile, ProfileError, Tls};
@@ -27,7 +27,7 @@ use isotherm_profile::{Errors, Profile, ProfileError, Tls};
 pub(in crate::fieldbus) struct Client {
     name: ServerName<'static>,
     config: Arc<ClientConfig>,
-    shown: Arc<Shown>,
+    shown: Arc<ShownCertificate>,
 }
 
 /// Checks the TLS files of a profile.
@@ -38,7 +38,7 @@ pub fn check(profile: &Profile) -> Result<(), Errors> {
     let secured = profile.buses.iter().filter_map(|bus| bus.tls.as_ref());
     let mut wrong: Vec<ProfileError> = secured.filter_map(|tls| Client::new(tls).err()).flatten().collect();
     let authorities = profile.notify.iter().filter_map(|notify| notify.ca.as_ref());
-    wrong.extend(authorities.filter_map(|ca| Some(ca.wrong(&visitor(Some(&ca.bytes)).err()?))));
+    wrong.extend(authorities.filter_map(|ca| Some(ca.invalid(&plant_client(Some(&ca.bytes)).err()?))));
     wrong.sort_by_key(|error| (error.line, error.column));
     if wrong.is_empty() { Ok(()) } else { Err(Errors(wrong)) }
 }
@@ -50,14 +50,14 @@ impl Client {
     /// The mistakes in the name and in each file.
     pub(in crate::fieldbus) fn new(tls: &Tls) -> Result<Client, Vec<ProfileError>> {
         let name = ServerName::try_from(tls.name.clone()).map_err(|_| tls.wrong_name());
-        let trust = trusting(Some(&tls.ca.bytes)).map_err(|why| tls.ca.wrong(&why));
+        let trust = trusting(Some(&tls.ca.bytes)).map_err(|why| tls.ca.invalid(&why));
         let config = match (trust, own(&tls.cert, &tls.key)) {
             (Ok(trust), Ok(own)) => showing(trust, own, (&tls.cert, &tls.key)),
             (trust, own) => Err(trust.err().into_iter().chain(own.err().into_iter().flatten()).collect()),
         };
         match (name, config) {
             (Ok(name), Ok(mut config)) => {
-                let shown = Arc::new(Shown::instead_of(config.client_auth_cert_resolver));
+                let shown = Arc::new(ShownCertificate::instead_of(config.client_auth_cert_resolver));
                 config.client_auth_cert_resolver = shown.clone();
                 Ok(Client { name, config: Arc::new(config), shown })
             }
@@ -66,8 +66,8 @@ impl Client {
     }
 
     /// Performs the TLS handshake on an open connection.
-    pub(in crate::fieldbus) async fn secure(&self, stream: TcpStream) -> Result<TlsStream<Eager>, Fault> {
-        let secured = net::secure(Eager::new(stream), &self.name, &self.config).await;
+    pub(in crate::fieldbus) async fn secure(&self, stream: TcpStream) -> Result<TlsStream<LocalTcp>, Fault> {
+        let secured = net::secure(LocalTcp::new(stream), &self.name, &self.config).await;
         let connected = secured.map_err(|error| match error {
             ConnectError::Tls(fault) => Fault::Link(LinkFault::Tls(fault)),
             _ => Fault::Link(LinkFault::Broken),
@@ -82,20 +82,24 @@ impl Client {
 
 /// Certificate of the gateway, and whether a device has asked for it.
 #[derive(Debug)]
-struct Shown {
+struct ShownCertificate {
     certificate: Arc<dyn ResolvesClientCert>,
     is_asked: AtomicBool,
-    is_told: AtomicBool,
+    is_reported: AtomicBool,
 }
 
-impl Shown {
-    fn instead_of(certificate: Arc<dyn ResolvesClientCert>) -> Shown {
-        Shown { certificate, is_asked: AtomicBool::new(false), is_told: AtomicBool::new(false) }
+impl ShownCertificate {
+    fn instead_of(certificate: Arc<dyn ResolvesClientCert>) -> ShownCertificate {
+        ShownCertificate {
+            certificate,
+            is_asked: AtomicBool::new(false),
+            is_reported: AtomicBool::new(false),
+        }
     }
 
     /// Logs a warning, once, if the device has not asked for the certificate.
     fn warn(&self, device: &str) {
-        if !self.is_asked.load(Ordering::Relaxed) && !self.is_told.swap(true, Ordering::Relaxed) {
+        if !self.is_asked.load(Ordering::Relaxed) && !self.is_reported.swap(true, Ordering::Relaxed) {
             tracing::warn!(
                 "{device} requests no certificate: TLS encrypts the messages, but every client that reaches \
                  the device can command it. Set the device to accept only the gateway's certificate"
@@ -104,7 +108,7 @@ impl Shown {
     }
 }
 
-impl ResolvesClientCert for Shown {
+impl ResolvesClientCert for ShownCertificate {
     fn resolve(&self, hints: &[&[u8]], schemes: &[SignatureScheme]) -> Option<Arc<CertifiedKey>> {
         self.is_asked.store(true, Ordering::Relaxed);
         self.certificate.resolve(hints, schemes)
@@ -116,7 +120,7 @@ impl ResolvesClientCert for Shown {
 }
 
 /// TLS as a port. Its tap sees the Modbus bytes.
-impl Port for TlsStream<Eager> {}
+impl Port for TlsStream<LocalTcp> {}
 
 /// Verifier that trusts certificates signed by the authorities in a file, and the certificates in the file themselves.
 ///

@@ -3,9 +3,9 @@ use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
 
 use super::*;
-use crate::fieldbus::departure::Departure;
 use crate::fieldbus::error::PeerFault;
 use crate::fieldbus::modbus::ModbusTcp;
+use crate::fieldbus::send_guard::SendGuard;
 use isotherm_core::codec::{Register, Table};
 
 const READ: Request<'static> = Request::Read { from: Register { table: Table::Input, offset: 0 }, count: 2 };
@@ -24,8 +24,8 @@ async fn asked(tap: &Tap, answer: &[u8]) -> Result<Answer, Fault> {
         drop(theirs);
     };
     let begun = tap.begin();
-    let mut departure = Departure::whenever(&Clock::wall());
-    let answer = tokio::join!(wire.exchange(1, READ, &mut departure), peer).0;
+    let mut send_guard = SendGuard::without_deadline(&Clock::wall());
+    let answer = tokio::join!(wire.exchange(1, READ, &mut send_guard), peer).0;
     if let Some(begun) = begun {
         tap.tell(begun, (DEVICE, 1), READ, &answer);
     }

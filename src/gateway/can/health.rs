@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use crate::fieldbus::can::{Gravity, Trouble};
+use crate::fieldbus::can::{ErrorFrame, ErrorSeverity};
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Moment;
 
@@ -13,7 +13,7 @@ const OVER_AFTER: Duration = Duration::from_secs(10);
 #[derive(Debug, Default)]
 pub(super) struct Health {
     errors: Option<Episode>,
-    worst: Option<Gravity>,
+    worst: Option<ErrorSeverity>,
     full: Meter,
     lost: Meter,
 }
@@ -33,7 +33,7 @@ struct Meter {
 }
 
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Change {
+pub(super) enum HealthChange {
     /// Trouble begins, or has become worse.
     Worse { what: Explained, is_off: bool },
     /// Trouble is over: how often it occurred, its kind, and the time between first and last occurrence.
@@ -49,10 +49,10 @@ impl Episode {
         is_first
     }
 
-    fn end(episode: &mut Option<Episode>, what: &'static str, now: Moment) -> Option<Change> {
+    fn end(episode: &mut Option<Episode>, what: &'static str, now: Moment) -> Option<HealthChange> {
         let Episode { since, last, count } =
             episode.take_if(|episode| now >= episode.last.after(OVER_AFTER))?;
-        Some(Change::Over { count, what, within: last.since(since) })
+        Some(HealthChange::Over { count, what, within: last.since(since) })
     }
 }
 
@@ -65,22 +65,25 @@ impl Meter {
 }
 
 impl Health {
-    pub(super) fn trouble(&mut self, trouble: &Trouble, now: Moment) -> Vec<Change> {
+    pub(super) fn trouble(&mut self, trouble: &ErrorFrame, now: Moment) -> Vec<HealthChange> {
         let gravity = trouble.gravity();
-        if gravity == Gravity::Over {
+        if gravity == ErrorSeverity::Over {
             // The bus works again, but the episode continues. A later bus-off is reported again.
-            self.worst = self.worst.map(|_| Gravity::Error);
+            self.worst = self.worst.map(|_| ErrorSeverity::Error);
             return Vec::new();
         }
         Episode::add(&mut self.errors, 1, now);
         let is_worse =
             self.worst.replace(self.worst.map_or(gravity, |worst| worst.max(gravity))) < Some(gravity);
-        let worse = || Change::Worse { what: trouble.to_string().into(), is_off: gravity == Gravity::BusOff };
+        let worse = || HealthChange::Worse {
+            what: trouble.to_string().into(),
+            is_off: gravity == ErrorSeverity::BusOff,
+        };
         is_worse.then(worse).into_iter().collect()
     }
 
     /// Advances the time. `full` and `lost` count full queues and lost frames since the start.
-    pub(super) fn tick(&mut self, full: u64, lost: u64, now: Moment) -> Vec<Change> {
+    pub(super) fn tick(&mut self, full: u64, lost: u64, now: Moment) -> Vec<HealthChange> {
         let mut changes = Vec::new();
         if self.full.read(full, now) {
             let what = Explained::new(
@@ -88,14 +91,14 @@ impl Health {
                 "does another node on the bus acknowledge? Is the bus overloaded? If neither is the cause, \
                  `txqueuelen` of the interface is too small",
             );
-            changes.push(Change::Worse { what, is_off: false });
+            changes.push(HealthChange::Worse { what, is_off: false });
         }
         if self.lost.read(lost, now) {
             let what = Explained::new(
                 "frames are lost: this computer does not read them fast enough",
                 "does another program use the computer? Let the nodes send less often",
             );
-            changes.push(Change::Worse { what, is_off: false });
+            changes.push(HealthChange::Worse { what, is_off: false });
         }
         let over = Episode::end(&mut self.errors, "error frames", now);
         if over.is_some() {
@@ -116,8 +119,8 @@ mod tests {
         Moment::default().after(Duration::from_secs(1000 + seconds))
     }
 
-    fn error(class: u32) -> Trouble {
-        Trouble::from_class(class)
+    fn error(class: u32) -> ErrorFrame {
+        ErrorFrame::from_class(class)
     }
 
     #[test]
@@ -128,12 +131,12 @@ mod tests {
             assert_eq!(health.trouble(&error(0x80), at(second)), []);
         }
         let off = health.trouble(&error(0x40), at(5));
-        assert!(matches!(off.as_slice(), [Change::Worse { is_off: true, .. }]), "{off:?}");
+        assert!(matches!(off.as_slice(), [HealthChange::Worse { is_off: true, .. }]), "{off:?}");
         assert_eq!(health.trouble(&error(0x100), at(6)), []);
         // A second bus-off is reported again.
         assert_eq!(health.trouble(&error(0x40), at(7)).len(), 1);
         assert_eq!(health.tick(0, 0, at(16)), []);
-        let over = Change::Over { count: 7, what: "error frames", within: Duration::from_secs(7) };
+        let over = HealthChange::Over { count: 7, what: "error frames", within: Duration::from_secs(7) };
         assert_eq!(health.tick(0, 0, at(17)), [over]);
         assert_eq!(health.tick(0, 0, at(40)), []);
     }
@@ -145,9 +148,9 @@ mod tests {
         assert_eq!(health.tick(8, 0, at(5)), []);
         assert_eq!(health.tick(8, 40, at(6)).len(), 1);
         let full =
-            Change::Over { count: 8, what: "times the queue was full", within: Duration::from_secs(5) };
+            HealthChange::Over { count: 8, what: "times the queue was full", within: Duration::from_secs(5) };
         assert_eq!(health.tick(8, 40, at(15)), [full]);
-        let lost = Change::Over { count: 40, what: "frames lost", within: Duration::ZERO };
+        let lost = HealthChange::Over { count: 40, what: "frames lost", within: Duration::ZERO };
         assert_eq!(health.tick(8, 40, at(16)), [lost]);
     }
 }

@@ -4,18 +4,18 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use super::health::{Change, Health};
+use super::health::{Health, HealthChange};
 use super::nodes::{Nodes, Reaction};
 use super::routes::Routes;
-use super::{Can, Handed, images};
-use crate::clock::{Inlet, Looks, Sleeper};
-use crate::fieldbus::can::{Heard, Interface, Link, Socket};
+use super::{Can, PendingNodeReports, images};
+use crate::clock::{Sleeper, SocketGate, StallDetector};
+use crate::fieldbus::can::{Interface, Link, ReceivedFrame, Socket};
 use crate::fieldbus::canopen::master::NodeEvent;
 use crate::fieldbus::error::{CanFault, Fault, LinkFault};
 use crate::fieldbus::explain::explain_on;
 use crate::fieldbus::trace::Tap;
-use crate::gateway::core::Core;
 use crate::gateway::line_handle::LineHandle;
+use crate::gateway::state::GatewayState;
 use crate::observe::events::Event;
 use isotherm_core::codec::Frame;
 use isotherm_core::continuity::Break;
@@ -48,13 +48,13 @@ pub(in crate::gateway) struct CanListener {
     nodes: Nodes,
     health: Health,
     unsent: VecDeque<Frame>,
-    socket: Option<(Arc<Socket>, Option<Inlet>)>,
+    socket: Option<(Arc<Socket>, Option<SocketGate>)>,
     /// Whether the interface carries frames.
     is_up: bool,
     tap: Tap,
     /// Time of the next check of the counts of the socket.
     measure_at: Moment,
-    looks: Looks,
+    stall_detector: StallDetector,
 }
 
 impl CanListener {
@@ -75,7 +75,11 @@ impl CanListener {
         let wanted = routes.wanted().chain(nodes.wanted()).collect();
         let link = Arc::new(Link::new(&settings.address, wanted, images(profile, bus)));
         let sleeper = shared.clock.join();
-        let can = Arc::new(Can { link, wakeup: sleeper.wakeup(), handed: Mutex::new(Handed::default()) });
+        let can = Arc::new(Can {
+            link,
+            wakeup: sleeper.wakeup(),
+            handed: Mutex::new(PendingNodeReports::default()),
+        });
         let mut listener = CanListener {
             shared: shared.clone(),
             bus,
@@ -89,22 +93,22 @@ impl CanListener {
             is_up: false,
             tap: tap.clone(),
             measure_at: now,
-            looks: Looks::begin(now, shared.profile.shortest_age()),
+            stall_detector: StallDetector::begin(now, shared.profile.shortest_age()),
         };
         listener.try_interface();
         Some((can, listener))
     }
 
     pub(in crate::gateway) async fn listen(mut self: Box<Self>) {
-        let mut due = self.look();
+        let mut due = self.sample();
         loop {
             self.wait(due).await;
-            let inlet = self.socket.as_mut().and_then(|(_, inlet)| inlet.take());
-            let taking = inlet.as_ref().map(Inlet::taking);
-            due = self.look();
+            let gate = self.socket.as_mut().and_then(|(_, gate)| gate.take());
+            let taking = gate.as_ref().map(SocketGate::taking);
+            due = self.sample();
             drop(taking);
-            if let (Some((_, kept)), Some(inlet)) = (&mut self.socket, inlet) {
-                kept.get_or_insert(inlet);
+            if let (Some((_, kept)), Some(gate)) = (&mut self.socket, gate) {
+                kept.get_or_insert(gate);
             }
             // A bus that is never silent must not keep the line from its turns.
             tokio::task::coop::consume_budget().await;
@@ -112,7 +116,7 @@ impl CanListener {
     }
 
     async fn wait(&mut self, due: Moment) {
-        self.looks.away_for(due.since(self.looks.last()));
+        self.stall_detector.away_for(due.since(self.stall_detector.last()));
         let socket = self.socket.as_ref().map(|(socket, _)| socket.clone());
         match socket.filter(|_| self.is_up) {
             Some(socket) => {
@@ -132,7 +136,7 @@ impl CanListener {
     }
 
     /// Processes all received frames and everything that is due. Returns the time of the next call.
-    fn look(&mut self) -> Moment {
+    fn sample(&mut self) -> Moment {
         // A frame to be sent may be the first to find the interface down. Receiving reports nothing in that case.
         if let Some(fault) = self.can.link.fault().filter(|_| self.is_up) {
             self.lose_interface(fault);
@@ -141,13 +145,13 @@ impl CanListener {
             self.try_interface();
         }
         let clock = &self.shared.clock;
-        let gap = self.looks.look(clock.now()).filter(|_| !clock.is_virtual());
+        let gap = self.stall_detector.sample(clock.now()).filter(|_| !clock.is_virtual());
         if let Some(since) = gap {
             // The frames in the socket came while the task did not run. Their age is unknown.
             self.discard();
-            self.shared.stood_still(since);
+            self.shared.stalled_at(since);
         }
-        self.hear();
+        self.receive();
         let now = self.shared.clock.now();
         if self.is_up {
             let set_up = std::mem::take(&mut self.can.handed().set_up);
@@ -164,11 +168,11 @@ impl CanListener {
         due.into_iter().flatten().min().unwrap_or(now.after(LONG))
     }
 
-    fn hear(&mut self) {
+    fn receive(&mut self) {
         while let Some((socket, _)) = &self.socket {
-            match socket.hear_now() {
-                Ok(Some(Heard::Frame(frame))) => self.take(&frame),
-                Ok(Some(Heard::Trouble(trouble))) => {
+            match socket.receive_now() {
+                Ok(Some(ReceivedFrame::Frame(frame))) => self.take(&frame),
+                Ok(Some(ReceivedFrame::Error(trouble))) => {
                     let changes = self.health.trouble(&trouble, self.shared.clock.now());
                     self.report_health(changes);
                 }
@@ -181,7 +185,7 @@ impl CanListener {
 
     fn discard(&mut self) {
         while let Some((socket, _)) = &self.socket
-            && matches!(socket.hear_now(), Ok(Some(_)))
+            && matches!(socket.receive_now(), Ok(Some(_)))
         {}
     }
 
@@ -226,16 +230,16 @@ impl CanListener {
         let is_new = self.socket.as_ref().is_none_or(|(known, _)| !Arc::ptr_eq(known, &socket));
         if is_new {
             // If the process has no file descriptor left, virtual time works without the inlet.
-            let inlet = self.shared.clock.inlet(socket.as_ref()).ok();
-            self.socket = Some((socket, inlet));
+            let gate = self.shared.clock.gate(socket.as_ref()).ok();
+            self.socket = Some((socket, gate));
         }
         self.is_up = true;
         let now = self.shared.clock.now();
-        self.nodes.begin_anew(now);
+        self.nodes.restart(now);
         let mut core = self.shared.core();
-        let Core { contact, devices, events, .. } = &mut *core;
-        contact.buses[self.bus.0].connected = true;
-        contact.link_is_up(self.bus, events);
+        let GatewayState { device_health, devices, events, .. } = &mut *core;
+        device_health.buses[self.bus.0].connected = true;
+        device_health.link_is_up(self.bus, events);
         for device in self.nodes.devices() {
             devices.breaks(device, Break::InterfaceDown, now);
         }
@@ -258,13 +262,13 @@ impl CanListener {
             self.socket = None;
         }
         let mut core = self.shared.core();
-        let Core { contact, board, events, .. } = &mut *core;
-        let count = &mut contact.buses[self.bus.0];
+        let GatewayState { device_health, board, events, .. } = &mut *core;
+        let count = &mut device_health.buses[self.bus.0];
         count.connected = false;
         let attempts = count.down.as_ref().map_or(0, |down| down.attempts) + 1;
-        contact.link_is_down(self.bus, attempts, fault, events);
+        device_health.link_is_down(self.bus, attempts, fault, events);
         for device in self.nodes.devices() {
-            let lost = contact.devices[device.0].lost.get_or_insert_default();
+            let lost = device_health.devices[device.0].lost.get_or_insert_default();
             lost.fault = explain_on(self.shared.profile.bus(self.bus).transport, fault);
             lost.answers_since = None;
         }
@@ -273,13 +277,13 @@ impl CanListener {
         }
     }
 
-    fn report_health(&self, changes: Vec<Change>) {
+    fn report_health(&self, changes: Vec<HealthChange>) {
         for change in changes {
             let settings = self.shared.profile.bus(self.bus);
             let (bus, address) = (settings.name.clone(), settings.address.clone());
             self.shared.report(&match change {
-                Change::Worse { mut what, is_off } => {
-                    if is_off && Interface::look(&address).is_ok_and(|found| found.stays_off()) {
+                HealthChange::Worse { mut what, is_off } => {
+                    if is_off && Interface::query(&address).is_ok_and(|found| found.stays_off()) {
                         let hint = format!(
                             "`ip link set {address} type can restart-ms 100` makes the interface restart by \
                              itself"
@@ -288,7 +292,9 @@ impl CanListener {
                     }
                     Event::BusTrouble { bus, address, what }
                 }
-                Change::Over { count, what, within } => Event::BusWell { bus, address, count, what, within },
+                HealthChange::Over { count, what, within } => {
+                    Event::BusWell { bus, address, count, what, within }
+                }
             });
         }
     }
@@ -297,9 +303,9 @@ impl CanListener {
     fn answers(&self, device: DeviceId) {
         let mut core = self.shared.core();
         let now = self.shared.clock.now();
-        let Core { contact, devices, events, .. } = &mut *core;
+        let GatewayState { device_health, devices, events, .. } = &mut *core;
         devices.answers(device, now);
-        contact.answers(device, now, events);
+        device_health.answers(device, now, events);
     }
 
     /// Carries out the reactions to a frame or to the time.
@@ -331,8 +337,8 @@ impl CanListener {
     fn happened(&mut self, device: DeviceId, event: NodeEvent) {
         let what = event.to_string();
         match event {
-            NodeEvent::BootedUp { again } => self.begins_anew(device, again),
-            NodeEvent::FellBack => self.begins_anew(device, true),
+            NodeEvent::BootedUp { again } => self.restart_node(device, again),
+            NodeEvent::FellBack => self.restart_node(device, true),
             NodeEvent::Lost { .. } => return self.lost(device, what),
             NodeEvent::Back { .. } => {
                 self.can.revive(Some(device));
@@ -351,16 +357,16 @@ impl CanListener {
     fn lost(&self, device: DeviceId, what: String) {
         self.condemn(device, Reason::Timeout);
         let mut core = self.shared.core();
-        let Core { contact, devices, events, .. } = &mut *core;
+        let GatewayState { device_health, devices, events, .. } = &mut *core;
         let hint =
             "is the node powered, is its cable plugged in? Are node number and bitrate those of the profile?";
-        contact.is_silent(device, Explained::new(what, hint), events);
+        device_health.is_silent(device, Explained::new(what, hint), events);
         devices.breaks(device, Break::Silence, self.shared.clock.now());
     }
 
     /// Handles the start of a node: it is set up and checked as at the beginning. After a restart, its earlier readings
     /// are rejected and its registers are read again.
-    fn begins_anew(&mut self, device: DeviceId, was_there: bool) {
+    fn restart_node(&mut self, device: DeviceId, was_there: bool) {
         if was_there {
             self.condemn(device, Reason::NotAsExpected);
         }
@@ -407,12 +413,12 @@ impl CanListener {
                 let breaks = core.devices.of(route.device).breaks_without_checks();
                 core.board.store(route.signal, value, now, breaks);
             }
-            let Core { contact, devices, events, .. } = &mut **core;
+            let GatewayState { device_health, devices, events, .. } = &mut **core;
             match decoded {
                 Ok(_) => devices.delivers(route.device, now),
                 Err(_) => devices.answers(route.device, now),
             }
-            contact.answers(route.device, self.shared.clock.now(), events);
+            device_health.answers(route.device, self.shared.clock.now(), events);
         }
         drop(core);
         let wakes = self.routes.of_frame(frame.id()).flat_map(|route| &route.wakes);

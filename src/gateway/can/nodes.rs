@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use crate::fieldbus::canopen::NodeId;
 use crate::fieldbus::canopen::emergency::{Emergency, SERVICE};
-use crate::fieldbus::canopen::master::{Care, Master, NodeEvent, Output, Start};
+use crate::fieldbus::canopen::master::{Master, NodeEvent, Output, Start, Supervision};
 use crate::fieldbus::canopen::node::HEARTBEAT;
 use crate::fieldbus::canopen::sdo;
 use isotherm_core::codec::{Address, CanId, CanMatch, Frame};
@@ -18,7 +18,7 @@ const MOST_CODES: usize = 16;
 
 #[derive(Debug)]
 pub(super) struct Nodes {
-    settings: Vec<(NodeId, Care)>,
+    settings: Vec<(NodeId, Supervision)>,
     sync: Option<Sync>,
     master: Master,
     devices: Vec<(DeviceId, Option<NodeId>)>,
@@ -34,7 +34,7 @@ pub(super) struct Nodes {
 struct Silence {
     device: DeviceId,
     patience: Duration,
-    heard: Moment,
+    received: Moment,
     was_heard: bool,
     is_lost: bool,
 }
@@ -56,11 +56,11 @@ impl Nodes {
     pub(super) fn new(profile: &Profile, bus: BusId, now: Moment) -> Nodes {
         let here = profile.devices_on(bus).filter_map(|(id, device)| Some((id, device.can.as_ref()?)));
         let node = |can: &CanDevice| can.node.and_then(NodeId::new);
-        let settings: Vec<(NodeId, Care)> = here
+        let settings: Vec<(NodeId, Supervision)> = here
             .clone()
             .filter_map(|(id, can)| {
                 let start = start(can, profile.device(id).verify.is_empty());
-                Some((node(can)?, Care { heartbeat: can.heartbeat, start }))
+                Some((node(can)?, Supervision { heartbeat: can.heartbeat, start }))
             })
             .collect();
         let sync = profile.bus(bus).sync;
@@ -68,7 +68,7 @@ impl Nodes {
             let own = profile.signals_of(id).map(|(_, signal)| signal);
             let sent = own.filter(|signal| matches!(signal.address, Address::Frame(_)));
             let patience = sent.map(|signal| signal.max_age).max()?;
-            Some(Silence { device: id, patience, heard: now, was_heard: false, is_lost: false })
+            Some(Silence { device: id, patience, received: now, was_heard: false, is_lost: false })
         });
         Nodes {
             master: Master::new(settings.iter().copied(), sync, now),
@@ -84,9 +84,9 @@ impl Nodes {
 
     /// Restarts the control of the nodes after the interface is up again, because they may have been reset in the
     /// meantime.
-    pub(super) fn begin_anew(&mut self, now: Moment) {
+    pub(super) fn restart(&mut self, now: Moment) {
         self.master = Master::new(self.settings.iter().copied(), self.sync, now);
-        self.silences.iter_mut().for_each(|silence| silence.heard = now);
+        self.silences.iter_mut().for_each(|silence| silence.received = now);
     }
 
     /// Filters for the frames that this module needs.
@@ -120,7 +120,7 @@ impl Nodes {
     pub(super) fn heard(&mut self, device: DeviceId, now: Moment) {
         if let Some(silence) = self.silences.iter_mut().find(|silence| silence.device == device) {
             silence.is_lost = false;
-            (silence.heard, silence.was_heard) = (now, true);
+            (silence.received, silence.was_heard) = (now, true);
         }
     }
 
@@ -191,7 +191,7 @@ impl Nodes {
 
 impl Silence {
     fn due(&self) -> Option<Moment> {
-        (!self.is_lost).then(|| self.heard.after(self.patience))
+        (!self.is_lost).then(|| self.received.after(self.patience))
     }
 }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
-use crate::clock::Passing;
+use crate::clock::BootClock;
 use crate::fieldbus::serial::device_number;
 use isotherm_profile::{Bus, BusId, Profile, Transport};
 
@@ -77,10 +77,10 @@ fn resolve(hosts: &[Option<String>], found: &mut [Vec<SocketAddr>]) {
             }
         }
     });
-    let until = Passing::default().passed() + PATIENCE;
+    let until = BootClock::default().passed() + PATIENCE;
     while thread.is_ok()
         && let Ok((place, addresses)) =
-            receiver.recv_timeout(until.saturating_sub(Passing::default().passed()))
+            receiver.recv_timeout(until.saturating_sub(BootClock::default().passed()))
     {
         found[place] = addresses;
     }

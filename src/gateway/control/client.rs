@@ -9,8 +9,8 @@ use socket2::{Domain, SockAddr, Socket, Type};
 
 use super::process::Process;
 use super::{LONGEST_TRACE, SLACK, STATUS, UNKNOWN, user};
-use crate::clock::Passing;
-use crate::observe::asker::PATIENCE;
+use crate::clock::BootClock;
+use crate::observe::requester::ANSWER_TIMEOUT;
 use crate::observe::status::{Answer, Command};
 use isotherm_core::compensation::MeasuredReport;
 
@@ -38,7 +38,7 @@ pub enum Failure {
     WrongProfile(String),
     /// A gateway is running, but does not answer.
     #[error("no answer within {} s; it is not known whether the command was carried out (see `isotherm \
-             events` when the gateway answers again)", PATIENCE.as_secs())]
+             events` when the gateway answers again)", ANSWER_TIMEOUT.as_secs())]
     NoAnswer,
     /// Another program took the place of the gateway and has ended.
     #[error(
@@ -63,7 +63,7 @@ pub enum Failure {
 /// # Errors
 /// No gateway runs there, it refuses, or it does not answer.
 pub fn send(path: &Path, command: Command, axis: Option<&str>) -> Result<Answer, Failure> {
-    Ok(ask(path, &with_axis(command.name(), axis), PATIENCE)?.0)
+    Ok(ask(path, &with_axis(command.name(), axis), ANSWER_TIMEOUT)?.0)
 }
 
 /// Requests the running gateway to arm, and stays connected until it has armed or refused. `show` receives the
@@ -72,12 +72,12 @@ pub fn send(path: &Path, command: Command, axis: Option<&str>) -> Result<Answer,
 /// # Errors
 /// No gateway runs there, it refuses, or it does not answer any more.
 pub fn arm(path: &Path, axis: Option<&str>, show: impl FnMut(&str)) -> Result<String, Failure> {
-    Ok(stay(ask(path, &(with_axis("arm", axis) + " stay"), PATIENCE)?, show)?.0)
+    Ok(stay(ask(path, &(with_axis("arm", axis) + " stay"), ANSWER_TIMEOUT)?, show)?.0)
 }
 
 /// Waits for the final answer. Returns it with the connection.
 fn stay(
-    (mut answer, mut lines): Answered,
+    (mut answer, mut lines): ReplyLines,
     mut show: impl FnMut(&str),
 ) -> Result<(String, Lines<BufReader<UnixStream>>), Failure> {
     loop {
@@ -107,7 +107,7 @@ pub fn sign(
     axis: Option<&str>,
     show: impl FnMut(&str),
 ) -> Result<(String, impl Sized), Failure> {
-    stay(ask(path, &(with_axis("sign", axis) + " stay"), PATIENCE)?, show)
+    stay(ask(path, &(with_axis("sign", axis) + " stay"), ANSWER_TIMEOUT)?, show)
 }
 
 /// Requests the running gateway to let another program take its place, and waits until that program answers. `show`
@@ -144,10 +144,10 @@ pub fn release(
 }
 
 /// Process of a gateway that is to be replaced, and the beginning of its answer.
-type Begun = (Option<Process>, Answered);
+type ReplacementReply = (Option<Process>, ReplyLines);
 
-fn begin(path: &Path, line: &str) -> Result<Begun, Failure> {
-    let stream = tell(path, line, PATIENCE)?;
+fn begin(path: &Path, line: &str) -> Result<ReplacementReply, Failure> {
+    let stream = tell(path, line, ANSWER_TIMEOUT)?;
     // The other program runs in the same process.
     let process = Process::behind(&stream);
     Ok((process, answered(stream)?))
@@ -156,24 +156,26 @@ fn begin(path: &Path, line: &str) -> Result<Begun, Failure> {
 /// Waits until the other program answers. Returns its state as JSON.
 fn replaced(
     path: &Path,
-    (process, asked): Begun,
+    (process, asked): ReplacementReply,
     within: Duration,
     mut show: impl FnMut(&str),
 ) -> Result<String, Failure> {
     let (said, lines) = stay(asked, &mut show)?;
     show(&said);
-    let until = Passing::default().passed() + REPLACED_WITHIN;
+    let until = BootClock::default().passed() + REPLACED_WITHIN;
     // The connection exists as long as the program that ends.
     let mut waits = lines.map(|line| line.map_err(silent) == Err(Failure::NoAnswer));
-    while waits.next() == Some(true) && Passing::default().passed() < until {}
-    let until = Passing::default().passed() + within;
+    while waits.next() == Some(true) && BootClock::default().passed() < until {}
+    let until = BootClock::default().passed() + within;
     loop {
         match status(path) {
             Ok(status) => return Ok(status),
             Err(_) if process.as_ref().is_some_and(Process::has_ended) => {
                 return Err(Failure::NewProgramEnded);
             }
-            Err(_) if Passing::default().passed() >= until => return Err(Failure::NewProgramSilent(within)),
+            Err(_) if BootClock::default().passed() >= until => {
+                return Err(Failure::NewProgramSilent(within));
+            }
             Err(_) => std::thread::sleep(ASK_AGAIN),
         }
     }
@@ -186,7 +188,7 @@ fn replaced(
 /// No gateway runs there, it runs another profile, or it does not answer.
 pub fn restart_is_wrong(path: &Path, profile: Option<&Path>) -> Result<String, Failure> {
     let which = profile.map(|profile| format!(" {}", profile.display())).unwrap_or_default();
-    Ok(ask(path, &format!("restart wrong{which}"), PATIENCE)?.0.text().to_owned())
+    Ok(ask(path, &format!("restart wrong{which}"), ANSWER_TIMEOUT)?.0.text().to_owned())
 }
 
 /// Sends the measured error of an axis. `None` discards what the axis has learned from such errors.
@@ -195,12 +197,12 @@ pub fn restart_is_wrong(path: &Path, profile: Option<&Path>) -> Result<String, F
 /// No gateway runs there, it refuses, or it does not answer.
 pub fn send_measured(path: &Path, axis: &str, report: Option<&MeasuredReport>) -> Result<Answer, Failure> {
     let Some(MeasuredReport { error_um, time, id, .. }) = report else {
-        return Ok(ask(path, &format!("measured {axis} clear"), PATIENCE)?.0);
+        return Ok(ask(path, &format!("measured {axis} clear"), ANSWER_TIMEOUT)?.0);
     };
     let mut line = format!("measured {axis} {error_um}");
     line.extend(time.map(|time| format!(" time={time}")));
     line.extend(id.as_ref().map(|id| format!(" id={id}")));
-    Ok(ask(path, &line, PATIENCE)?.0)
+    Ok(ask(path, &line, ANSWER_TIMEOUT)?.0)
 }
 
 /// Accepts a device that the operator has checked.
@@ -208,7 +210,7 @@ pub fn send_measured(path: &Path, axis: &str, report: Option<&MeasuredReport>) -
 /// # Errors
 /// No gateway runs there, it does not answer, or it refuses.
 pub fn send_confirm(path: &Path, device: &str) -> Result<Answer, Failure> {
-    Ok(ask(path, &format!("confirm {device}"), PATIENCE)?.0)
+    Ok(ask(path, &format!("confirm {device}"), ANSWER_TIMEOUT)?.0)
 }
 
 /// State of the running gateway, as JSON.
@@ -216,11 +218,11 @@ pub fn send_confirm(path: &Path, device: &str) -> Result<Answer, Failure> {
 /// # Errors
 /// No gateway runs there, or it does not answer.
 pub fn status(path: &Path) -> Result<String, Failure> {
-    Ok(ask(path, STATUS, PATIENCE)?.0.text().to_owned())
+    Ok(ask(path, STATUS, ANSWER_TIMEOUT)?.0.text().to_owned())
 }
 
 /// First line of an answer, and the lines after it.
-type Answered = (Answer, Lines<BufReader<UnixStream>>);
+type ReplyLines = (Answer, Lines<BufReader<UnixStream>>);
 
 fn with_axis(command: &str, axis: Option<&str>) -> String {
     axis.map_or_else(|| command.to_owned(), |axis| format!("{command} axis={axis}"))
@@ -234,13 +236,13 @@ pub enum Presence {
     /// This user may not connect.
     Forbidden,
     /// No gateway accepts connections.
-    Nobody,
+    Absent,
 }
 
 /// Checks whether a gateway accepts connections at a command socket.
 pub fn presence(path: &Path) -> Presence {
     match connect(path, Duration::ZERO) {
-        Err(Failure::NoGateway(_)) => Presence::Nobody,
+        Err(Failure::NoGateway(_)) => Presence::Absent,
         Err(Failure::Forbidden(_)) => Presence::Forbidden,
         _ => Presence::Answers,
     }
@@ -273,20 +275,20 @@ fn connect(path: &Path, until: Duration) -> Result<UnixStream, Failure> {
                 return Ok(socket.into());
             }
             Err(error) if error.kind() != ErrorKind::WouldBlock => return Err(no_gateway(error)),
-            Err(_) if Passing::default().passed() >= until => return Err(Failure::NoAnswer),
+            Err(_) if BootClock::default().passed() >= until => return Err(Failure::NoAnswer),
             Err(_) => std::thread::sleep(ASK_AGAIN),
         }
     }
 }
 
 /// Sends a line. Returns the first line of the answer, and the lines after it.
-fn ask(path: &Path, line: &str, patience: Duration) -> Result<Answered, Failure> {
+fn ask(path: &Path, line: &str, patience: Duration) -> Result<ReplyLines, Failure> {
     answered(tell(path, line, patience)?)
 }
 
 /// Sends a line. Each line of the answer may take `patience`.
 fn tell(path: &Path, line: &str, patience: Duration) -> Result<UnixStream, Failure> {
-    let until = Passing::default().passed() + PATIENCE;
+    let until = BootClock::default().passed() + ANSWER_TIMEOUT;
     let has_deadline = line != STATUS && !line.starts_with("trace");
     let deadline = if has_deadline { format!(" until={}", until.as_secs_f64()) } else { String::new() };
     // One write: half a line is not a command.
@@ -299,13 +301,13 @@ fn tell(path: &Path, line: &str, patience: Duration) -> Result<UnixStream, Failu
         match sent {
             Ok(()) => return Ok(stream),
             // The gateway closed the connection before the line came, in favour of other connections.
-            Err(error) if error.kind() == ErrorKind::BrokenPipe && Passing::default().passed() < until => {}
+            Err(error) if error.kind() == ErrorKind::BrokenPipe && BootClock::default().passed() < until => {}
             Err(_) => return Err(Failure::Ended),
         }
     }
 }
 
-fn answered(stream: UnixStream) -> Result<Answered, Failure> {
+fn answered(stream: UnixStream) -> Result<ReplyLines, Failure> {
     let mut lines = BufReader::new(stream).lines();
     let answer = lines.next().ok_or(Failure::Ended)?.map_err(silent)?;
     Ok((understand(&answer)?, lines))

@@ -16,11 +16,11 @@ use std::time::Duration;
 
 use tokio::net::unix::OwnedWriteHalf;
 
-use super::{Desk, STILL, said_in_a_line, say};
-use crate::clock::Passing;
-use crate::gateway::successor::{CHECKED_WITHIN, Unfit};
-use crate::observe::asker::{Asker, Connection, PATIENCE, Way};
-use crate::observe::status::{Answer, Wish};
+use super::{ControlContext, STILL, said_in_a_line, say};
+use crate::clock::BootClock;
+use crate::gateway::successor::{CHECKED_WITHIN, SuccessorRejection};
+use crate::observe::requester::{ANSWER_TIMEOUT, Channel, Connection, Requester};
+use crate::observe::status::{Answer, ReleaseRequest};
 
 const RESTART: &str = "restart";
 const RELEASE: &str = "release ";
@@ -88,17 +88,17 @@ fn span(seconds: &str) -> Option<Duration> {
 }
 
 pub(super) async fn serve(
-    desk: &Desk,
+    desk: &ControlContext,
     request: Request<'_>,
     (who, connection): (String, &Arc<Connection>),
     writer: &mut OwnedWriteHalf,
 ) -> std::io::Result<()> {
     // The deadline of the client begins when the check is over.
-    let asker = || {
-        let until = Passing::default().passed() + PATIENCE;
-        Asker::new(Way::Socket, who.clone()).until(until).at(connection)
+    let requester = || {
+        let until = BootClock::default().passed() + ANSWER_TIMEOUT;
+        Requester::new(Channel::Socket, who.clone()).until(until).at(connection)
     };
-    let refused = |why: &str| desk.source.turned_away(RESTART, &asker(), why);
+    let refused = |why: &str| desk.source.turned_away(RESTART, &requester(), why);
     let (within, released) = match request {
         Request::Restart { within } => (within, None),
         Request::Release { output, seen, within } => {
@@ -124,15 +124,17 @@ pub(super) async fn serve(
     // The check has its own thread, because the end of this program must not wait for it.
     let check = move || drop(answer.send(checking.check(within)));
     std::thread::Builder::new().name("check".to_owned()).spawn(check)?;
-    let until = Passing::default().passed() + within + CHECK_ENDS_WITHIN;
+    let until = BootClock::default().passed() + within + CHECK_ENDS_WITHIN;
     let checked = loop {
         match tokio::time::timeout(STILL, &mut checked).await {
             Ok(Ok(checked)) => break checked,
-            Ok(Err(_)) => break Err(Unfit::Other("the check failed with an internal error".to_owned())),
-            Err(_) if Passing::default().passed() >= until => {
+            Ok(Err(_)) => {
+                break Err(SuccessorRejection::Other("the check failed with an internal error".to_owned()));
+            }
+            Err(_) if BootClock::default().passed() >= until => {
                 let why =
                     "a small file could not be written to the state directory in time: does its disk hang?";
-                break Err(Unfit::Other(why.to_owned()));
+                break Err(SuccessorRejection::Other(why.to_owned()));
             }
             Err(_) => say(writer, "still\n").await?,
         }
@@ -140,14 +142,14 @@ pub(super) async fn serve(
     let (word, why) = match checked {
         Ok(checked) => {
             if let Some((output, seen)) = &released {
-                match desk.source.release(output, Wish::Back(seen), &asker()) {
+                match desk.source.release(output, ReleaseRequest::Back(seen), &requester()) {
                     Ok(Answer::Done(said)) => say(writer, &said_in_a_line("waits", &said)).await?,
                     Ok(Answer::Waits(why) | Answer::TooSoon(why)) | Err(why) => {
                         return say(writer, &said_in_a_line("error", &why)).await;
                     }
                 }
             }
-            match successor.take_over(&asker(), checked) {
+            match successor.take_over(&requester(), checked) {
                 Ok(said) => {
                     say(writer, &said_in_a_line("ok", &said)).await?;
                     // The end of the connection shows the client that this program has ended.
@@ -156,14 +158,14 @@ pub(super) async fn serve(
                 Err(why) => {
                     if let Some((output, _)) = &released {
                         // Otherwise, a later start would move a register unexpectedly.
-                        drop(desk.source.release(output, Wish::Stay, &asker()));
+                        drop(desk.source.release(output, ReleaseRequest::Stay, &requester()));
                     }
                     return say(writer, &said_in_a_line("error", &why)).await;
                 }
             }
         }
-        Err(Unfit::Profile(why)) => ("wrong", format!("the profile is wrong: {why}")),
-        Err(Unfit::Other(why)) => ("error", why),
+        Err(SuccessorRejection::Profile(why)) => ("wrong", format!("the profile is wrong: {why}")),
+        Err(SuccessorRejection::Other(why)) => ("error", why),
     };
     let why = format!("{why}; the gateway continues as before");
     refused(&why);

@@ -3,8 +3,8 @@ use std::sync::Mutex;
 
 use super::*;
 use crate::observe::events::Event;
-use crate::observe::events::file::Found;
-use crate::observe::status::{Status, Wish};
+use crate::observe::events::file::FileItem;
+use crate::observe::status::{ReleaseRequest, Status};
 use isotherm_core::quantity::Moment;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::net::UnixStream;
@@ -12,14 +12,19 @@ use std::os::unix::net::UnixStream;
 #[derive(Default)]
 struct Fake(Mutex<Vec<Command>>, Mutex<Vec<String>>);
 
-impl Source for Fake {
+impl GatewayApi for Fake {
     fn status(&self) -> Status {
         panic!("nobody asks for it here")
     }
 
-    fn command(&self, command: Command, axis: Option<&str>, asker: &Arc<Asker>) -> Result<Answer, String> {
-        self.1.lock().unwrap().push(format!("{asker:?}"));
-        if let Some(why) = asker.has_lapsed() {
+    fn command(
+        &self,
+        command: Command,
+        axis: Option<&str>,
+        requester: &Arc<Requester>,
+    ) -> Result<Answer, String> {
+        self.1.lock().unwrap().push(format!("{requester:?}"));
+        if let Some(why) = requester.has_lapsed() {
             return Err(why);
         }
         self.0.lock().unwrap().push(command);
@@ -41,15 +46,15 @@ impl Source for Fake {
         self.arming(axis)
     }
 
-    fn acknowledge(&self, _: Option<&str>, _: &Asker) -> Result<Answer, String> {
+    fn acknowledge(&self, _: Option<&str>, _: &Requester) -> Result<Answer, String> {
         Err("there is no such alarm".to_owned())
     }
 
-    fn confirm(&self, device: &str, _: &Asker) -> Result<Answer, String> {
+    fn confirm(&self, device: &str, _: &Requester) -> Result<Answer, String> {
         Err(format!("there is no device {device}"))
     }
 
-    fn release(&self, output: &str, _: Wish<'_>, _: &Asker) -> Result<Answer, String> {
+    fn release(&self, output: &str, _: ReleaseRequest<'_>, _: &Requester) -> Result<Answer, String> {
         Err(format!("nothing is left of {output}"))
     }
 
@@ -57,15 +62,15 @@ impl Source for Fake {
         None
     }
 
-    fn turned_away(&self, _: &str, _: &Asker, _: &str) {}
+    fn turned_away(&self, _: &str, _: &Requester, _: &str) {}
 
     fn report(&self, _: &Event) {}
 
-    fn events(&self, _: Moment, _: &mut dyn FnMut(Found) -> bool) -> std::io::Result<()> {
+    fn events(&self, _: Moment, _: &mut dyn FnMut(FileItem) -> bool) -> std::io::Result<()> {
         Ok(())
     }
 
-    fn measured(&self, axis: &str, report: Option<MeasuredReport>, _: &Asker) -> Result<Answer, String> {
+    fn measured(&self, axis: &str, report: Option<MeasuredReport>, _: &Requester) -> Result<Answer, String> {
         Ok(Answer::Done(format!("{axis}: {report:?}")))
     }
 }

@@ -3,7 +3,7 @@
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
-use isotherm_profile::{one_line, regular};
+use isotherm_profile::{one_line, safe_file};
 use tokio::net::UnixStream;
 
 use super::sockets::listening;
@@ -41,7 +41,7 @@ pub fn forbidden(path: &Path) -> String {
 
 /// Name of the user or group with this number.
 fn named(list: &str, number: u32) -> Option<String> {
-    let list = regular::read_text(Path::new(list)).ok()?;
+    let list = safe_file::read_text(Path::new(list)).ok()?;
     found(&list, number).map(|name| one_line(name).into_owned())
 }
 

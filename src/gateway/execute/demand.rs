@@ -1,7 +1,7 @@
 //! Demand on an output, from the state that all lines share.
 
-use crate::gateway::core::Core;
 use crate::gateway::line_handle::LineHandle;
+use crate::gateway::state::GatewayState;
 use crate::gateway::units::{part, target};
 use isotherm_core::compensation::AxisState;
 use isotherm_core::output::{Condition, Mode, Who};
@@ -44,7 +44,7 @@ pub(super) enum Decision {
 }
 
 impl OutputDemand {
-    pub(super) fn of(shared: &LineHandle, core: &Core, id: OutputId, now: Moment) -> OutputDemand {
+    pub(super) fn of(shared: &LineHandle, core: &GatewayState, id: OutputId, now: Moment) -> OutputDemand {
         let output = shared.profile.output(id);
         let decision = core.compensation.decision(output.axis.0);
         let arming = &core.arming[output.axis.0];

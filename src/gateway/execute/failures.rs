@@ -12,7 +12,7 @@ const CHANGED_AFTER: u32 = 20;
 
 /// Kind of request that a device was sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Access {
+pub(super) enum RequestKind {
     Read,
     /// Read of the register in which the control reports the applied value.
     ReadApplied,
@@ -31,7 +31,7 @@ enum Alarm {
 #[derive(Debug, Default)]
 pub(super) struct Failures {
     /// Reported kind of failed request. It is cleared when a request of that kind succeeds.
-    reported: Option<Access>,
+    reported: Option<RequestKind>,
     /// Reported cause, with the count of failures for another cause.
     cause: Option<Cause<Fault>>,
     /// Number of failed writes since a write was last answered.
@@ -54,12 +54,12 @@ impl Failures {
     pub(super) fn fails(
         &mut self,
         fault: Fault,
-        access: Access,
+        access: RequestKind,
         in_words: impl FnOnce() -> String,
     ) -> Option<String> {
-        self.failed_writes += u64::from(access == Access::Write);
+        self.failed_writes += u64::from(access == RequestKind::Write);
         // A device that answers reads is not lost, so nothing else reports its unanswered writes.
-        let is_deaf = access == Access::Write && self.failed_writes >= DEAF;
+        let is_deaf = access == RequestKind::Write && self.failed_writes >= DEAF;
         let is_deaf = is_deaf && self.last_read == LastRead::Answered;
         let is_reported = !fault.spoils_connection() || is_deaf;
         if is_reported && self.reported.replace(access).is_none() {
@@ -95,11 +95,11 @@ impl Failures {
         match input {
             Input::Fact(Fact::Done { .. }) => {
                 self.failed_writes = 0;
-                self.reported = self.reported.filter(|access| *access != Access::Write);
+                self.reported = self.reported.filter(|access| *access != RequestKind::Write);
             }
             Input::Fact(Fact::Read { .. }) => {
                 self.last_read = LastRead::Answered;
-                self.reported = self.reported.filter(|access| *access == Access::Write);
+                self.reported = self.reported.filter(|access| *access == RequestKind::Write);
             }
             Input::Fact(Fact::NoAnswer) => self.last_read = LastRead::NotAnswered,
             _ => {}

@@ -3,19 +3,19 @@
 use std::fmt::Display;
 
 use super::LineTurn;
-use super::cells::{self, Cells};
 use super::demand::{Decision, OutputDemand};
-use super::failures::{Access, Failures};
+use super::failures::{Failures, RequestKind};
 use super::report;
-use crate::fieldbus::departure::Leave;
+use super::set_modbus::{self, Cells};
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
 use crate::fieldbus::explain::advised_on;
+use crate::fieldbus::send_guard::SendDeadline;
 use crate::fieldbus::wire::Request;
-use crate::gateway::blamed::of_an_output;
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::log::outputs::{ControllerSnapshot, ControllerState, PositionSnapshot, Turn};
-use crate::gateway::output::Standing;
-use crate::gateway::storage::{Steady, TurnRecord};
+use crate::gateway::output::RegisterHealth;
+use crate::gateway::output_faults::of_an_output;
+use crate::gateway::storage::{CountedWrite, TurnRecord};
 use crate::gateway::units::{cz_factor, registers_in_text};
 use crate::observe::events::Event;
 use isotherm_core::codec::{ControlView, Encoded};
@@ -75,7 +75,7 @@ impl Position {
             is_usable: position.is_some(),
             decision: is_driven.then_some(PositionDecision { cz, target, at }),
             interlock,
-            backs_off: turn.line.is_resting(output.device, now),
+            backs_off: turn.line.is_backing_off(output.device, now),
             may_show_dashes: has_dashes && is_ours,
         };
         let (step, before) = (shared.profile.axis(output.axis).settings.guard.step, self.controller);
@@ -92,7 +92,7 @@ impl Position {
                 let state = &mut shared.core().outputs[self.id.0];
                 match condition {
                     Condition::Unknown => state.doubt(),
-                    _ => state.standing = Standing::Interlocked,
+                    _ => state.standing = RegisterHealth::Interlocked,
                 }
                 None
             }
@@ -106,7 +106,7 @@ impl Position {
         let (turn, state) = (Turn::Position(ended), ControllerState::Position);
         let ended = TurnRecord { before: state(before), turn, after: state(self.controller) };
         let snapshot = || ControllerSnapshot::Position(PositionSnapshot { step, position: before });
-        shared.core().storage.outputs.turned(Steady::Position(self.id), ended, snapshot, now);
+        shared.core().storage.outputs.turned(CountedWrite::Position(self.id), ended, snapshot, now);
     }
 
     /// Writes a position with this Cz. Returns `None` if the value is not admitted.
@@ -128,7 +128,7 @@ impl Position {
             report::not_sent(shared, self.id, why);
             return None;
         }
-        let asked = turn.line.looked();
+        let asked = turn.line.last_sample();
         let answer = write(turn, output, &target, not_after).await;
         Some(PositionWrite { target, cz, asked, answer })
     }
@@ -161,7 +161,7 @@ impl Position {
         self.failures.result(Input::Fact(Fact::Done { left: asked }));
         let mut core = shared.core();
         let state = &mut core.outputs[self.id.0];
-        state.standing = Standing::Verified;
+        state.standing = RegisterHealth::Verified;
         state.writes += 1;
         state.cz = Some(cz);
         state.value = output.encoding.decode(target.registers()).ok();
@@ -170,7 +170,7 @@ impl Position {
         if self.failures.end() {
             core.events.push(Event::Verified { output: output.name.clone(), failures });
         }
-        core.storage.outputs.wrote(Steady::Position(self.id), asked);
+        core.storage.outputs.wrote(CountedWrite::Position(self.id), asked);
     }
 
     fn report(&self, shared: &LineHandle, output: &Output, event: Option<PositionEvent>) {
@@ -217,10 +217,10 @@ impl Position {
             return;
         }
         let transport = shared.profile.bus(shared.profile.device(output.device).bus).transport;
-        let is_lost = shared.core().contact.devices[output.device.0].is_reported_lost();
+        let is_lost = shared.core().device_health.devices[output.device.0].is_reported_lost();
         self.failures.device_answers(!is_lost);
         let words = || of_an_output(&shared.profile, self.id, fault);
-        if let Some(words) = self.failures.fails(fault, Access::Write, words) {
+        if let Some(words) = self.failures.fails(fault, RequestKind::Write, words) {
             let fault = advised_on(transport, fault, words);
             shared.report(&Event::WriteFailed { output: output.name.clone(), fault });
         }
@@ -230,7 +230,7 @@ impl Position {
     fn is_unverified(&self, shared: &LineHandle, why: &dyn Display) {
         let now = shared.clock.now();
         let mut core = shared.core();
-        core.storage.outputs.not_written(Steady::Position(self.id), why, now);
+        core.storage.outputs.not_written(CountedWrite::Position(self.id), why, now);
         let state = &mut core.outputs[self.id.0];
         state.failures += 1;
         state.doubt();
@@ -243,8 +243,8 @@ impl Position {
         let text = (stale.register..).zip(stale.words.iter().copied());
         let beside = output.display.beside.iter().map(|beside| (beside.register, beside.word(Shown::Fault)));
         // Failed requests are reported with the health of the device.
-        send(turn, output, beside.collect(), Leave::Whenever).await.ok()?;
-        send(turn, output, text.collect(), Leave::Whenever).await.ok()?;
+        send(turn, output, beside.collect(), SendDeadline::None).await.ok()?;
+        send(turn, output, text.collect(), SendDeadline::None).await.ok()?;
         Some(PositionResult::Written)
     }
 }
@@ -281,7 +281,7 @@ async fn write(
     target: &Encoded,
     not_after: Moment,
 ) -> Result<Option<Encoded>, (Fault, Outcome)> {
-    let leave = Leave::By(not_after);
+    let leave = SendDeadline::By(not_after);
     if output.display.beside.is_empty() {
         let functions = turn.shared.profile.device(output.device).functions;
         let request = Request::write(&output.address, target.registers(), functions);
@@ -299,7 +299,7 @@ async fn write(
     let request = Request::read(&at, output.encoding.data_type);
     let request = request.ok_or((Fault::Caller(CallerFault::Function), Outcome::Unknown))?;
     let read = turn.line.read_confirmed(output.device, request).await;
-    let answer = read.and_then(|answered| answered.answer.believed());
+    let answer = read.and_then(|answered| answered.answer.accepted());
     let answer = answer.map_err(|fault| (fault, Outcome::Unknown))?;
     Ok(Some(Encoded::of(answer.registers())))
 }
@@ -318,9 +318,9 @@ async fn send(
     turn: &mut LineTurn<'_>,
     output: &Output,
     cells: Cells,
-    leave: Leave,
+    leave: SendDeadline,
 ) -> Result<(), (Fault, Outcome)> {
     let longest = turn.shared.profile.device(output.device).longest_request();
     let stretches = Stretch::joined(cells.keys().map(|register| (*register, 1)).collect(), longest);
-    cells::write(turn, output.device, &stretches, &cells, leave).await
+    set_modbus::write(turn, output.device, &stretches, &cells, leave).await
 }

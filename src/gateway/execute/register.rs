@@ -4,31 +4,31 @@
 use std::time::Duration;
 
 use super::demand::{Decision, OutputDemand};
-use super::failures::{Access, Failures};
+use super::failures::{Failures, RequestKind};
 use super::{DISK_PATIENCE, LineTurn, REMEMBERED, report};
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
 use crate::fieldbus::explain::advised_on;
 use crate::fieldbus::wire::Request;
-use crate::gateway::blamed::of_an_output;
-use crate::gateway::ledger::{Keeping, Kept};
+use crate::gateway::ledger::{SaveCondition, SaveResult};
 use crate::gateway::line_handle::LineHandle;
-use crate::gateway::output::Standing;
+use crate::gateway::output::RegisterHealth;
+use crate::gateway::output_faults::of_an_output;
 use crate::gateway::store::WHAT;
 use crate::gateway::units::Units;
-use crate::observe::asker::Way;
 use crate::observe::events::Event;
+use crate::observe::requester::Channel;
 use isotherm_core::codec::Encoded;
 use isotherm_core::explained::Explained;
 use isotherm_core::output::{
-    self, AppliedSettings, Cause, Controller, Copies, Demand, Demanded, Fact, Input, OutputAnswer, Rules,
-    Settings, State, Trouble, Verify, WriteResult,
+    self, AppliedSettings, Cause, Controller, Demand, Fact, InFlightWrites, Input, OutputAnswer,
+    OutputDecision, Rules, Settings, State, Trouble, Verify, WriteResult,
 };
 use isotherm_core::quantity::{Counts, Moment};
 use isotherm_profile::{Output, OutputId, Share, Writes};
 
 /// Register of one output. It executes the actions of the output's controller, and reports its events.
 #[derive(Debug)]
-pub(super) struct Register {
+pub(super) struct OutputRegister {
     pub(super) id: OutputId,
     pub(super) units: Units,
     pub(super) settings: Settings,
@@ -36,12 +36,12 @@ pub(super) struct Register {
     /// Failures of the register in which the control reports the applied value.
     failures_applied: Failures,
     /// Values that may still appear in the register, as last given to the disk.
-    on_disk: Option<Copies>,
+    on_disk: Option<InFlightWrites>,
     /// Version of the ledger that is being saved, and the time since when.
     keeping: Option<(u64, Moment)>,
 }
 
-impl Register {
+impl OutputRegister {
     /// Creates the register of an output, and its controller at a start. A set refreshes its outputs as a whole:
     /// `is_in_a_set`.
     pub(super) fn new(
@@ -49,7 +49,7 @@ impl Register {
         id: OutputId,
         is_in_a_set: bool,
         now: Moment,
-    ) -> (Register, Controller) {
+    ) -> (OutputRegister, Controller) {
         let output = shared.profile.output(id);
         let units = Units::of(&shared.profile, output);
         let settings = settings(shared, output, &units);
@@ -68,7 +68,7 @@ impl Register {
         };
         let (failures, failures_applied) = (Failures::default(), Failures::default());
         let (on_disk, keeping) = (None, None);
-        (Register { id, units, settings, failures, failures_applied, on_disk, keeping }, controller)
+        (OutputRegister { id, units, settings, failures, failures_applied, on_disk, keeping }, controller)
     }
 
     /// Demand on the output in counts.
@@ -86,7 +86,7 @@ impl Register {
                     (Writes::Reference, None) => (self.units.offset(demand.cz), None),
                     _ => (self.units.offset(demand.cz), Some(self.units.offset(demand.target))),
                 };
-            Demanded { offset, target, at: demand.decided, not_after: demand.not_after, mode }
+            OutputDecision { offset, target, at: demand.decided, not_after: demand.not_after, mode }
         });
         Demand {
             armed: demand.armed.filter(|_| !shared.dry_run),
@@ -167,15 +167,15 @@ impl Register {
         &mut self,
         shared: &LineHandle,
         controller: &Controller,
-        (fault, access): (Fault, Access),
+        (fault, access): (Fault, RequestKind),
     ) {
-        if access == Access::Write && !controller.is_armed() {
+        if access == RequestKind::Write && !controller.is_armed() {
             return;
         }
         let in_words = || of_an_output(&shared.profile, self.id, fault);
         let failures = match access {
-            Access::ReadApplied => &mut self.failures_applied,
-            Access::Read | Access::Write => &mut self.failures,
+            RequestKind::ReadApplied => &mut self.failures_applied,
+            RequestKind::Read | RequestKind::Write => &mut self.failures,
         };
         let reported = failures.fails(fault, access, in_words);
         let mut core = shared.core();
@@ -186,8 +186,8 @@ impl Register {
         let transport = shared.profile.bus(device.bus).transport;
         core.events.extend(reported.map(|words| advised_on(transport, fault, words)).map(
             |fault| match access {
-                Access::Read | Access::ReadApplied => Event::ReadFailed { output: output(), fault },
-                Access::Write => Event::WriteFailed { output: output(), fault },
+                RequestKind::Read | RequestKind::ReadApplied => Event::ReadFailed { output: output(), fault },
+                RequestKind::Write => Event::WriteFailed { output: output(), fault },
             },
         ));
     }
@@ -200,7 +200,7 @@ impl Register {
         (fault, outcome): (Fault, Outcome),
     ) {
         if !fault.has_lapsed() || outcome != Outcome::NotDone {
-            self.fail(shared, controller, (fault, Access::Write));
+            self.fail(shared, controller, (fault, RequestKind::Write));
         }
     }
 
@@ -211,7 +211,7 @@ impl Register {
         controller: &Controller,
     ) -> Option<OutputAnswer> {
         let output = turn.shared.profile.output(self.id);
-        let asked = turn.line.looked();
+        let asked = turn.line.last_sample();
         let applied = output.applied.as_ref().filter(|_| asked >= controller.applied_due(&self.settings))?;
         let request = Request::Read { from: applied.address, count: applied.encoding.data_type.registers() };
         Some(match turn.line.read_confirmed(output.device, request).await {
@@ -222,7 +222,7 @@ impl Register {
                 OutputAnswer::Applied(found.and_then(|found| self.units.thousandths(found)), asked)
             }
             Err(fault) => {
-                self.fail(turn.shared, controller, (fault, Access::ReadApplied));
+                self.fail(turn.shared, controller, (fault, RequestKind::ReadApplied));
                 OutputAnswer::AppliedNoAnswer(asked)
             }
         })
@@ -239,7 +239,7 @@ impl Register {
         let state = controller.state();
         let output = shared.profile.output(self.id);
         let copies = *state.copies();
-        let is_open = report::has_unanswered(state) || copies.lately().next().is_some();
+        let is_open = report::has_unanswered(state) || copies.expired().next().is_some();
         let open = is_open.then_some(copies);
         let is_known = state.shown(&self.settings).verified.is_some();
         if is_known && std::mem::replace(&mut self.on_disk, open) != open {
@@ -249,7 +249,9 @@ impl Register {
         let mut core = shared.core();
         let Some(cz) = report::show((self, controller), demand, &mut core.outputs[self.id.0]) else { return };
         report::note_place((self, controller), output, &mut core);
-        if core.outputs[self.id.0].standing == Standing::Verified && core.arming[output.axis.0].is_armed() {
+        if core.outputs[self.id.0].standing == RegisterHealth::Verified
+            && core.arming[output.axis.0].is_armed()
+        {
             let failures = std::mem::take(&mut core.outputs[self.id.0].failures);
             // Both calls are necessary: each ends an alarm.
             if self.failures.end() | self.failures_applied.end() {
@@ -259,7 +261,7 @@ impl Register {
         let Some(cause) = resumes else { return };
         if core.found(self.id, cz) && cause == Cause::Restart {
             let axis = shared.profile.axis(output.axis).settings.name.clone();
-            core.events.push(Event::GoesOn { axis, from: cz, way: Way::Restart });
+            core.events.push(Event::GoesOn { axis, from: cz, way: Channel::Restart });
         }
         drop(core);
         shared.wake_others(shared.profile.device(output.device).bus);
@@ -272,7 +274,7 @@ impl Register {
         turn: &mut LineTurn<'_>,
         controller: &Controller,
     ) -> Option<OutputAnswer> {
-        let (shared, now) = (turn.shared, turn.line.looked());
+        let (shared, now) = (turn.shared, turn.line.last_sample());
         if shared.dry_run {
             return Some(OutputAnswer::Kept);
         }
@@ -284,26 +286,26 @@ impl Register {
                 // An entry that no write waits for is on disk no later than the next entry that a write waits for.
                 let must_keep = controller.must_keep(&self.settings);
                 match shared.ledger.keep(output, controller.state().kept(), must_keep) {
-                    Keeping::Version(version) => (version, now),
-                    Keeping::Needless => return Some(OutputAnswer::Kept),
-                    Keeping::Impossible => return Some(OutputAnswer::NotKept),
+                    SaveCondition::Version(version) => (version, now),
+                    SaveCondition::Needless => return Some(OutputAnswer::Kept),
+                    SaveCondition::Impossible => return Some(OutputAnswer::NotKept),
                 }
             }
         };
         self.keeping = Some((version, since));
         let timeout = shared.profile.bus(shared.profile.device(output.device).bus).timeout;
         let span = if is_new || shared.clock.is_virtual() { timeout } else { Duration::ZERO };
-        turn.line.departure.away_for(span);
+        turn.line.send_guard.away_for(span);
         let kept = shared.ledger.kept(version, span, &shared.clock).await;
-        let now = turn.line.look();
-        if kept == Kept::NotYet && now.since(since) < DISK_PATIENCE {
+        let now = turn.line.sample();
+        if kept == SaveResult::NotYet && now.since(since) < DISK_PATIENCE {
             return None;
         }
         self.keeping = None;
-        if kept == Kept::Yes {
+        if kept == SaveResult::Yes {
             return Some(OutputAnswer::OnDisk);
         }
-        if kept == Kept::NotYet && controller.trouble() != Some(Trouble::Disk) {
+        if kept == SaveResult::NotYet && controller.trouble() != Some(Trouble::Disk) {
             let why = Explained::new(
                 format!("the disk has not answered for {} s", DISK_PATIENCE.as_secs()),
                 "is the disk full, slow or broken?",

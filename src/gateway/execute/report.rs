@@ -1,11 +1,11 @@
 //! Reports about the register of an output, for the log, the axes and the page.
 
 use super::demand::OutputDemand;
-use super::register::Register;
+use super::register::OutputRegister;
 use crate::clock::Clock;
-use crate::gateway::core::Core;
 use crate::gateway::line_handle::LineHandle;
-use crate::gateway::output::{OutputState, Standing};
+use crate::gateway::output::{OutputState, RegisterHealth};
+use crate::gateway::state::GatewayState;
 use crate::observe::events::Event;
 use isotherm_core::codec::Inadmissible;
 use isotherm_core::explained::Explained;
@@ -15,7 +15,7 @@ use isotherm_profile::{Output, OutputId};
 
 /// Converts an event of a controller to an event of the journal. Returns `None` if it is reported elsewhere.
 pub(super) fn event(
-    (register, controller): (&Register, &Controller),
+    (register, controller): (&OutputRegister, &Controller),
     output: &Output,
     event: output::Event,
     clock: &Clock,
@@ -76,7 +76,7 @@ pub(super) fn event(
 
 /// Cause and hint for an axis that is off because another client wrote this value.
 pub(super) fn why_foreign(
-    register: &Register,
+    register: &OutputRegister,
     output: &Output,
     expected: Counts,
     found: Counts,
@@ -121,7 +121,7 @@ pub(super) fn not_sent(shared: &LineHandle, id: OutputId, why: Inadmissible) {
 
 /// Reports that the control does not apply the register value within its time.
 pub(super) fn not_applied(
-    (register, controller): (&Register, &Controller),
+    (register, controller): (&OutputRegister, &Controller),
     shared: &LineHandle,
     output: &Output,
 ) {
@@ -138,7 +138,7 @@ pub(super) fn not_applied(
 }
 
 /// Question to the operator: how the register value divides into operator offset and gateway share.
-pub(super) fn question((register, controller): (&Register, &Controller), output: &str) -> Event {
+pub(super) fn question((register, controller): (&OutputRegister, &Controller), output: &str) -> Event {
     let holds = controller.held(&register.settings);
     let (output, holds) = (output.to_owned(), register.units.in_text(holds));
     let account = controller.state().shown(&register.settings).account;
@@ -160,12 +160,16 @@ pub(super) fn question((register, controller): (&Register, &Controller), output:
     Event::LedgerDoubt { output, why }
 }
 
-fn share_in_text(register: &Register, share: Counts) -> String {
+fn share_in_text(register: &OutputRegister, share: Counts) -> String {
     register.units.in_text(share + register.settings.bias)
 }
 
 /// Reports what the register holds, if the place of its output is in doubt and this was the first read.
-pub(super) fn note_place((register, controller): (&Register, &Controller), output: &Output, core: &mut Core) {
+pub(super) fn note_place(
+    (register, controller): (&OutputRegister, &Controller),
+    output: &Output,
+    core: &mut GatewayState,
+) {
     let shown = controller.state().shown(&register.settings);
     let Some(seen) = shown.verified.filter(|_| !shown.is_only_acknowledged) else { return };
     let holds = || register.units.in_text(seen.value);
@@ -186,11 +190,11 @@ pub(super) fn has_unanswered(state: &State) -> bool {
 
 /// Publishes the state of a register to axes and page. Returns the Cz in the register, if it is known.
 pub(super) fn show(
-    (register, controller): (&Register, &Controller),
+    (register, controller): (&OutputRegister, &Controller),
     demand: &OutputDemand,
     seen: &mut OutputState,
 ) -> Option<Micron> {
-    let Register { units, settings, .. } = register;
+    let OutputRegister { units, settings, .. } = register;
     let state = controller.state();
     let shown = state.shown(settings);
     let waits = has_unanswered(state) || shown.waits_until.is_some();
@@ -206,10 +210,10 @@ pub(super) fn show(
     seen.value = Some(units.value(verified.value));
     seen.verified_at = Some(verified.asked);
     seen.standing = match controller.health(settings, demand.interlock)? {
-        OutputHealth::Verified => Standing::Verified,
-        OutputHealth::Unverified => Standing::Unverified,
-        OutputHealth::Interlocked => Standing::Interlocked,
-        OutputHealth::Foreign => Standing::Foreign,
+        OutputHealth::Verified => RegisterHealth::Verified,
+        OutputHealth::Unverified => RegisterHealth::Unverified,
+        OutputHealth::Interlocked => RegisterHealth::Interlocked,
+        OutputHealth::Foreign => RegisterHealth::Foreign,
     };
     Some(cz)
 }

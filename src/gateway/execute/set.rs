@@ -1,24 +1,24 @@
 //! Executes the actions of the controller of a set, and gives it the results.
 
 use super::demand::{Decision, OutputDemand};
-use super::failures::Access;
-use super::register::{Register, not_done};
-use super::together::{self, Found};
-use super::{LineTurn, MOST_EXCHANGES, cells, strobe};
-use crate::fieldbus::departure::Leave;
+use super::failures::RequestKind;
+use super::register::{OutputRegister, not_done};
+use super::set_io::{self, SetReadings};
+use super::{LineTurn, MOST_EXCHANGES, set_modbus, strobe};
 use crate::fieldbus::error::{Fault, Outcome};
-use crate::gateway::core::Core;
+use crate::fieldbus::send_guard::SendDeadline;
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::log::outputs::{ControllerSnapshot, ControllerState, SetSnapshot, SetTurn, Turn};
 use crate::gateway::output::HandshakeStatus;
-use crate::gateway::storage::{Steady, TurnRecord};
+use crate::gateway::state::GatewayState;
+use crate::gateway::storage::{CountedWrite, TurnRecord};
 use crate::observe::events::Event;
 use isotherm_core::codec::Encoded;
 use isotherm_core::display::control_word;
 use isotherm_core::output::{
-    Action, Alone, Cause, Controller, Fact, HandshakeFault, Input, MemberDemand, OwnWords, SetAction,
-    SetController, SetDemand, SetInput, SetSettings, SetValue, SetWords, Strobe, StrobeResult, Taking,
-    WriteResult,
+    Action, Cause, CommitTrigger, Controller, Fact, HandshakeFault, Input, MemberDemand, OwnWords, SetAction,
+    SetController, SetDemand, SetInput, SetSettings, SetValue, SetWords, StandaloneWrite, Strobe,
+    StrobeResult, WriteResult,
 };
 use isotherm_core::quantity::{Counts, Moment};
 use isotherm_profile::{Handshake, OutputSet, Profile, SetId};
@@ -27,7 +27,7 @@ use isotherm_profile::{Handshake, OutputSet, Profile, SetId};
 #[derive(Debug)]
 pub(in crate::gateway) struct Set {
     id: SetId,
-    registers: Vec<Register>,
+    registers: Vec<OutputRegister>,
     settings: SetSettings,
     controller: SetController,
     /// Values of the last read, as the registers hold them.
@@ -48,7 +48,7 @@ impl Set {
         let was_up = set.outputs.iter().any(|id| core.outputs[id.0].handshake.strobe_up);
         let is_second = set.outputs.iter().any(|id| core.registers[id.0].is_some());
         drop(core);
-        let each = set.outputs.iter().map(|id| Register::new(shared, *id, true, now));
+        let each = set.outputs.iter().map(|id| OutputRegister::new(shared, *id, true, now));
         let (registers, controllers): (Vec<_>, Vec<Controller>) = each.unzip();
         let was_in_order = !is_second && controllers.iter().all(|one| one.state().is_settled());
         let settings = settings(&shared.profile, set, &registers);
@@ -60,8 +60,8 @@ impl Set {
     }
 
     /// Time of the next read of the acknowledge.
-    pub(in crate::gateway) fn asks(&self) -> Option<Moment> {
-        self.controller.strobe().asks()
+    pub(in crate::gateway) fn next_read(&self) -> Option<Moment> {
+        self.controller.strobe().next_read()
     }
 
     /// Returns whether the turn of one of its outputs came too late for the last decision.
@@ -89,22 +89,22 @@ impl Set {
                 SetAction::Drop => self.strobe(turn, false).await,
             };
         }
-        let is_waiting = self.asks().is_some();
+        let is_waiting = self.next_read().is_some();
         let mut looks_again = Moment::END;
         for place in (0..self.registers.len()).filter(|_| !is_waiting) {
             let controllers = self.controller.members();
             if let Some(answer) = self.registers[place].read_applied(turn, &controllers[place]).await {
-                self.step(shared, &SetInput::Member { place, answer }, turn.line.looked());
+                self.step(shared, &SetInput::Member { place, answer }, turn.line.last_sample());
             }
             let due = self.controller.members()[place].applied_due(&self.registers[place].settings);
             looks_again = looks_again.min(due);
         }
-        let action = self.step(shared, &SetInput::TurnEnds, turn.line.looked());
+        let action = self.step(shared, &SetInput::TurnEnds, turn.line.last_sample());
         for (place, demand) in demands.iter().enumerate() {
             let (controller, resumes) = (&self.controller.members()[place], self.resumes[place]);
             self.registers[place].publish(shared, controller, demand, resumes);
         }
-        let until = if let SetAction::Nothing { until } = action { until } else { turn.line.looked() };
+        let until = if let SetAction::Nothing { until } = action { until } else { turn.line.last_sample() };
         self.due = until.min(looks_again);
     }
 
@@ -123,7 +123,7 @@ impl Set {
         (demands, SetDemand { members, control, beat, is_leaving })
     }
 
-    fn control(&self, shared: &LineHandle, core: &Core) -> u16 {
+    fn control(&self, shared: &LineHandle, core: &GatewayState) -> u16 {
         let axes = self.registers.iter().map(|register| shared.profile.output(register.id).axis.0);
         let axes = axes.map(|axis| {
             (core.arming[axis].is_armed(), core.compensation.decision(axis).map(|decision| decision.state))
@@ -133,8 +133,8 @@ impl Set {
 
     /// Gives the controller the result of an exchange.
     fn result(&mut self, turn: &LineTurn<'_>, input: &SetInput) -> SetAction {
-        let (shared, now) = (turn.shared, turn.line.looked());
-        if turn.line.departure.has_stood_still() {
+        let (shared, now) = (turn.shared, turn.line.last_sample());
+        if turn.line.send_guard.has_stalled() {
             self.step(shared, &SetInput::Paused, now);
         }
         self.step(shared, input, now)
@@ -166,7 +166,7 @@ impl Set {
             };
             let turn = Turn::Set(Box::new(SetTurn { input: input.clone(), action: action.clone() }));
             let ended = TurnRecord { before: state(&before), turn, after: state(&self.controller) };
-            core.storage.outputs.turned(Steady::Set(self.id), ended, snapshot, now);
+            core.storage.outputs.turned(CountedWrite::Set(self.id), ended, snapshot, now);
         }
         action
     }
@@ -181,7 +181,7 @@ impl Set {
     }
 
     /// Publishes the status of the handshake.
-    fn publish(&self, shared: &LineHandle, core: &mut Core) {
+    fn publish(&self, shared: &LineHandle, core: &mut GatewayState) {
         let strobe = self.controller.strobe();
         let status = HandshakeStatus {
             waits: strobe.awaits(),
@@ -205,8 +205,8 @@ impl Set {
 
     async fn read(&mut self, turn: &mut LineTurn<'_>) -> SetAction {
         let shared = turn.shared;
-        let input = match together::read(turn, shared.profile.set(self.id)).await {
-            Ok(Found { values, sequence: number, heartbeat: beat, asked }) => {
+        let input = match set_io::read(turn, shared.profile.set(self.id)).await {
+            Ok(SetReadings { values, sequence: number, heartbeat: beat, asked }) => {
                 let counts: Vec<Counts> = self
                     .registers
                     .iter()
@@ -222,7 +222,7 @@ impl Set {
             Err(fault) => {
                 for (register, controller) in self.registers.iter_mut().zip(self.controller.members()) {
                     if controller.action() == Action::Read {
-                        register.fail(shared, controller, (fault, Access::Read));
+                        register.fail(shared, controller, (fault, RequestKind::Read));
                         register.note(Input::Fact(Fact::NoAnswer));
                     }
                 }
@@ -244,8 +244,8 @@ impl Set {
             return self.result(turn, &SetInput::NotAdmitted);
         };
         let set = shared.profile.set(self.id);
-        let sent = together::write(turn, set, &registers, own, Leave::Here(not_after)).await;
-        let left = turn.line.looked();
+        let sent = set_io::write(turn, set, &registers, own, SendDeadline::OnConnection(not_after)).await;
+        let left = turn.line.last_sample();
         for (register, controller) in self.registers.iter_mut().zip(self.controller.members()) {
             if let Action::Write { .. } = controller.action() {
                 match sent {
@@ -274,8 +274,8 @@ impl Set {
 
     async fn write_own(&mut self, turn: &mut LineTurn<'_>, own: OwnWords) -> SetAction {
         let shared = turn.shared;
-        let sent = together::write_own(turn, shared.profile.set(self.id), own).await;
-        let left = turn.line.looked();
+        let sent = set_io::write_own(turn, shared.profile.set(self.id), own).await;
+        let left = turn.line.last_sample();
         self.words_sent(shared, sent, left);
         let result = sent.err().map_or(WriteResult::Done, not_done);
         self.result(turn, &SetInput::Sent { result, left })
@@ -288,8 +288,8 @@ impl Set {
         }
         let log = &mut shared.core().storage.outputs;
         match sent {
-            Ok(()) => log.wrote(Steady::Set(self.id), now),
-            Err((fault, _)) => log.not_written(Steady::Set(self.id), &fault, now),
+            Ok(()) => log.wrote(CountedWrite::Set(self.id), now),
+            Err((fault, _)) => log.not_written(CountedWrite::Set(self.id), &fault, now),
         }
     }
 
@@ -325,8 +325,8 @@ impl Set {
     }
 }
 
-fn settings(profile: &Profile, set: &OutputSet, registers: &[Register]) -> SetSettings {
-    let alone = if set.has_own_words_apart() { Alone::Yes } else { Alone::No };
+fn settings(profile: &Profile, set: &OutputSet, registers: &[OutputRegister]) -> SetSettings {
+    let alone = if set.has_own_words_apart() { StandaloneWrite::Yes } else { StandaloneWrite::No };
     SetSettings {
         members: registers.iter().map(|register| register.settings).collect(),
         taking: taken_by(profile, set),
@@ -342,12 +342,12 @@ fn settings(profile: &Profile, set: &OutputSet, registers: &[Register]) -> SetSe
 }
 
 /// Way in which the control takes a set.
-fn taken_by(profile: &Profile, set: &OutputSet) -> Taking {
-    let is_in_one = set.sequence.is_none() || cells::stretches(profile, set).len() == 1;
+fn taken_by(profile: &Profile, set: &OutputSet) -> CommitTrigger {
+    let is_in_one = set.sequence.is_none() || set_modbus::stretches(profile, set).len() == 1;
     match () {
-        () if set.handshake.is_some() => Taking::Strobe,
-        () if set.is_in_nodes(profile) => Taking::Nodes,
-        () if is_in_one => Taking::AtOnce,
-        () => Taking::Number,
+        () if set.handshake.is_some() => CommitTrigger::Strobe,
+        () if set.is_in_nodes(profile) => CommitTrigger::Nodes,
+        () if is_in_one => CommitTrigger::AtOnce,
+        () => CommitTrigger::Number,
     }
 }

@@ -1,21 +1,21 @@
 //! Output that is written by itself.
 
 use super::demand::OutputDemand;
-use super::failures::Access;
-use super::register::{Register, not_done};
+use super::failures::RequestKind;
+use super::register::{OutputRegister, not_done};
 use super::{LineTurn, MOST_EXCHANGES};
-use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{CallerFault, Fault};
+use crate::fieldbus::send_guard::SendDeadline;
 use crate::fieldbus::wire::Request;
 use crate::gateway::line_handle::LineHandle;
-use crate::gateway::storage::Stepped;
+use crate::gateway::storage::OutputTransition;
 use isotherm_core::output::{Action, Cause, Controller, Fact, Follow, Input, NotSent, Verify, WriteResult};
 use isotherm_core::quantity::{Counts, Moment};
 use isotherm_profile::OutputId;
 
 #[derive(Debug)]
 pub(in crate::gateway) struct Single {
-    register: Register,
+    register: OutputRegister,
     controller: Controller,
     /// Time of the next turn, if nothing else happens.
     pub(in crate::gateway) due: Moment,
@@ -23,7 +23,7 @@ pub(in crate::gateway) struct Single {
 
 impl Single {
     pub(in crate::gateway) fn new(shared: &LineHandle, id: OutputId, now: Moment) -> Single {
-        let (register, controller) = Register::new(shared, id, false, now);
+        let (register, controller) = OutputRegister::new(shared, id, false, now);
         Single { register, controller, due: now }
     }
 
@@ -56,17 +56,17 @@ impl Single {
             self.result(turn, result);
         }
         if let Some(answer) = self.register.read_applied(turn, &self.controller).await {
-            self.step(shared, answer.input(), turn.line.looked());
+            self.step(shared, answer.input(), turn.line.last_sample());
         }
         self.due = self.due.min(self.controller.applied_due(&self.register.settings));
-        let resumes = self.step(shared, Input::TurnEnds, turn.line.looked());
+        let resumes = self.step(shared, Input::TurnEnds, turn.line.last_sample());
         self.register.publish(shared, &self.controller, &demand, resumes);
     }
 
     /// Gives the controller the result of an exchange.
     fn result(&mut self, turn: &LineTurn<'_>, input: Input) {
-        let (shared, now) = (turn.shared, turn.line.looked());
-        if turn.line.departure.has_stood_still() {
+        let (shared, now) = (turn.shared, turn.line.last_sample());
+        if turn.line.send_guard.has_stalled() {
             self.step(shared, Input::Fact(Fact::Paused), now);
         }
         self.register.note(input);
@@ -83,8 +83,9 @@ impl Single {
         let mut core = shared.core();
         let known = core.registers[id.0].replace(self.controller);
         if core.storage.outputs.is_kept() {
-            let (goes_on, after) = (known == Some(before), &self.controller);
-            let stepped = Stepped { id, settings, before: &before, goes_on, input, action, after };
+            let (is_continuous, after) = (known == Some(before), &self.controller);
+            let stepped =
+                OutputTransition { id, settings, before: &before, is_continuous, input, action, after };
             core.storage.outputs.stepped(&stepped, now);
         }
         resumes
@@ -98,13 +99,13 @@ impl Single {
             Some(request) => turn.line.read_confirmed(output.device, request).await,
             None => Err(Fault::Caller(CallerFault::Function)),
         };
-        match read.and_then(|answered| Ok((answered.answer.believed()?, answered.asked))) {
+        match read.and_then(|answered| Ok((answered.answer.accepted()?, answered.asked))) {
             Ok((answer, asked)) => {
                 let found = self.register.units.found(answer.registers());
                 Input::Fact(Fact::Read { found, asked })
             }
             Err(fault) => {
-                self.register.fail(turn.shared, &self.controller, (fault, Access::Read));
+                self.register.fail(turn.shared, &self.controller, (fault, RequestKind::Read));
                 Input::Fact(Fact::NoAnswer)
             }
         }
@@ -112,7 +113,7 @@ impl Single {
 
     async fn write(&mut self, turn: &mut LineTurn<'_>, value: Counts, not_after: Moment) -> Input {
         let output = turn.shared.profile.output(self.register.id);
-        if turn.line.is_resting(output.device, turn.line.looked()) {
+        if turn.line.is_backing_off(output.device, turn.line.last_sample()) {
             return Input::NotSent(NotSent::BacksOff);
         }
         let Some(registers) = self.register.admitted(turn.shared, &self.controller, value) else {
@@ -121,12 +122,12 @@ impl Single {
         let functions = turn.shared.profile.device(output.device).functions;
         let request = Request::write(&output.address, registers.registers(), functions);
         let leave = match self.register.settings.verify {
-            Verify::Reading => Leave::Here(not_after),
-            Verify::Echo => Leave::By(not_after),
+            Verify::Reading => SendDeadline::OnConnection(not_after),
+            Verify::Echo => SendDeadline::By(not_after),
         };
         let sent = turn.line.request(output.device, request, leave).await;
         // The clock sample follows the last byte: the write left no later than that.
-        let left = turn.line.looked();
+        let left = turn.line.last_sample();
         let result = match sent {
             Ok(_) => WriteResult::Done,
             Err(fault) => {

@@ -1,8 +1,8 @@
 //! Requests for the strobe of a set and its acknowledge.
 
 use super::LineTurn;
-use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{CallerFault, Fault};
+use crate::fieldbus::send_guard::SendDeadline;
 use crate::fieldbus::wire::{Answer, Request};
 use isotherm_core::codec::{Address, DataType, Encoded};
 use isotherm_profile::{Bit, DeviceId};
@@ -23,7 +23,7 @@ pub(super) async fn write(
         Some(register) if register.table.is_bits() => Request::WriteCoil { at: register.offset, value: up },
         _ => Request::write(&address, content.registers(), functions),
     };
-    turn.line.request(device, request, Leave::Whenever).await.map(|_| ())
+    turn.line.request(device, request, SendDeadline::None).await.map(|_| ())
 }
 
 /// Reads the acknowledge of the control. Returns true if it is up.
@@ -40,7 +40,7 @@ pub(super) async fn read(
         return Err(Fault::Caller(CallerFault::Function));
     };
     let answered = turn.line.read_confirmed(device, request).await?;
-    Ok(match (answered.answer.believed()?, acknowledge) {
+    Ok(match (answered.answer.accepted()?, acknowledge) {
         (Answer::Bits(bits), _) => bits.first().copied().unwrap_or_default(),
         (answer, Bit::Flag(flag)) => answer.registers().first().is_some_and(|register| flag.is_up(*register)),
         (answer, Bit::Node(_)) => answer.registers().iter().any(|word| *word != 0),

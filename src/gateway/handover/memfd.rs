@@ -27,7 +27,7 @@ use super::memory;
 use super::profile::{KeptProfile, LARGEST as LARGEST_SOURCES, SourcesSeal};
 use crate::fieldbus::explain::system;
 use crate::gateway::disk::{Disk, Files, create};
-use isotherm_profile::regular::without_numbers;
+use isotherm_profile::safe_file::without_numbers;
 use isotherm_profile::{SOURCES_MARK, sha256, sha256_of};
 
 #[cfg(test)]
@@ -168,12 +168,12 @@ impl Handover {
 #[derive(Debug)]
 pub struct Arrival {
     /// `None` after an ordinary start.
-    found: Option<Result<Found, String>>,
+    found: Option<Result<ReceivedHandover, String>>,
 }
 
 /// Handover that this process has made.
 #[derive(Debug)]
-struct Found {
+struct ReceivedHandover {
     /// SHA-256 of the document.
     digest: String,
     handover: Handover,
@@ -192,7 +192,7 @@ impl Arrival {
         let closed = File::open("/dev/null").and_then(|null| Ok(rustix::stdio::dup2_stdin(null)?));
         let closed = closed.map_err(|error| format!("the handover cannot be closed: {}", system(&error)));
         let process = Process::this().map_err(|error| unreadable(&error));
-        let found = closed.and_then(|()| Found::read(&opened?, &process?));
+        let found = closed.and_then(|()| ReceivedHandover::read(&opened?, &process?));
         Arrival { found: Some(found) }
     }
 
@@ -231,9 +231,9 @@ impl Arrival {
     }
 }
 
-impl Found {
+impl ReceivedHandover {
     /// Reads a sealed memfd.
-    fn read(memory: &File, process: &Process) -> Result<Found, String> {
+    fn read(memory: &File, process: &Process) -> Result<ReceivedHandover, String> {
         let size = memory::size_of_sealed(memory).map_err(refused)?;
         let (bytes, place) = document(memory, size)?;
         let unknown = || refused("this version of the program cannot read the format of the handover");
@@ -254,7 +254,7 @@ impl Found {
                 Some(KeptProfile::of_handover(memory, seal).map_err(unreadable)?)
             }
         };
-        Ok(Found { digest: sha256(&bytes), handover: document.handover, profile })
+        Ok(ReceivedHandover { digest: sha256(&bytes), handover: document.handover, profile })
     }
 }
 

@@ -39,7 +39,7 @@ fn entries(profile: &Profile) -> Entries {
     let mut promises = Slots::default();
     assert!(promises.push(Promise { value: Counts(152), at: Moment::from_nanos(1), is_under_way: true }));
     let account = Some(Account { base: Counts(120), share: Counts(31), doubt: None });
-    let kept = output::Kept { in_order: false, account, stood: Some(Counts(151)), promises };
+    let kept = output::SavedOutput { in_order: false, account, stood: Some(Counts(151)), promises };
     let entry = |output: &Output| Entry::new(places::of_output(profile, output), kept);
     profile.outputs.iter().map(|output| (output.name.clone(), entry(output))).collect()
 }

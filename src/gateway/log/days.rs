@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::outputs::ENDING;
 use super::{CLOCK, DECIDED, MEMORY, PERMIT, STOOD_IN, ZERO};
-use crate::gateway::storage::keeping::logs;
+use crate::gateway::storage::retention::logs;
 
 /// Days for which there are logs of this machine, oldest first. The logs of a day are in the order in which they were
 /// begun.

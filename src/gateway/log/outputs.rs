@@ -48,7 +48,8 @@
 use serde::{Deserialize, Serialize};
 
 use isotherm_core::output::{
-    Action, Condition, Demand, Demanded, Fact, Input, Mode, NotSent, Policy, SetCommit, Settings, State, Who,
+    Action, Condition, Demand, Fact, Input, Mode, NotSent, OutputDecision, Policy, SetCommit, Settings,
+    State, Who,
 };
 use isotherm_core::quantity::{Counts, Moment, Shift, Shifted};
 
@@ -82,7 +83,7 @@ const EARLIER: [&str; 2] = ["cz", "sealed"];
 
 /// State from which an output resumes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Beginning {
+pub struct ResumeState {
     /// Settings of the output.
     pub settings: Settings,
     /// State of its register.
@@ -164,9 +165,13 @@ impl DemandDetail {
     fn demand(self, offset: Option<Counts>, not_after: Moment) -> Option<Demand> {
         let DemandDetail { armed, interlock, target, at, mode, restarts, pauses } = self;
         let decision = match at {
-            Some(at) => {
-                Some(Demanded { offset: offset?, target, at, not_after, mode: mode.unwrap_or_default() })
-            }
+            Some(at) => Some(OutputDecision {
+                offset: offset?,
+                target,
+                at,
+                not_after,
+                mode: mode.unwrap_or_default(),
+            }),
             None => None,
         };
         Some(Demand { armed, interlock: interlock.unwrap_or(Condition::Met), decision, restarts, pauses })
@@ -179,7 +184,7 @@ type Cells = (&'static str, Option<Counts>, Moment);
 /// Inputs without value and moment.
 const PLAIN: [(&str, Input); 24] = [
     ("look", Input::Fact(Fact::Look)),
-    ("goes-along", Input::Fact(Fact::GoesAlong)),
+    ("goes-along", Input::Fact(Fact::PiggybackAsked)),
     ("no-answer", Input::Fact(Fact::NoAnswer)),
     ("refused", Input::Fact(Fact::Refused)),
     ("not-sent", Input::Fact(Fact::NotSent)),
@@ -211,8 +216,8 @@ fn cells_of_input(input: Input) -> Cells {
             ("demand", decision.map(|one| one.offset), decision.map_or(Moment::END, |one| one.not_after))
         }
         Input::Fact(Fact::Decided { offset, target: _, not_after }) => ("decided", Some(offset), not_after),
-        Input::Fact(Fact::WentAlong { value, left, is_done: true }) => ("went-along", Some(value), left),
-        Input::Fact(Fact::WentAlong { value, left, is_done: false }) => {
+        Input::Fact(Fact::Piggybacked { value, left, is_done: true }) => ("went-along", Some(value), left),
+        Input::Fact(Fact::Piggybacked { value, left, is_done: false }) => {
             ("went-along-unknown", Some(value), left)
         }
         Input::Fact(Fact::Read { found, asked }) => ("read", Some(found), asked),
@@ -233,8 +238,10 @@ fn input(name: &str, value: Option<Counts>, moment: Moment) -> Option<Input> {
         // The caller adds the detail.
         "demand" => Input::Demand(DemandDetail::default().demand(value, moment)?),
         "decided" => Input::Fact(Fact::Decided { offset: value?, target: None, not_after: moment }),
-        "went-along" => Input::Fact(Fact::WentAlong { value: value?, left: moment, is_done: true }),
-        "went-along-unknown" => Input::Fact(Fact::WentAlong { value: value?, left: moment, is_done: false }),
+        "went-along" => Input::Fact(Fact::Piggybacked { value: value?, left: moment, is_done: true }),
+        "went-along-unknown" => {
+            Input::Fact(Fact::Piggybacked { value: value?, left: moment, is_done: false })
+        }
         "read" => Input::Fact(Fact::Read { found: value?, asked: moment }),
         "done" => Input::Fact(Fact::Done { left: moment }),
         "unknown" => Input::Fact(Fact::Unknown { left: moment }),

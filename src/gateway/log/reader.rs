@@ -15,7 +15,7 @@ use isotherm_core::compensation::{Control, Measured, Permit, Remembered, ReturnT
 use isotherm_core::quantity::{Dialect, Micron, Moment, time};
 use isotherm_core::reading::{Reading, Reason};
 use isotherm_profile::Profile;
-use isotherm_profile::regular::{self, Lines, quoted};
+use isotherm_profile::safe_file::{self, Lines, quoted};
 
 /// Log that cannot be read, with the place of the error.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -47,7 +47,7 @@ pub struct LogRow {
     /// Measured error of each axis in µm.
     pub errors: Vec<Option<f64>>,
     /// Decision of each axis in the log; `None` if the log has none.
-    pub decided: Vec<Option<Decided>>,
+    pub decided: Vec<Option<LoggedDecision>>,
     /// State with which a run of the gateway, or a file of it, starts at this row.
     pub begins: Option<Remembered>,
     /// Zero commands before this row: time, and axis. The axis is `None` for the whole machine.
@@ -56,7 +56,7 @@ pub struct LogRow {
 
 /// Decision in a log.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Decided {
+pub struct LoggedDecision {
     /// Cz that the model requested, µm.
     pub raw: Option<f64>,
     /// Cz after the guard, µm.
@@ -135,7 +135,7 @@ impl<R: Read> LogReader<R> {
         (file, zone): (&str, Option<TimeZone>),
     ) -> Result<LogReader<R>, LogError> {
         let error = |message: String| LogError { file: file.to_owned(), line: 1, column: None, message };
-        let (first, input) = regular::first_line(input).map_err(|cause| error(cause.to_string()))?;
+        let (first, input) = safe_file::first_line(input).map_err(|cause| error(cause.to_string()))?;
         let dialect = Dialect::of(&first, zone);
         let mut csv =
             csv::ReaderBuilder::new().flexible(true).delimiter(dialect.separator()).from_reader(input);
@@ -326,10 +326,10 @@ impl<R: Read> LogReader<R> {
         Ok(Control { permit, take_over, take_over_slope, forget, measured, sign, trust, behind, return_to })
     }
 
-    fn decided(&self, line: u64, columns: &AxisColumns) -> Result<Option<Decided>, LogError> {
+    fn decided(&self, line: u64, columns: &AxisColumns) -> Result<Option<LoggedDecision>, LogError> {
         let Some([raw, cz, model, state, acted]) = columns.decided else { return Ok(None) };
         let Some(cz) = self.number(line, Some(cz))? else { return Ok(None) };
-        Ok(Some(Decided {
+        Ok(Some(LoggedDecision {
             raw: self.number(line, Some(raw))?,
             cz,
             model: self.cell(model).to_owned(),

@@ -1,8 +1,8 @@
 use std::time::Duration;
 
 use super::*;
-use crate::gateway::board::Board;
 use crate::gateway::log::sample;
+use crate::gateway::signal_table::SignalTable;
 use isotherm_core::compensation::model::{Input, Kind, Reference};
 use isotherm_core::compensation::{Compensation, Control, Permit, Snapshot};
 use isotherm_core::quantity::Micron;
@@ -25,8 +25,8 @@ fn gateway(profile: &Profile, remembered: Remembered) -> Compensation {
 }
 
 /// Rest of a state without signs and values. The signals have the places of this profile.
-fn rest(profile: &Profile) -> Rest {
-    Rest { signs: BTreeMap::new(), places: Arc::new(Places::of(profile)), values: BTreeMap::new() }
+fn rest(profile: &Profile) -> UnchangedParts {
+    UnchangedParts { signs: BTreeMap::new(), places: Arc::new(Places::of(profile)), values: BTreeMap::new() }
 }
 
 /// State as the next start finds it.
@@ -64,10 +64,10 @@ fn an_hour_off_differs_from_an_uninterrupted_run_by_no_more_than_a_count() {
     let last = *run(&mut before, 0..1810, Some(Micron::ZERO)).last().unwrap();
     let stopped = Moment::from_nanos(1_800_000_000_000);
     let saved = saved(Memory::new(&profile, stopped, before.remembered(), BTreeMap::new(), rest(&profile)));
-    let recalled = Memory::recall(Some(saved), &profile).unwrap();
-    assert_eq!(recalled.remembered, before.remembered());
+    let restored = Memory::recall(Some(saved), &profile).unwrap();
+    assert_eq!(restored.remembered, before.remembered());
 
-    let mut after = gateway(&profile, recalled.remembered);
+    let mut after = gateway(&profile, restored.remembered);
     let resumed = run(&mut after, 5400..9000, Some(last));
     for pair in [&[last][..], &resumed].concat().windows(2) {
         assert!((pair[1] - pair[0]).abs().get() <= 1.0 + 1e-9, "{pair:?}");
@@ -93,9 +93,9 @@ fn a_lag_is_found_again_by_its_signals_name_when_the_list_has_changed() {
             linear.terms.iter_mut().for_each(|term| term.input.signal.0 = 1 - term.input.signal.0);
         }
     }
-    let recalled = Memory::recall(Some(saved), &changed).unwrap().remembered;
-    assert_eq!(gateway(&changed, recalled.clone()).remembered().axes.len(), 1);
-    assert_eq!(gateway(&changed, recalled.clone()).remembered(), recalled, "nothing was forgotten");
+    let restored = Memory::recall(Some(saved), &changed).unwrap().remembered;
+    assert_eq!(gateway(&changed, restored.clone()).remembered().axes.len(), 1);
+    assert_eq!(gateway(&changed, restored.clone()).remembered(), restored, "nothing was forgotten");
 }
 
 #[test]
@@ -114,18 +114,18 @@ fn references_are_kept_by_name_and_one_of_a_signal_that_is_gone_is_dropped_with_
     assert_eq!(saved["machine"]["axes"]["z"]["lags"][0]["signal"], names[0].as_str());
     let mut renamed = profile.clone();
     renamed.signals[0].name = "renamed".to_owned();
-    let recalled = Memory::recall(Some(saved), &renamed).unwrap().remembered;
+    let restored = Memory::recall(Some(saved), &renamed).unwrap().remembered;
     let captured =
-        |place| recalled.machine.captured(Reference::Start, isotherm_core::reading::SignalId(place));
+        |place| restored.machine.captured(Reference::Start, isotherm_core::reading::SignalId(place));
     assert!(captured(0).is_none() && captured(1).is_some());
-    let again = serde_json::to_value(&recalled).unwrap();
+    let again = serde_json::to_value(&restored).unwrap();
     assert_eq!(again["axes"][0]["lags"].as_array().unwrap().len(), 1, "{again}");
 }
 
 #[test]
 fn without_a_file_nothing_is_remembered() {
-    let recalled = Memory::recall(None, &sample::profile()).unwrap();
-    assert_eq!((recalled.remembered, recalled.verified_um.len()), (Remembered::default(), 0));
+    let restored = Memory::recall(None, &sample::profile()).unwrap();
+    assert_eq!((restored.remembered, restored.verified_um.len()), (Remembered::default(), 0));
 }
 
 #[test]
@@ -146,30 +146,30 @@ fn what_was_captured_from_a_signal_that_lies_elsewhere_is_forgotten_with_its_lag
             signal.address = register.into();
         },
     ];
-    let captured = |recalled: &Recalled, place| {
-        recalled.remembered.machine.captured(Reference::Start, SignalId(place)).is_some()
+    let captured = |restored: &RestoredMemory, place| {
+        restored.remembered.machine.captured(Reference::Start, SignalId(place)).is_some()
     };
     for change in changes {
         let mut moved = profile.clone();
         change(&mut moved.signals[0]);
-        let recalled = Memory::recall(Some(saved.clone()), &moved).unwrap();
-        assert_eq!(recalled.moved.keys().collect::<Vec<_>>(), [&profile.signals[0].name]);
-        assert!(!captured(&recalled, 0) && captured(&recalled, 1));
-        let again = serde_json::to_value(&recalled.remembered).unwrap();
+        let restored = Memory::recall(Some(saved.clone()), &moved).unwrap();
+        assert_eq!(restored.moved.keys().collect::<Vec<_>>(), [&profile.signals[0].name]);
+        assert!(!captured(&restored, 0) && captured(&restored, 1));
+        let again = serde_json::to_value(&restored.remembered).unwrap();
         assert_eq!(again["axes"][0]["lags"].as_array().unwrap().len(), 1, "{again}");
-        let mut after = gateway(&moved, recalled.remembered);
+        let mut after = gateway(&moved, restored.remembered);
         run(&mut after, 5400..6000, None);
         assert!(after.machine().captured(Reference::Start, SignalId(0)).is_some(), "it is captured again");
     }
-    let recalled = Memory::recall(Some(saved.clone()), &profile).unwrap();
-    assert!(recalled.moved.is_empty() && captured(&recalled, 0));
+    let restored = Memory::recall(Some(saved.clone()), &profile).unwrap();
+    assert!(restored.moved.is_empty() && captured(&restored, 0));
     let mut of_layout_5 = saved;
     of_layout_5.as_object_mut().unwrap().remove("places");
     let mut moved = profile.clone();
     moved.signals[0].encoding.offset = 5.0;
-    let recalled = Memory::recall(Some(of_layout_5), &moved).unwrap();
+    let restored = Memory::recall(Some(of_layout_5), &moved).unwrap();
     assert!(
-        recalled.moved.is_empty() && captured(&recalled, 0),
+        restored.moved.is_empty() && captured(&restored, 0),
         "a state without places takes those of the profile"
     );
 }
@@ -179,12 +179,12 @@ fn last_good_values_age_over_a_stop_and_go_with_the_place_of_their_signal() {
     let mut profile = sample::profile();
     profile.signals[0].max_rate = Some(0.5);
     let name = profile.signals[0].name.clone();
-    let mut board = Board::new(&Arc::new(profile.clone()));
+    let mut board = SignalTable::new(&Arc::new(profile.clone()));
     let at = |seconds: u64| Moment::from_nanos(seconds * 1_000_000_000);
     board.store(SignalId(0), Ok(21.5), at(100), 0);
     let values = board.last_good(at(130));
     assert_eq!(values[&name], LastGood { value: 21.5, age: Duration::from_secs(30) });
-    let rest = Rest { values: values.clone(), ..rest(&profile) };
+    let rest = UnchangedParts { values: values.clone(), ..rest(&profile) };
     let memory = Memory::new(&profile, at(130), Remembered::default(), BTreeMap::new(), rest);
     let state = saved(memory);
     assert_eq!(Memory::recall(Some(state.clone()), &profile).unwrap().values, values);

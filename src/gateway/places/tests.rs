@@ -131,7 +131,7 @@ fn a_node_that_is_named_by_its_uri_instead_of_its_index_is_the_same_place() {
             let places = Places::clone(&moves.places).named_as(&Places::of(after));
             assert_eq!(places.moved_signals(&Places::of(after)).len(), moved, "{uri:?}");
             let found = place::compare(&places.outputs, &Places::of(after).outputs);
-            assert_eq!(found["offset"] == Found::Same, moved == 0, "{uri:?}");
+            assert_eq!(found["offset"] == PlaceComparison::Same, moved == 0, "{uri:?}");
             let mut entry = Places::of(before).outputs["offset"].clone();
             places.name_output(&Places::of(after), "offset", &mut entry);
             assert_eq!(entry == Places::of(after).outputs["offset"], moved == 0, "its account, {uri:?}");
@@ -294,7 +294,7 @@ fn a_former_place_has_the_bounds_that_the_state_has_and_none_in_a_document_witho
 fn what_the_ledger_has_of_a_former_place_is_kept_until_nothing_is_left_there() {
     let (before, after, place) = elsewhere();
     let output = &before.outputs[place];
-    let kept = isotherm_core::output::Kept { in_order: true, ..Default::default() };
+    let kept = isotherm_core::output::SavedOutput { in_order: true, ..Default::default() };
     let entry = Entry::new(of_output(&before, output), kept);
     let entries: Entries = [(output.name.clone(), entry.clone())].into();
     let mut places = started_places(&before, &after);
@@ -312,7 +312,7 @@ fn what_the_ledger_has_of_a_former_place_is_kept_until_nothing_is_left_there() {
         !places.is_of_a_release(&output.name, &other) && !places.is_of_a_release("cnc_z_released", &other)
     );
     // A release has moved the register.
-    let kept = isotherm_core::output::Kept { in_order: false, ..kept };
+    let kept = isotherm_core::output::SavedOutput { in_order: false, ..kept };
     let newer = Entry::new(of_output(&before, output), kept);
     places.keep(&[("cnc_z_released".to_owned(), newer.clone())].into());
     assert_eq!(

@@ -1,8 +1,8 @@
 //! Counters that copy their count to their registers only on command.
 
-use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::line::DeviceLine;
+use crate::fieldbus::send_guard::SendDeadline;
 use crate::fieldbus::wire::Request;
 use crate::gateway::line_handle::LineHandle;
 use isotherm_core::codec::Table;
@@ -39,7 +39,8 @@ impl Captures {
                 Table::Coil => Request::WriteCoil { at, value: capture.value != 0 },
                 _ => Request::write_holding(at, &value, shared.profile.device(device).functions),
             };
-            *sent = Some(line.request(device, request, Leave::Whenever).await.map(|answered| answered.asked));
+            *sent =
+                Some(line.request(device, request, SendDeadline::None).await.map(|answered| answered.asked));
         }
     }
 

@@ -11,7 +11,7 @@ use isotherm_profile::{BusId, DeviceId, OutputId, SetId};
 const SOON: Duration = Duration::from_millis(100);
 
 /// Task of one output, or of a set of outputs.
-pub(super) struct Job {
+pub(super) struct OutputTask {
     /// Time of the next turn. If the output waits for its turn, the time since which it waits.
     pub(super) due: Moment,
     /// Time since which the output waits, if its turn came too late for the decision. It has priority once there is
@@ -28,7 +28,7 @@ enum Work {
     Set(Box<Set>),
 }
 
-pub(super) fn jobs(shared: &LineHandle, bus: BusId, start: Moment) -> Vec<Job> {
+pub(super) fn jobs(shared: &LineHandle, bus: BusId, start: Moment) -> Vec<OutputTask> {
     let profile = &shared.profile;
     let here = |device: DeviceId| profile.device(device).bus == bus;
     let ones = (0..profile.outputs.len())
@@ -41,17 +41,17 @@ pub(super) fn jobs(shared: &LineHandle, bus: BusId, start: Moment) -> Vec<Job> {
                 None => Work::Single(Box::new(Single::new(shared, id, start))),
             };
             let corrects = position.map(|position| profile.signal(position).device);
-            Job { due: start, waits_since: None, work, corrects }
+            OutputTask { due: start, waits_since: None, work, corrects }
         });
     let sets = (0..profile.sets.len()).map(SetId).filter(|id| here(profile.set(*id).device));
     let sets = sets.map(|id| {
         let set = Box::new(Set::new(shared, id, start));
-        Job { due: start, waits_since: None, work: Work::Set(set), corrects: None }
+        OutputTask { due: start, waits_since: None, work: Work::Set(set), corrects: None }
     });
     ones.chain(sets).collect()
 }
 
-impl Job {
+impl OutputTask {
     /// Makes the output due, because it may have something to do.
     pub(super) fn wake(&mut self, now: Moment) {
         self.due = self.due.min(self.waits_since.unwrap_or(now));
@@ -70,11 +70,11 @@ impl Job {
             }
             Work::Set(set) => {
                 set.turn(turn).await;
-                (Some(set.due), set.asks(), set.is_late())
+                (Some(set.due), set.next_read(), set.is_late())
             }
         };
         self.waits_since = is_late.then(|| self.waits_since.unwrap_or(self.due));
-        let soon = turn.line.looked().after(SOON);
+        let soon = turn.line.last_sample().after(SOON);
         let due = wants.map(|due| due.max(soon)).into_iter().chain(asks).min();
         self.due = due.unwrap_or(Moment::END);
     }

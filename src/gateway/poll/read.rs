@@ -98,7 +98,7 @@ impl Poll {
     }
 
     /// Makes the device due at once, from its first request on.
-    pub(super) fn begin_anew(&mut self, now: Moment) {
+    pub(super) fn restart(&mut self, now: Moment) {
         (self.next, self.under_way, self.again) = (now, None, None);
     }
 
@@ -106,7 +106,7 @@ impl Poll {
     pub(super) fn make_up(&mut self, shared: &LineHandle, now: Moment) {
         if self.is_discarded && shared.core().devices.is_confirmed(self.device) {
             self.is_discarded = false;
-            self.begin_anew(now);
+            self.restart(now);
         }
     }
 
@@ -160,8 +160,8 @@ impl Poll {
                     let asked = answered.answer.asked(field).unwrap_or(answered.asked);
                     let asked = captured.map_or(asked, |captured| captured.min(asked));
                     let stamp = answered.answer.stamped(field);
-                    let (value, taken) = stamped.believed(stamp, value, asked);
-                    core.contact.stamped[field.signal.0] = stamped.age(stamp);
+                    let (value, taken) = stamped.accepted(stamp, value, asked);
+                    core.device_health.stamped[field.signal.0] = stamped.age(stamp);
                     let breaks = core.devices.of(self.device).breaks_without_checks();
                     match answered.attribution {
                         Attribution::Ours => core.board.store(field.signal, value, taken, breaks),

@@ -30,7 +30,7 @@ impl SourceStamps {
     }
 
     /// Returns the value and the time of its sample. `asked`: time of the request.
-    pub(super) fn believed(
+    pub(super) fn accepted(
         self,
         stamped: Stamped,
         value: Result<f64, Reason>,
@@ -50,26 +50,26 @@ mod tests {
 
     const HOUR: Duration = Duration::from_hours(1);
 
-    fn believed(source_time: SourceTime, stamped: Stamped) -> (Result<f64, Reason>, Moment) {
-        SourceStamps(Some(source_time)).believed(stamped, Ok(27.5), Moment::default().after(2 * HOUR))
+    fn accepted(source_time: SourceTime, stamped: Stamped) -> (Result<f64, Reason>, Moment) {
+        SourceStamps(Some(source_time)).accepted(stamped, Ok(27.5), Moment::default().after(2 * HOUR))
     }
 
     #[test]
     fn a_value_that_was_measured_an_hour_ago_is_an_hour_old() {
-        let (value, taken) = believed(SourceTime::Sampled, Stamped::Ago(HOUR));
+        let (value, taken) = accepted(SourceTime::Sampled, Stamped::Ago(HOUR));
         assert_eq!((value, taken), (Ok(27.5), Moment::default().after(HOUR)));
     }
 
     #[test]
     fn a_value_that_is_stamped_ahead_of_its_server_is_not_believed() {
-        let (value, _) = believed(SourceTime::Sampled, Stamped::Ahead);
+        let (value, _) = accepted(SourceTime::Sampled, Stamped::Ahead);
         assert_eq!(value, Err(Reason::SourceClock));
     }
 
     #[test]
     fn where_stamps_say_when_a_value_changed_it_is_as_old_as_its_question() {
         for stamped in [Stamped::Ago(HOUR), Stamped::Ahead, Stamped::Unknown] {
-            assert_eq!(believed(SourceTime::Changed, stamped), (Ok(27.5), Moment::default().after(2 * HOUR)));
+            assert_eq!(accepted(SourceTime::Changed, stamped), (Ok(27.5), Moment::default().after(2 * HOUR)));
         }
     }
 
@@ -77,6 +77,6 @@ mod tests {
     fn a_bad_value_keeps_its_reason_whatever_it_is_stamped_with() {
         let stamps = SourceStamps(Some(SourceTime::Sampled));
         let bad = Err(Reason::Status(0x808c_0000));
-        assert_eq!(stamps.believed(Stamped::Ahead, bad, Moment::default()).0, bad);
+        assert_eq!(stamps.accepted(Stamped::Ahead, bad, Moment::default()).0, bad);
     }
 }

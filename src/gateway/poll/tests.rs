@@ -10,12 +10,12 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 
-use crate::clock::{Clock, Passing, TimeOfDay};
+use crate::clock::{BootClock, Clock, TimeOfDay};
 use crate::fieldbus::connection::{Connection, Dial};
-use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::rtu::Rtu;
+use crate::fieldbus::send_guard::SendDeadline;
 use crate::fieldbus::trace::Tap;
 use crate::fieldbus::wire::{Answer, Boxed, Request};
 use crate::gateway::{Gateway, Options};
@@ -177,7 +177,7 @@ fn paused() -> tokio::runtime::Runtime {
 /// Clock that follows the clock of the runtime.
 fn clock() -> (tokio_time::Instant, Clock) {
     let begun = tokio_time::Instant::now();
-    (begun, Clock::wall_by(Passing::by(move || begun.elapsed()), TimeOfDay::default()))
+    (begun, Clock::wall_by(BootClock::by(move || begun.elapsed()), TimeOfDay::default()))
 }
 
 fn left_of(units: usize, every: u64, timeout: u64, script: Script, span: Duration) -> Left {
@@ -277,7 +277,7 @@ fn ten_thousand(script: Script, seed: u64) -> (u32, Vec<String>) {
             let id = DeviceId(usize::from(unit) - 1);
             let request = Request::Read { from: Register { table: Table::Input, offset }, count };
             for _ in 0..4 {
-                match line.request(id, request, Leave::Whenever).await {
+                match line.request(id, request, SendDeadline::None).await {
                     Ok(answered) => {
                         let Answer::Registers(words) = answered.answer else { panic!("no registers") };
                         let asked = answered.asked.since(start);
@@ -298,7 +298,7 @@ fn ten_thousand(script: Script, seed: u64) -> (u32, Vec<String>) {
                         break;
                     }
                     Err(_) => {
-                        let now = line.look();
+                        let now = line.sample();
                         let again = line.again_at(id).unwrap_or(now).max(now);
                         tokio::time::sleep(again.since(now).max(Duration::from_millis(1))).await;
                     }

@@ -17,9 +17,9 @@ fn cnc(profile: &Profile) -> &Output {
 }
 
 /// Former place of the output of a profile, with a gateway share of 20 µm in it.
-fn former(profile: &Profile) -> Former {
+fn former(profile: &Profile) -> FormerPlace {
     let output = cnc(profile);
-    Former {
+    FormerPlace {
         output: output.name.clone(),
         place: of_output(profile, output),
         held_um: Some(20.0),
@@ -30,7 +30,7 @@ fn former(profile: &Profile) -> Former {
 }
 
 fn release(profile: &Profile) -> Release {
-    let Former { output, place, bounds, .. } = former(profile);
+    let FormerPlace { output, place, bounds, .. } = former(profile);
     let (bounds, by) = (bounds.unwrap(), "by a test".to_owned());
     Release { output, place, bounds, from_um: 20.0, operator: None, held_um: 20.0, stage: Stage::Asked, by }
 }
@@ -108,7 +108,7 @@ fn a_shared_register_is_moved_only_if_the_operators_part_is_the_saved_one() {
     let text = BENCH.replace("refresh = \"10s\"", "refresh = \"10s\"\nshare = \"ledger\"");
     let (bench, mut changed) = (profile(&text), profile(&text.replace("holding:104", "holding:106")));
     let account = Account { base: Counts(300), share: Counts(200), doubt: None };
-    let kept = output::Kept { account: Some(account), ..Default::default() };
+    let kept = output::SavedOutput { account: Some(account), ..Default::default() };
     let asked = release(&bench);
     let operator = operators_part(&asked.place, &asked.bounds, Some(&kept));
     assert_eq!(operator, Some(30.0));
@@ -124,12 +124,12 @@ fn a_shared_register_is_moved_only_if_the_operators_part_is_the_saved_one() {
     assert!(admit(None).is_err());
     // The axis of the moved output waits.
     let axis = cnc(&changed).axis;
-    let attempt = releases.judge(axis, Attempt::From(cz, None), |_| None);
+    let attempt = releases.assess(axis, Attempt::From(cz, None), |_| None);
     assert!(
         matches!(&attempt, Attempt::Refused(why) if why.to_string().contains("still returning")),
         "{attempt:?}"
     );
-    assert_eq!(Releases::default().judge(axis, Attempt::From(cz, None), |_| None), Attempt::From(cz, None));
+    assert_eq!(Releases::default().assess(axis, Attempt::From(cz, None), |_| None), Attempt::From(cz, None));
 }
 
 #[test]
@@ -186,7 +186,7 @@ fn each_type_and_order_is_found_again_by_its_words() {
 }
 
 /// Reason why this former place cannot be released in a profile. Empty if it can.
-fn why(profile: &Profile, former: &Former, kept: &[Entry]) -> String {
+fn why(profile: &Profile, former: &FormerPlace, kept: &[Entry]) -> String {
     why_not(profile, former, kept).err().map_or(String::new(), |why| why.to_string())
 }
 
@@ -205,17 +205,17 @@ fn each_obstacle_is_said_with_what_to_do() {
         change(&mut former.place);
         former
     };
-    let rows: [(&str, Former, &str); 9] = [
+    let rows: [(&str, FormerPlace, &str); 9] = [
         (
             "no bounds",
-            Former { bounds: None, ..plain.clone() },
+            FormerPlace { bounds: None, ..plain.clone() },
             "an earlier version of the program may have written it",
         ),
         ("spoiled", bounded(&|bounds| bounds.step_um = 0.0), "does not contain a valid limit"),
         ("set", bounded(&|bounds| bounds.obstacle = Some(Obstacle::Set)), "the other values of its set"),
         (
             "limit",
-            Former { held_um: Some(40.5), ..plain.clone() },
+            FormerPlace { held_um: Some(40.5), ..plain.clone() },
             "40.5 µm is more than the former limit of ±40 µm",
         ),
         (
@@ -267,7 +267,7 @@ fn a_shared_register_is_released_only_if_the_ledger_says_which_part_is_the_opera
     let former = former(&before);
     let account = |doubt| Account { base: Counts(200), share: Counts(200), doubt };
     let entry = |account: Option<Account>| {
-        Entry::new(former.place.clone(), output::Kept { account, ..output::Kept::default() })
+        Entry::new(former.place.clone(), output::SavedOutput { account, ..output::SavedOutput::default() })
     };
     assert_eq!(why(&now, &former, &[entry(Some(account(None)))]), "");
     assert!(why(&now, &former, &[]).contains("does not contain the operator offset"));
@@ -276,7 +276,7 @@ fn a_shared_register_is_released_only_if_the_ledger_says_which_part_is_the_opera
     assert!(why(&now, &former, &[doubted]).contains("is in doubt"));
     let elsewhere = Entry::new(
         OutputPlace { unit: 7, ..former.place.clone() },
-        output::Kept { account: Some(account(None)), ..output::Kept::default() },
+        output::SavedOutput { account: Some(account(None)), ..output::SavedOutput::default() },
     );
     assert!(
         why(&now, &former, &[elsewhere]).contains("does not contain the operator offset"),
@@ -315,11 +315,11 @@ fn only_the_axis_of_a_release_is_refused_a_value_that_no_person_has_seen() {
     releases.returning = extend(&mut extended, &[release(&bench)]);
     let axis = releases.returning[0].axis;
     let from = |um: f64| Attempt::From(Micron::new(um).unwrap(), None);
-    let judge = |axis, attempt| releases.judge(axis, attempt, |_| None);
-    assert_eq!(judge(axis, from(20.0)), from(20.0));
-    assert_eq!(judge(axis, from(0.0)), from(0.0), "it is back already");
-    assert_eq!(judge(axis, Attempt::NotYet), Attempt::NotYet);
-    let Attempt::Refused(why) = judge(axis, from(5.0)) else { panic!() };
+    let assess = |axis, attempt| releases.assess(axis, attempt, |_| None);
+    assert_eq!(assess(axis, from(20.0)), from(20.0));
+    assert_eq!(assess(axis, from(0.0)), from(0.0), "it is back already");
+    assert_eq!(assess(axis, Attempt::NotYet), Attempt::NotYet);
+    let Attempt::Refused(why) = assess(axis, from(5.0)) else { panic!() };
     assert!(why.cause.contains("holds 5.0 µm, but 20.0 µm from the gateway were expected in it"), "{why}");
 }
 

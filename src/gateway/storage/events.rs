@@ -127,7 +127,7 @@ fn append(file: &mut File, end: End, entry: &Entry) -> std::io::Result<End> {
 mod tests {
     use super::*;
     use crate::clock::Clock;
-    use crate::observe::events::file::Found;
+    use crate::observe::events::file::FileItem;
     use std::time::Duration;
 
     #[test]
@@ -154,8 +154,8 @@ mod tests {
         for directory in [home.path().join("aside"), directory] {
             let read = file::since(&directory, "m", Moment::default(), |found| {
                 match found {
-                    Found::Event(entry) => texts.push(entry.text),
-                    Found::Damage(what) => panic!("{what}"),
+                    FileItem::Event(entry) => texts.push(entry.text),
+                    FileItem::Damage(what) => panic!("{what}"),
                 }
                 true
             });

@@ -9,8 +9,8 @@ use std::time::Duration;
 use jiff::civil::Date;
 
 use super::stamps::{Stamped, Stamps};
-use super::{Job, OUTPUT_QUEUE, keeping};
-use crate::gateway::log::outputs::{Beginning, ControllerSnapshot, ControllerState, OutputRecorder, Turn};
+use super::{Job, OUTPUT_QUEUE, retention};
+use crate::gateway::log::outputs::{ControllerSnapshot, ControllerState, OutputRecorder, ResumeState, Turn};
 use isotherm_core::output::{Action, Controller, Input, Settings};
 use isotherm_core::quantity::{Moment, Shifted};
 use isotherm_profile::{OutputId, Profile, SetId};
@@ -20,12 +20,12 @@ const COUNTED_FOR: Duration = Duration::from_secs(60);
 
 /// Input that the controller of an output has taken.
 #[derive(Debug)]
-pub(in crate::gateway) struct Stepped<'a> {
+pub(in crate::gateway) struct OutputTransition<'a> {
     pub(in crate::gateway) id: OutputId,
     pub(in crate::gateway) settings: &'a Settings,
     pub(in crate::gateway) before: &'a Controller,
     /// Whether `before` equals the state after the last recorded input. If not, the state is recorded before the input.
-    pub(in crate::gateway) goes_on: bool,
+    pub(in crate::gateway) is_continuous: bool,
     pub(in crate::gateway) input: Input,
     pub(in crate::gateway) action: Action,
     pub(in crate::gateway) after: &'a Controller,
@@ -41,7 +41,7 @@ pub(in crate::gateway) struct TurnRecord {
 
 /// Output that is written repeatedly, whatever the last result was.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::gateway) enum Steady {
+pub(in crate::gateway) enum CountedWrite {
     /// A corrected position, or a display.
     Position(OutputId),
     /// A set, with its heartbeat and control word.
@@ -52,12 +52,12 @@ pub(in crate::gateway) enum Steady {
 
 /// Counters shared by both ends of the queue for rows of the output log: rows in the queue, and losses so far.
 #[derive(Debug, Default)]
-pub(super) struct Tears {
+pub(super) struct RowLosses {
     waiting: AtomicUsize,
     count: AtomicU64,
 }
 
-impl Tears {
+impl RowLosses {
     /// Counts a loss of one or more rows. Returns the number of losses so far.
     pub(super) fn tear(&self) -> u64 {
         self.count.fetch_add(1, Ordering::Relaxed) + 1
@@ -70,7 +70,7 @@ impl Tears {
 
 /// Rows without a gap: rows of one file, between which no row was lost. `tear`: number of losses before them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Stretch {
+struct RowSequence {
     day: Date,
     stamped: Stamped,
     tear: u64,
@@ -82,12 +82,12 @@ pub(in crate::gateway) struct OutputsLog {
     queue: Option<SyncSender<Job>>,
     recorder: OutputRecorder,
     stamps: Stamps,
-    tears: Arc<Tears>,
+    tears: Arc<RowLosses>,
     counts: (usize, usize),
     /// Latest moment of a row. A turn that began before midnight and ended after it stays in the file of the new day.
     latest: Moment,
     /// File and number of losses at the last row.
-    stretch: Option<Stretch>,
+    stretch: Option<RowSequence>,
     /// Rows of the outputs, then of the sets, then of the heartbeat.
     lines: Vec<Line>,
     /// Buffer for the message of a failure, while it is compared with the previous one.
@@ -100,7 +100,7 @@ pub(in crate::gateway) struct OutputsLog {
 struct Line {
     name: String,
     /// File and number of losses when the state of this controller was last written. `None` before that.
-    begun: Option<Stretch>,
+    begun: Option<RowSequence>,
     last: Option<LastTurn>,
     /// Number of turns since the last row that were the same as the turn in it.
     repetitions: u64,
@@ -142,7 +142,7 @@ impl OutputsLog {
     }
 
     /// Returns the counters for the other end of the queue, which writes the rows.
-    pub(super) fn tears(&self) -> Arc<Tears> {
+    pub(super) fn tears(&self) -> Arc<RowLosses> {
         Arc::clone(&self.tears)
     }
 
@@ -152,16 +152,16 @@ impl OutputsLog {
 
     /// Queues an input and an action of an output. If rows before it are in another file or lost, the state comes
     /// first.
-    pub(in crate::gateway) fn stepped(&mut self, stepped: &Stepped<'_>, now: Moment) {
+    pub(in crate::gateway) fn stepped(&mut self, stepped: &OutputTransition<'_>, now: Moment) {
         let stretch = self.stretch(now);
         let Some(line) = self.lines.get_mut(stepped.id.0) else { return };
-        line.begun = line.begun.filter(|begun| stepped.goes_on && *begun == stretch);
+        line.begun = line.begun.filter(|begun| stepped.is_continuous && *begun == stretch);
         if matches!(stepped.action, Action::Nothing { .. }) && stepped.before == stepped.after {
             return;
         }
         if line.begun.replace(stretch).is_none() {
             let (state, policy) = (*stepped.before.state(), *stepped.before.policy());
-            let beginning = Beginning { settings: *stepped.settings, state, policy };
+            let beginning = ResumeState { settings: *stepped.settings, state, policy };
             let row = self.recorder.begin(now, &line.name, &beginning).to_vec();
             if !self.hand_over(row, stretch) {
                 return;
@@ -176,7 +176,7 @@ impl OutputsLog {
     /// the state comes first.
     pub(in crate::gateway) fn turned(
         &mut self,
-        steady: Steady,
+        steady: CountedWrite,
         TurnRecord { before, turn, after }: TurnRecord,
         snapshot: impl FnOnce() -> ControllerSnapshot,
         now: Moment,
@@ -188,7 +188,7 @@ impl OutputsLog {
         }
         let continues = |last: &&LastTurn| last.state == before || last.state.is_like(&before);
         let last = line.last.as_ref().filter(|_| line.begun == Some(stretch)).filter(continues);
-        let (goes_on, recorded) = (last.is_some(), last.map_or(now, |last| last.recorded));
+        let (is_continuous, recorded) = (last.is_some(), last.map_or(now, |last| last.recorded));
         if last.is_some_and(|last| turn.repeats(&last.turn, &last.state, &after)) {
             line.repetitions += 1;
             line.last = Some(LastTurn { turn, state: after, at: now, recorded });
@@ -197,7 +197,7 @@ impl OutputsLog {
             }
             return;
         }
-        if !goes_on {
+        if !is_continuous {
             self.record_repetitions(place, stretch);
             self.lines[place].begun = Some(stretch);
             let row = self.recorder.resume(now, &self.lines[place].name, &snapshot()).to_vec();
@@ -214,7 +214,7 @@ impl OutputsLog {
 
     /// Queues the last turn of a controller, if it repeats an earlier turn. The row contains the number of repetitions
     /// since the last recorded turn.
-    fn record_repetitions(&mut self, place: usize, stretch: Stretch) {
+    fn record_repetitions(&mut self, place: usize, stretch: RowSequence) {
         let line = &mut self.lines[place];
         let repetitions = std::mem::take(&mut line.repetitions);
         let Some(last) = line.last.as_mut().filter(|_| repetitions > 0 && line.begun == Some(stretch)) else {
@@ -226,14 +226,14 @@ impl OutputsLog {
     }
 
     /// Counts a write that was confirmed.
-    pub(in crate::gateway) fn wrote(&mut self, steady: Steady, now: Moment) {
+    pub(in crate::gateway) fn wrote(&mut self, steady: CountedWrite, now: Moment) {
         if let Some(line) = self.counted(steady, now) {
             line.writes += 1;
             line.fault.clear();
         }
     }
 
-    pub(in crate::gateway) fn not_written(&mut self, steady: Steady, why: &dyn Display, now: Moment) {
+    pub(in crate::gateway) fn not_written(&mut self, steady: CountedWrite, why: &dyn Display, now: Moment) {
         let stretch = self.stretch(now);
         let mut message = std::mem::take(&mut self.message);
         message.clear();
@@ -262,10 +262,10 @@ impl OutputsLog {
 
     /// Returns file and number of losses for a row that is written now. If they have changed, counted turns are queued
     /// first under the old ones. If the clock was set, the first row of the file contains the correction.
-    fn stretch(&mut self, now: Moment) -> Stretch {
-        let (stamped, latest) = (self.stamps.look(now), self.latest.max(now));
-        let day = keeping::day(latest.shifted(stamped.shift));
-        let stretch = Stretch { day, stamped, tear: self.tears.count.load(Ordering::Relaxed) };
+    fn stretch(&mut self, now: Moment) -> RowSequence {
+        let (stamped, latest) = (self.stamps.check(now), self.latest.max(now));
+        let day = retention::day(latest.shifted(stamped.shift));
+        let stretch = RowSequence { day, stamped, tear: self.tears.count.load(Ordering::Relaxed) };
         if let Some(before) = self.stretch.replace(stretch).filter(|before| *before != stretch) {
             (0..self.lines.len()).for_each(|place| self.record_repetitions(place, before));
         }
@@ -279,17 +279,17 @@ impl OutputsLog {
         stretch
     }
 
-    fn place(&self, steady: Steady) -> usize {
+    fn place(&self, steady: CountedWrite) -> usize {
         let (outputs, sets) = self.counts;
         match steady {
-            Steady::Position(id) => id.0,
-            Steady::Set(id) => outputs + id.0,
-            Steady::Heartbeat => outputs + sets,
+            CountedWrite::Position(id) => id.0,
+            CountedWrite::Set(id) => outputs + id.0,
+            CountedWrite::Heartbeat => outputs + sets,
         }
     }
 
     /// Returns the counter of an output for a write now. If the counted time is over, the counts are recorded first.
-    fn counted(&mut self, steady: Steady, now: Moment) -> Option<&mut Line> {
+    fn counted(&mut self, steady: CountedWrite, now: Moment) -> Option<&mut Line> {
         let place = self.place(steady);
         let since = *self.lines.get_mut(place)?.since.get_or_insert(now);
         if now.since(since) >= COUNTED_FOR {
@@ -312,7 +312,7 @@ impl OutputsLog {
     }
 
     /// Queues a row. Returns `false` if the queue has no space; the row is then lost.
-    fn hand_over(&mut self, row: Vec<u8>, Stretch { stamped, tear, .. }: Stretch) -> bool {
+    fn hand_over(&mut self, row: Vec<u8>, RowSequence { stamped, tear, .. }: RowSequence) -> bool {
         let at = self.latest;
         let Some(queue) = &self.queue else { return false };
         if self.tears.waiting.fetch_add(1, Ordering::Relaxed) < OUTPUT_QUEUE {

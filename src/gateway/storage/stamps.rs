@@ -32,7 +32,7 @@ impl Stamps {
     }
 
     /// File and shift of a row that is written now.
-    pub(super) fn look(&mut self, now: Moment) -> Stamped {
+    pub(super) fn check(&mut self, now: Moment) -> Stamped {
         let shift = self.of_the_clock();
         if shift != self.of.shift {
             let (from, to) = (now.shifted(self.of.shift), now.shifted(shift));

@@ -158,11 +158,11 @@ mod outputs {
             self.action = self.controller.step(&self.settings, input, self.now);
             let _ = self.controller.take_events();
             self.known = Some(self.controller);
-            let stepped = Stepped {
+            let stepped = OutputTransition {
                 id: OutputId(0),
                 settings: &self.settings,
                 before: &before,
-                goes_on: known == Some(before),
+                is_continuous: known == Some(before),
                 input,
                 action: self.action,
                 after: &self.controller,
@@ -308,9 +308,9 @@ mod outputs {
         let mut bench = bench(directory.path());
         for second in 0..130u32 {
             let at = noon().after(SECOND * second);
-            bench.storage.outputs.wrote(Steady::Heartbeat, at);
+            bench.storage.outputs.wrote(CountedWrite::Heartbeat, at);
             if second == 70 || second == 71 {
-                bench.storage.outputs.not_written(Steady::Heartbeat, &"no answer within 100ms", at);
+                bench.storage.outputs.not_written(CountedWrite::Heartbeat, &"no answer within 100ms", at);
             }
         }
         bench.storage.outputs.count_for_the_last_time(noon().after(SECOND * 130));

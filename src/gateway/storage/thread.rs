@@ -14,8 +14,8 @@ use jiff::civil::Date;
 
 use super::Job;
 use super::events::EventsFile;
-use super::keeping::{Keep, breaks, day, logs, superfluous};
-use super::outputs::Tears;
+use super::outputs::RowLosses;
+use super::retention::{RetentionLimits, breaks, day, logs, superfluous};
 use super::stamps::Stamped;
 use crate::fieldbus::explain::explain_system;
 use crate::gateway::disk::{append, make_directory};
@@ -24,7 +24,7 @@ use crate::gateway::store::{DiskCause, is_news};
 use crate::observe::events::{Event, Journal};
 use isotherm_core::quantity::{Moment, Shifted, time};
 use isotherm_profile::duration_text;
-use isotherm_profile::{Profile, regular};
+use isotherm_profile::{Profile, safe_file};
 
 /// Interval of the checks for logs that need not be kept.
 const TIDY_EVERY: Duration = Duration::from_hours(1);
@@ -72,7 +72,7 @@ const LAST_ROW: u64 = 65_536;
 
 /// Time of the last row of a log. `None` if it cannot be read.
 pub(super) fn last_stamp(path: &Path) -> Option<Moment> {
-    let mut file = regular::open(path).ok()?;
+    let mut file = safe_file::open(path).ok()?;
     let length = file.metadata().ok()?.len();
     file.seek(SeekFrom::Start(length.saturating_sub(LAST_ROW))).ok()?;
     let rows = BufReader::new(file).split(b'\n').map_while(Result::ok);
@@ -88,7 +88,7 @@ pub(super) struct StorageThread {
     machine: String,
     log: DayFile,
     outputs: DayFile,
-    keep: Keep,
+    keep: RetentionLimits,
     /// Time of the last check for logs that need not be kept.
     tidied: Option<Moment>,
     events: EventsFile,
@@ -99,7 +99,7 @@ pub(super) struct StorageThread {
     whole_since: u64,
     failing: BTreeMap<&'static str, DiskCause>,
     torn: Arc<AtomicBool>,
-    tears: Arc<Tears>,
+    tears: Arc<RowLosses>,
     journal: Arc<Journal>,
 }
 
@@ -108,7 +108,7 @@ impl StorageThread {
         profile: &Profile,
         directory: &Path,
         header: String,
-        (torn, tears): (Arc<AtomicBool>, Arc<Tears>),
+        (torn, tears): (Arc<AtomicBool>, Arc<RowLosses>),
         journal: Arc<Journal>,
     ) -> StorageThread {
         let machine = profile.name.as_str();
@@ -117,7 +117,7 @@ impl StorageThread {
             machine: machine.to_owned(),
             log: DayFile::new(directory, machine, ".csv", header),
             outputs: DayFile::new(directory, machine, ENDING, HEADER.to_owned()),
-            keep: Keep { span: profile.history.keep, size: profile.history.max_size },
+            keep: RetentionLimits { span: profile.history.keep, size: profile.history.max_size },
             tidied: None,
             events: EventsFile::new(directory, machine, journal.clone()),
             is_woken: Arc::default(),
@@ -159,7 +159,7 @@ impl StorageThread {
                 Some(at)
             }
             Job::Sync { at } => {
-                self.look_for_logs(at);
+                self.find_logs(at);
                 // A successful sync shows nothing if rows are not written.
                 for (what, done) in
                     [("the log", self.log.sync()), ("the log of the outputs", self.outputs.sync())]
@@ -180,12 +180,12 @@ impl StorageThread {
     }
 
     /// Checks whether a log was removed. The next row then begins a new one, with the state from which it resumes.
-    fn look_for_logs(&mut self, at: Moment) {
-        if let Err(gone) = self.log.look() {
+    fn find_logs(&mut self, at: Moment) {
+        if let Err(gone) = self.log.check() {
             self.torn.store(true, Ordering::Relaxed);
             self.report(at, "the log", Err(gone));
         }
-        if let Err(gone) = self.outputs.look() {
+        if let Err(gone) = self.outputs.check() {
             self.whole_since = self.tears.tear();
             self.report(at, "the log of the outputs", Err(gone));
         }
@@ -272,7 +272,7 @@ impl DayFile {
     }
 
     /// Checks whether the file, or its directory, was removed. The next row then begins another file.
-    fn look(&mut self) -> std::io::Result<()> {
+    fn check(&mut self) -> std::io::Result<()> {
         let Some(file) = self.file.take_if(|file| !file.is_there()) else { return Ok(()) };
         let text = format!("{} was removed", file.path.display());
         Err(std::io::Error::new(ErrorKind::NotFound, text))

@@ -52,7 +52,7 @@ pub(in crate::gateway) struct Seal {
 
 /// Reason why a document is not accepted.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(in crate::gateway) enum Unfit {
+pub(in crate::gateway) enum DocumentRejection {
     /// A later version of the program has written it.
     Later(u32),
     /// An earlier version of the program has written it.
@@ -61,18 +61,18 @@ pub(in crate::gateway) enum Unfit {
     Because(String),
 }
 
-impl fmt::Display for Unfit {
+impl fmt::Display for DocumentRejection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Unfit::Later(found) => {
+            DocumentRejection::Later(found) => {
                 write!(f, "the file has layout {found}, but this program writes {VERSION}")
             }
-            Unfit::Earlier(found) => write!(
+            DocumentRejection::Earlier(found) => write!(
                 f,
                 "the file has the old layout {found}, which this program cannot read: start a version in \
                  between once, or let the operator arm"
             ),
-            Unfit::Because(why) => f.write_str(why),
+            DocumentRejection::Because(why) => f.write_str(why),
         }
     }
 }
@@ -103,42 +103,46 @@ pub(in crate::gateway) fn render<'a>(
 }
 
 /// Reads a document of this layout, or of the layout without places.
-pub(in crate::gateway) fn read(bytes: &[u8], machine: &str) -> Result<(Seal, Content), Unfit> {
+pub(in crate::gateway) fn read(bytes: &[u8], machine: &str) -> Result<(Seal, Content), DocumentRejection> {
     let Document { version, seal, state, outputs } = parse(bytes, VERSION)?;
     check(bytes, &seal.checksum, (&seal.machine, machine))?;
     match version {
         WITHOUT_PLACES..=VERSION => {}
-        ..WITHOUT_PLACES => return Err(Unfit::Earlier(version)),
-        _ => return Err(Unfit::Later(version)),
+        ..WITHOUT_PLACES => return Err(DocumentRejection::Earlier(version)),
+        _ => return Err(DocumentRejection::Later(version)),
     }
     match misfit(&outputs) {
-        Some(why) => Err(Unfit::Because(why)),
+        Some(why) => Err(DocumentRejection::Because(why)),
         None => Ok((seal, Content { state, outputs })),
     }
 }
 
 /// Parses a document of this form. A document of another form may have another version.
-pub(super) fn parse<'a, T: Deserialize<'a>>(bytes: &'a [u8], version: u32) -> Result<T, Unfit> {
+pub(super) fn parse<'a, T: Deserialize<'a>>(bytes: &'a [u8], version: u32) -> Result<T, DocumentRejection> {
     if bytes.is_empty() {
-        return Err(Unfit::Because("the file is empty".to_owned()));
+        return Err(DocumentRejection::Because("the file is empty".to_owned()));
     }
     serde_json::from_slice(bytes).map_err(|_| match serde_json::from_slice(bytes) {
-        Ok(Versioned { version: found }) if found > version => Unfit::Later(found),
-        Ok(Versioned { version: found }) if found < version => Unfit::Earlier(found),
-        _ => Unfit::Because("the file is damaged, or is no document of this program".to_owned()),
+        Ok(Versioned { version: found }) if found > version => DocumentRejection::Later(found),
+        Ok(Versioned { version: found }) if found < version => DocumentRejection::Earlier(found),
+        _ => DocumentRejection::Because("the file is damaged, or is no document of this program".to_owned()),
     })
 }
 
 /// Checks the checksum of a document, and that it belongs to this machine.
-pub(super) fn check(bytes: &[u8], found: &str, (of, machine): (&str, &str)) -> Result<(), Unfit> {
+pub(super) fn check(bytes: &[u8], found: &str, (of, machine): (&str, &str)) -> Result<(), DocumentRejection> {
     let mut unsealed = bytes.to_vec();
     let place = digits(bytes);
     if let Some(digits) = place.and_then(|place| unsealed.get_mut(place..place + UNSEALED.len())) {
         digits.copy_from_slice(UNSEALED.as_bytes());
     }
     match place.is_some() && found == checksum(&unsealed) {
-        false => Err(Unfit::Because("the checksum is wrong: the file was changed or damaged".to_owned())),
-        true if of != machine => Err(Unfit::Because(format!("the file is of another machine, {of}"))),
+        false => Err(DocumentRejection::Because(
+            "the checksum is wrong: the file was changed or damaged".to_owned(),
+        )),
+        true if of != machine => {
+            Err(DocumentRejection::Because(format!("the file is of another machine, {of}")))
+        }
         true => Ok(()),
     }
 }

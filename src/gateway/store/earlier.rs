@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::document::{Seal, Unfit, check, parse};
+use super::document::{DocumentRejection, Seal, check, parse};
 use super::entry::{Entries, misfit};
-use super::{Content, Found, by_name, path, read};
+use super::{Content, FoundDocuments, by_name, path, read};
 use crate::gateway::disk::Disk;
 use isotherm_core::quantity::Moment;
 
@@ -44,7 +44,7 @@ pub(super) fn ledgers(directory: &Path, machine: &str) -> [PathBuf; 2] {
 }
 
 /// Reads the two documents.
-pub(super) fn look(disk: &dyn Disk, directory: &Path, machine: &str) -> Found {
+pub(super) fn find_documents(disk: &dyn Disk, directory: &Path, machine: &str) -> FoundDocuments {
     let [ledger, begun] = ledgers(directory, machine);
     let is_begun = !disk.has(&ledger) && disk.has(&begun);
     let paths = [path(directory, machine), if is_begun { begun } else { ledger }];
@@ -58,25 +58,25 @@ pub(super) fn look(disk: &dyn Disk, directory: &Path, machine: &str) -> Found {
         ..Seal::default()
     });
     let content = both.and_then(|both| {
-        let fitting = judge(&both).map_or(Ok(()), |why| Err(Unfit::Because(why.to_owned())));
+        let fitting = assess(&both).map_or(Ok(()), |why| Err(DocumentRejection::Because(why.to_owned())));
         fitting.and_then(|()| if seals.is_empty() { Ok(None) } else { content(both).map(Some) })
     });
     let content = content.map(|found| found.map(|found| if is_begun { found.not_in_order() } else { found }));
     let files = paths.into_iter().zip(["v4.json", "v3.json"]).collect();
-    Found { files, layout: LAYOUTS[0], seal, content }
+    FoundDocuments { files, layout: LAYOUTS[0], seal, content }
 }
 
-fn document(bytes: &[u8], place: usize, machine: &str) -> Result<Document, Unfit> {
+fn document(bytes: &[u8], place: usize, machine: &str) -> Result<Document, DocumentRejection> {
     let document: Document = parse(bytes, LAYOUTS[place])?;
     check(bytes, &document.seal.checksum, (&document.seal.machine, machine))?;
     match document.seal.kind == KINDS[place] && document.version == LAYOUTS[place] {
         true => Ok(document),
-        false => Err(Unfit::Because(format!("a {} is in its place", document.seal.kind))),
+        false => Err(DocumentRejection::Because(format!("a {} is in its place", document.seal.kind))),
     }
 }
 
 /// Returns a clause if a document is missing, is older than the other one says, or comes from elsewhere.
-fn judge(both: &[Option<Document>; 2]) -> Option<&'static str> {
+fn assess(both: &[Option<Document>; 2]) -> Option<&'static str> {
     let seal = |place: usize| both[place].as_ref().map(|document| &document.seal);
     let number = |place: usize| seal(place).map_or(0, |seal| seal.number);
     let known = |place: usize| seal(1 - place).map_or(0, |seal| seal.other);
@@ -94,12 +94,12 @@ fn judge(both: &[Option<Document>; 2]) -> Option<&'static str> {
     }
 }
 
-fn content([state, ledger]: [Option<Document>; 2]) -> Result<Content, Unfit> {
-    let wrong = |why: serde_json::Error| Unfit::Because(why.to_string());
+fn content([state, ledger]: [Option<Document>; 2]) -> Result<Content, DocumentRejection> {
+    let wrong = |why: serde_json::Error| DocumentRejection::Because(why.to_string());
     let outputs: Entries =
         ledger.map_or(Ok(Entries::new()), |ledger| serde_json::from_value(ledger.content)).map_err(wrong)?;
     if let Some(why) = misfit(&outputs) {
-        return Err(Unfit::Because(why));
+        return Err(DocumentRejection::Because(why));
     }
     let state = state.map(|state| {
         let mut content = state.content;

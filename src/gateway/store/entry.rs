@@ -24,12 +24,12 @@ pub(in crate::gateway) struct Entry {
     /// Register as text, by which layout 5 identifies it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(in crate::gateway) register: Option<String>,
-    pub(in crate::gateway) kept: output::Kept,
+    pub(in crate::gateway) kept: output::SavedOutput,
 }
 
 impl Entry {
     /// Creates the entry of an output at this place.
-    pub(in crate::gateway) fn new(place: OutputPlace, kept: output::Kept) -> Entry {
+    pub(in crate::gateway) fn new(place: OutputPlace, kept: output::SavedOutput) -> Entry {
         Entry { place: Some(place), register: None, kept }
     }
 
@@ -58,7 +58,7 @@ pub(in crate::gateway) fn fits(counts: Counts) -> bool {
     counts.unsigned_abs() <= MOST
 }
 
-fn all_fit(kept: &output::Kept) -> bool {
+fn all_fit(kept: &output::SavedOutput) -> bool {
     let account = kept.account.iter().flat_map(|account| [account.base, account.share]);
     let promises = kept.promises.iter().map(|promise| promise.value);
     account.chain(promises).chain(kept.stood).all(fits)

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use super::Question;
+use super::OpenQuestion;
 use super::document::{Seal, render};
 use super::entry::Entry;
 use super::number::{self, Number};
@@ -20,7 +20,7 @@ pub(in crate::gateway) struct StoreFile {
     pub(super) number: PathBuf,
     /// Seal of the document on disk.
     pub(super) seal: Seal,
-    pub(super) question: Question,
+    pub(super) question: OpenQuestion,
     /// Parts as JSON. The state is empty before the first one.
     pub(super) state: Vec<u8>,
     pub(super) outputs: BTreeMap<String, Vec<u8>>,
@@ -91,7 +91,7 @@ impl StoreFile {
             || !self.disk.has(&self.document)
     }
 
-    pub(in crate::gateway) fn question(&self) -> Question {
+    pub(in crate::gateway) fn question(&self) -> OpenQuestion {
         self.question.clone()
     }
 }

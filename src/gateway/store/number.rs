@@ -5,7 +5,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::document::{Seal, Unfit, checksum};
+use super::document::{DocumentRejection, Seal, checksum};
 use super::read;
 use crate::gateway::disk::Disk;
 use isotherm_core::quantity::Moment;
@@ -44,7 +44,7 @@ pub(super) fn begun(path: &Path) -> PathBuf {
 
 /// Reads the number. Returns the path of its file, and `None` if there is no file. The error is a clause: the number is
 /// not accepted.
-pub(in crate::gateway) fn look(
+pub(in crate::gateway) fn read_number(
     disk: &dyn Disk,
     directory: &Path,
     machine: &str,
@@ -55,14 +55,14 @@ pub(in crate::gateway) fn look(
     let path = if is_begun { begun } else { path };
     let parse = |bytes: &[u8]| {
         let number = std::str::from_utf8(bytes).ok().and_then(Number::parse);
-        number.ok_or_else(|| Unfit::Because("the file was changed or damaged".to_owned()))
+        number.ok_or_else(|| DocumentRejection::Because("the file was changed or damaged".to_owned()))
     };
     let found = read(disk, &path, parse).map_err(|why| format!("number file {}: {why}", path.display()));
     (path, found)
 }
 
 /// Compares a document with the number. Returns a clause if they do not fit. `has_logs`: a run has left its logs here.
-pub(super) fn judge(document: Option<&Seal>, number: Option<Number>, has_logs: bool) -> Option<String> {
+pub(super) fn assess(document: Option<&Seal>, number: Option<Number>, has_logs: bool) -> Option<String> {
     match (document, number) {
         (None, None) => {
             has_logs.then(|| "the file is missing, but the directory contains logs of a run".to_owned())

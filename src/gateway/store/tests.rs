@@ -263,7 +263,7 @@ fn a_number_is_read_only_as_it_was_written() {
     let line = number.line();
     let found = |text: &str| {
         bench.put(NUMBER, text);
-        number::look(&Files, bench.0.path(), MACHINE).1
+        number::read_number(&Files, bench.0.path(), MACHINE).1
     };
     assert_eq!(found(&line), Ok(Some(number)));
     for wrong in

@@ -11,8 +11,8 @@ use std::time::Duration;
 
 use tokio::sync::watch;
 
-use super::{DiskCause, Entry, Question, StoreFile, WHAT, is_news};
-use crate::clock::{Clock, Patience};
+use super::{DiskCause, Entry, OpenQuestion, StoreFile, WHAT, is_news};
+use crate::clock::{Clock, WallTimeout};
 use crate::fieldbus::explain::explain_system;
 use crate::gateway::memory::Memory;
 use crate::observe::events::{Event, Journal};
@@ -23,7 +23,7 @@ const OTHERWISE: &str = "shared and unreadable registers are not written; after 
 
 /// Result of saving a version.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::gateway) enum Kept {
+pub(in crate::gateway) enum SaveResult {
     /// This version, or a newer one, is on disk.
     Yes,
     /// The disk has not answered.
@@ -37,8 +37,8 @@ pub(in crate::gateway) struct Writer {
     shared: Arc<Shared>,
     /// The file, if there is no thread.
     here: Option<Mutex<Saving>>,
-    done: watch::Receiver<Done>,
-    question: Question,
+    done: watch::Receiver<SavedVersions>,
+    question: OpenQuestion,
     /// The disk did not answer in time at the last wait. Nothing waits again before it has answered.
     is_slow: AtomicBool,
 }
@@ -46,7 +46,7 @@ pub(in crate::gateway) struct Writer {
 /// Progress of saving. `kept`: newest version on disk. `failed`: newest version that could not be saved. `settled`:
 /// newest version whose number file was handled, too.
 #[derive(Clone, Copy, Debug, Default)]
-struct Done {
+struct SavedVersions {
     kept: u64,
     failed: u64,
     settled: u64,
@@ -55,13 +55,13 @@ struct Done {
 /// State that the thread and its owner share.
 #[derive(Default)]
 struct Shared {
-    newest: Mutex<Newest>,
+    newest: Mutex<PendingChanges>,
     changed: Condvar,
 }
 
 /// Changes since the last save.
 #[derive(Default)]
-struct Newest {
+struct PendingChanges {
     outputs: BTreeMap<String, Entry>,
     state: Option<Box<Memory>>,
     version: u64,
@@ -71,7 +71,7 @@ struct Newest {
 /// Saves versions and reports the results.
 struct Saving {
     file: StoreFile,
-    done: watch::Sender<Done>,
+    done: watch::Sender<SavedVersions>,
     journal: Arc<Journal>,
     clock: Clock,
     /// Reported cause, while saving fails.
@@ -84,7 +84,7 @@ impl Writer {
         (journal, clock): (Arc<Journal>, &Clock),
         has_thread: bool,
     ) -> Writer {
-        let (sender, done) = watch::channel(Done::default());
+        let (sender, done) = watch::channel(SavedVersions::default());
         let shared = Arc::new(Shared::default());
         let question = file.question();
         let mut saving = Saving { file, done: sender, journal, clock: clock.clone(), failing: None };
@@ -110,7 +110,7 @@ impl Writer {
         self.put(|newest| newest.state = Some(Box::new(state)));
     }
 
-    fn put(&self, change: impl FnOnce(&mut Newest)) -> u64 {
+    fn put(&self, change: impl FnOnce(&mut PendingChanges)) -> u64 {
         let mut newest = self.shared.newest();
         change(&mut newest);
         newest.version += 1;
@@ -127,22 +127,22 @@ impl Writer {
     /// Waits for a version, for at most `span` of wall-clock time. If the disk did not answer the last time, it does
     /// not wait. In a run with a virtual clock it still waits for a part of `span`, because seconds pass there while
     /// the disk is only busy.
-    pub(in crate::gateway) async fn kept(&self, version: u64, span: Duration, clock: &Clock) -> Kept {
+    pub(in crate::gateway) async fn kept(&self, version: u64, span: Duration, clock: &Clock) -> SaveResult {
         let mut done = self.done.clone();
-        let is_done = |done: &Done| done.kept >= version || done.failed >= version;
+        let is_done = |done: &SavedVersions| done.kept >= version || done.failed >= version;
         let span = match (self.is_slow.load(Ordering::Relaxed), clock.is_virtual()) {
             (false, _) => span,
-            (true, true) => span / Patience::SLICES,
+            (true, true) => span / WallTimeout::SLICES,
             (true, false) => Duration::ZERO,
         };
-        let waited = Patience::by(clock).within(span, done.wait_for(is_done)).await;
+        let waited = WallTimeout::by(clock).within(span, done.wait_for(is_done)).await;
         if waited.is_some() || !span.is_zero() {
             self.is_slow.store(waited.is_none(), Ordering::Relaxed);
         }
         match waited {
-            None => Kept::NotYet,
-            Some(Ok(done)) if done.kept >= version => Kept::Yes,
-            Some(_) => Kept::No,
+            None => SaveResult::NotYet,
+            Some(Ok(done)) if done.kept >= version => SaveResult::Yes,
+            Some(_) => SaveResult::No,
         }
     }
 
@@ -150,10 +150,10 @@ impl Writer {
     pub(in crate::gateway) async fn finish(&self, span: Duration) {
         let version = self.shared.newest().version;
         let mut done = self.done.clone();
-        let _ = Patience::new().within(span, done.wait_for(|done| done.settled >= version)).await;
+        let _ = WallTimeout::new().within(span, done.wait_for(|done| done.settled >= version)).await;
     }
 
-    pub(in crate::gateway) fn question(&self) -> &Question {
+    pub(in crate::gateway) fn question(&self) -> &OpenQuestion {
         &self.question
     }
 }
@@ -165,21 +165,21 @@ impl Drop for Writer {
     }
 }
 
-impl Newest {
+impl PendingChanges {
     fn take(&mut self) -> (BTreeMap<String, Entry>, Option<Box<Memory>>) {
         (std::mem::take(&mut self.outputs), self.state.take())
     }
 }
 
 impl Shared {
-    fn newest(&self) -> MutexGuard<'_, Newest> {
+    fn newest(&self) -> MutexGuard<'_, PendingChanges> {
         self.newest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn work(&self, saving: &mut Saving) {
         let mut last = 0;
         loop {
-            let is_same = |newest: &mut Newest| newest.version == last && !newest.closed;
+            let is_same = |newest: &mut PendingChanges| newest.version == last && !newest.closed;
             let waited = self.changed.wait_while(self.newest(), is_same);
             let mut newest = waited.unwrap_or_else(PoisonError::into_inner);
             if newest.version == last {

@@ -29,12 +29,12 @@ pub struct Alarm {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hint: Option<String>,
     /// Acknowledgement; `None` before it.
-    pub acknowledged: Option<Seen>,
+    pub acknowledged: Option<Acknowledgement>,
 }
 
 /// Acknowledgement of an alarm.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Seen {
+pub struct Acknowledgement {
     /// Time of the acknowledgement, RFC 3339.
     pub at: String,
     /// Person or program, and channel.
@@ -87,7 +87,7 @@ impl Alarms {
 
     /// Acknowledges one alarm, or all of them. Returns how many were not acknowledged before; `None` if there is no
     /// such alarm.
-    pub(super) fn acknowledge(&mut self, id: Option<&str>, seen: &Seen) -> Option<usize> {
+    pub(super) fn acknowledge(&mut self, id: Option<&str>, seen: &Acknowledgement) -> Option<usize> {
         let meant = self.0.values_mut().filter(|alarm| id.is_none_or(|id| id == alarm.id));
         let mut meant = meant.peekable();
         meant.peek()?;
@@ -180,8 +180,8 @@ mod tests {
     use isotherm_core::explained::Explained;
     use isotherm_core::quantity::Moment;
 
-    fn seen(by: &str) -> Seen {
-        Seen { at: "2026-07-02T12:00:00Z".to_owned(), by: by.to_owned() }
+    fn seen(by: &str) -> Acknowledgement {
+        Acknowledgement { at: "2026-07-02T12:00:00Z".to_owned(), by: by.to_owned() }
     }
 
     fn bad() -> Event {

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::{Described, info, warning};
+use super::{EventDescription, info, warning};
 use isotherm_core::explained::Explained;
 use isotherm_profile::counted;
 
@@ -41,7 +41,7 @@ pub enum Broker {
 }
 
 impl Broker {
-    pub(super) fn described(&self) -> Described {
+    pub(super) fn described(&self) -> EventDescription {
         match self {
             Broker::Down { broker, why } => warning(
                 "broker-down",

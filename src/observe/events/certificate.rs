@@ -4,7 +4,7 @@ use isotherm_core::quantity::Moment;
 use serde::Serialize;
 
 use super::data::in_text;
-use super::{Described, error, warning};
+use super::{EventDescription, error, warning};
 use isotherm_core::explained::Explained;
 
 /// A certificate that has expired or expires soon.
@@ -15,7 +15,7 @@ pub struct Expiry {
     /// File name in the profile.
     pub file: String,
     /// Owner of the certificate.
-    pub whose: Whose,
+    pub whose: CertificateOwner,
     /// End of its validity.
     #[serde(serialize_with = "in_text")]
     pub until: Moment,
@@ -26,7 +26,7 @@ pub struct Expiry {
 /// Owner of a certificate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Whose {
+pub enum CertificateOwner {
     /// The gateway owns the certificate.
     Gateway,
     /// The user as which the gateway signs in to the server.
@@ -49,13 +49,15 @@ impl Expiry {
         let time: String = time.chars().take(5).collect();
         let expires = if *is_over { "expired" } else { "expires" };
         let (owner, remedy) = match whose {
-            Whose::Gateway => (
+            CertificateOwner::Gateway => (
                 "gateway",
                 "move the certificate and its key away, make both again (`isotherm opcua certificate \
                  PROFILE`), and trust the certificate at the server",
             ),
-            Whose::User => ("user", "make a new certificate, and give it this user's rights at the server"),
-            Whose::Server => (
+            CertificateOwner::User => {
+                ("user", "make a new certificate, and give it this user's rights at the server")
+            }
+            CertificateOwner::Server => (
                 "server",
                 "renew the certificate at the server, then run `isotherm opcua trust PROFILE`; if the server \
                  already has another certificate, remove this file",
@@ -70,7 +72,7 @@ impl Expiry {
         )
     }
 
-    pub(super) fn described(&self) -> Described {
+    pub(super) fn described(&self) -> EventDescription {
         match self.is_over {
             true => error("certificate-expired", format!("bus {}", self.bus), self.explained()),
             false => warning("certificate-expires", format!("bus {}", self.bus), self.explained()),

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::{Described, error, info};
+use super::{EventDescription, error, info};
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Micron;
 
@@ -45,7 +45,7 @@ pub(crate) fn found_worse(touches: usize, with: Micron, without: Micron) -> Stri
 }
 
 impl Comparison {
-    pub(super) fn described(&self) -> Described {
+    pub(super) fn described(&self) -> EventDescription {
         match self {
             Comparison::Worse { axis, touches, without, with, ramps } => {
                 let hint = match ramps {

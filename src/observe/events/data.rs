@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use crate::clock::Correction;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::regular::cut;
+use isotherm_profile::safe_file::cut;
 
 /// Maximum number of characters of an event's sentence, and of each text in its data. Text from outside must not fill
 /// the file of a day, or the status with the last events.

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::{Described, info, warning};
+use super::{EventDescription, info, warning};
 use isotherm_core::explained::Explained;
 use isotherm_profile::counted;
 
@@ -40,7 +40,7 @@ pub enum Delivery {
 }
 
 impl Delivery {
-    pub(super) fn described(&self) -> Described {
+    pub(super) fn described(&self) -> EventDescription {
         match self {
             Delivery::Failed { notify, to, why } => warning(
                 "notify-failed",

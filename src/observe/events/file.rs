@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Entry;
 use isotherm_core::quantity::{Moment, time};
-use isotherm_profile::regular::{self, without_numbers};
+use isotherm_profile::safe_file::{self, without_numbers};
 
 /// Suffix of a file name, after the day.
 const ENDING: &str = ".events.jsonl";
@@ -46,7 +46,7 @@ pub struct End {
 
 /// Content found on disk.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Found {
+pub enum FileItem {
     /// Event that was read from the file.
     Event(Entry),
     /// Damage, as a sentence with the name of the file.
@@ -105,17 +105,18 @@ impl End {
 ///
 /// # Errors
 /// The file exists and cannot be read, or is no regular file.
-pub fn read(path: &Path, mut found: impl FnMut(Found)) -> std::io::Result<End> {
+pub fn read(path: &Path, mut found: impl FnMut(FileItem)) -> std::io::Result<End> {
     let mut end = End::of_nothing(path);
     let mut text = Vec::new();
-    match regular::open(path) {
+    match safe_file::open(path) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(end),
         Err(error) => return Err(error),
         Ok(file) => file.take(2 * LARGEST as u64).read_to_end(&mut text)?,
     };
     end.length = text.len();
     end.is_cut = text.last().is_some_and(|byte| *byte != b'\n');
-    let damage = |line: usize, what: &str| Found::Damage(format!("{}, line {line}: {what}", path.display()));
+    let damage =
+        |line: usize, what: &str| FileItem::Damage(format!("{}, line {line}: {what}", path.display()));
     for (place, line) in text.split(|byte| *byte == b'\n').enumerate().filter(|(_, line)| !line.is_empty()) {
         let place = place + 1;
         let Some((line, seal)) = std::str::from_utf8(line).ok().and_then(sealed) else {
@@ -138,7 +139,7 @@ pub fn read(path: &Path, mut found: impl FnMut(Found)) -> std::io::Result<End> {
             }
         }
         end.count = line.n;
-        found(Found::Event(line.entry));
+        found(FileItem::Event(line.entry));
     }
     Ok(end)
 }
@@ -213,7 +214,7 @@ pub fn since(
     directory: &Path,
     machine: &str,
     since: Moment,
-    mut found: impl FnMut(Found) -> bool,
+    mut found: impl FnMut(FileItem) -> bool,
 ) -> std::io::Result<()> {
     let mut is_wanted = true;
     let mut found = |one| {
@@ -224,19 +225,19 @@ pub fn since(
     let first = first.get(..10).unwrap_or_default();
     for day in days(directory, machine)?.iter().filter(|day| day.as_str() >= first) {
         let path = path(directory, machine, day);
-        let mut goes_on = true;
+        let mut continues = true;
         let read = read(&path, |one| match &one {
-            Found::Event(entry) if time::parse(&entry.at).is_ok_and(|at| at < since) => {}
-            _ => goes_on = found(one),
+            FileItem::Event(entry) if time::parse(&entry.at).is_ok_and(|at| at < since) => {}
+            _ => continues = found(one),
         });
         if let Err(error) = read {
-            goes_on = found(Found::Damage(format!(
+            continues = found(FileItem::Damage(format!(
                 "{} cannot be read: {}",
                 path.display(),
                 without_numbers(&error.to_string())
             )));
         }
-        if !goes_on {
+        if !continues {
             break;
         }
     }
@@ -259,7 +260,7 @@ pub fn last(directory: &Path, machine: &str, most: usize) -> Vec<Entry> {
 
 /// Events at the end of a file.
 fn tail(path: &Path) -> std::io::Result<Vec<Entry>> {
-    let mut file = regular::open(path)?;
+    let mut file = safe_file::open(path)?;
     let length = file.metadata()?.len();
     file.seek(SeekFrom::Start(length.saturating_sub(TAIL)))?;
     let mut text = Vec::new();

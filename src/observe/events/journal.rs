@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use serde::{Deserialize, Serialize};
 
 use super::alarms::Alarms;
-use super::{Alarm, Change, Event, Level, Seen};
+use super::{Acknowledgement, Alarm, Change, Event, Level};
 use crate::clock::Clock;
 use isotherm_core::quantity::Moment;
 
@@ -35,7 +35,7 @@ pub struct Entry {
 
 /// An event that has just been reported, for the listener.
 #[derive(Clone, Copy, Debug)]
-pub struct Happened<'a> {
+pub struct ReportedEvent<'a> {
     /// Event with its data.
     pub event: &'a Event,
     /// The event as it is shown and kept.
@@ -46,7 +46,7 @@ pub struct Happened<'a> {
 
 /// Receives every event at once, in order. It must not block, because it delays the code that reports the event,
 /// possibly a line task, and holds the lock of the journal.
-pub type EventListener = Arc<dyn Fn(Happened<'_>) + Send + Sync>;
+pub type EventListener = Arc<dyn Fn(ReportedEvent<'_>) + Send + Sync>;
 
 /// Events of this run, and the last events of earlier runs.
 pub struct Journal {
@@ -68,24 +68,24 @@ struct Pages {
     counts: BTreeMap<&'static str, u64>,
     alarms: Alarms,
     /// Number of events in `last` from before the start.
-    recalled: usize,
-    unkept: Option<Unkept>,
+    restored: usize,
+    unkept: Option<UnsavedEvents>,
 }
 
 /// Events that are not on disk yet.
-struct Unkept {
+struct UnsavedEvents {
     entries: VecDeque<Entry>,
     lost: u64,
     wake: Option<Box<dyn Fn() + Send>>,
 }
 
-impl fmt::Debug for Unkept {
+impl fmt::Debug for UnsavedEvents {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Unkept({} waiting, {} lost)", self.entries.len(), self.lost)
+        write!(f, "UnsavedEvents({} waiting, {} lost)", self.entries.len(), self.lost)
     }
 }
 
-impl Unkept {
+impl UnsavedEvents {
     fn push(&mut self, at: Moment, entry: Entry) {
         // If events were lost, the first entry after them reports their number.
         let is_full = self.entries.len() + 2 > UNKEPT;
@@ -129,7 +129,7 @@ impl Journal {
         *pages.counts.entry(kind).or_default() += 1;
         let change = pages.alarms.note(event, &entry);
         if let Some(listener) = &self.listener {
-            listener(Happened { event, entry: &entry, change: &change });
+            listener(ReportedEvent { event, entry: &entry, change: &change });
         }
         if let Some(unkept) = &mut pages.unkept {
             unkept.push(at, entry.clone());
@@ -151,7 +151,7 @@ impl Journal {
     /// Acknowledges one alarm, or all active ones. Returns how many were not acknowledged before; `None` if there is no
     /// such alarm.
     pub fn acknowledge(&self, at: Moment, id: Option<&str>, by: String) -> Option<usize> {
-        let seen = Seen { at: self.clock.stamp(at).to_string(), by };
+        let seen = Acknowledgement { at: self.clock.stamp(at).to_string(), by };
         self.pages().alarms.acknowledge(id, &seen)
     }
 
@@ -159,7 +159,7 @@ impl Journal {
     pub fn recall(&self, before: Vec<Entry>) {
         let mut pages = self.pages();
         let since = std::mem::take(&mut pages.last);
-        pages.recalled = before.len();
+        pages.restored = before.len();
         before.into_iter().chain(since).for_each(|entry| pages.show(entry));
     }
 
@@ -167,11 +167,11 @@ impl Journal {
     /// are events to write.
     pub fn keep(&self, wake: impl Fn() + Send + 'static) {
         let mut pages = self.pages();
-        let entries: VecDeque<Entry> = pages.last.iter().skip(pages.recalled).cloned().collect();
+        let entries: VecDeque<Entry> = pages.last.iter().skip(pages.restored).cloned().collect();
         if !entries.is_empty() {
             wake();
         }
-        pages.unkept = Some(Unkept { entries, lost: 0, wake: Some(Box::new(wake)) });
+        pages.unkept = Some(UnsavedEvents { entries, lost: 0, wake: Some(Box::new(wake)) });
     }
 
     /// Stops calling `wake`, because the writer ends.
@@ -203,7 +203,7 @@ impl Pages {
     fn show(&mut self, entry: Entry) {
         if self.last.len() == SHOWN {
             self.last.pop_front();
-            self.recalled = self.recalled.saturating_sub(1);
+            self.restored = self.restored.saturating_sub(1);
         }
         self.last.push_back(entry);
     }

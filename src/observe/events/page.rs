@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::{Described, error, info, warning};
+use super::{EventDescription, error, info, warning};
 use isotherm_core::explained::Explained;
 
 /// State of the page that the profile requires.
@@ -24,7 +24,7 @@ pub enum PagePort {
 }
 
 impl PagePort {
-    pub(super) fn described(&self) -> Described {
+    pub(super) fn described(&self) -> EventDescription {
         match self {
             PagePort::Closed { listen, why } => warning(
                 "page-closed",
@@ -59,7 +59,7 @@ pub enum PageToken {
 }
 
 impl PageToken {
-    pub(super) fn described(&self) -> Described {
+    pub(super) fn described(&self) -> EventDescription {
         match self {
             PageToken::Changed { role } => info(
                 "token-changed",

@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use super::{Described, Event, error, info, warning};
+use super::{Event, EventDescription, error, info, warning};
 use crate::clock::Correction;
-use crate::observe::status::Moved;
+use crate::observe::status::DialDirection;
 use isotherm_core::compensation::AxisState;
 use isotherm_core::explained::Explained;
 use isotherm_profile::{counted, duration_text};
@@ -30,7 +30,7 @@ fn listed(names: &[String]) -> String {
 }
 
 impl Event {
-    pub(super) fn described(&self) -> Described {
+    pub(super) fn described(&self) -> EventDescription {
         match self {
             Event::Started { machine, bus_requests } => info(
                 "started",
@@ -88,7 +88,7 @@ impl Event {
                 let about = format!("axis {axis}: {about}");
                 if is_well {
                     let why = Some(why.cause.as_str()).filter(|cause| !cause.is_empty()).map(Explained::from);
-                    return Described { why, ..info("axis-state", about) };
+                    return EventDescription { why, ..info("axis-state", about) };
                 }
                 let hint = "look at the alarms of the signals, devices and outputs of the axis";
                 let why = match why.cause.as_str() {
@@ -108,7 +108,7 @@ impl Event {
                 format!("{command}, {}: not carried out", way.by(who)),
                 Explained::new(why, "give the command again"),
             ),
-            Event::WaitsToArm { axis, why } => Described {
+            Event::WaitsToArm { axis, why } => EventDescription {
                 why: Some(why.clone()),
                 ..info("waits-to-arm", format!("axis {axis}: waiting to arm"))
             },
@@ -126,8 +126,8 @@ impl Event {
             Event::SignChecked { axis, moved, way, who } => {
                 let (about, why) = (format!("axis {axis}, {}", way.by(who)), moved.explained(axis));
                 match moved {
-                    Moved::Plus => info("sign-checked", format!("{about}: {why}")),
-                    Moved::Minus | Moved::None => error("sign-checked", about, why),
+                    DialDirection::Plus => info("sign-checked", format!("{about}: {why}")),
+                    DialDirection::Minus | DialDirection::None => error("sign-checked", about, why),
                 }
             }
             Event::SignEnded { axis, why } => warning(

@@ -5,7 +5,7 @@ use std::time::Duration;
 use serde::Serialize;
 
 use super::data::in_seconds;
-use super::{Described, info, warning};
+use super::{EventDescription, info, warning};
 use isotherm_core::explained::Explained;
 use isotherm_profile::{counted, duration_text};
 
@@ -34,7 +34,8 @@ pub enum StandIn {
         /// Name of the signal.
         signal: String,
         /// The sensor's own reading is accepted again; else it is still missing or rejected.
-        believed: bool,
+        #[serde(rename = "believed")]
+        accepted: bool,
     },
 }
 
@@ -44,7 +45,7 @@ pub(crate) fn others(count: usize) -> String {
 }
 
 impl StandIn {
-    pub(super) fn described(&self) -> Described {
+    pub(super) fn described(&self) -> EventDescription {
         match self {
             StandIn::Taken { axis, signal, frozen, span, others: count } => {
                 let (kind, is) = if *frozen { ("frozen", "frozen") } else { ("stood-in", "lost") };
@@ -63,10 +64,10 @@ impl StandIn {
                 let cause = format!("{signal} {is} for {span}, {taken}");
                 warning(kind, format!("axis {axis}"), Explained::new(cause, hint))
             }
-            StandIn::Over { axis, signal, believed: true } => {
+            StandIn::Over { axis, signal, accepted: true } => {
                 info("stand-in-over", format!("axis {axis}: {signal} is accepted again"))
             }
-            StandIn::Over { axis, signal, believed: false } => {
+            StandIn::Over { axis, signal, accepted: false } => {
                 info("stand-in-over", format!("axis {axis}: {signal} is not replaced by a stand-in any more"))
             }
         }

@@ -8,7 +8,7 @@ use super::*;
 fn troubles() -> Vec<Event> {
     let name = || "z".to_owned();
     let um = |um| Micron::new(um).unwrap();
-    let (way, who) = (Way::Page, "10.0.0.7".to_owned());
+    let (way, who) = (Channel::Page, "10.0.0.7".to_owned());
     let axis_state = |to| {
         let why = "bed has an open circuit".into();
         Event::AxisState { axis: name(), from: "active", to, why, stopping: false }
@@ -51,8 +51,8 @@ fn troubles() -> Vec<Event> {
             why: "gone".into(),
         },
         Event::ArmEnded { axis: name(), why: "expired".into() },
-        moved(Moved::Minus),
-        moved(Moved::None),
+        moved(DialDirection::Minus),
+        moved(DialDirection::None),
         Event::SignEnded { axis: name(), why: "frozen".into() },
         Event::Disarmed { axis: name(), why: "something else wrote".into() },
         Event::ArmRefused { axis: name(), why: "beyond its limit".into() },
@@ -138,12 +138,17 @@ fn troubles() -> Vec<Event> {
         .map(handshake),
     );
     #[cfg(feature = "opcua")]
-    all.extend([(Whose::Gateway, true), (Whose::User, false), (Whose::Server, false)].map(
-        |(whose, is_over)| {
+    all.extend(
+        [
+            (CertificateOwner::Gateway, true),
+            (CertificateOwner::User, false),
+            (CertificateOwner::Server, false),
+        ]
+        .map(|(whose, is_over)| {
             let (bus, file) = (name(), "own.der".to_owned());
             Event::Certificate(Expiry { bus, file, whose, until: Moment::default(), is_over })
-        },
-    ));
+        }),
+    );
     all
 }
 

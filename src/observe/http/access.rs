@@ -24,16 +24,16 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use isotherm_profile::Commands;
 
-use super::Room;
+use super::HttpState;
 use super::admission::Admission;
 use super::peer::Peer;
 use super::refusal::{Counts, Refusal};
-use super::refusals::{Refusals, Reports, Told};
+use super::refusals::{Refusals, Reports, TokenReport};
+use super::sessions::{SessionKey, Sessions};
 use super::tokens::{Change, Role, Tokens, random};
-use super::visits::{Key, Visits};
-use crate::clock::Passing;
-use crate::observe::asker::{Asker, Way};
+use crate::clock::BootClock;
 use crate::observe::events::{Event, PageToken};
+use crate::observe::requester::{Channel, Requester};
 use crate::observe::status::Command;
 
 /// Interval of the checks for changed tokens and for wrong tokens to report.
@@ -46,7 +46,7 @@ pub(super) const LOGOUT: &str = "/api/logout";
 
 /// Role of a client, and how it has authenticated.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Pass {
+pub(super) struct Grant {
     pub(super) role: Role,
     by: By,
 }
@@ -54,17 +54,17 @@ pub(super) struct Pass {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum By {
     /// The client is on this computer.
-    Place,
+    Local,
     /// The token itself, with its version.
     Token(u64),
     /// A cookie of a browser.
-    Visit(Key),
+    Session(SessionKey),
 }
 
-impl Pass {
+impl Grant {
     /// Returns whether the client has signed in with a browser, and can sign out.
     pub(super) fn is_visit(&self) -> bool {
-        matches!(self.by, By::Visit(_))
+        matches!(self.by, By::Session(_))
     }
 }
 
@@ -75,7 +75,7 @@ pub(super) struct Access {
     /// Whether the page uses TLS. The cookie is then marked so that browsers send it only over TLS.
     is_secure: bool,
     tokens: Tokens,
-    visits: Mutex<Visits>,
+    sessions: Mutex<Sessions>,
     refusals: Mutex<Refusals>,
     pub(super) refused: Counts,
     /// Rate limit for reports of rejected commands.
@@ -84,7 +84,7 @@ pub(super) struct Access {
 
 /// Passes an allowed request on, or answers with the reason of the refusal.
 pub(super) async fn check(
-    State(room): State<Room>,
+    State(room): State<HttpState>,
     ConnectInfo(peer): ConnectInfo<Peer>,
     mut request: Request,
     next: Next,
@@ -92,7 +92,7 @@ pub(super) async fn check(
     if FOR_EVERYBODY.contains(&request.uri().path()) {
         return next.run(request).await;
     }
-    let refusal = match room.access.judge(&request, peer.ip()) {
+    let refusal = match room.access.assess(&request, peer.ip()) {
         Ok(pass) => {
             request.extensions_mut().insert(pass);
             return next.run(request).await;
@@ -105,7 +105,7 @@ pub(super) async fn check(
     let is_command = changes(&request) && request.uri().path().starts_with("/api/");
     if is_command && !is_told_otherwise && lock(&room.access.reports).take(peer.ip(), now()) {
         let command = named(request.uri().path());
-        room.source.turned_away(command, &peer.asker(request.headers()), &refusal.message());
+        room.source.turned_away(command, &peer.requester(request.headers()), &refusal.message());
     }
     if refusal.is_mended_by_signing_in() && super::login::is_asked_by_a_person(&request) {
         return super::login::page(&room, request.headers(), request.uri().query(), &refusal);
@@ -129,7 +129,7 @@ fn named(path: &str) -> &'static str {
 }
 
 fn now() -> Duration {
-    Passing::default().passed()
+    BootClock::default().passed()
 }
 
 impl Access {
@@ -140,7 +140,7 @@ impl Access {
             listens_at,
             is_secure,
             tokens: Tokens::new([admission.scraper, admission.viewer, admission.operator]),
-            visits: Mutex::default(),
+            sessions: Mutex::default(),
             refusals: Mutex::default(),
             refused: Counts::default(),
             reports: Mutex::default(),
@@ -148,11 +148,11 @@ impl Access {
     }
 
     /// Reads changed tokens again and reports wrong ones, forever.
-    pub(super) async fn keep(room: Room) {
+    pub(super) async fn keep(room: HttpState) {
         loop {
             tokio::time::sleep(LOOK_EVERY).await;
             let looked = room.clone();
-            let look = tokio::task::spawn_blocking(move || looked.access.tokens.look());
+            let look = tokio::task::spawn_blocking(move || looked.access.tokens.check());
             for (role, change) in look.await.unwrap_or_default() {
                 let role = role.name();
                 room.source.report(&Event::Token(match change {
@@ -179,11 +179,11 @@ impl Access {
 
     /// Returns whether a client still has its access: its token is unchanged, or its session is open. Watching counts
     /// as activity in a viewer's session.
-    pub(super) fn is_still(&self, pass: &Pass) -> bool {
+    pub(super) fn is_still(&self, pass: &Grant) -> bool {
         match pass.by {
-            By::Place => true,
+            By::Local => true,
             By::Token(version) => self.tokens.version(pass.role) == version,
-            By::Visit(key) => self.visit(key, |role| role == Role::Viewer).is_some(),
+            By::Session(key) => self.session(key, |role| role == Role::Viewer).is_some(),
         }
     }
 
@@ -192,7 +192,7 @@ impl Access {
         let now = now();
         let mut refusals = lock(&self.refusals);
         if let Err(left) = refusals.may(from, now) {
-            refusals.told_later(from);
+            refusals.count_later(from);
             return Err(Refusal::TooManyWrong(left));
         }
         self.tokens.role_of(token).ok_or_else(|| {
@@ -206,14 +206,14 @@ impl Access {
     /// # Errors
     /// The kernel has no random numbers.
     pub(super) fn begin_visit(&self, shown: (Role, u64)) -> std::io::Result<String> {
-        let key = Key::of(random()?);
-        lock(&self.visits).begin(key, shown, now());
+        let key = SessionKey::of(random()?);
+        lock(&self.sessions).begin(key, shown, now());
         Ok(self.cookie(&key.text()))
     }
 
     /// Ends a session. Returns the header that removes the cookie.
     pub(super) fn end_visit(&self, headers: &HeaderMap) -> String {
-        self.keys(headers).into_iter().for_each(|key| lock(&self.visits).end(key));
+        self.keys(headers).into_iter().for_each(|key| lock(&self.sessions).end(key));
         self.cookie("; Max-Age=0")
     }
 
@@ -228,16 +228,16 @@ impl Access {
         format!("{prefix}isotherm_visit_{}", self.listens_at.port())
     }
 
-    fn visit(&self, key: Key, uses: impl Fn(Role) -> bool) -> Option<Role> {
-        let (role, version) = lock(&self.visits).role_of(key, now(), uses)?;
+    fn session(&self, key: SessionKey, uses: impl Fn(Role) -> bool) -> Option<Role> {
+        let (role, version) = lock(&self.sessions).role_of(key, now(), uses)?;
         if self.tokens.version(role) != version {
-            lock(&self.visits).end(key);
+            lock(&self.sessions).end(key);
             return None;
         }
         Some(role)
     }
 
-    fn judge(&self, request: &Request, peer: IpAddr) -> Result<Pass, Refusal> {
+    fn assess(&self, request: &Request, peer: IpAddr) -> Result<Grant, Refusal> {
         let (headers, changes) = (request.headers(), changes(request));
         let Some(pass) = self.who(request, peer)? else {
             let is_named = self.tokens.any() || !is_local(request, peer) || self.knows_host(headers);
@@ -260,29 +260,29 @@ impl Access {
         match pass.by {
             _ if pass.role == Role::Operator || request.uri().path() == LOGOUT => Ok(pass),
             _ if !self.has_operator() => Err(Refusal::NoOperator),
-            By::Place => Err(Refusal::NoToken),
-            By::Token(_) | By::Visit(_) => Err(Refusal::OnlyLooks),
+            By::Local => Err(Refusal::NoToken),
+            By::Token(_) | By::Session(_) => Err(Refusal::OnlyLooks),
         }
     }
 
     /// Highest role of the client; `None` if it has none.
-    fn who(&self, request: &Request, peer: IpAddr) -> Result<Option<Pass>, Refusal> {
+    fn who(&self, request: &Request, peer: IpAddr) -> Result<Option<Grant>, Refusal> {
         let headers = request.headers();
         if let Some(token) = bearer(headers).filter(|_| self.tokens.any()) {
             let (role, version) = self.shown(token, peer)?;
-            return Ok(Some(Pass { role, by: By::Token(version) }));
+            return Ok(Some(Grant { role, by: By::Token(version) }));
         }
         // Automatic requests of an open page do not extend an operator's session.
         let is_use = changes(request) || request.uri().path() == "/";
         let uses = |role| is_use || role == Role::Viewer;
-        let visit = |key| Some(Pass { role: self.visit(key, uses)?, by: By::Visit(key) });
-        let visit = self.keys(headers).into_iter().find_map(visit);
-        let may_command = visit.is_some_and(|pass| pass.role == Role::Operator);
+        let session = |key| Some(Grant { role: self.session(key, uses)?, by: By::Session(key) });
+        let session = self.keys(headers).into_iter().find_map(session);
+        let may_command = session.is_some_and(|pass| pass.role == Role::Operator);
         let here = if may_command { None } else { self.role_here(request, peer) };
         Ok(here
-            .map(|role| Pass { role, by: By::Place })
-            .filter(|here| visit.is_none_or(|visit| here.role > visit.role))
-            .or(visit))
+            .map(|role| Grant { role, by: By::Local })
+            .filter(|here| session.is_none_or(|session| here.role > session.role))
+            .or(session))
     }
 
     /// Role of every client on this computer.
@@ -328,15 +328,15 @@ impl Access {
         }
     }
 
-    fn keys(&self, headers: &HeaderMap) -> Vec<Key> {
+    fn keys(&self, headers: &HeaderMap) -> Vec<SessionKey> {
         let name = self.cookie_name();
         let lines = headers.get_all(header::COOKIE).into_iter().filter_map(|line| line.to_str().ok());
         let pairs = lines.flat_map(|line| line.split(';')).filter_map(|pair| pair.trim().split_once('='));
-        pairs.filter(|(known, _)| *known == name).filter_map(|(_, value)| Key::parse(value)).collect()
+        pairs.filter(|(known, _)| *known == name).filter_map(|(_, value)| SessionKey::parse(value)).collect()
     }
 }
 
-fn tell(room: &Room, Told { count, last, closed }: &Told) {
+fn tell(room: &HttpState, TokenReport { count, last, closed }: &TokenReport) {
     let tokens = if *count == 1 { "wrong token" } else { "wrong tokens" };
     let closed = match closed {
         0 => String::new(),
@@ -344,7 +344,7 @@ fn tell(room: &Room, Told { count, last, closed }: &Told) {
         many => format!("; tokens from {many} addresses are refused for a minute"),
     };
     let why = format!("{count} {tokens} since the last report{closed}");
-    room.source.turned_away("sign in", &Asker::new(Way::Api, last.to_string()), &why);
+    room.source.turned_away("sign in", &Requester::new(Channel::Api, last.to_string()), &why);
 }
 
 fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {

@@ -5,14 +5,14 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 
 use super::peer::Peer;
-use super::{Room, answered, parameter};
+use super::{HttpState, answered, parameter};
 
 pub(super) async fn acknowledge(
-    State(room): State<Room>,
+    State(room): State<HttpState>,
     ConnectInfo(peer): ConnectInfo<Peer>,
     RawQuery(query): RawQuery,
     headers: HeaderMap,
 ) -> Response {
     let alarm = query.and_then(|query| parameter(&query, "alarm"));
-    answered(&room, room.source.acknowledge(alarm.as_deref(), &room.asker(&peer, &headers)))
+    answered(&room, room.source.acknowledge(alarm.as_deref(), &room.requester(&peer, &headers)))
 }

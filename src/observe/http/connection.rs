@@ -29,7 +29,7 @@ use tokio::sync::watch;
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::rustls::ServerConfig;
 
-use super::crowd::{Limits, Place};
+use super::connection_limiter::{Limits, Permit};
 use super::ended;
 use super::peer::Peer;
 
@@ -41,7 +41,7 @@ const BUFFER: usize = 64 * 1024;
 pub(super) struct Line {
     stream: TcpStream,
     phase: watch::Sender<Phase>,
-    _place: Place,
+    _place: Permit,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -83,7 +83,7 @@ where
     let router = TowerToHyperService::new(router);
     let service = service_fn(move |mut request: Request<Incoming>| {
         request.extensions_mut().insert(ConnectInfo(peer.clone()));
-        let answering = Answering::begin(line);
+        let answering = AnswerGuard::begin(line);
         let answer = router.call(request);
         async move { answer.await.map(|answer| answer.map(|body| Answer { body, _answering: answering })) }
     });
@@ -113,12 +113,12 @@ async fn overdue(mut phase: watch::Receiver<Phase>, limits: Limits) {
 }
 
 impl Line {
-    pub(super) fn new(stream: TcpStream, place: Place) -> Line {
+    pub(super) fn new(stream: TcpStream, place: Permit) -> Line {
         Line { stream, phase: watch::Sender::new(Phase::Head), _place: place }
     }
 
     /// Records received data: an idle connection begins a request.
-    fn hears(&self) {
+    fn receives(&self) {
         self.phase.send_if_modified(|phase| {
             let begins = *phase == Phase::Idle;
             if begins {
@@ -141,16 +141,16 @@ impl AsFd for Line {
 }
 
 /// Guard from a request to the end of its answer.
-struct Answering(Arc<Line>);
+struct AnswerGuard(Arc<Line>);
 
-impl Answering {
-    fn begin(line: &Arc<Line>) -> Answering {
+impl AnswerGuard {
+    fn begin(line: &Arc<Line>) -> AnswerGuard {
         line.phase.send_replace(Phase::Answering);
-        Answering(line.clone())
+        AnswerGuard(line.clone())
     }
 }
 
-impl Drop for Answering {
+impl Drop for AnswerGuard {
     fn drop(&mut self) {
         self.0.phase.send_replace(Phase::Idle);
     }
@@ -159,7 +159,7 @@ impl Drop for Answering {
 /// Body of an answer.
 struct Answer {
     body: Body,
-    _answering: Answering,
+    _answering: AnswerGuard,
 }
 
 impl HttpBody for Answer {
@@ -206,7 +206,7 @@ impl AsyncRead for Wire {
                 Ok(count) => {
                     into.advance(count);
                     self.has_read = true;
-                    self.line.hears();
+                    self.line.receives();
                     return Poll::Ready(Ok(()));
                 }
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}

@@ -10,13 +10,13 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Json, Response};
 use serde::Serialize;
 
-use super::history::Leaves;
-use super::{Room, parameter};
+use super::history::CancelFlag;
+use super::{HttpState, parameter};
 use crate::observe::events::Entry;
-use crate::observe::events::file::{Found, begin};
+use crate::observe::events::file::{FileItem, begin};
 use isotherm_core::quantity::time;
 use isotherm_profile::one_line;
-use isotherm_profile::regular::without_numbers;
+use isotherm_profile::safe_file::without_numbers;
 
 /// Time range of an answer if the query names none.
 const SINCE: &str = "12h";
@@ -35,7 +35,7 @@ struct Events {
     damage: Vec<String>,
 }
 
-pub(super) async fn since(State(room): State<Room>, RawQuery(query): RawQuery) -> Response {
+pub(super) async fn since(State(room): State<HttpState>, RawQuery(query): RawQuery) -> Response {
     let since = query.and_then(|query| parameter(&query, "since")).unwrap_or_else(|| SINCE.to_owned());
     let turn = Arc::clone(&room.events).acquire_owned();
     let Ok(turn) = tokio::time::timeout(PATIENCE, turn).await else {
@@ -43,7 +43,7 @@ pub(super) async fn since(State(room): State<Room>, RawQuery(query): RawQuery) -
         return (StatusCode::SERVICE_UNAVAILABLE, [(header::RETRY_AFTER, "10")], text).into_response();
     };
     let gone = Arc::new(AtomicBool::new(false));
-    let _leaves = Leaves(Arc::clone(&gone));
+    let _leaves = CancelFlag(Arc::clone(&gone));
     // Files are read on a separate thread.
     let read = tokio::task::spawn_blocking(move || {
         let _turn = turn;
@@ -58,14 +58,14 @@ pub(super) async fn since(State(room): State<Room>, RawQuery(query): RawQuery) -
 }
 
 /// Reads the events as long as the client waits for them.
-fn read(room: &Room, since: &str, is_wanted: &dyn Fn() -> bool) -> Result<Events, (StatusCode, String)> {
+fn read(room: &HttpState, since: &str, is_wanted: &dyn Fn() -> bool) -> Result<Events, (StatusCode, String)> {
     let now = time::parse(&room.source.status().now).unwrap_or_default();
     let since = begin(since, now).map_err(|why| (StatusCode::BAD_REQUEST, why))?;
     let mut found = Events::default();
     let read = room.source.events(since, &mut |one| {
         match one {
-            Found::Damage(what) => found.damage.push(what),
-            Found::Event(entry) => {
+            FileItem::Damage(what) => found.damage.push(what),
+            FileItem::Event(entry) => {
                 if found.events.len() == MOST {
                     found.events.pop_front();
                     found.left_out += 1;

@@ -17,14 +17,14 @@ use tokio::sync::mpsc::error::TrySendError;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 use tokio_stream::wrappers::ReceiverStream;
 
-use super::{Room, parameter};
-use crate::clock::Passing;
+use super::{HttpState, parameter};
+use crate::clock::BootClock;
+use crate::observe::decision_history::{self, Column, Question};
 use crate::observe::events::file::begin;
-use crate::observe::past::{self, Column, Question};
 use crate::observe::status::{AxisStatus, Status};
 use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::one_line;
-use isotherm_profile::regular::{quoted, without_numbers};
+use isotherm_profile::safe_file::{quoted, without_numbers};
 
 /// Number of ranges that are read at once.
 pub(super) const AT_ONCE: usize = 2;
@@ -32,7 +32,8 @@ pub(super) const AT_ONCE: usize = 2;
 const LONGEST: Duration = Duration::from_secs(60);
 /// Timeouts of a download, for one piece and in total. Other clients wait for its permit, even if the client of this
 /// one accepts nothing or very little.
-const DOWNLOAD: Patience = Patience { piece: Duration::from_secs(30), all: Duration::from_mins(10) };
+const DOWNLOAD: DownloadTimeouts =
+    DownloadTimeouts { piece: Duration::from_secs(30), all: Duration::from_mins(10) };
 /// Maximum number of pieces of a download that wait for the client.
 const UNDER_WAY: usize = 4;
 const POINTS: usize = 600;
@@ -42,27 +43,27 @@ const MOST_COLUMNS: usize = 64;
 type Refused = (StatusCode, String);
 
 /// Sets its flag when it is dropped, because the client has gone.
-pub(super) struct Leaves(pub(super) Arc<AtomicBool>);
+pub(super) struct CancelFlag(pub(super) Arc<AtomicBool>);
 
-impl Drop for Leaves {
+impl Drop for CancelFlag {
     fn drop(&mut self) {
         self.0.store(true, Ordering::Relaxed);
     }
 }
 
-pub(super) async fn course(State(room): State<Room>, RawQuery(query): RawQuery) -> Response {
+pub(super) async fn course(State(room): State<HttpState>, RawQuery(query): RawQuery) -> Response {
     let query = query.unwrap_or_default();
     let Some(turn) = turn(&room.readers) else { return busy() };
     let gone = Arc::new(AtomicBool::new(false));
-    let _leaves = Leaves(Arc::clone(&gone));
+    let _leaves = CancelFlag(Arc::clone(&gone));
     // A disk that does not respond blocks only this thread and permit. Listing the logs may block as well.
     let read = tokio::task::spawn_blocking(move || {
         let _turn = turn;
         let (question, logs) = asked(&room, &query)?;
         let points = points(&query)?;
-        let until = Passing::default().passed() + LONGEST;
-        let goes_on = || !gone.load(Ordering::Relaxed) && Passing::default().passed() < until;
-        past::course(&logs, &question, points, &goes_on).map_err(|error| match error.kind() {
+        let until = BootClock::default().passed() + LONGEST;
+        let continues = || !gone.load(Ordering::Relaxed) && BootClock::default().passed() < until;
+        decision_history::course(&logs, &question, points, &continues).map_err(|error| match error.kind() {
             ErrorKind::Interrupted => {
                 let text = format!("reading takes more than {} s: ask for a shorter span", LONGEST.as_secs());
                 (StatusCode::SERVICE_UNAVAILABLE, text)
@@ -80,7 +81,7 @@ pub(super) async fn course(State(room): State<Room>, RawQuery(query): RawQuery) 
     }
 }
 
-pub(super) async fn download(State(room): State<Room>, RawQuery(query): RawQuery) -> Response {
+pub(super) async fn download(State(room): State<HttpState>, RawQuery(query): RawQuery) -> Response {
     let query = query.unwrap_or_default();
     let Some(turn) = turn(&room.readers) else { return busy() };
     let looked = room.clone();
@@ -100,7 +101,7 @@ pub(super) async fn download(State(room): State<Room>, RawQuery(query): RawQuery
     let (sender, receiver) = mpsc::channel(UNDER_WAY + 1);
     tokio::task::spawn_blocking(move || {
         let _turn = turn;
-        hand_over(sender, DOWNLOAD, |take| past::download(&logs, &question, take));
+        hand_over(sender, DOWNLOAD, |take| decision_history::download(&logs, &question, take));
     });
     let headers = [
         (header::CONTENT_TYPE, "text/csv; charset=utf-8".to_owned()),
@@ -113,7 +114,7 @@ type Piece = std::io::Result<Bytes>;
 
 /// Time limits for a client that downloads.
 #[derive(Clone, Copy)]
-struct Patience {
+struct DownloadTimeouts {
     piece: Duration,
     all: Duration,
 }
@@ -122,10 +123,10 @@ struct Patience {
 /// which tells the client. One slot of the channel is reserved for that error.
 fn hand_over(
     sender: mpsc::Sender<Piece>,
-    patience: Patience,
+    patience: DownloadTimeouts,
     read: impl FnOnce(&mut dyn FnMut(Vec<u8>) -> bool) -> std::io::Result<()>,
 ) {
-    let now = || Passing::default().passed();
+    let now = || BootClock::default().passed();
     let Ok(last) = sender.clone().try_reserve_owned() else { return };
     let (end, mut is_taken) = (now() + patience.all, true);
     let mut take = |piece: Vec<u8>| {
@@ -164,7 +165,7 @@ fn answered((code, why): Refused) -> Response {
 }
 
 /// Parses the query, and lists the logs that may contain its range.
-fn asked(room: &Room, query: &str) -> Result<(Question, Vec<PathBuf>), Refused> {
+fn asked(room: &HttpState, query: &str) -> Result<(Question, Vec<PathBuf>), Refused> {
     let wrong = |why: String| (StatusCode::BAD_REQUEST, why);
     let status = room.source.status();
     let now = time::parse(&status.now).unwrap_or_default();
@@ -227,15 +228,15 @@ mod tests {
 
     /// Result of a download of a thousand pieces if one is accepted every `each`: number of pieces, whether it was cut
     /// off, and its duration.
-    fn taken(each: Option<Duration>, patience: Patience) -> (usize, bool, Duration) {
+    fn taken(each: Option<Duration>, patience: DownloadTimeouts) -> (usize, bool, Duration) {
         let (sender, mut receiver) = mpsc::channel(UNDER_WAY + 1);
-        let begun = Passing::default().passed();
+        let begun = BootClock::default().passed();
         let reading = std::thread::spawn(move || {
             hand_over(sender, patience, |take| {
                 let _ = (0..1000).all(|_| take(vec![7; 10]));
                 Ok(())
             });
-            Passing::default().passed() - begun
+            BootClock::default().passed() - begun
         });
         let (mut count, mut is_cut) = (0, false);
         if let Some(each) = each {
@@ -257,10 +258,10 @@ mod tests {
         let [short, long] = [Duration::from_millis(200), Duration::from_mins(10)];
         let (count, is_cut, _) = taken(Some(Duration::ZERO), DOWNLOAD);
         assert_eq!((count, is_cut), (1000, false));
-        let (_, is_cut, took) = taken(None, Patience { piece: short, all: long });
+        let (_, is_cut, took) = taken(None, DownloadTimeouts { piece: short, all: long });
         assert!(is_cut && took < Duration::from_mins(1), "he takes nothing: {took:?}");
         let (count, is_cut, took) =
-            taken(Some(Duration::from_millis(50)), Patience { piece: long, all: short });
+            taken(Some(Duration::from_millis(50)), DownloadTimeouts { piece: long, all: short });
         assert!(is_cut && count < 1000 && took < Duration::from_mins(1), "drop by drop: {count} {took:?}");
     }
 }

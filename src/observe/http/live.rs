@@ -10,7 +10,7 @@ use tokio::time::MissedTickBehavior;
 use tokio_stream::wrappers::WatchStream;
 use tokio_stream::{Stream, StreamExt};
 
-use crate::observe::status::Source;
+use crate::observe::status::GatewayApi;
 
 const PERIOD: Duration = Duration::from_secs(1);
 /// Time after which a browser connects again.
@@ -19,7 +19,7 @@ const RETRY: Duration = Duration::from_secs(2);
 /// Source of the status streams.
 #[derive(Clone)]
 pub(super) struct Live {
-    source: Arc<dyn Source>,
+    source: Arc<dyn GatewayApi>,
     /// Receiver that all share. Therefore the sender has one receiver more than there are streams.
     latest: Arc<watch::Receiver<Arc<str>>>,
     places: Arc<Semaphore>,
@@ -28,7 +28,7 @@ pub(super) struct Live {
 impl Live {
     /// Starts the task that sends the status each second, to at most `streams` streams. The task and all streams end
     /// when the sender of `stopped` is dropped.
-    pub(super) fn start(source: Arc<dyn Source>, streams: usize, stopped: watch::Receiver<()>) -> Live {
+    pub(super) fn start(source: Arc<dyn GatewayApi>, streams: usize, stopped: watch::Receiver<()>) -> Live {
         let (sender, latest) = watch::channel(Arc::from(""));
         tokio::spawn(tick(Arc::clone(&source), sender, stopped));
         Live { source, latest: Arc::new(latest), places: Arc::new(Semaphore::new(streams)) }
@@ -53,7 +53,11 @@ impl Live {
     }
 }
 
-async fn tick(source: Arc<dyn Source>, sender: watch::Sender<Arc<str>>, mut stopped: watch::Receiver<()>) {
+async fn tick(
+    source: Arc<dyn GatewayApi>,
+    sender: watch::Sender<Arc<str>>,
+    mut stopped: watch::Receiver<()>,
+) {
     let mut ticks = tokio::time::interval(PERIOD);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
     loop {
@@ -71,7 +75,7 @@ async fn tick(source: Arc<dyn Source>, sender: watch::Sender<Arc<str>>, mut stop
     }
 }
 
-fn to_json(source: &dyn Source) -> Arc<str> {
+fn to_json(source: &dyn GatewayApi) -> Arc<str> {
     serde_json::to_string(&source.status()).unwrap_or_default().into()
 }
 

@@ -11,17 +11,17 @@ use axum::response::{Html, IntoResponse, Json, Redirect, Response};
 use super::peer::Peer;
 use super::refusal::Refusal;
 use super::tokens::Role;
-use super::{Room, Said, parameter, words};
+use super::{CommandReply, HttpState, parameter, words};
 use crate::observe::page::{self, Words};
 
 const WALL: &str = "wall";
 
 /// Returns whether the request comes from a browser that shows a page.
 pub(super) fn is_asked_by_a_person(request: &Request) -> bool {
-    request.method() == Method::GET && wants_html(request.headers())
+    request.method() == Method::GET && accepts_html(request.headers())
 }
 
-fn wants_html(headers: &HeaderMap) -> bool {
+fn accepts_html(headers: &HeaderMap) -> bool {
     headers
         .get(header::ACCEPT)
         .and_then(|kinds| kinds.to_str().ok())
@@ -30,7 +30,7 @@ fn wants_html(headers: &HeaderMap) -> bool {
 
 /// Returns the words in a language of the browser. The language of the profile is read only once, so that requests of
 /// clients without access cost little.
-fn spoken(room: &Room, headers: &HeaderMap) -> &'static Words {
+fn spoken(room: &HttpState, headers: &HeaderMap) -> &'static Words {
     words(*room.language.get_or_init(|| room.source.status().language), headers)
 }
 
@@ -39,7 +39,12 @@ fn is_for_the_wall(query: Option<&str>) -> bool {
 }
 
 /// Page to sign in, as the answer to a refused request.
-pub(super) fn page(room: &Room, headers: &HeaderMap, query: Option<&str>, refusal: &Refusal) -> Response {
+pub(super) fn page(
+    room: &HttpState,
+    headers: &HeaderMap,
+    query: Option<&str>,
+    refusal: &Refusal,
+) -> Response {
     let trouble = match refusal {
         Refusal::WrongToken => Some("sign_in_wrong"),
         Refusal::TooManyWrong(_) => Some("sign_in_wait"),
@@ -50,7 +55,7 @@ pub(super) fn page(room: &Room, headers: &HeaderMap, query: Option<&str>, refusa
 }
 
 pub(super) async fn show(
-    State(room): State<Room>,
+    State(room): State<HttpState>,
     RawQuery(query): RawQuery,
     headers: HeaderMap,
 ) -> Response {
@@ -62,14 +67,14 @@ pub(super) async fn show(
 }
 
 pub(super) async fn begin(
-    State(room): State<Room>,
+    State(room): State<HttpState>,
     ConnectInfo(peer): ConnectInfo<Peer>,
     headers: HeaderMap,
     body: Result<Bytes, BytesRejection>,
 ) -> Response {
     let refused = |refusal: Refusal, form: &str| {
         room.access.refused.count(refusal.why());
-        if wants_html(&headers) && refusal.is_mended_by_signing_in() {
+        if accepts_html(&headers) && refusal.is_mended_by_signing_in() {
             return page(&room, &headers, Some(form), &refusal);
         }
         refusal.into_response()
@@ -100,10 +105,10 @@ pub(super) async fn begin(
     ([(header::SET_COOKIE, cookie)], Redirect::to(to)).into_response()
 }
 
-pub(super) async fn end(State(room): State<Room>, headers: HeaderMap) -> Response {
+pub(super) async fn end(State(room): State<HttpState>, headers: HeaderMap) -> Response {
     let gone = [(header::SET_COOKIE, room.access.end_visit(&headers))];
-    if wants_html(&headers) {
+    if accepts_html(&headers) {
         return (gone, Redirect::to("/")).into_response();
     }
-    (gone, Json(Said { done: true, answer: "signed out".to_owned() })).into_response()
+    (gone, Json(CommandReply { done: true, answer: "signed out".to_owned() })).into_response()
 }

@@ -8,11 +8,11 @@ use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 
 use super::peer::Peer;
-use super::{Room, answered};
-use crate::observe::asker::Asker;
+use super::{HttpState, answered};
+use crate::observe::requester::Requester;
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_profile::one_line;
-use isotherm_profile::regular::quoted;
+use isotherm_profile::safe_file::quoted;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -33,14 +33,14 @@ impl Measured {
 }
 
 pub(super) async fn learn(
-    State(room): State<Room>,
+    State(room): State<HttpState>,
     ConnectInfo(peer): ConnectInfo<Peer>,
     Path(axis): Path<String>,
     headers: HeaderMap,
     body: Bytes,
 ) -> Response {
     match Measured::read(&body) {
-        Ok(report) => answer(&room, &axis, Some(report), &room.asker(&peer, &headers)),
+        Ok(report) => answer(&room, &axis, Some(report), &room.requester(&peer, &headers)),
         Err(why) => {
             let text = format!(
                 "Send {{ \"error_um\": 3.2 }}, a number in µm, actual minus commanded ({}).\n",
@@ -52,20 +52,20 @@ pub(super) async fn learn(
 }
 
 pub(super) async fn forget(
-    State(room): State<Room>,
+    State(room): State<HttpState>,
     ConnectInfo(peer): ConnectInfo<Peer>,
     Path(axis): Path<String>,
     headers: HeaderMap,
 ) -> Response {
-    answer(&room, &axis, None, &room.asker(&peer, &headers))
+    answer(&room, &axis, None, &room.requester(&peer, &headers))
 }
 
-fn answer(room: &Room, axis: &str, report: Option<MeasuredReport>, asker: &Asker) -> Response {
+fn answer(room: &HttpState, axis: &str, report: Option<MeasuredReport>, requester: &Requester) -> Response {
     let axes = room.source.status().axes;
     if !axes.iter().any(|known| known.name == axis) {
         let names: Vec<&str> = axes.iter().map(|axis| axis.name.as_str()).collect();
         let text = format!("There is no axis {}; there are {}.\n", one_line(&quoted(axis)), names.join(", "));
         return (StatusCode::NOT_FOUND, text).into_response();
     }
-    answered(room, room.source.measured(axis, report, asker))
+    answered(room, room.source.measured(axis, report, requester))
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use axum::http::HeaderMap;
 
-use crate::observe::asker::{Asker, Connection, Way};
+use crate::observe::requester::{Channel, Connection, Requester};
 
 /// Header with which the page identifies its own requests, to distinguish its buttons from other programs.
 const WAY: &str = "isotherm-way";
@@ -26,9 +26,9 @@ impl Peer {
         self.address.ip()
     }
 
-    pub(super) fn asker(&self, headers: &HeaderMap) -> Asker {
+    pub(super) fn requester(&self, headers: &HeaderMap) -> Requester {
         let is_page = headers.get(WAY).is_some_and(|way| way == "page");
-        let way = if is_page { Way::Page } else { Way::Api };
-        Asker::new(way, self.ip().to_canonical().to_string()).at(&self.connection)
+        let way = if is_page { Channel::Page } else { Channel::Api };
+        Requester::new(way, self.ip().to_canonical().to_string()).at(&self.connection)
     }
 }

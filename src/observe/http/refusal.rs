@@ -7,7 +7,7 @@ use axum::Json;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
-use super::Said;
+use super::CommandReply;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Refusal {
@@ -151,6 +151,6 @@ impl Refusal {
 
 impl IntoResponse for Refusal {
     fn into_response(self) -> Response {
-        self.as_answer(Json(Said { done: false, answer: self.message() }))
+        self.as_answer(Json(CommandReply { done: false, answer: self.message() }))
     }
 }

@@ -48,7 +48,7 @@ struct Guesses {
 pub(super) struct Refusals {
     by_address: HashMap<IpAddr, Guesses>,
     /// Number of wrong tokens that are not reported yet.
-    untold: u64,
+    unreported: u64,
     /// Address from which the last of these tokens came.
     last: Option<IpAddr>,
     told: Option<Duration>,
@@ -56,7 +56,7 @@ pub(super) struct Refusals {
 
 /// Report about wrong tokens, at most once a minute.
 #[derive(Debug, PartialEq)]
-pub(super) struct Told {
+pub(super) struct TokenReport {
     pub(super) count: u64,
     pub(super) last: IpAddr,
     /// Number of addresses that are blocked now.
@@ -73,7 +73,7 @@ impl Refusals {
 
     /// Counts a wrong token.
     pub(super) fn wrong(&mut self, from: IpAddr, now: Duration) {
-        self.told_later(from);
+        self.count_later(from);
         let from = household(from);
         if self.by_address.len() >= ADDRESSES && !self.by_address.contains_key(&from) {
             self.forget(now);
@@ -89,13 +89,13 @@ impl Refusals {
     }
 
     /// Counts a token that was not checked.
-    pub(super) fn told_later(&mut self, from: IpAddr) {
-        self.untold += 1;
+    pub(super) fn count_later(&mut self, from: IpAddr) {
+        self.unreported += 1;
         self.last = Some(from.to_canonical());
     }
 
     /// Returns the report that is due, at most once a minute.
-    pub(super) fn due(&mut self, now: Duration) -> Option<Told> {
+    pub(super) fn due(&mut self, now: Duration) -> Option<TokenReport> {
         let last = self.last?;
         if self.told.is_some_and(|told| now < told + SPAN) {
             return None;
@@ -103,7 +103,7 @@ impl Refusals {
         self.told = Some(now);
         self.last = None;
         let closed = self.by_address.keys().filter(|from| self.may(**from, now).is_err()).count();
-        Some(Told { count: std::mem::take(&mut self.untold), last, closed })
+        Some(TokenReport { count: std::mem::take(&mut self.unreported), last, closed })
     }
 
     /// Makes room: removes addresses with an expired minute. If that is not enough, removes the oldest quarter.
@@ -216,12 +216,12 @@ mod tests {
         let mut refusals = Refusals::default();
         assert_eq!(refusals.due(second(0)), None);
         refusals.wrong(from("10.0.0.7"), second(1));
-        let told = |count, last, closed| Some(Told { count, last: from(last), closed });
+        let told = |count, last, closed| Some(TokenReport { count, last: from(last), closed });
         assert_eq!(refusals.due(second(2)), told(1, "10.0.0.7", 0));
         for number in 0..50_000 {
             match refusals.may(from("10.0.0.9"), second(3)) {
                 Ok(()) => refusals.wrong(from("10.0.0.9"), second(3)),
-                Err(_) => refusals.told_later(from("10.0.0.9")),
+                Err(_) => refusals.count_later(from("10.0.0.9")),
             }
             assert_eq!(refusals.due(second(3)), None, "{number}");
         }

@@ -11,7 +11,7 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use isotherm_profile::regular;
+use isotherm_profile::safe_file;
 use rustix::rand::{GetRandomFlags, getrandom};
 
 /// Minimum length. A shorter token could be guessed.
@@ -52,11 +52,11 @@ pub struct TokenFile {
     path: PathBuf,
     /// Token; `None` while the file contains no valid one.
     token: Option<String>,
-    seen: Option<Seen>,
+    seen: Option<FileIdentity>,
     /// Number of changes of the token.
     version: u64,
     /// An invalid file has been reported already.
-    is_told: bool,
+    is_reported: bool,
 }
 
 /// The token itself must not appear in a log.
@@ -68,16 +68,16 @@ impl fmt::Debug for TokenFile {
 
 /// Identity of a file. Another value means that the file has changed.
 #[derive(Clone, Debug, PartialEq)]
-struct Seen {
+struct FileIdentity {
     modified: (i64, i64),
     changed: (i64, i64),
     place: (u64, u64),
     size: u64,
 }
 
-impl Seen {
-    fn of(metadata: &Metadata) -> Seen {
-        Seen {
+impl FileIdentity {
+    fn of(metadata: &Metadata) -> FileIdentity {
+        FileIdentity {
             modified: (metadata.mtime(), metadata.mtime_nsec()),
             changed: (metadata.ctime(), metadata.ctime_nsec()),
             place: (metadata.dev(), metadata.ino()),
@@ -113,7 +113,7 @@ impl TokenFile {
     pub fn read(path: &Path) -> Result<TokenFile, String> {
         let (token, seen) = read(path)?;
         let path = path.to_owned();
-        Ok(TokenFile { path, token: Some(token), seen: Some(seen), version: 0, is_told: false })
+        Ok(TokenFile { path, token: Some(token), seen: Some(seen), version: 0, is_reported: false })
     }
 
     /// Returns whether both files contain the same token.
@@ -122,17 +122,17 @@ impl TokenFile {
     }
 
     /// Applies what was read. Returns a change that must be reported.
-    fn take(&mut self, found: Result<(String, Seen), String>) -> Option<Change> {
+    fn take(&mut self, found: Result<(String, FileIdentity), String>) -> Option<Change> {
         let (token, seen) = match found {
             Ok((token, seen)) => (token, seen),
             Err(why) => {
                 self.seen = None;
                 self.version += u64::from(self.token.take().is_some());
-                let is_told = std::mem::replace(&mut self.is_told, true);
-                return (!is_told).then_some(Change::Gone(why));
+                let is_reported = std::mem::replace(&mut self.is_reported, true);
+                return (!is_reported).then_some(Change::Gone(why));
             }
         };
-        (self.seen, self.is_told) = (Some(seen), false);
+        (self.seen, self.is_reported) = (Some(seen), false);
         if self.token.as_ref() == Some(&token) {
             return None;
         }
@@ -142,7 +142,7 @@ impl TokenFile {
     }
 }
 
-fn read(path: &Path) -> Result<(String, Seen), String> {
+fn read(path: &Path) -> Result<(String, FileIdentity), String> {
     let at = path.display();
     let cannot = |error: io::Error| match error.kind() {
         io::ErrorKind::NotFound => {
@@ -150,7 +150,7 @@ fn read(path: &Path) -> Result<(String, Seen), String> {
         }
         _ => format!("the token file {at} cannot be read: {error}"),
     };
-    let mut file = regular::open(path).map_err(cannot)?;
+    let mut file = safe_file::open(path).map_err(cannot)?;
     let metadata = file.metadata().map_err(cannot)?;
     if metadata.len() > LARGEST {
         let kilobytes = LARGEST >> 10;
@@ -175,7 +175,7 @@ fn read(path: &Path) -> Result<(String, Seen), String> {
             "the token in {at} has more than one line, or characters that a request cannot contain: isotherm \
              token > {at} makes one"
         )),
-        () => Ok((token.to_owned(), Seen::of(&metadata))),
+        () => Ok((token.to_owned(), FileIdentity::of(&metadata))),
     }
 }
 
@@ -222,14 +222,14 @@ impl Tokens {
     }
 
     /// Reads files that have changed. It waits for the disk without holding the lock.
-    pub(super) fn look(&self) -> Vec<(Role, Change)> {
+    pub(super) fn check(&self) -> Vec<(Role, Change)> {
         let look = |role: Role| {
             let (path, seen) = {
                 let files = self.files();
                 let file = files[place(role)].as_ref()?;
                 (file.path.clone(), file.seen.clone())
             };
-            let now = std::fs::metadata(&path).ok().map(|metadata| Seen::of(&metadata));
+            let now = std::fs::metadata(&path).ok().map(|metadata| FileIdentity::of(&metadata));
             if now.is_some() && now == seen {
                 return None;
             }
@@ -310,28 +310,28 @@ mod tests {
         write(&commands, "commands-and-more", 0o600);
         let file = |path| Some(TokenFile::read(path).unwrap());
         let tokens = Tokens::new([None, file(&looks), file(&commands)]);
-        assert_eq!(tokens.look(), []);
+        assert_eq!(tokens.check(), []);
         assert_eq!(tokens.role_of("looks-and-no-more"), Some((Role::Viewer, 0)));
         assert_eq!(tokens.role_of("commands-and-more"), Some((Role::Operator, 0)));
         assert_eq!(tokens.role_of("commands-and-mor"), None);
         assert_eq!(tokens.role_of(""), None);
 
         write(&commands, "another-one-is-this", 0o600);
-        assert_eq!(tokens.look(), [(Role::Operator, Change::Another)]);
+        assert_eq!(tokens.check(), [(Role::Operator, Change::Another)]);
         assert_eq!(tokens.role_of("commands-and-more"), None);
         assert_eq!(tokens.role_of("another-one-is-this"), Some((Role::Operator, 1)));
         std::fs::set_permissions(&commands, std::fs::Permissions::from_mode(0o604)).unwrap();
-        let changes = tokens.look();
+        let changes = tokens.check();
         assert!(matches!(&changes[..], [(Role::Operator, Change::Gone(why))] if why.contains("chmod 600")));
-        assert_eq!((tokens.look(), tokens.role_of("another-one-is-this")), (vec![], None));
+        assert_eq!((tokens.check(), tokens.role_of("another-one-is-this")), (vec![], None));
         std::fs::remove_file(&commands).unwrap();
-        assert_eq!(tokens.look(), []);
+        assert_eq!(tokens.check(), []);
         assert!(tokens.has(Role::Operator), "it is asked for all the same");
         write(&commands, "another-one-is-this", 0o600);
-        assert_eq!(tokens.look(), [(Role::Operator, Change::Another)]);
+        assert_eq!(tokens.check(), [(Role::Operator, Change::Another)]);
         // The operator's file contains the viewer's token, which may not command.
         write(&looks, "another-one-is-this", 0o600);
-        tokens.look();
+        tokens.check();
         assert_eq!(tokens.role_of("another-one-is-this").unwrap().0, Role::Viewer);
     }
 }

@@ -25,10 +25,10 @@ pub(super) trait Connection {
     fn subscribe(&mut self, subscription: &Subscription) -> Result<(), Fault>;
 
     /// Waits for the next report. It is safe to drop this future: no report is lost.
-    fn next(&mut self) -> impl Future<Output = Heard>;
+    fn next(&mut self) -> impl Future<Output = BrokerReport>;
 
     /// Time up to which all messages have reached the broker.
-    fn last_heard(&self) -> Moment;
+    fn last_received(&self) -> Moment;
 
     /// Returns whether the broker has every message that was sent.
     fn is_done(&self) -> bool;
@@ -39,18 +39,18 @@ pub(super) trait Connection {
 
 /// Report of a connection.
 #[derive(Debug)]
-pub(super) enum Heard {
+pub(super) enum BrokerReport {
     /// Room for another message, or an acknowledgement of one.
     Room,
     /// A message has arrived.
-    Arrived(Arrived),
+    Arrived(ReceivedMessage),
     /// The connection has broken.
     Lost(Fault),
 }
 
 /// A message from the broker.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Arrived {
+pub(super) struct ReceivedMessage {
     pub(super) topic: String,
     pub(super) payload: Vec<u8>,
     /// The broker has retained the message, which may be old.

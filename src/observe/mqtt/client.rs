@@ -17,7 +17,7 @@ use tokio::sync::{Notify, mpsc};
 use tokio::task::{JoinError, JoinHandle};
 use tokio_rustls::rustls::ClientConfig;
 
-use super::broker::{Arrived, Broker, Connection, Fault, Heard};
+use super::broker::{Broker, BrokerReport, Connection, Fault, ReceivedMessage};
 use crate::clock::Clock;
 use crate::net::{ConnectError, Host};
 use crate::tls::TlsFault;
@@ -97,12 +97,12 @@ impl Broker for Client {
         let turning = turn(turns, tally.clone(), news, self.clock.clone());
         let mut connected = Connected { client, tally, inbox, task: Some(tokio::spawn(turning)) };
         match tokio::time::timeout(CONNECT_WITHIN, connected.next()).await {
-            Ok(Heard::Room | Heard::Arrived(_)) => Ok(connected),
+            Ok(BrokerReport::Room | BrokerReport::Arrived(_)) => Ok(connected),
             // Brokers report a wrong password with either of two codes.
-            Ok(Heard::Lost(Fault::NotAllowed)) if self.user.is_some() => Err(Fault::WrongUser),
+            Ok(BrokerReport::Lost(Fault::NotAllowed)) if self.user.is_some() => Err(Fault::WrongUser),
             // A broker would answer an MQTT client before it closes the connection.
-            Ok(Heard::Lost(Fault::Broken)) => Err(Fault::NoMqtt),
-            Ok(Heard::Lost(fault)) => Err(fault),
+            Ok(BrokerReport::Lost(Fault::Broken)) => Err(Fault::NoMqtt),
+            Ok(BrokerReport::Lost(fault)) => Err(fault),
             Err(_) => Err(Fault::Silent),
         }
     }
@@ -141,29 +141,29 @@ impl Tally {
 
 /// Sender of the library's reports. Reports of free room use a separate signal, and take no room from received
 /// messages.
-struct News {
-    heard: mpsc::Sender<Heard>,
+struct ReportSender {
+    heard: mpsc::Sender<BrokerReport>,
     room: Arc<Notify>,
 }
 
 /// Receiver of the library's reports.
-struct Inbox {
-    heard: mpsc::Receiver<Heard>,
+struct ReportReceiver {
+    heard: mpsc::Receiver<BrokerReport>,
     room: Arc<Notify>,
 }
 
-fn inbox() -> (News, Inbox) {
+fn inbox() -> (ReportSender, ReportReceiver) {
     let ((says, heard), room) = (mpsc::channel(UNHEARD), Arc::<Notify>::default());
-    (News { heard: says, room: room.clone() }, Inbox { heard, room })
+    (ReportSender { heard: says, room: room.clone() }, ReportReceiver { heard, room })
 }
 
-impl Inbox {
+impl ReportReceiver {
     /// Waits for the next report. `None` if there will be none.
-    async fn next(&mut self) -> Option<Heard> {
+    async fn next(&mut self) -> Option<BrokerReport> {
         tokio::select! {
             biased;
             heard = self.heard.recv() => heard,
-            () = self.room.notified() => Some(Heard::Room),
+            () = self.room.notified() => Some(BrokerReport::Room),
         }
     }
 }
@@ -172,7 +172,7 @@ impl Inbox {
 pub(super) struct Connected {
     client: AsyncClient,
     tally: Arc<Mutex<Tally>>,
-    inbox: Inbox,
+    inbox: ReportReceiver,
     task: Option<JoinHandle<()>>,
 }
 
@@ -203,18 +203,18 @@ impl Connection for Connected {
         asked.map_err(|error| Fault::Inside(error.to_string()))
     }
 
-    async fn next(&mut self) -> Heard {
+    async fn next(&mut self) -> BrokerReport {
         if let Some(heard) = self.inbox.next().await {
             return heard;
         }
-        let Some(task) = self.task.take() else { return Heard::Lost(Fault::Broken) };
+        let Some(task) = self.task.take() else { return BrokerReport::Lost(Fault::Broken) };
         let Err(Ok(panic)) = task.await.map_err(JoinError::try_into_panic) else {
-            return Heard::Lost(Fault::Broken);
+            return BrokerReport::Lost(Fault::Broken);
         };
-        Heard::Lost(Fault::Inside(panic_message(panic.as_ref())))
+        BrokerReport::Lost(Fault::Inside(panic_message(panic.as_ref())))
     }
 
-    fn last_heard(&self) -> Moment {
+    fn last_received(&self) -> Moment {
         self.tally().heard
     }
 
@@ -225,7 +225,7 @@ impl Connection for Connected {
 
     async fn close(mut self) {
         if self.client.try_disconnect_with_timeout(CLOSE_WITHIN).is_ok() {
-            let ends = async { while !matches!(self.next().await, Heard::Lost(_)) {} };
+            let ends = async { while !matches!(self.next().await, BrokerReport::Lost(_)) {} };
             // A task that does not end in time is aborted.
             let _ = tokio::time::timeout(CLOSE_WITHIN, ends).await;
         }
@@ -241,20 +241,20 @@ impl Drop for Connected {
 }
 
 /// Drives the event loop of the library, and sends its reports.
-async fn turn(mut turns: EventLoop, tally: Arc<Mutex<Tally>>, news: News, clock: Clock) {
+async fn turn(mut turns: EventLoop, tally: Arc<Mutex<Tally>>, news: ReportSender, clock: Clock) {
     let tally = || tally.lock().unwrap_or_else(PoisonError::into_inner);
     loop {
         let is_room = match turns.poll().await {
             Ok(Event::Incoming(Packet::ConnAck(_))) => true,
             Ok(Event::Incoming(Packet::Publish(arrived))) => {
-                let arrived = Arrived {
+                let arrived = ReceivedMessage {
                     topic: String::from_utf8_lossy(&arrived.topic).into_owned(),
                     payload: arrived.payload.to_vec(),
                     retained: arrived.retain,
                     redelivered: arrived.dup,
                 };
                 // Further messages are dropped.
-                let _ = news.heard.try_send(Heard::Arrived(arrived));
+                let _ = news.heard.try_send(BrokerReport::Arrived(arrived));
                 false
             }
             Ok(Event::Incoming(Packet::PubAck(acknowledged))) => {
@@ -280,7 +280,7 @@ async fn turn(mut turns: EventLoop, tally: Arc<Mutex<Tally>>, news: News, clock:
             Err(error) => {
                 tracing::debug!(%error, "no MQTT");
                 // If this fails, the receiver is gone.
-                let _ = news.heard.send(Heard::Lost(fault(&error))).await;
+                let _ = news.heard.send(BrokerReport::Lost(fault(&error))).await;
                 return;
             }
         };
@@ -377,11 +377,15 @@ mod tests {
     async fn a_message_that_arrives_beside_many_acknowledgements_is_not_lost() {
         let (news, mut inbox) = inbox();
         (0..10 * UNHEARD).for_each(|_| news.room.notify_one());
-        let arrived =
-            Arrived { topic: "t".to_owned(), payload: Vec::new(), retained: true, redelivered: false };
-        assert!(news.heard.try_send(Heard::Arrived(arrived)).is_ok());
-        assert!(matches!(inbox.next().await, Some(Heard::Arrived(_))));
-        assert!(matches!(inbox.next().await, Some(Heard::Room)));
+        let arrived = ReceivedMessage {
+            topic: "t".to_owned(),
+            payload: Vec::new(),
+            retained: true,
+            redelivered: false,
+        };
+        assert!(news.heard.try_send(BrokerReport::Arrived(arrived)).is_ok());
+        assert!(matches!(inbox.next().await, Some(BrokerReport::Arrived(_))));
+        assert!(matches!(inbox.next().await, Some(BrokerReport::Room)));
         drop(news);
         assert!(inbox.next().await.is_none());
     }

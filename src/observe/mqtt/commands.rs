@@ -3,8 +3,8 @@
 
 use std::time::Duration;
 
-use crate::observe::asker::{Asker, Way};
-use crate::observe::status::Source;
+use crate::observe::requester::{Channel, Requester};
+use crate::observe::status::GatewayApi;
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::quantity::Moment;
 use isotherm_plant::{Command, Outcome};
@@ -30,7 +30,7 @@ impl Commands {
     }
 
     /// Executes the command, or reports why not. `redelivered` means that the broker delivers the message again.
-    pub(super) fn take(&mut self, now: Moment, outcome: Outcome, redelivered: bool, source: &dyn Source) {
+    pub(super) fn take(&mut self, now: Moment, outcome: Outcome, redelivered: bool, source: &dyn GatewayApi) {
         match outcome {
             Outcome::Asked(Command::Measured { axis, report }) => {
                 if self.last.is_some_and(|last| now.since(last) < PAUSE) {
@@ -38,22 +38,22 @@ impl Commands {
                     return;
                 }
                 self.last = Some(now);
-                let asker = Asker::new(Way::Broker, self.broker.clone());
+                let requester = Requester::new(Channel::Broker, self.broker.clone());
                 // The result is an event in either case.
-                let _ = source.measured(&axis, Some(MeasuredReport { redelivered, ..report }), &asker);
+                let _ = source.measured(&axis, Some(MeasuredReport { redelivered, ..report }), &requester);
             }
             Outcome::Refused { command, why } => self.refuse(now, &command, &why, source),
         }
     }
 
     /// Rejects a retained message. It may be old, and its sender does not wait any more.
-    pub(super) fn refuse_retained(&mut self, now: Moment, topic: &str, source: &dyn Source) {
+    pub(super) fn refuse_retained(&mut self, now: Moment, topic: &str, source: &dyn GatewayApi) {
         let command = topic.rsplit('/').next().unwrap_or(topic).chars().take(40).collect::<String>();
         let why = "the message is retained: publish commands without the retain flag";
         self.refuse(now, &command, why, source);
     }
 
-    fn refuse(&mut self, now: Moment, command: &str, why: &str, source: &dyn Source) {
+    fn refuse(&mut self, now: Moment, command: &str, why: &str, source: &dyn GatewayApi) {
         if self.reported.is_some_and(|reported| now.since(reported) < REPORT_EVERY) {
             self.unreported += 1;
             return;
@@ -63,7 +63,7 @@ impl Commands {
             0 => String::new(),
             more => format!(" (and {more} more that were refused since the last one reported)"),
         };
-        let asker = Asker::new(Way::Broker, self.broker.clone());
-        source.turned_away(command, &asker, &format!("{why}{more}"));
+        let requester = Requester::new(Channel::Broker, self.broker.clone());
+        source.turned_away(command, &requester, &format!("{why}{more}"));
     }
 }

@@ -9,16 +9,16 @@ use rand_pcg::Pcg64Mcg;
 use tokio::sync::watch;
 use tokio::time::{Interval, MissedTickBehavior, interval};
 
-use super::broker::{Arrived, Broker, Connection, Fault, Heard};
+use super::broker::{Broker, BrokerReport, Connection, Fault, ReceivedMessage};
 use super::commands::{self, Commands};
-use super::happenings::Happenings;
-use super::kept::Kept;
+use super::event_queue::EventQueue;
 use super::memory::Memory;
 use super::moment;
+use super::record_queue::RecordQueue;
 use super::snapshot::metrics;
 use crate::clock::Clock;
 use crate::observe::events::{Broker as BrokerEvent, Event};
-use crate::observe::status::{BrokerFigures, Source};
+use crate::observe::status::{BrokerFigures, GatewayApi};
 use isotherm_core::explained::Cause;
 use isotherm_core::quantity::{Moment, Shift};
 use isotherm_plant::{Message, Publisher, Snapshot};
@@ -37,17 +37,17 @@ const LAST_PATIENCE: Duration = Duration::from_secs(stop::BROKER.as_secs() / 2);
 pub(super) struct Runner {
     pub(super) publisher: Box<dyn Publisher>,
     pub(super) memory: Memory,
-    pub(super) source: Arc<dyn Source>,
+    pub(super) source: Arc<dyn GatewayApi>,
     pub(super) figures: Arc<BrokerFigures>,
     pub(super) clock: Clock,
     /// Address of the broker.
     pub(super) address: String,
     pub(super) every: Duration,
     pub(super) resolutions: Vec<f64>,
-    pub(super) happenings: Happenings,
+    pub(super) happenings: EventQueue,
     /// Metrics of the last sample, and its time.
     pub(super) seen: (Moment, Snapshot),
-    pub(super) kept: Kept,
+    pub(super) kept: RecordQueue,
     pub(super) commands: Commands,
     /// Messages that wait until the connection has room, each with the time at which it was made.
     pub(super) outbox: VecDeque<(Moment, Message)>,
@@ -162,15 +162,15 @@ impl Runner {
             self.send(&mut connection);
             let fault = tokio::select! {
                 heard = connection.next() => match heard {
-                    Heard::Room => continue,
-                    Heard::Arrived(arrived) => {
+                    BrokerReport::Room => continue,
+                    BrokerReport::Arrived(arrived) => {
                         self.arrived(arrived);
                         continue;
                     }
-                    Heard::Lost(fault) => fault,
+                    BrokerReport::Lost(fault) => fault,
                 },
                 _ = ticks.tick() => {
-                    self.tell(connection.last_heard());
+                    self.tell(connection.last_received());
                     continue;
                 }
                 () = ends(stopped) => {
@@ -178,16 +178,16 @@ impl Runner {
                     return End::Stopped;
                 }
             };
-            self.is_lost(connection.last_heard());
+            self.is_lost(connection.last_received());
             return End::Broken(fault);
         }
     }
 
     /// Makes messages from the changes of the state, if all earlier messages have been sent. Kept records follow them.
-    fn tell(&mut self, last_heard: Moment) {
+    fn tell(&mut self, last_received: Moment) {
         if !self.outbox.is_empty() {
             // The broker is slow. It gets the newest state later, and only events are queued.
-            self.look();
+            self.sample();
             self.count();
             return;
         }
@@ -196,17 +196,17 @@ impl Runner {
         self.memory.publishes(now);
         let mut messages = self.publisher.publish(now, &snapshot);
         if self.publisher.may_forward() {
-            let records = self.kept.next(now, last_heard);
+            let records = self.kept.next(now, last_received);
             messages.extend(self.publisher.forward(now, &records));
         }
         self.outbox.extend(messages.into_iter().map(|message| (now, message)));
-        self.tell_what_was_dropped();
+        self.report_dropped();
     }
 
     /// Samples the state, and queues its new events.
-    fn look(&mut self) {
+    fn sample(&mut self) {
         let status = self.source.status();
-        self.happenings.look(&status);
+        self.happenings.sample(&status);
         let (metrics, now) = (metrics(&status, &self.resolutions), self.clock.time_of_day());
         // The gateway's time of day follows changes of the computer's clock. This clock does not, so that messages keep
         // their order.
@@ -215,7 +215,7 @@ impl Runner {
     }
 
     fn snapshot(&mut self) -> Snapshot {
-        self.look();
+        self.sample();
         Snapshot { events: self.happenings.take(), ..self.seen.1.clone() }
     }
 
@@ -223,7 +223,7 @@ impl Runner {
     /// after them.
     fn snapshot_in_order(&mut self, now: Moment) -> Snapshot {
         let mut snapshot = self.snapshot();
-        if self.publisher.tells_in_order() && self.kept.len() > 0 {
+        if self.publisher.publishes_in_order() && self.kept.len() > 0 {
             self.kept.push(self.publisher.absent(now, &snapshot));
             snapshot.events.clear();
         }
@@ -242,16 +242,16 @@ impl Runner {
         self.count();
     }
 
-    fn is_lost(&mut self, last_heard: Moment) {
+    fn is_lost(&mut self, last_received: Moment) {
         // Messages in the outbox have not been sent at all.
-        let waiting = self.outbox.front().map_or(last_heard, |(told, _)| *told);
+        let waiting = self.outbox.front().map_or(last_received, |(told, _)| *told);
         self.outbox.clear();
         self.kept.is_broken();
-        self.kept.take_back(self.publisher.disconnected(last_heard.min(waiting)));
+        self.kept.take_back(self.publisher.disconnected(last_received.min(waiting)));
         self.count();
     }
 
-    fn arrived(&mut self, arrived: Arrived) {
+    fn arrived(&mut self, arrived: ReceivedMessage) {
         let now = self.clock.time_of_day();
         if arrived.retained {
             self.commands.refuse_retained(now, &arrived.topic, self.source.as_ref());
@@ -259,9 +259,9 @@ impl Runner {
         }
         // Frequent messages must not cause frequent samples of the state.
         if now.since(self.seen.0) >= commands::PAUSE {
-            self.look();
+            self.sample();
         }
-        let Arrived { topic, payload, redelivered, .. } = arrived;
+        let ReceivedMessage { topic, payload, redelivered, .. } = arrived;
         let reaction = self.publisher.received(now, &self.seen.1, &topic, &payload);
         self.outbox.extend(reaction.messages.into_iter().map(|message| (now, message)));
         if let Some(outcome) = reaction.outcome {
@@ -291,7 +291,7 @@ impl Runner {
     }
 
     /// Reports dropped messages once, when the broker accepts messages again.
-    fn tell_what_was_dropped(&mut self) {
+    fn report_dropped(&mut self) {
         let count = self.happenings.dropped() + self.kept.dropped() + self.publisher.left_out();
         if count > 0 {
             self.figures.note(|figures| figures.dropped += count);
@@ -317,7 +317,7 @@ impl Runner {
                 if self.outbox.is_empty() && connection.is_done() {
                     break true;
                 }
-                if let Heard::Lost(_) = connection.next().await {
+                if let BrokerReport::Lost(_) = connection.next().await {
                     break false;
                 }
             }
@@ -327,7 +327,7 @@ impl Runner {
             self.is_lost(Moment::END);
             connection.close().await;
         } else {
-            self.is_lost(connection.last_heard());
+            self.is_lost(connection.last_received());
         }
         self.figures.note(|figures| figures.connected = false);
     }

@@ -31,7 +31,7 @@ pub(super) async fn read(mut stream: impl AsyncRead + Unpin) -> Result<(), Failu
                     bytes.drain(..length);
                     continue;
                 }
-                (Ok(Status::Complete(_)), Some(code)) => return judged(code, head.headers),
+                (Ok(Status::Complete(_)), Some(code)) => return assessed(code, head.headers),
                 (Ok(Status::Partial), _) if all <= LONGEST => {}
                 _ => return Err(Failure::NoHttp),
             }
@@ -44,7 +44,7 @@ pub(super) async fn read(mut stream: impl AsyncRead + Unpin) -> Result<(), Failu
     }
 }
 
-fn judged(code: u16, headers: &[Header<'_>]) -> Result<(), Failure> {
+fn assessed(code: u16, headers: &[Header<'_>]) -> Result<(), Failure> {
     let value = |name: &str| {
         let found = headers.iter().find(|header| header.name.eq_ignore_ascii_case(name))?;
         std::str::from_utf8(found.value).ok()

@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value};
 
-use crate::observe::events::{Change, Entry, Happened};
+use crate::observe::events::{Change, Entry, ReportedEvent};
 
 /// Keys of the object that the event is about, if there is exactly one.
 const ABOUT: [&str; 5] = ["axis", "device", "bus", "signal", "output"];
@@ -19,7 +19,7 @@ pub(super) struct Message {
 }
 
 impl Message {
-    pub(super) fn of(happened: Happened<'_>, machine: &str, count: u64, dry_run: bool) -> Message {
+    pub(super) fn of(happened: ReportedEvent<'_>, machine: &str, count: u64, dry_run: bool) -> Message {
         let (entry, change) = (happened.entry.clone(), happened.change.clone());
         Message { machine: machine.to_owned(), count, dry_run, entry, change }
     }
@@ -69,8 +69,12 @@ mod tests {
         let event = Event::DeviceLost { device: "cnc".into(), at: " (unit 2)".into(), fault };
         let change = Change { raised: Some("device cnc".into()), ended: Vec::new() };
         let entry = event.entry(Moment::default());
-        let message =
-            Message::of(Happened { event: &event, entry: &entry, change: &change }, "press-7", 17, false);
+        let message = Message::of(
+            ReportedEvent { event: &event, entry: &entry, change: &change },
+            "press-7",
+            17,
+            false,
+        );
         assert_eq!(
             message.json(3),
             serde_json::json!({

@@ -7,7 +7,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use tokio::sync::Notify as Wakeup;
 
 use super::message::Message;
-use crate::observe::events::{Delivery, Event, Happened};
+use crate::observe::events::{Delivery, Event, ReportedEvent};
 use isotherm_core::compensation::AxisState;
 use isotherm_profile::{ALARM, ALARM_OVER, AXIS_OFF, CLOCK, Notify, UNVERIFIED};
 
@@ -79,8 +79,8 @@ impl Outbox {
 
     /// Adds a message if the profile selects this event. It waits only for the lock of this queue, which is never held
     /// for long.
-    pub fn hear(&self, happened: Happened<'_>) {
-        if !self.wants(happened) {
+    pub fn receive(&self, happened: ReportedEvent<'_>) {
+        if !self.includes(happened) {
             return;
         }
         let mut queue = self.queue();
@@ -95,7 +95,7 @@ impl Outbox {
         self.wakeup.notify_one();
     }
 
-    fn wants(&self, Happened { event, entry, change }: Happened<'_>) -> bool {
+    fn includes(&self, ReportedEvent { event, entry, change }: ReportedEvent<'_>) -> bool {
         // A report about failed delivery to this server could not be delivered to it either.
         if matches!(event, Event::Delivery(delivery) if delivery.notify() == self.notify.name) {
             return false;
@@ -188,9 +188,9 @@ mod tests {
         Outbox::of(&notify, "press", false)
     }
 
-    fn hear(outbox: &Outbox, event: &Event, change: Change) -> bool {
+    fn receive(outbox: &Outbox, event: &Event, change: Change) -> bool {
         let before = outbox.left();
-        outbox.hear(Happened { event, entry: &event.entry(Moment::default()), change: &change });
+        outbox.receive(ReportedEvent { event, entry: &event.entry(Moment::default()), change: &change });
         outbox.left() > before
     }
 
@@ -203,11 +203,11 @@ mod tests {
         let lost = Event::DeviceLost { device: "cnc".into(), at: String::new(), fault: "timeout".into() };
         let raised = || Change { raised: Some("device cnc".into()), ended: Vec::new() };
         let ended = || Change { raised: None, ended: vec!["device cnc".into()] };
-        assert!(hear(&outbox(&["device-lost"]), &lost, raised()));
-        assert!(!hear(&outbox(&["device-back"]), &lost, raised()));
-        assert!(hear(&outbox(&["alarm"]), &lost, raised()));
-        assert!(!hear(&outbox(&["alarm"]), &lost, ended()));
-        assert!(hear(&outbox(&["alarm", "alarm-over"]), &lost, ended()));
+        assert!(receive(&outbox(&["device-lost"]), &lost, raised()));
+        assert!(!receive(&outbox(&["device-back"]), &lost, raised()));
+        assert!(receive(&outbox(&["alarm"]), &lost, raised()));
+        assert!(!receive(&outbox(&["alarm"]), &lost, ended()));
+        assert!(receive(&outbox(&["alarm", "alarm-over"]), &lost, ended()));
         let write_failed = Event::WriteFailed { output: "cnc_z".into(), fault: "timeout".into() };
         let set = Event::ClockDoubtful { last: Moment::default() };
         for (word, event, is_posted) in [
@@ -216,7 +216,7 @@ mod tests {
             ("clock", &set, true),
             ("clock", &write_failed, false),
         ] {
-            assert_eq!(hear(&outbox(&[word]), event, Change::default()), is_posted, "{word} {event:?}");
+            assert_eq!(receive(&outbox(&[word]), event, Change::default()), is_posted, "{word} {event:?}");
         }
         let off = outbox(&["axis-off"]);
         for (event, is_posted) in [
@@ -226,7 +226,7 @@ mod tests {
             (state("active", "degraded", false), false),
             (state("active", "ramping", true), false),
         ] {
-            assert_eq!(hear(&off, &event, Change::default()), is_posted, "{event:?}");
+            assert_eq!(receive(&off, &event, Change::default()), is_posted, "{event:?}");
         }
     }
 
@@ -238,14 +238,14 @@ mod tests {
         };
         let outbox = outbox(&["notify-failed", "alarm"]);
         let raised = Change { raised: Some("messages of notify[0]".into()), ended: Vec::new() };
-        assert!(!hear(&outbox, &failed("notify[0]"), raised.clone()));
-        assert!(hear(&outbox, &failed("notify[1]"), raised));
+        assert!(!receive(&outbox, &failed("notify[0]"), raised.clone()));
+        assert!(receive(&outbox, &failed("notify[1]"), raised));
     }
 
     #[test]
     fn of_more_than_a_hundred_the_oldest_go_and_are_counted() {
         let outbox = outbox(&["zeroed"]);
-        (0..130).for_each(|_| assert!(hear(&outbox, &Event::Zeroed, Change::default())));
+        (0..130).for_each(|_| assert!(receive(&outbox, &Event::Zeroed, Change::default())));
         assert_eq!((outbox.dropped(), outbox.left()), (30, 130));
         let first = outbox.take().unwrap();
         assert_eq!(first.json(30)["count"], 31);

@@ -15,7 +15,7 @@ async fn where_another_program_takes_its_place_nobody_waits_and_what_did_not_arr
     let url = Url::parse(&format!("http://{}", listener.local_addr().unwrap())).unwrap();
     let notify = Notify { name: "notify[0]".into(), url, on: vec!["zeroed"], token_file: None, ca: None };
     let outboxes = Outboxes(vec![Arc::new(Outbox::of(&notify, "press", false))]);
-    let hears = outboxes.listener().unwrap();
+    let receives = outboxes.listener().unwrap();
     let told = Arc::new(Mutex::new(Vec::new()));
     let tell = told.clone();
     let report = Arc::new(move |delivery| tell.lock().unwrap().push(delivery));
@@ -23,7 +23,7 @@ async fn where_another_program_takes_its_place_nobody_waits_and_what_did_not_arr
     let posting = outboxes.posted(report, Rules::default(), trust).unwrap().unwrap();
     let (event, change) = (Event::Zeroed, Change::default());
     let entry = event.entry(Moment::default());
-    (0..3).for_each(|_| hears(Happened { event: &event, entry: &entry, change: &change }));
+    (0..3).for_each(|_| receives(ReportedEvent { event: &event, entry: &entry, change: &change }));
     // The server accepts the connection, and never answers.
     let (arrived, wait) = channel();
     std::thread::spawn(move || arrived.send(listener.accept().unwrap()));

@@ -4,7 +4,7 @@ use std::io::{ErrorKind, Read};
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
-use isotherm_profile::regular;
+use isotherm_profile::safe_file;
 
 /// Largest token file in bytes. No server accepts a longer header.
 const LONGEST: u64 = 4096;
@@ -21,9 +21,11 @@ pub fn read(path: &Path) -> Result<String, String> {
         ErrorKind::NotFound => {
             format!("the token file {at} is not there: write the token of the server into this file")
         }
-        _ => format!("the token file {at} cannot be read: {}", regular::without_numbers(&error.to_string())),
+        _ => {
+            format!("the token file {at} cannot be read: {}", safe_file::without_numbers(&error.to_string()))
+        }
     };
-    let file = regular::open(path).map_err(cannot)?;
+    let file = safe_file::open(path).map_err(cannot)?;
     if file.metadata().map_err(cannot)?.mode() & OTHERS != 0 {
         return Err(format!("the token file {at} is open to everybody on this computer: chmod 600 {at}"));
     }

@@ -7,7 +7,7 @@ use isotherm_core::codec::Entry;
 
 /// Bytes of an object, lowest first, and whether they are writable.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Stored {
+pub(crate) struct StoredObject {
     /// Value of the object.
     bytes: Vec<u8>,
     /// Whether an SDO may write the object.
@@ -17,12 +17,12 @@ pub(crate) struct Stored {
 /// Objects of a node.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Dictionary {
-    objects: BTreeMap<Entry, Stored>,
+    objects: BTreeMap<Entry, StoredObject>,
 }
 
 /// Result of a request.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Served {
+pub(crate) struct SdoReply {
     /// Answer to the client.
     pub(crate) answer: Option<[u8; 8]>,
     /// Object that the request has written.
@@ -36,14 +36,14 @@ pub(crate) struct Server(Option<Transfer>);
 #[derive(Clone, Debug)]
 struct Transfer {
     at: Entry,
-    way: Way,
+    way: TransferState,
     /// Bytes to send, or bytes received so far.
     bytes: Vec<u8>,
     toggle: bool,
 }
 
 #[derive(Clone, Debug)]
-enum Way {
+enum TransferState {
     /// Upload: number of bytes sent so far.
     Out(usize),
     /// Download: total number of bytes.
@@ -56,7 +56,7 @@ pub(crate) const NONE: Entry = Entry::new(0, 0);
 impl Dictionary {
     /// Adds an object, or replaces it.
     pub(crate) fn put(&mut self, at: Entry, bytes: &[u8], is_writable: bool) {
-        self.objects.insert(at, Stored { bytes: bytes.to_vec(), is_writable });
+        self.objects.insert(at, StoredObject { bytes: bytes.to_vec(), is_writable });
     }
 
     /// Changes the value of an existing object.
@@ -100,7 +100,7 @@ impl Dictionary {
         if is_known { AbortCode::NO_SUB_INDEX } else { AbortCode::NO_OBJECT }
     }
 
-    fn writable(&self, at: Entry) -> Result<&Stored, AbortCode> {
+    fn writable(&self, at: Entry) -> Result<&StoredObject, AbortCode> {
         let object = self.objects.get(&at).ok_or_else(|| self.missing(at))?;
         if object.is_writable { Ok(object) } else { Err(AbortCode::READ_ONLY) }
     }
@@ -131,16 +131,16 @@ impl Server {
     }
 
     /// Executes one request. A request that is not eight bytes long is ignored.
-    pub(crate) fn serve(&mut self, request: &[u8], objects: &mut Dictionary) -> Served {
+    pub(crate) fn serve(&mut self, request: &[u8], objects: &mut Dictionary) -> SdoReply {
         let Ok([command, low, high, sub, rest @ ..]) = <[u8; 8]>::try_from(request) else {
-            return Served::default();
+            return SdoReply::default();
         };
         let at = Entry::new(u16::from_le_bytes([low, high]), sub);
         let answered = match command >> 5 {
             // The client aborts the transfer.
             4 => {
                 self.0 = None;
-                return Served::default();
+                return SdoReply::default();
             }
             2 => self.read(at, objects),
             1 => self.write(at, command, rest, objects),
@@ -148,10 +148,10 @@ impl Server {
             _ => Err((at, AbortCode::COMMAND)),
         };
         match answered {
-            Ok((answer, written)) => Served { answer: Some(answer), written },
+            Ok((answer, written)) => SdoReply { answer: Some(answer), written },
             Err((at, code)) => {
                 self.0 = None;
-                Served { answer: Some(refusal(at, code)), written: None }
+                SdoReply { answer: Some(refusal(at, code)), written: None }
             }
         }
     }
@@ -165,7 +165,7 @@ impl Server {
             return Ok((message(0x43 | spare(4, bytes.len()) << 2, at, rest), None));
         }
         let length = u32::try_from(bytes.len()).unwrap_or(u32::MAX);
-        self.0 = Some(Transfer { at, way: Way::Out(0), bytes: bytes.to_vec(), toggle: false });
+        self.0 = Some(Transfer { at, way: TransferState::Out(0), bytes: bytes.to_vec(), toggle: false });
         Ok((message(0x41, at, length.to_le_bytes()), None))
     }
 
@@ -181,14 +181,15 @@ impl Server {
         if command & 1 == 1 && usize::try_from(u32::from_le_bytes(rest)) != Ok(width) {
             return Err((at, AbortCode::LENGTH));
         }
-        self.0 = Some(Transfer { at, way: Way::In(width), bytes: Vec::new(), toggle: false });
+        self.0 = Some(Transfer { at, way: TransferState::In(width), bytes: Vec::new(), toggle: false });
         Ok((done, None))
     }
 
     /// Transfers the next segment in either direction.
     fn segment(&mut self, command: u8, data: &[u8], objects: &mut Dictionary) -> Answered {
         let is_out = command >> 5 == 3;
-        let going = self.0.as_mut().filter(|transfer| matches!(transfer.way, Way::Out(_)) == is_out);
+        let going =
+            self.0.as_mut().filter(|transfer| matches!(transfer.way, TransferState::Out(_)) == is_out);
         let Some(Transfer { at, way, bytes, toggle }) = going else { return Err((NONE, AbortCode::COMMAND)) };
         let at = *at;
         if (command & 0x10 != 0) != *toggle {
@@ -197,7 +198,7 @@ impl Server {
         let toggled = u8::from(*toggle) << 4;
         *toggle = !*toggle;
         match way {
-            Way::Out(sent) => {
+            TransferState::Out(sent) => {
                 let until = bytes.len().min(*sent + 7);
                 let part = &bytes[*sent..until];
                 let is_last = until == bytes.len();
@@ -210,7 +211,7 @@ impl Server {
                 }
                 Ok((answer, None))
             }
-            Way::In(width) => {
+            TransferState::In(width) => {
                 bytes.extend_from_slice(&data[..7 - usize::from(command >> 1 & 7)]);
                 if bytes.len() > *width {
                     return Err((at, AbortCode::LENGTH));

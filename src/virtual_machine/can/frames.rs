@@ -18,7 +18,7 @@ pub(crate) struct Image {
 
 /// A value that a device reads from frames.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Taken {
+pub(crate) struct ReceivedValue {
     field: Field,
     /// Cells for the value: its own cell, and the object at which it is read back.
     cells: Vec<Address>,
@@ -78,14 +78,14 @@ pub(crate) fn sent(profile: &Profile, id: DeviceId) -> Vec<Group> {
 }
 
 /// Values that a device reads from the frames of outputs.
-pub(crate) fn taken(profile: &Profile, id: DeviceId) -> Vec<Taken> {
+pub(crate) fn taken(profile: &Profile, id: DeviceId) -> Vec<ReceivedValue> {
     let outputs = profile.outputs.iter().filter(|output| output.device == id);
     let taken = outputs.filter_map(|output| {
         let mut cells = vec![output.address.clone()];
         if let Verify::ReadBackAt(again) = output.verify {
             cells.push(Address::Object(again));
         }
-        Some(Taken { field: field(&output.address)?.clone(), cells })
+        Some(ReceivedValue { field: field(&output.address)?.clone(), cells })
     });
     taken.collect()
 }
@@ -122,7 +122,7 @@ impl Image {
     }
 }
 
-impl Taken {
+impl ReceivedValue {
     /// Position of the value, and its frames.
     pub(crate) const fn field(&self) -> &Field {
         &self.field
@@ -135,7 +135,7 @@ impl Taken {
 }
 
 /// Reads the values of a frame for a device.
-pub(crate) fn delivered(taken: &[Taken], frame: &Frame) -> Delivery {
+pub(crate) fn delivered(taken: &[ReceivedValue], frame: &Frame) -> Delivery {
     let awaited = taken.iter().filter(|value| value.field.frames.takes(frame.id()));
     let read: Option<Vec<_>> = awaited
         .filter_map(|value| Some((value, value.field.read(frame.data())?)))

@@ -6,8 +6,8 @@ use std::time::Duration;
 use tokio::sync::watch;
 use tokio::task::JoinSet;
 
-use crate::clock::{Clock, Inlet, Sleeper};
-use crate::fieldbus::can::socket::{Heard, Socket};
+use crate::clock::{Clock, Sleeper, SocketGate};
+use crate::fieldbus::can::socket::{ReceivedFrame, Socket};
 use crate::fieldbus::error::{CanFault, Fault, LinkFault};
 use crate::virtual_machine::TICK;
 use crate::virtual_machine::hardware::can::Sent;
@@ -34,7 +34,7 @@ pub(crate) struct Port {
     wanted: Vec<CanMatch>,
     clock: Clock,
     /// Socket, and its registration with a virtual clock: time stands still while a received frame is unread.
-    socket: Option<(Socket, Inlet)>,
+    socket: Option<(Socket, SocketGate)>,
 }
 
 /// Serves a line until `stop` changes or its sender is dropped.
@@ -61,7 +61,7 @@ pub(crate) async fn serve(
                 port.send(vec![Sent::Frame(frame, None)], &mut late).await;
             }
             () = port.ready() => {
-                while let Some(frame) = port.hear() {
+                while let Some(frame) = port.receive() {
                     let sent = line.shared.hardware().can_take(&line.places, &frame, sleeper.now());
                     port.send(sent, &mut late).await;
                 }
@@ -100,8 +100,8 @@ impl Port {
                 fault => fault.to_string(),
             })
         })?;
-        let inlet = self.clock.inlet(&socket)?;
-        self.socket = Some((socket, inlet));
+        let gate = self.clock.gate(&socket)?;
+        self.socket = Some((socket, gate));
         Ok(())
     }
 
@@ -114,11 +114,11 @@ impl Port {
     }
 
     /// Next frame, if one has been received.
-    fn hear(&mut self) -> Option<Frame> {
+    fn receive(&mut self) -> Option<Frame> {
         loop {
-            match self.socket.as_ref()?.0.hear_now() {
-                Ok(Some(Heard::Frame(frame))) => return Some(frame),
-                Ok(Some(Heard::Trouble(_))) => {}
+            match self.socket.as_ref()?.0.receive_now() {
+                Ok(Some(ReceivedFrame::Frame(frame))) => return Some(frame),
+                Ok(Some(ReceivedFrame::Error(_))) => {}
                 Ok(None) => return None,
                 Err(fault) => self.failed(fault),
             }

@@ -5,7 +5,7 @@ use std::time::Duration;
 use isotherm_core::codec::{CanId, Entry, Frame};
 use isotherm_core::quantity::Moment;
 
-use super::dictionary::{Dictionary, Served, Server};
+use super::dictionary::{Dictionary, SdoReply, Server};
 
 /// Identifiers of CANopen services. All but NMT and SYNC have the number of the node added.
 const NMT: u16 = 0x000;
@@ -49,7 +49,7 @@ pub(crate) struct Node {
     heartbeat: Option<Moment>,
     pdos: Vec<Pdo>,
     /// Actions for the next tick of its line.
-    pub(crate) acts: Vec<Act>,
+    pub(crate) acts: Vec<NodeAction>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,7 +73,7 @@ pub(crate) struct Pdo {
 
 /// An action of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Act {
+pub(crate) enum NodeAction {
     /// Send this frame.
     Send(Frame),
     /// Send the measured values of the PDO with this index.
@@ -164,14 +164,14 @@ impl Node {
             if let (Some(due), Some(period)) = (pdo.due, pdo.period(&self.objects))
                 && due <= now
             {
-                self.acts.push(Act::Measured(place));
+                self.acts.push(NodeAction::Measured(place));
                 pdo.due = Some(now.next_tick(due, period));
             }
         }
     }
 
     /// Processes a frame of a CANopen service if it is for this node. Returns the result of an SDO request.
-    pub(crate) fn take(&mut self, frame: &Frame, now: Moment) -> Option<Served> {
+    pub(crate) fn take(&mut self, frame: &Frame, now: Moment) -> Option<SdoReply> {
         let number = self.number?;
         let id = frame.id();
         if id == CanId::of_11_bits(NMT) {
@@ -192,7 +192,7 @@ impl Node {
     }
 
     /// Identifiers of the services that the node receives.
-    pub(crate) fn hears(&self) -> Vec<CanId> {
+    pub(crate) fn receives(&self) -> Vec<CanId> {
         let Some(number) = self.number else { return Vec::new() };
         let sync = self.objects.number(SYNC).and_then(|sync| CanId::standard(u32::try_from(sync).ok()?));
         let services = [NMT, SDO_REQUEST + u16::from(number)].map(CanId::of_11_bits);
@@ -244,10 +244,10 @@ impl Node {
             0x01 => self.start(now),
             0x02 => self.state = State::Stopped,
             0x80 => self.state = State::PreOperational,
-            0x81 => self.acts.push(Act::Reset),
+            0x81 => self.acts.push(NodeAction::Reset),
             0x82 => {
                 self.objects.restore(&self.at_power_on, COMMUNICATION);
-                self.acts.push(Act::Restored);
+                self.acts.push(NodeAction::Restored);
                 self.begin(now);
             }
             _ => {}
@@ -307,13 +307,13 @@ impl Node {
             pdo.syncs += 1;
             if pdo.syncs >= every {
                 pdo.syncs = 0;
-                self.acts.push(Act::Measured(place));
+                self.acts.push(NodeAction::Measured(place));
             }
         }
     }
 
     fn send<const N: usize>(&mut self, service: u16, bytes: [u8; N]) {
-        self.acts.extend(self.service(service, bytes).map(Act::Send));
+        self.acts.extend(self.service(service, bytes).map(NodeAction::Send));
     }
 
     fn service<const N: usize>(&self, service: u16, bytes: [u8; N]) -> Option<Frame> {

@@ -82,9 +82,9 @@ pub(crate) fn node(profile: &Profile, id: DeviceId, bank: &mut Bank) -> Option<N
         bank.reserve(cell, object.data_type.registers());
         match objects.get(entry).and_then(|bytes| object.registers(bytes)) {
             Some(words) if !is_verified(entry) && !is_written(entry) => bank.set(cell, words.registers()),
-            stands => {
+            current => {
                 let bytes = object.bytes(bank.read(cell, object.data_type.registers()).unwrap_or_default());
-                objects.put(entry, &bytes, is_written(entry) || (stands.is_some() && is_set_up(entry)));
+                objects.put(entry, &bytes, is_written(entry) || (current.is_some() && is_set_up(entry)));
             }
         }
     }

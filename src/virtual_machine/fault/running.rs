@@ -1,6 +1,8 @@
 //! State of a running fault script.
 
-use super::{AcknowledgeFault, BusError, CanFault, Fault, FaultScript, Kind, Lasts, Reads, ReplyFault};
+use super::{
+    AcknowledgeFault, BusError, CanFault, Fault, FaultDuration, FaultScript, Kind, Reads, ReplyFault,
+};
 use isotherm_core::codec::CanId;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
@@ -26,7 +28,7 @@ struct Running {
 
 /// Frame that a fault causes on a CAN line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Utterance {
+pub(crate) enum FaultFrame {
     Babble(CanId),
     /// Emergency; code 0 reports its end.
     Emergency(u16),
@@ -142,7 +144,7 @@ impl Faults {
     }
 
     /// Frames that faults of the device cause now.
-    pub(crate) fn utter(&mut self, device: DeviceId, now: Moment) -> Vec<Utterance> {
+    pub(crate) fn utter(&mut self, device: DeviceId, now: Moment) -> Vec<FaultFrame> {
         let of_device = self.running.iter_mut().filter(|running| running.fault.device == device);
         of_device.filter_map(|running| running.utter(now)).collect()
     }
@@ -158,29 +160,29 @@ impl Running {
     fn is_active(&self, now: Moment) -> bool {
         let Some(begun) = self.begun else { return false };
         match self.fault.lasts {
-            Lasts::Replies(count) => self.replies < count,
-            Lasts::Time(span) => now.since(begun) < span,
-            Lasts::Ever => true,
+            FaultDuration::Replies(count) => self.replies < count,
+            FaultDuration::Time(span) => now.since(begun) < span,
+            FaultDuration::Ever => true,
         }
     }
 
-    fn utter(&mut self, now: Moment) -> Option<Utterance> {
+    fn utter(&mut self, now: Moment) -> Option<FaultFrame> {
         let Kind::Can(fault) = self.fault.kind else { return None };
         let begun = self.begun?;
         if let CanFault::Emergency(code) = fault {
-            let stands = self.is_active(now);
+            let is_on = self.is_active(now);
             return match self.said.replace(begun) {
-                None if stands => Some(Utterance::Emergency(code)),
-                Some(_) if !stands && !self.is_over => {
+                None if is_on => Some(FaultFrame::Emergency(code)),
+                Some(_) if !is_on && !self.is_over => {
                     self.is_over = true;
-                    Some(Utterance::Emergency(0))
+                    Some(FaultFrame::Emergency(0))
                 }
                 _ => None,
             };
         }
         let (utterance, every) = match fault {
-            CanFault::Babbling { id, every } => (Utterance::Babble(id), Some(every)),
-            CanFault::Errors { error, every } => (Utterance::Error(error), every),
+            CanFault::Babbling { id, every } => (FaultFrame::Babble(id), Some(every)),
+            CanFault::Errors { error, every } => (FaultFrame::Error(error), every),
             _ => return None,
         };
         let due = match (self.said, every) {
@@ -206,14 +208,15 @@ impl Running {
             return (self.fault.after == 0).then(|| begin.after(self.fault.at));
         };
         let end = match self.fault.lasts {
-            Lasts::Time(span) => Some(begun.after(span)),
+            FaultDuration::Time(span) => Some(begun.after(span)),
             _ => None,
         };
         match self.fault.kind {
             Kind::Can(CanFault::Emergency(_)) => end.filter(|_| !self.is_over),
             Kind::Can(CanFault::Babbling { every, .. } | CanFault::Errors { every: Some(every), .. }) => {
                 let next = self.said.map_or(begun, |said| said.after(every));
-                let is_spent = matches!(self.fault.lasts, Lasts::Replies(count) if self.replies >= count);
+                let is_spent =
+                    matches!(self.fault.lasts, FaultDuration::Replies(count) if self.replies >= count);
                 Some(next).filter(|next| !is_spent && end.is_none_or(|end| *next < end))
             }
             _ => None,

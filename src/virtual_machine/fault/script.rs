@@ -4,7 +4,9 @@ use std::time::Duration;
 
 use serde::{Deserialize, Deserializer, de::Error as _};
 
-use super::{AcknowledgeFault, BusError, CanFault, Fault, FaultScript, Kind, Lasts, Reads, ReplyFault};
+use super::{
+    AcknowledgeFault, BusError, CanFault, Fault, FaultDuration, FaultScript, Kind, Reads, ReplyFault,
+};
 use isotherm_core::codec::{CanId, DataType, Register};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{DeviceId, Profile, Signal, Transport};
@@ -168,9 +170,9 @@ impl FaultFile {
         let lasts = match (self.replies, self.for_time) {
             (Some(_), Some(_)) => return Err("give `for` (replies) or `for_time`, not both".to_owned()),
             (Some(0), None) => return Err("`for` must be 1 or more".to_owned()),
-            (Some(count), None) => Lasts::Replies(count),
-            (None, Some(span)) => Lasts::Time(span),
-            (None, None) => Lasts::Ever,
+            (Some(count), None) => FaultDuration::Replies(count),
+            (None, Some(span)) => FaultDuration::Time(span),
+            (None, None) => FaultDuration::Ever,
         };
         match kind {
             Kind::Refuse if self.replies.is_some() => {
@@ -189,7 +191,7 @@ impl FaultFile {
             {
                 return Err("`every` must be at least 100 µs: no bus is faster".to_owned());
             }
-            Kind::Can(CanFault::Errors { every: None, .. }) if lasts != Lasts::Ever => {
+            Kind::Can(CanFault::Errors { every: None, .. }) if lasts != FaultDuration::Ever => {
                 return Err("happens once: write `every`, or remove `for` and `for_time`".to_owned());
             }
             Kind::Acknowledge(_) if self.replies.is_some() => {
@@ -200,7 +202,7 @@ impl FaultFile {
             Kind::Acknowledge(_) if !answers_strobes(profile, DeviceId(device)) => {
                 return Err(format!("no output or set of `{}` has a handshake", self.device));
             }
-            Kind::Register { .. } | Kind::Restart if lasts != Lasts::Ever => {
+            Kind::Register { .. } | Kind::Restart if lasts != FaultDuration::Ever => {
                 return Err("happens once: remove `for` and `for_time`".to_owned());
             }
             _ => {}

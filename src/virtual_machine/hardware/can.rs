@@ -7,11 +7,11 @@ use rand::RngExt;
 use super::{Hardware, Unit};
 use crate::fieldbus::canopen::abort::AbortCode;
 use crate::virtual_machine::can::dictionary::{NONE, Server, refusal};
-use crate::virtual_machine::can::frames::{self, Delivery, Image, Taken};
-use crate::virtual_machine::can::node::{Act, Node, is_own};
+use crate::virtual_machine::can::frames::{self, Delivery, Image, ReceivedValue};
+use crate::virtual_machine::can::node::{Node, NodeAction, is_own};
 use crate::virtual_machine::can::power_on;
-use crate::virtual_machine::fault::{BusError, CanFault, Kind, ReplyFault, Utterance};
-use crate::virtual_machine::journal::Seen;
+use crate::virtual_machine::fault::{BusError, CanFault, FaultFrame, Kind, ReplyFault};
+use crate::virtual_machine::journal::SeenRequest;
 use crate::virtual_machine::plant::stream;
 use isotherm_core::codec::{Address, CanMatch, Encoded, Entry, Frame, Object};
 use isotherm_core::quantity::Moment;
@@ -23,7 +23,7 @@ pub(crate) struct CanUnit {
     pub(super) node: Node,
     /// Frames of each of the node's PDOs.
     sent: Vec<Vec<Image>>,
-    taken: Vec<Taken>,
+    taken: Vec<ReceivedValue>,
     /// Objects that the profile reads or writes.
     objects: Vec<Object>,
 }
@@ -49,8 +49,8 @@ impl CanUnit {
     /// Selected objects in use, with their values.
     fn standing(&self, which: impl Fn(Entry) -> bool) -> Vec<(Address, Encoded)> {
         let objects = self.objects.iter().filter(|object| which(object.entry));
-        let stands = |object: &Object| object.registers(self.node.objects.get(object.entry)?);
-        objects.filter_map(|object| Some((Address::Object(*object), stands(object)?))).collect()
+        let current = |object: &Object| object.registers(self.node.objects.get(object.entry)?);
+        objects.filter_map(|object| Some((Address::Object(*object), current(object)?))).collect()
     }
 }
 
@@ -65,9 +65,9 @@ impl Hardware {
             can.node.tick(now);
             for utterance in self.faults.utter(device, now) {
                 match utterance {
-                    Utterance::Emergency(code) => can.node.complain(code),
-                    Utterance::Error(error) => sent.push(Sent::Error(error)),
-                    Utterance::Babble(id) => {
+                    FaultFrame::Emergency(code) => can.node.complain(code),
+                    FaultFrame::Error(error) => sent.push(Sent::Error(error)),
+                    FaultFrame::Babble(id) => {
                         let bytes = stream(now.as_nanos(), "babble").random();
                         sent.push(Sent::Frame(Frame::short::<8>(id, bytes), None));
                     }
@@ -97,7 +97,7 @@ impl Hardware {
         let units = places.iter().filter_map(|place| self.units[*place].can.as_ref());
         let wanted = units.flat_map(|can| {
             let taken = can.taken.iter().map(|value| value.field().frames.id);
-            can.node.hears().into_iter().chain(taken)
+            can.node.receives().into_iter().chain(taken)
         });
         let mut wanted: Vec<_> = wanted.map(CanMatch::exactly).collect();
         wanted.sort_unstable();
@@ -113,7 +113,7 @@ impl Hardware {
             if self.faults.silences(self.units[place].device, now) {
                 continue;
             }
-            self.hear(place, frame, now, &mut sent);
+            self.receive(place, frame, now, &mut sent);
             self.take_process_data(place, frame, now);
             self.act(place, now, &mut sent);
         }
@@ -121,7 +121,7 @@ impl Hardware {
     }
 
     /// Processes a frame of a CANopen service.
-    fn hear(&mut self, place: usize, frame: &Frame, now: Moment, sent: &mut Vec<Sent>) {
+    fn receive(&mut self, place: usize, frame: &Frame, now: Moment, sent: &mut Vec<Sent>) {
         let device = self.units[place].device;
         let is_request = |can: &CanUnit| can.node.is_asked_by(frame);
         if !self.units[place].can.as_ref().is_some_and(is_request) {
@@ -239,7 +239,7 @@ impl Hardware {
             self.note_corrections(place, address, count);
             if let Some(journal) = &mut self.journal {
                 let (address, after, wanted) = (address.clone(), words.to_vec(), words.to_vec());
-                journal.push(Seen { at, device, function: 0, address, count, before, after, wanted });
+                journal.push(SeenRequest { at, device, function: 0, address, count, before, after, wanted });
             }
         }
     }
@@ -255,14 +255,14 @@ impl Hardware {
             }
             for act in acts {
                 match act {
-                    Act::Reset => self.restart(place, now),
-                    Act::Restored => self.keep_objects(place, is_own),
-                    Act::Send(frame) => {
+                    NodeAction::Reset => self.restart(place, now),
+                    NodeAction::Restored => self.keep_objects(place, is_own),
+                    NodeAction::Send(frame) => {
                         if !self.faults.silences(device, now) {
                             sent.push(Sent::Frame(frame, None));
                         }
                     }
-                    Act::Measured(pdo) => self.send_measured(place, pdo, now, sent),
+                    NodeAction::Measured(pdo) => self.send_measured(place, pdo, now, sent),
                 }
             }
         }

@@ -9,7 +9,7 @@ use super::rig::{Line, SHORTLY, Server, machine, profile, subscribing};
 use isotherm::fieldbus::error::Fault;
 use isotherm::fieldbus::wire::Answer;
 use isotherm::gateway::Options;
-use isotherm::observe::asker::{Asker, Way};
+use isotherm::observe::requester::{Channel, Requester};
 use isotherm_core::reading::{Reason, Status};
 
 /// Returns a profile that names its namespace by URI.
@@ -172,7 +172,7 @@ fn a_namespace_that_is_gone_or_there_twice_is_used_only_after_a_person_has_confi
             wait_until(source, "nothing of it is good", |status| bed(status) != "good");
             std::thread::sleep(10 * SHORTLY);
             assert_eq!(server.does("read offset"), "0", "nothing is written");
-            let person = Arc::new(Asker::new(Way::Socket, "maria"));
+            let person = Arc::new(Requester::new(Channel::Socket, "maria"));
             let said = source.confirm("cnc", &person).map(|answer| answer.text().to_owned());
             assert_eq!(said, Ok(format!("cnc: confirmed; ns=2 is {uri} from now on")));
             wait_until(source, "it is read again", |status| bed(status) == "good");
@@ -209,7 +209,7 @@ fn a_shared_register_whose_namespace_is_another_one_is_not_confirmed() {
         wait_until(source, "its URI is remembered", |status| reported(status, "namespace-recorded") == 1);
         let mut server = server.dies(&["--uri", "urn:mill"]);
         wait_until(source, "it is another", |status| reported(status, "not-as-expected") == 1);
-        let person = Arc::new(Asker::new(Way::Socket, "maria"));
+        let person = Arc::new(Requester::new(Channel::Socket, "maria"));
         let said = source.confirm("cnc", &person).map(|answer| answer.text().to_owned()).unwrap_err();
         assert!(said.starts_with("output offset shares its register with an operator"), "{said}");
         assert_eq!(server.does("read offset"), "0");

@@ -8,11 +8,11 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 use isotherm::clock::Clock;
-use isotherm::fieldbus::departure::Leave;
 use isotherm::fieldbus::dial;
 use isotherm::fieldbus::error::Fault;
-use isotherm::fieldbus::line::{Answered, DeviceLine, Witness};
+use isotherm::fieldbus::line::{CheckedAnswer, DeviceLine, RequestObserver};
 use isotherm::fieldbus::opcua_fault::OpcUaFault;
+use isotherm::fieldbus::send_guard::SendDeadline;
 use isotherm::fieldbus::wire::{Answer, Request};
 use isotherm_core::codec::DataType;
 use isotherm_core::continuity::Break;
@@ -38,7 +38,7 @@ pub(crate) fn python(script: &str) -> Command {
 pub(crate) struct Server {
     child: Child,
     says: ChildStdin,
-    hears: BufReader<ChildStdout>,
+    receives: BufReader<ChildStdout>,
     pub(crate) port: u16,
 }
 
@@ -47,15 +47,15 @@ impl Server {
         let mut command = python("opcua_server.py");
         command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
         let mut child = command.spawn().unwrap();
-        let (says, hears) = (child.stdin.take().unwrap(), BufReader::new(child.stdout.take().unwrap()));
-        let mut server = Server { child, says, hears, port: 0 };
+        let (says, receives) = (child.stdin.take().unwrap(), BufReader::new(child.stdout.take().unwrap()));
+        let mut server = Server { child, says, receives, port: 0 };
         server.port = server.line().parse().unwrap();
         server
     }
 
     fn line(&mut self) -> String {
         let mut line = String::new();
-        self.hears.read_line(&mut line).unwrap();
+        self.receives.read_line(&mut line).unwrap();
         line.trim().to_owned()
     }
 
@@ -176,7 +176,7 @@ pub(crate) struct Line {
 #[derive(Default)]
 struct Exchanges(AtomicU32);
 
-impl Witness for Exchanges {
+impl RequestObserver for Exchanges {
     fn note(&self, _: DeviceId, _: Request<'_>, _: Result<(), Fault>, _: (u32, Fault)) {}
 
     fn breaks(&self, _: Option<DeviceId>, _: Break) {
@@ -211,9 +211,9 @@ impl Line {
         Line::new(profile(&subscribing(server.port), directory.path()))
     }
 
-    pub(crate) async fn asks(&mut self, request: Request<'_>) -> Result<Answered, Fault> {
+    pub(crate) async fn asks(&mut self, request: Request<'_>) -> Result<CheckedAnswer, Fault> {
         self.line.revive(None);
-        self.line.request(DeviceId(0), request, Leave::Whenever).await
+        self.line.request(DeviceId(0), request, SendDeadline::None).await
     }
 
     /// Reads both signals in one request, and returns their values.
@@ -240,7 +240,7 @@ impl Line {
     pub(crate) async fn stands(&mut self) -> Result<i32, Fault> {
         let output = self.profile.outputs[0].clone();
         let request = Request::read(&output.address, output.encoding.data_type).unwrap();
-        let answered = self.asks(request).await?.answer.believed()?;
+        let answered = self.asks(request).await?.answer.accepted()?;
         Ok(i32::try_from(output.encoding.counts(answered.registers()).unwrap().0).unwrap())
     }
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::gateway::{beside, events, reported, wait_until};
 use super::rig::{Server, machine};
 use isotherm::gateway::Options;
-use isotherm::observe::status::Source;
+use isotherm::observe::status::GatewayApi;
 
 /// Returns a machine whose line is written to three nodes as one set. `keys` are further keys of the set.
 fn in_a_set(port: u16, keys: &str) -> String {
@@ -35,7 +35,7 @@ fn holds(server: &Mutex<Server>, name: &str) -> f64 {
 
 /// Waits until K0, tanβ and P0 have the values for this temperature of the bed.
 #[track_caller]
-fn arrives(source: &dyn Source, server: &Mutex<Server>, bed: f64) {
+fn arrives(source: &dyn GatewayApi, server: &Mutex<Server>, bed: f64) {
     let (k0, tan) = ((bed - 20.0) / 1000.0, 0.01 * (bed - 20.0) / 1000.0);
     let near = |name: &str, value: f64, by: f64| (holds(server, name) - value).abs() < by;
     wait_until(source, "the line stands there", |_| {

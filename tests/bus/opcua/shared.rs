@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 use super::gateway::{beside, events, wait_until};
 use super::rig::{Server, machine};
 use isotherm::gateway::Options;
-use isotherm::observe::status::Source;
+use isotherm::observe::status::GatewayApi;
 
 fn start(bed: &str) -> Arc<Mutex<Server>> {
     let mut server = Server::start(&[]);
@@ -14,7 +14,7 @@ fn start(bed: &str) -> Arc<Mutex<Server>> {
 }
 
 #[track_caller]
-fn stands(source: &dyn Source, server: &Mutex<Server>, offset: &str) {
+fn stands(source: &dyn GatewayApi, server: &Mutex<Server>, offset: &str) {
     wait_until(source, offset, |_| server.lock().unwrap().does("read offset") == offset);
 }
 

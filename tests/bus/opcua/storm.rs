@@ -133,7 +133,7 @@ impl Regular {
 }
 
 impl Judge {
-    fn hears(&mut self, line: &str) {
+    fn receives(&mut self, line: &str) {
         let words: Vec<&str> = line.split_whitespace().collect();
         let number = |place: usize| words[place].parse::<f64>().unwrap();
         match words[1..] {
@@ -212,19 +212,19 @@ fn whatever_becomes_of_the_server_each_write_is_one_that_it_could_expect() {
     let journaled = ["--journal".to_owned(), journal.display().to_string()];
     let arguments = [journaled, ["--many".to_owned(), MANY.to_string()]].concat();
     let (text, slack) = std::thread::spawn(move || storm(&arguments)).join().unwrap();
-    let judge = judged(&journal, slack);
-    println!("{text}; {} writes, {} against the rules", judge.writes, judge.wrong.len());
+    let assess = assessed(&journal, slack);
+    println!("{text}; {} writes, {} against the rules", assess.writes, assess.wrong.len());
     println!("kept from the processor for {slack:.1} s");
-    assert!(judge.writes >= 5, "nothing to judge: {}", judge.writes);
-    assert!(judge.wrong.is_empty(), "{:#?}", judge.wrong);
+    assert!(assess.writes >= 5, "nothing to judge: {}", assess.writes);
+    assert!(assess.wrong.is_empty(), "{:#?}", assess.wrong);
 }
 
 #[test]
 fn the_judge_notices_what_breaks_a_rule() {
     let wrong = |lines: &[&str]| {
-        let mut judge = Judge::default();
-        lines.iter().for_each(|line| judge.hears(line));
-        judge.wrong.len()
+        let mut assess = Judge::default();
+        lines.iter().for_each(|line| assess.receives(line));
+        assess.wrong.len()
     };
     let warm = |line: &str| wrong(&["0 start", "10 value bed 22", "10 read offset", line]);
     assert_eq!(warm("11 write offset 0 10"), 0);
@@ -253,10 +253,10 @@ fn the_judge_notices_what_breaks_a_rule() {
     assert_eq!(wrong(&["0 start", "20 write life 0 4", "24 write life 4 5"]), 1, "it stood still");
 }
 
-fn judged(journal: &Path, slack: f64) -> Judge {
-    let mut judge = Judge { slack, ..Judge::default() };
-    std::fs::read_to_string(journal).unwrap().lines().for_each(|line| judge.hears(line));
-    judge
+fn assessed(journal: &Path, slack: f64) -> Judge {
+    let mut assess = Judge { slack, ..Judge::default() };
+    std::fs::read_to_string(journal).unwrap().lines().for_each(|line| assess.receives(line));
+    assess
 }
 
 /// Causes one fault after another, and waits after each until everything is right. Returns a summary, and the longest
@@ -266,7 +266,7 @@ fn storm(arguments: &[String]) -> (String, f64) {
     let server = Server::start(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
     let text = subscribing(server.port) + &beside_it();
     let clock = Clock::wall();
-    let (tell, told) = std::sync::mpsc::channel();
+    let (tell, reported) = std::sync::mpsc::channel();
     let status = beside(&text, Options::default(), move |source| {
         let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
         let (mut server, mut chance) = (server, Chance(7));
@@ -292,7 +292,7 @@ fn storm(arguments: &[String]) -> (String, f64) {
         longest = longest.max(servers.longest());
         let _ = tell.send((troubles, clock.now().since(begun), gateway.longest() + longest));
     });
-    let (troubles, span, starved) = told.recv().unwrap();
+    let (troubles, span, starved) = reported.recv().unwrap();
     let count = events(&status).len();
     let text = format!("{troubles} troubles in {:.0} s, {count} events", span.as_secs_f64());
     (text, starved.as_secs_f64())

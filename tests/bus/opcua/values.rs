@@ -99,7 +99,7 @@ async fn a_node_of_another_type_than_the_profile_says_is_no_value_and_the_sessio
         let id = format!("ns=2;s={name}").parse().unwrap();
         let address = Address::Node(Node { id, data_type: Some(DataType::U32) });
         let request = Request::read(&address, DataType::U32).unwrap();
-        let answer = line.asks(request).await.unwrap().answer.believed();
+        let answer = line.asks(request).await.unwrap().answer.accepted();
         assert_eq!(answer, Err(Fault::Peer(PeerFault::Type)), "{name}");
     }
     assert_eq!(line.signals().await, Ok([Ok(20.0), Ok(100.0)]));

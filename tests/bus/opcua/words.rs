@@ -202,7 +202,7 @@ fn a_certificate_is_told_thirty_days_before_it_expires_when_it_has_and_not_where
     let user = "user = { cert = \"user.der\", key = \"user.pem\" }";
     let profile = super::rig::profile(&machine(1, &secured("sign", "own", user)), given.path());
     let ends = |name: &str| Certificate::read(&std::fs::read(given.path().join(name)).unwrap()).unwrap().to;
-    let told = |at: Moment| -> Vec<(String, bool)> {
+    let reported = |at: Moment| -> Vec<(String, bool)> {
         let found = expiring(&profile, at).into_iter();
         found.map(|expiry| (expiry.file, expiry.is_over)).collect()
     };
@@ -211,12 +211,12 @@ fn a_certificate_is_told_thirty_days_before_it_expires_when_it_has_and_not_where
     };
     const DAY: Duration = Duration::from_hours(24);
     let end = ends("soon.der");
-    assert_eq!(told(end.before(31 * DAY)), of(&[]));
-    assert_eq!(told(end.before(29 * DAY)), of(&[("trusted/soon.der", false)]));
-    assert_eq!(told(end.after(DAY)), of(&[("trusted/soon.der", true)]));
+    assert_eq!(reported(end.before(31 * DAY)), of(&[]));
+    assert_eq!(reported(end.before(29 * DAY)), of(&[("trusted/soon.der", false)]));
+    assert_eq!(reported(end.after(DAY)), of(&[("trusted/soon.der", true)]));
     let all =
         [("own.der", false), ("user.der", false), ("trusted/server.der", false), ("trusted/soon.der", true)];
-    let mut found = told(ends("own.der").before(DAY));
+    let mut found = reported(ends("own.der").before(DAY));
     found.sort_by_key(|(file, _)| all.iter().position(|(name, _)| name == file));
     assert_eq!(found, of(&all));
     // Same name and longer validity: the server has a new certificate, so the old one is not reported.
@@ -246,7 +246,7 @@ fn a_running_gateway_has_an_alarm_of_a_certificate_that_expires_in_status_and_ch
     let mut command = isotherm(given.path());
     let mut gateway =
         Running::start(command.arg("run").arg(&path).args(["--state", "state"]).current_dir(given.path()));
-    gateway.hears(expected);
+    gateway.receives(expected);
     let mut status = isotherm(given.path());
     let status =
         status.arg("status").arg(&path).args(["--state", "state", "--json"]).current_dir(given.path());

@@ -9,10 +9,10 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use isotherm::clock::Clock;
-use isotherm::fieldbus::departure::Leave;
 use isotherm::fieldbus::dial;
 use isotherm::fieldbus::error::Fault;
-use isotherm::fieldbus::line::{DeviceLine, Witness};
+use isotherm::fieldbus::line::{DeviceLine, RequestObserver};
+use isotherm::fieldbus::send_guard::SendDeadline;
 use isotherm::fieldbus::wire::{Answer, Request};
 use isotherm_core::codec::{Register, Table, checksum};
 use isotherm_core::continuity::Break;
@@ -146,7 +146,7 @@ pub(crate) fn serial(baud: u32) -> Transport {
 #[derive(Clone, Default)]
 pub(crate) struct Exchanges(Arc<Mutex<Vec<Option<DeviceId>>>>);
 
-impl Witness for Exchanges {
+impl RequestObserver for Exchanges {
     fn note(&self, _: DeviceId, _: Request<'_>, _: Result<(), Fault>, _: (u32, Fault)) {}
 
     fn breaks(&self, device: Option<DeviceId>, _: Break) {
@@ -190,5 +190,5 @@ pub(crate) async fn asked(
     device: DeviceId,
     request: Request<'_>,
 ) -> Result<Answer, Fault> {
-    line.request(device, request, Leave::Whenever).await.map(|answered| answered.answer)
+    line.request(device, request, SendDeadline::None).await.map(|answered| answered.answer)
 }

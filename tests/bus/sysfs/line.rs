@@ -4,11 +4,11 @@ use std::time::Duration;
 
 use super::tree::{PROBE, Tree, pad};
 use isotherm::clock::Clock;
-use isotherm::fieldbus::departure::Leave;
 use isotherm::fieldbus::dial;
 use isotherm::fieldbus::error::{CallerFault, Fault};
 use isotherm::fieldbus::explain::explain_on;
 use isotherm::fieldbus::line::DeviceLine;
+use isotherm::fieldbus::send_guard::SendDeadline;
 use isotherm::fieldbus::wire::Request;
 use isotherm_core::reading::Reason;
 use isotherm_profile::{DeviceId, Profile, Transport};
@@ -57,7 +57,8 @@ impl Line {
     async fn reads(&mut self) -> Result<Vec<Result<f64, Reason>>, Fault> {
         self.line.revive(None);
         let request = &self.profile.requests(DeviceId(0))[0];
-        let answered = self.line.request(DeviceId(0), Request::from(&request.asks), Leave::Whenever).await?;
+        let answered =
+            self.line.request(DeviceId(0), Request::from(&request.asks), SendDeadline::None).await?;
         let fields = request.fields.iter();
         Ok(fields
             .map(|field| answered.answer.decode(field, &self.profile.signal(field.signal).encoding))
@@ -148,9 +149,9 @@ async fn nothing_is_written_to_it() {
     let address = line.profile.signals[0].address.clone();
     let functions = line.profile.devices[0].functions;
     let write = Request::write(&address, &[0, 0, 0, 0], functions);
-    let refused = line.line.request(DeviceId(0), write, Leave::Whenever).await.map(|_| ());
+    let refused = line.line.request(DeviceId(0), write, SendDeadline::None).await.map(|_| ());
     assert_eq!(refused, Err(Fault::Caller(CallerFault::Extent)));
     let register = Request::WriteSingle { at: 0, value: 1 };
-    let refused = line.line.request(DeviceId(0), register, Leave::Whenever).await.map(|_| ());
+    let refused = line.line.request(DeviceId(0), register, SendDeadline::None).await.map(|_| ());
     assert_eq!(refused, Err(Fault::Caller(CallerFault::Function)));
 }

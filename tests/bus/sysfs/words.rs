@@ -108,5 +108,5 @@ fn a_register_of_it_is_refused_with_what_shows_its_sensors() {
 fn virtual_hardware_says_that_the_real_sensors_are_read() {
     let (home, tree) = (tempfile::tempdir().unwrap(), tree());
     let mut running = Running::start(isotherm(home.path()).arg("virtual").arg(profile(home.path(), &tree)));
-    running.hears("bus pc is not simulated: the gateway reads the real sensors in");
+    running.receives("bus pc is not simulated: the gateway reads the real sensors in");
 }

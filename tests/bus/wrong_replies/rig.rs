@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use isotherm::clock::Clock;
 use isotherm::gateway::{Gateway, Options};
-use isotherm::observe::status::{Source, Status};
+use isotherm::observe::status::{GatewayApi, Status};
 use tokio::net::TcpListener;
 
 use crate::wrong_replies::peer::{Peer, Plug};
@@ -53,7 +53,7 @@ pub(crate) struct Case {
 /// One line and its device.
 pub(crate) struct Lane {
     pub(crate) kind: Kind,
-    source: OnceLock<Arc<dyn Source>>,
+    source: OnceLock<Arc<dyn GatewayApi>>,
     /// Number of turns of the gateway's thread.
     turned: Arc<AtomicU32>,
     /// Attempts so far.
@@ -88,7 +88,7 @@ struct Verdict {
     tried: u32,
     /// Spoiled attempts among them, whose results are unknown.
     spoiled: u32,
-    believed: u32,
+    accepted: u32,
     wrong: Vec<String>,
 }
 
@@ -158,14 +158,14 @@ impl Lane {
     pub(crate) fn look(&self) {
         if let Some(source) = self.source.get()
             && self.is_open.swap(false, Ordering::SeqCst)
-            && self.judge(&source.status())
+            && self.assess(&source.status())
         {
             self.shown.fetch_add(1, Ordering::SeqCst);
         }
     }
 
     /// Records the effects of attempts. Returns whether a reading without a correct answer is shown.
-    fn judge(&self, status: &Status) -> bool {
+    fn assess(&self, status: &Status) -> bool {
         let [_, output, device] = &self.names;
         let device = status.devices.iter().find(|one| one.name == *device).unwrap();
         let refusals = device.failures.get("exception").copied().unwrap_or_default();
@@ -191,7 +191,7 @@ impl Lane {
     }
 
     /// Returns the number of accepted attempts.
-    fn believed(&self) -> u32 {
+    fn accepted(&self) -> u32 {
         [&self.shown, &self.refusals, &self.surplus].into_iter().map(|one| one.load(Ordering::SeqCst)).sum()
     }
 
@@ -201,7 +201,7 @@ impl Lane {
     }
 
     /// Returns whether the gateway has accepted correct answers since the device behaves correctly.
-    fn is_believed(&self, status: &Status, since: (u32, u64)) -> bool {
+    fn is_accepted(&self, status: &Status, since: (u32, u64)) -> bool {
         let signal = status.signals.iter().find(|one| one.name == self.names[0]).unwrap();
         let written = status.outputs.iter().find(|one| one.name == self.names[1]);
         signal.quality == "good"
@@ -233,9 +233,9 @@ pub(crate) fn none_is_believed(cases: Vec<Case>) {
         }
     });
     let verdicts: Vec<Verdict> = verdicts.into_inner().unwrap();
-    for Verdict { name, kind, tried, spoiled, believed, wrong } in &verdicts {
+    for Verdict { name, kind, tried, spoiled, accepted, wrong } in &verdicts {
         let wrong = wrong.join("; ");
-        println!("{kind:?}, {name}: {believed} of {tried} believed {wrong}");
+        println!("{kind:?}, {name}: {accepted} of {tried} believed {wrong}");
         if *spoiled > 0 {
             crate::support::tell(&format!(
                 "{kind:?}, {name}: {spoiled} of {tried} attempts are void: the computer was too busy"
@@ -245,9 +245,9 @@ pub(crate) fn none_is_believed(cases: Vec<Case>) {
     println!("{} cases in {:.1} s", verdicts.len(), begun.elapsed().as_secs_f64());
     let failed = verdicts
         .iter()
-        .filter(|one| one.believed > 0 || !one.wrong.is_empty() || one.tried < lines() * TRIES);
+        .filter(|one| one.accepted > 0 || !one.wrong.is_empty() || one.tried < lines() * TRIES);
     let failed: Vec<String> = failed
-        .map(|one| format!("{:?}, {}: {} of {} {:?}", one.kind, one.name, one.believed, one.tried, one.wrong))
+        .map(|one| format!("{:?}, {}: {} of {} {:?}", one.kind, one.name, one.accepted, one.tried, one.wrong))
         .collect();
     assert!(failed.is_empty(), "{} of {} cases:\n{}", failed.len(), verdicts.len(), failed.join("\n"));
 }
@@ -318,9 +318,9 @@ impl Case {
         let tried = lanes.iter().map(|lane| lane.tried.load(Ordering::SeqCst)).sum();
         let beyond = |lane: &Arc<Lane>| lane.spoiled.load(Ordering::SeqCst).saturating_sub(SPOILED);
         let spoiled = lanes.iter().map(beyond).sum();
-        let believed = lanes.iter().map(|lane| lane.believed()).sum();
+        let accepted = lanes.iter().map(|lane| lane.accepted()).sum();
         let wrong = wrong.lock().unwrap().clone();
-        Verdict { name: self.name, kind: self.kind, tried, spoiled, believed, wrong }
+        Verdict { name: self.name, kind: self.kind, tried, spoiled, accepted, wrong }
     }
 
     fn profile(&self, addresses: &[String]) -> isotherm_profile::Profile {
@@ -443,12 +443,12 @@ fn beside(
     });
 }
 
-fn watch(source: &dyn Source, lanes: &[Arc<Lane>], wrong: &Mutex<Vec<String>>) {
+fn watch(source: &dyn GatewayApi, lanes: &[Arc<Lane>], wrong: &Mutex<Vec<String>>) {
     let turns = |since: u32| lanes[0].turned().wrapping_sub(since);
     let begun = lanes[0].turned();
     let look = |status: &Status| {
         for lane in lanes {
-            let _ = lane.judge(status);
+            let _ = lane.assess(status);
         }
         std::thread::sleep(Duration::from_millis(50));
     };
@@ -471,7 +471,7 @@ fn watch(source: &dyn Source, lanes: &[Arc<Lane>], wrong: &Mutex<Vec<String>>) {
     loop {
         let status = source.status();
         look(&status);
-        let left = lanes.iter().zip(&since).filter(|(lane, since)| !lane.is_believed(&status, **since));
+        let left = lanes.iter().zip(&since).filter(|(lane, since)| !lane.is_accepted(&status, **since));
         let left: Vec<_> = left.collect();
         if left.is_empty() {
             return;

@@ -58,15 +58,15 @@ fn a_backup_of_a_running_gateway_goes_on_elsewhere_and_moves_nothing_before_a_pe
     assert!(!elsewhere.exists());
 
     stop(&mut bench);
-    let (code, told) = restore(&bench, &file, &elsewhere, &elsewhere.join("state"));
-    assert!(code == 0 && told.contains("Every axis is off until an operator arms it"), "{told}");
+    let (code, reported) = restore(&bench, &file, &elsewhere, &elsewhere.join("state"));
+    assert!(code == 0 && reported.contains("Every axis is off until an operator arms it"), "{reported}");
     let same = |name: &str| std::fs::read(elsewhere.join(name)).unwrap();
     assert_eq!(same("walker.toml"), std::fs::read(&bench.profile).unwrap());
 
     let mut next = isotherm(bench.home.path());
     next.arg("run").arg(elsewhere.join("walker.toml")).arg("--state").arg(elsewhere.join("state"));
     let mut gateway = Running::start(next.args(["--listen", "127.0.0.1:0"]));
-    gateway.hears("http://");
+    gateway.receives("http://");
     let status = || {
         let mut command = isotherm(bench.home.path());
         command.arg("status").arg(elsewhere.join("walker.toml")).arg("--json");
@@ -90,15 +90,15 @@ fn a_restore_over_a_newer_state_or_a_newer_profile_is_refused_and_nothing_is_wri
     let file = backup(&bench, "walker.tar", &[]);
     stop(&mut bench);
     let state = bench.home.path().join("state");
-    let (code, told) = restore(&bench, &file, bench.home.path(), &state);
-    assert!(code == 1 && told.contains("newer"), "{told}");
+    let (code, reported) = restore(&bench, &file, bench.home.path(), &state);
+    assert!(code == 1 && reported.contains("newer"), "{reported}");
 
     let text = std::fs::read_to_string(&bench.profile).unwrap();
     std::thread::sleep(Duration::from_millis(20));
     std::fs::write(&bench.profile, format!("{text}# changed since\n")).unwrap();
     let empty = bench.home.path().join("empty");
-    let (code, told) = restore(&bench, &file, bench.home.path(), &empty);
-    assert!(code == 1 && told.contains("walker.toml is newer than the backup"), "{told}");
+    let (code, reported) = restore(&bench, &file, bench.home.path(), &empty);
+    assert!(code == 1 && reported.contains("walker.toml is newer than the backup"), "{reported}");
     assert!(!empty.exists() && std::fs::read_to_string(&bench.profile).unwrap().contains("changed since"));
 }
 
@@ -108,8 +108,8 @@ fn a_token_is_in_a_backup_only_with_secrets_and_then_nobody_else_may_read_it() {
     stop(&mut bench);
     let tokens = ["operator.token", "scrape.token", "hook.token"].map(|name| bench.home.path().join(name));
     for token in &tokens {
-        let (code, told) = said(isotherm(bench.home.path()).args(["token", "--out"]).arg(token));
-        assert_eq!(code, 0, "{told}");
+        let (code, reported) = said(isotherm(bench.home.path()).args(["token", "--out"]).arg(token));
+        assert_eq!(code, 0, "{reported}");
     }
     let text = std::fs::read_to_string(&bench.profile).unwrap();
     let text = text.replace(
@@ -132,15 +132,15 @@ fn a_token_is_in_a_backup_only_with_secrets_and_then_nobody_else_may_read_it() {
     assert_eq!((mode(&without), mode(&with)), (0o640, 0o600));
 
     let elsewhere = bench.home.path().join("elsewhere");
-    let (code, told) = restore(&bench, &with, &elsewhere, &elsewhere.join("state"));
-    assert_eq!(code, 0, "{told}");
+    let (code, reported) = restore(&bench, &with, &elsewhere, &elsewhere.join("state"));
+    assert_eq!(code, 0, "{reported}");
     for name in ["operator.token", "scrape.token"] {
         assert_eq!(mode(&elsewhere.join(name)), 0o600, "{name}");
     }
-    let (code, told) = bench.ask(&["backup", with.to_str().unwrap()]);
+    let (code, reported) = bench.ask(&["backup", with.to_str().unwrap()]);
     assert!(
-        code == 1 && told.contains("exists already: give another name"),
-        "one that is there is not touched: {told}"
+        code == 1 && reported.contains("exists already: give another name"),
+        "one that is there is not touched: {reported}"
     );
 }
 
@@ -166,8 +166,8 @@ fn passwords_and_keys_of_every_kind_of_line_are_secret_and_what_is_put_back_is_i
         std::fs::write(&bench.profile, text + lines).unwrap();
     };
     profile(&line("by-name", "name = \"isotherm\", password_file = \"opcua.password\""));
-    let (code, told) = said(isotherm(home).args(["opcua", "certificate"]).arg(&bench.profile));
-    assert_eq!(code, 0, "{told}");
+    let (code, reported) = said(isotherm(home).args(["opcua", "certificate"]).arg(&bench.profile));
+    assert_eq!(code, 0, "{reported}");
     for (from, to) in [("own.der", "user.der"), ("own.der", "trusted/server.der"), ("own.pem", "user.pem")] {
         std::fs::copy(home.join(from), home.join(to)).unwrap();
     }
@@ -189,8 +189,8 @@ fn passwords_and_keys_of_every_kind_of_line_are_secret_and_what_is_put_back_is_i
     let owner =
         if rustix::process::geteuid().is_root() { 65534 } else { rustix::process::geteuid().as_raw() };
     std::os::unix::fs::chown(&elsewhere, Some(owner), None).unwrap();
-    let (code, told) = restore(&bench, &with, &elsewhere, &elsewhere.join("state"));
-    assert_eq!(code, 0, "{told}");
+    let (code, reported) = restore(&bench, &with, &elsewhere, &elsewhere.join("state"));
+    assert_eq!(code, 0, "{reported}");
     let found = |name: &str| std::fs::metadata(elsewhere.join(name)).unwrap();
     for name in secret {
         assert_eq!((found(name).mode() & 0o777, found(name).uid()), (0o600, owner), "{name}");
@@ -207,8 +207,8 @@ fn nothing_is_restored_through_a_link() {
     let elsewhere = bench.home.path().join("elsewhere");
     std::fs::create_dir(&elsewhere).unwrap();
     std::os::unix::fs::symlink(bench.home.path().join("victim"), elsewhere.join("walker.toml")).unwrap();
-    let (code, told) = restore(&bench, &file, &elsewhere, &elsewhere.join("state"));
-    assert!(code == 1 && told.contains("is a link"), "{told}");
+    let (code, reported) = restore(&bench, &file, &elsewhere, &elsewhere.join("state"));
+    assert!(code == 1 && reported.contains("is a link"), "{reported}");
     assert!(!bench.home.path().join("victim").exists());
 }
 
@@ -219,7 +219,7 @@ fn a_directory_that_cannot_be_made_is_named() {
     stop(&mut bench);
     let (elsewhere, below) = (bench.home.path().join("elsewhere"), file.join("below"));
     for (to, state) in [(&below, &elsewhere), (&elsewhere, &below)] {
-        let (code, told) = restore(&bench, &file, to, state);
-        assert!(code == 1 && told.contains(&below.display().to_string()), "{told}");
+        let (code, reported) = restore(&bench, &file, to, state);
+        assert!(code == 1 && reported.contains(&below.display().to_string()), "{reported}");
     }
 }

@@ -185,6 +185,6 @@ fn start(home: &tempfile::TempDir, profile: &PathBuf) -> (Running, String) {
     let mut command = isotherm(home.path());
     command.arg("run").arg(profile).arg("--state").arg(home.path().join("state"));
     let mut gateway = Running::start(command.args(["--listen", "127.0.0.1:0"]));
-    let page = gateway.hears("page http://").replace("page http://", "");
+    let page = gateway.receives("page http://").replace("page http://", "");
     (gateway, page)
 }

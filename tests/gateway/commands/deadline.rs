@@ -65,7 +65,7 @@ fn never_done(bench: &Bench, asks: Asks, span: Duration) {
     bench.gateway.stands_still();
     let tick = Duration::from_millis(100);
     let rest = ask(bench, asks, span);
-    bench.gateway.goes_on();
+    bench.gateway.resumes();
     std::thread::sleep(tick * 15);
     drop(rest);
     until("it is reported", || match count("command-dropped") {
@@ -79,10 +79,10 @@ fn never_done(bench: &Bench, asks: Asks, span: Duration) {
 /// Sends a command while the gateway pauses for this long, and checks what the client prints. Returns what stays open.
 fn ask(bench: &Bench, asks: Asks, span: Duration) -> Vec<Box<dyn std::any::Any>> {
     let program = |words: &[&str]| {
-        let mut asker = Running::start(&mut bench.verb(words));
+        let mut requester = Running::start(&mut bench.verb(words));
         std::thread::sleep(span);
-        let code = asker.ends_within(PATIENCE).code();
-        let said = asker.so_far().join("\n");
+        let code = requester.ends_within(PATIENCE).code();
+        let said = requester.so_far().join("\n");
         assert!(
             said.contains("no answer within 5 s; it is not known whether the command was carried out"),
             "{asks:?}: {said}"
@@ -95,11 +95,11 @@ fn ask(bench: &Bench, asks: Asks, span: Duration) -> Vec<Box<dyn std::any::Any>>
         Disarm => program(&["disarm"]),
         Zero => program(&["zero"]),
         Interrupted => {
-            let mut asker = Running::start(&mut bench.verb(&["arm"]));
+            let mut requester = Running::start(&mut bench.verb(&["arm"]));
             // On a busy computer it takes seconds until the request is sent.
             std::thread::sleep(Duration::from_millis(3500));
-            asker.signal("INT");
-            asker.ends_within(PATIENCE);
+            requester.signal("INT");
+            requester.ends_within(PATIENCE);
         }
         Page => {
             let request = bench.begin_http("POST", "/api/arm", "isotherm-way: page\r\nContent-Length: 0\r\n");
@@ -125,13 +125,13 @@ fn ask(bench: &Bench, asks: Asks, span: Duration) -> Vec<Box<dyn std::any::Any>>
 fn what_is_asked_of_a_gateway_that_stands_still_for_a_moment_is_done() {
     let bench = Bench::manual();
     bench.gateway.stands_still();
-    let mut asker = Running::start(&mut bench.verb(&["arm"]));
+    let mut requester = Running::start(&mut bench.verb(&["arm"]));
     let request = bench.begin_http("POST", "/api/zero", "Content-Length: 0\r\n");
     // On a busy computer much of the five seconds has passed already.
     std::thread::sleep(Duration::from_millis(1500));
-    bench.gateway.goes_on();
-    asker.hears("z: armed");
-    assert_eq!(asker.ends_within(PATIENCE).code(), Some(0));
+    bench.gateway.resumes();
+    requester.receives("z: armed");
+    assert_eq!(requester.ends_within(PATIENCE).code(), Some(0));
     assert_eq!(answer(request).0, 200);
 }
 
@@ -151,12 +151,12 @@ fn a_request_that_waits_while_the_gateway_stops_for_long_is_reported_and_ended()
     let bench = Bench::manual();
     bench.device.asks(crate::commands::bench::OPEN_CIRCUIT);
     bench.why("bed has an open circuit");
-    let mut asker = Running::start(&mut bench.verb(&["arm"]));
-    asker.hears("waiting to arm");
+    let mut requester = Running::start(&mut bench.verb(&["arm"]));
+    requester.receives("waiting to arm");
     bench.gateway.stands_still();
     bench.device.asks(0);
-    assert_eq!(asker.ends_within(PATIENCE).code(), Some(3));
-    bench.gateway.goes_on();
+    assert_eq!(requester.ends_within(PATIENCE).code(), Some(3));
+    bench.gateway.resumes();
     until("it is reported", || match bench.reported("arm-ended").len() {
         1 => Ok(()),
         _ => Err("nothing is reported".to_owned()),

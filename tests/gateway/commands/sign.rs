@@ -34,16 +34,16 @@ fn stands_at(bench: &Bench, count: i16) {
 fn a_person_at_a_terminal_is_guided_and_the_answer_is_kept_over_a_restart() {
     let mut bench = bench();
     let mut asked = Running::start(&mut bench.verb(&["sign", "--axis", "z"]));
-    asked.hears("Put a dial gauge");
+    asked.receives("Put a dial gauge");
     assert_eq!(bench.count("command"), 0, "nothing moves before a person says so");
     asked.stdin().write_all(b"\n").unwrap();
-    asked.hears("z: Cz goes from 0.0 µm to 5.0 µm");
-    asked.hears("z: the tool must have moved by 5.0 µm in plus direction of z, relative to the workpiece");
+    asked.receives("z: Cz goes from 0.0 µm to 5.0 µm");
+    asked.receives("z: the tool must have moved by 5.0 µm in plus direction of z, relative to the workpiece");
     stands_at(&bench, 50);
     let sign = bench.axis()["sign"].clone();
     assert_eq!((&sign["by_um"], &sign["there"]), (&5.0.into(), &true.into()), "{sign}");
     asked.stdin().write_all(b"perhaps\nplus\n").unwrap();
-    asked.hears("the sign is right");
+    asked.receives("the sign is right");
     assert_eq!(asked.ends_within(SOON).code(), Some(0));
     stands_at(&bench, 0);
     let steps: Vec<String> =
@@ -60,14 +60,14 @@ fn a_person_at_a_terminal_is_guided_and_the_answer_is_kept_over_a_restart() {
 fn an_answer_after_ten_seconds_counts_at_a_terminal_and_over_the_api() {
     let bench = bench();
     let mut asked = Running::start(&mut bench.verb(&["sign", "--axis", "z"]));
-    asked.hears("Put a dial gauge");
+    asked.receives("Put a dial gauge");
     std::thread::sleep(AT_HUMAN_SPEED);
     asked.stdin().write_all(b"\n").unwrap();
-    asked.hears("must have moved by 5.0 µm in plus direction of z");
+    asked.receives("must have moved by 5.0 µm in plus direction of z");
     std::thread::sleep(AT_HUMAN_SPEED);
     assert_eq!((bench.axis()["sign"]["there"].clone(), offset(&bench)), (true.into(), 50));
     asked.stdin().write_all(b"plus\n").unwrap();
-    asked.hears("the sign is right");
+    asked.receives("the sign is right");
     assert_eq!(asked.ends_within(SOON).code(), Some(0));
     stands_at(&bench, 0);
 
@@ -90,7 +90,7 @@ fn a_terminal_that_is_closed_at_the_gauge_ends_the_check() {
         let bench = bench();
         let mut asked = Running::start(&mut bench.verb(&["sign"]));
         asked.stdin().write_all(b"\n").unwrap();
-        asked.hears("must have moved");
+        asked.receives("must have moved");
         std::thread::sleep(Duration::from_secs(4));
         assert_eq!((bench.axis()["sign"]["there"].clone(), offset(&bench)), (true.into(), 50), "{signal}");
         asked.signal(signal);
@@ -137,7 +137,7 @@ fn who_goes_or_takes_it_back_or_switches_off_ends_it() {
     let bench = bench();
     let mut asked = Running::start(&mut bench.verb(&["sign"]));
     asked.stdin().write_all(b"\n").unwrap();
-    asked.hears("must have moved");
+    asked.receives("must have moved");
     asked.signal("KILL");
     asked.ends_within(SOON);
     stands_at(&bench, 0);

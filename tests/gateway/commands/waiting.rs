@@ -12,8 +12,8 @@ fn who_arms_with_a_broken_sensor_hears_what_is_waited_for_until_the_axis_is_arme
     let bench = Bench::manual();
     bench.device.asks(OPEN_CIRCUIT);
     bench.why("bed has an open circuit");
-    let mut asker = Running::start(&mut bench.verb(&["arm"]));
-    asker.hears("z: waiting to arm: bed has an open circuit");
+    let mut requester = Running::start(&mut bench.verb(&["arm"]));
+    requester.receives("z: waiting to arm: bed has an open circuit");
     let axis = bench.is_in_state("waiting");
     assert_eq!((&axis["armed"], &axis["cause"]), (&false.into(), &"bed has an open circuit".into()));
     let asked = axis["waiting"]["asked"].as_str().unwrap();
@@ -24,8 +24,8 @@ fn who_arms_with_a_broken_sensor_hears_what_is_waited_for_until_the_axis_is_arme
     assert!(metrics.contains("state=\"waiting\"} 1"), "{metrics}");
 
     bench.device.asks(0);
-    asker.hears("z: armed");
-    assert_eq!(asker.ends_within(SOON).code(), Some(0));
+    requester.receives("z: armed");
+    assert_eq!(requester.ends_within(SOON).code(), Some(0));
     let axis = bench.is_in_state("active");
     assert_eq!(axis["waiting"], serde_json::Value::Null);
     assert!(bench.reported("armed")[0].contains("over the socket"), "{:?}", bench.reported("armed"));
@@ -36,14 +36,14 @@ fn each_other_reason_is_told_to_whoever_waits() {
     let bench = Bench::manual();
     bench.device.asks(OPEN_CIRCUIT);
     bench.why("bed has an open circuit");
-    let mut asker = Running::start(&mut bench.verb(&["arm"]));
-    asker.hears("bed has an open circuit");
+    let mut requester = Running::start(&mut bench.verb(&["arm"]));
+    requester.receives("bed has an open circuit");
     bench.device.hold();
-    asker.hears_one_of(&["bed: no answer in time", "bed: stale", "cnc_z"]);
+    requester.hears_one_of(&["bed: no answer in time", "bed: stale", "cnc_z"]);
     bench.device.release();
-    asker.hears("bed has an open circuit");
+    requester.receives("bed has an open circuit");
     bench.device.asks(0);
-    asker.hears("z: armed");
+    requester.receives("z: armed");
 }
 
 #[test]
@@ -52,11 +52,11 @@ fn who_waits_and_goes_does_not_want_it_any_more() {
         let bench = Bench::manual();
         bench.device.asks(OPEN_CIRCUIT);
         bench.why("bed has an open circuit");
-        let mut asker = Running::start(&mut bench.verb(&["arm"]));
-        asker.hears("waiting to arm");
+        let mut requester = Running::start(&mut bench.verb(&["arm"]));
+        requester.receives("waiting to arm");
         bench.is_in_state("waiting");
-        asker.signal(signal);
-        asker.ends_within(SOON);
+        requester.signal(signal);
+        requester.ends_within(SOON);
         bench.is_in_state("off");
         bench.device.asks(0);
         std::thread::sleep(Duration::from_secs(2));

@@ -128,11 +128,11 @@ fn restarted(text: &str, first: &str, second: &str, before: Duration) -> (Trace,
     let (first, second) = block_on(async {
         let mut world = World::new(text, "").await;
         world.clock.set_time_of_day(at(first));
-        world.clock.look_at_the_time_of_day();
+        world.clock.check_time_of_day();
         let state = Some(directory.path().to_owned());
         let one = world.gateway().options(kept_in(state.clone())).killed_after(before).await;
         world.clock.set_time_of_day(at(second));
-        world.clock.look_at_the_time_of_day();
+        world.clock.check_time_of_day();
         (one, world.gateway().options(kept_in(state)).run(40 * MINUTE).await)
     });
     (first, second, directory)
@@ -198,7 +198,7 @@ fn a_start_with_a_wrong_clock_deletes_no_log() {
         let trace = block_on(async {
             let mut world = World::new(&patient(), "").await;
             world.clock.set_time_of_day(at(wrong));
-            world.clock.look_at_the_time_of_day();
+            world.clock.check_time_of_day();
             world.gateway().options(kept_in(Some(directory.path().to_owned()))).run(MINUTE).await
         });
         assert_eq!(trace.reported("logs-deleted"), 0, "{wrong}\n{}", trace.lines());
@@ -217,7 +217,7 @@ fn logs_that_are_older_than_they_are_kept_are_deleted_and_that_is_reported() {
     let trace = block_on(async {
         let mut world = World::new(&patient(), "").await;
         world.clock.set_time_of_day(at(TODAY));
-        world.clock.look_at_the_time_of_day();
+        world.clock.check_time_of_day();
         world.gateway().options(kept_in(Some(directory.path().to_owned()))).run(MINUTE).await
     });
     assert_eq!(trace.reported("logs-deleted"), 1, "{}", trace.lines());

@@ -81,7 +81,7 @@ fn a_module_that_is_set_as_expected_is_armed_and_its_checks_are_read_once_a_minu
     let trace = module(&[]);
     assert_eq!(trace.states(), ["waiting", "active"], "{}", trace.lines());
     let reads = |register: u16, function: u8| {
-        let same = |seen: &&isotherm::virtual_machine::Seen| {
+        let same = |seen: &&isotherm::virtual_machine::SeenRequest| {
             seen.function == function && seen.address.register().unwrap().offset == register
         };
         trace.wire.iter().filter(same).count()
@@ -185,7 +185,7 @@ const WAYS: [&str; 5] = [
 ];
 
 fn checks(trace: &Trace, function: u8, register: u16) -> usize {
-    let is_check = |seen: &&isotherm::virtual_machine::Seen| {
+    let is_check = |seen: &&isotherm::virtual_machine::SeenRequest| {
         seen.function == function && seen.address.register().is_some_and(|at| at.offset == register)
     };
     trace.wire.iter().filter(is_check).count()
@@ -529,7 +529,7 @@ fn a_check_that_a_confirmed_control_refuses_again_and_again_is_reported() {
 fn a_connection_that_is_lost_right_after_a_check_costs_no_more_than_one_beat() {
     let trace = run(&cell(), &fault("cnc", "kind = \"close\"\nat = \"61s\"\nfor = 1"), 2 * MINUTE);
     law::holds(&trace);
-    let is_beat = |seen: &&isotherm::virtual_machine::Seen| {
+    let is_beat = |seen: &&isotherm::virtual_machine::SeenRequest| {
         seen.is_write() && seen.address.register().is_some_and(|at| at.offset == 120)
     };
     let beats: Vec<f64> = trace.wire.iter().filter(is_beat).map(|seen| trace.seconds(seen.at)).collect();

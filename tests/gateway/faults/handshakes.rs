@@ -4,13 +4,13 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use isotherm::fieldbus::connection::{Connection, Dial};
-use isotherm::fieldbus::departure::Departure;
 use isotherm::fieldbus::error::Fault;
+use isotherm::fieldbus::send_guard::SendGuard;
 use isotherm::fieldbus::trace::Tap;
 use isotherm::fieldbus::wire::{Answer, Boxed, Request, Wire};
 use isotherm::gateway::Dialer;
 use isotherm::observe::status::Command;
-use isotherm::virtual_machine::Seen;
+use isotherm::virtual_machine::SeenRequest;
 use isotherm_core::codec::{Register, Table};
 use isotherm_profile::Bus;
 
@@ -52,7 +52,7 @@ fn strobes_are_short(trace: &Trace) {
 /// Requests to the control, in order: `v` value written, `S` strobe up, `s` strobe down, `A` and `a` acknowledge seen
 /// up and down, `r` register read.
 fn story(trace: &Trace, from: f64, to: f64) -> String {
-    let word = |seen: &Seen| match (seen.is_write(), seen.address.register().unwrap()) {
+    let word = |seen: &SeenRequest| match (seen.is_write(), seen.address.register().unwrap()) {
         (true, STROBE) if seen.wanted == [1] => "S",
         (true, STROBE) => "s",
         (false, ACKNOWLEDGE) if seen.after == [1] => "A",
@@ -237,7 +237,7 @@ impl Wire for RefusingWire {
         &'a mut self,
         unit: u8,
         request: Request<'a>,
-        departure: &'a mut Departure,
+        send_guard: &'a mut SendGuard,
     ) -> Boxed<'a, Result<Answer, Fault>> {
         if (self.by.kind)(&request) {
             let mut counted = self.by.counted.lock().unwrap();
@@ -248,7 +248,7 @@ impl Wire for RefusingWire {
                 return Box::pin(async { Err(Fault::Exception(4)) });
             }
         }
-        Box::pin(self.wire.exchange(unit, request, departure))
+        Box::pin(self.wire.exchange(unit, request, send_guard))
     }
 }
 

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::time::Duration;
 
-use isotherm::virtual_machine::Seen;
+use isotherm::virtual_machine::SeenRequest;
 use isotherm_core::codec::{Register, Table};
 use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::{Output, Profile, Share, Signal, Writes};
@@ -30,7 +30,7 @@ pub(crate) fn holds(trace: &Trace) {
 }
 
 /// Part of a write that belongs to one output. `None` if it does not contain the whole output.
-pub(crate) fn of_output(seen: &Seen, output: &Output) -> Option<Seen> {
+pub(crate) fn of_output(seen: &SeenRequest, output: &Output) -> Option<SeenRequest> {
     if !seen.is_write()
         || seen.device != output.device
         || seen.address.register().unwrap().table != output.address.register().unwrap().table
@@ -44,11 +44,11 @@ pub(crate) fn of_output(seen: &Seen, output: &Output) -> Option<Seen> {
     let wanted = seen.wanted.get(part.clone())?.to_vec();
     let cut = |words: &[u16]| words.get(part.clone()).unwrap_or_default().to_vec();
     let (before, after) = (cut(&seen.before), cut(&seen.after));
-    Some(Seen { address: output.address.clone(), before, after, wanted, ..seen.clone() })
+    Some(SeenRequest { address: output.address.clone(), before, after, wanted, ..seen.clone() })
 }
 
 /// I1: every cell of a write belongs to an output, a set, the heartbeat or a capture command, and no value is torn.
-fn is_in_the_write_list(profile: &Profile, seen: &Seen) {
+fn is_in_the_write_list(profile: &Profile, seen: &SeenRequest) {
     let mut known = vec![false; seen.wanted.len()];
     let first = seen.address.register().unwrap();
     let mut mark = |address: Register, count: usize| {
@@ -84,7 +84,7 @@ fn is_in_the_write_list(profile: &Profile, seen: &Seen) {
 fn is_inside(
     trace: &Trace,
     place: usize,
-    seen: &Seen,
+    seen: &SeenRequest,
     output: &Output,
     corrections: &mut HashMap<String, (Moment, f64)>,
 ) {
@@ -161,7 +161,7 @@ fn recent(trace: &Trace, place: usize, signal: &Signal, age: Duration) -> Vec<f6
 }
 
 /// Value of a signal in the registers of a request. `None` if the request does not read them.
-fn measured(seen: &Seen, signal: &Signal) -> Option<f64> {
+fn measured(seen: &SeenRequest, signal: &Signal) -> Option<f64> {
     if seen.is_write()
         || seen.device != signal.device
         || seen.address.register().unwrap().table != signal.address.register().unwrap().table

@@ -72,7 +72,7 @@ fn run(text: &str, faults: &str, span: Duration) -> Trace {
 /// Register value at the end, µm.
 fn left(trace: &Trace) -> f64 {
     let output = trace.profile.outputs.iter().find(|output| output.name == "cnc_z").unwrap();
-    let there = |seen: &&isotherm::virtual_machine::Seen| {
+    let there = |seen: &&isotherm::virtual_machine::SeenRequest| {
         seen.device == output.device && seen.address == output.address && seen.count == 2
     };
     let last = trace.wire.iter().rfind(there).unwrap();

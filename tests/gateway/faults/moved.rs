@@ -112,7 +112,7 @@ fn holds(counts: i32) -> String {
 /// Value of the output's register at the end of a run, µm.
 fn left(trace: &Trace) -> f64 {
     let output = trace.profile.outputs.iter().find(|output| output.name == "cnc_z").unwrap();
-    let there = |seen: &&isotherm::virtual_machine::Seen| {
+    let there = |seen: &&isotherm::virtual_machine::SeenRequest| {
         seen.device == output.device && seen.address == output.address && seen.count == 2
     };
     output.encoding.decode(&trace.wire.iter().rfind(there).unwrap().after).unwrap()

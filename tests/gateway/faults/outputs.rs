@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use isotherm::observe::status::{Answer, Command};
-use isotherm::virtual_machine::Seen;
+use isotherm::virtual_machine::SeenRequest;
 
 use crate::faults::law;
 use crate::faults::rig::{BENCH, LATHE, Stage, Trace, World, bench, block_on, patient, run, somebody};
@@ -311,7 +311,7 @@ fn the_readout_gets_the_position_plus_what_the_cnc_gets() {
     let trace = run(&patient(), "", 3 * MINUTE);
     law::holds(&trace);
     let scale = &trace.profile.signals[2];
-    let is_offset = |seen: &&Seen| {
+    let is_offset = |seen: &&SeenRequest| {
         let at = seen.address.register().map(|register| register.offset);
         seen.is_write() && seen.device == trace.profile.outputs[1].device && at == Some(104)
     };

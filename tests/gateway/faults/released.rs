@@ -5,7 +5,7 @@ use std::cell::RefCell;
 use std::path::Path;
 use std::time::Duration;
 
-use isotherm::observe::status::{Answer, Command, LeftState, Wish};
+use isotherm::observe::status::{Answer, Command, ReleaseProgress, ReleaseRequest};
 use isotherm_core::codec::{Address, Register, Table};
 
 use crate::faults::rig::{BENCH, Stage, Trace, World, block_on, profile, somebody};
@@ -72,7 +72,7 @@ fn release(stage: &Stage<'_>) -> Result<Answer, String> {
     let left = stage.source.status().left;
     let can = left.iter().filter(|left| left.output == "cnc_z" && left.obstacle.is_none());
     let seen: Vec<f64> = can.map(|left| left.found_um.unwrap_or(left.held_um)).collect();
-    stage.source.release("cnc_z", Wish::Back(&seen), &somebody())
+    stage.source.release("cnc_z", ReleaseRequest::Back(&seen), &somebody())
 }
 
 /// Runs one profile after another on the same machine and in the same directory. Also returns the answers to the
@@ -230,7 +230,7 @@ fn a_former_register_goes_back_to_its_base_in_steps_and_the_new_one_stays_untouc
         assert!(hint.contains("isotherm release bench.toml cnc_z"), "{hint}");
         assert_eq!(accesses(asked).len(), 0, "it begins with the next start\n{}", asked.lines());
         let state = |trace: &Trace| trace.samples.last().unwrap().status.left.first().map(|left| left.state);
-        assert_eq!(state(asked), Some(LeftState::Asked));
+        assert_eq!(state(asked), Some(ReleaseProgress::Asked));
         walks(back, held, 0.0);
         assert!(left(back).abs() < 1e-9, "{end:?}: {}", left(back));
         assert_eq!(
@@ -375,7 +375,7 @@ fn another_value_than_a_person_has_seen_is_left_alone_until_a_person_has_seen_it
     assert!(figures.iter().all(|figure| why.contains(figure)), "{figures:?} in {why}");
     assert_eq!(refused.reported("register-left"), 1, "{}", refused.lines());
     let shown = &refused.between(20, 21).next().unwrap().status.left[0];
-    assert_eq!((shown.state, shown.found_um.map(f64::round)), (LeftState::Left, Some(5.0)));
+    assert_eq!((shown.state, shown.found_um.map(f64::round)), (ReleaseProgress::Left, Some(5.0)));
     assert!((shown.held_um - held).abs() < 0.05);
     // The operator has seen it, and releases it once more.
     assert!(done(&said[1]).contains("5.0 µm in holding:104"), "{said:?}");
@@ -385,9 +385,10 @@ fn another_value_than_a_person_has_seen_is_left_alone_until_a_person_has_seen_it
 
 #[test]
 fn what_cannot_be_released_is_refused_with_the_reason_and_moves_nothing() {
-    let unknown = |stage: &Stage<'_>| stage.source.release("nothing", Wish::Back(&[]), &somebody());
-    let present = |stage: &Stage<'_>| stage.source.release("readout_z", Wish::Back(&[]), &somebody());
-    let other = |stage: &Stage<'_>| stage.source.release("cnc_z", Wish::Back(&[1.5]), &somebody());
+    let unknown = |stage: &Stage<'_>| stage.source.release("nothing", ReleaseRequest::Back(&[]), &somebody());
+    let present =
+        |stage: &Stage<'_>| stage.source.release("readout_z", ReleaseRequest::Back(&[]), &somebody());
+    let other = |stage: &Stage<'_>| stage.source.release("cnc_z", ReleaseRequest::Back(&[1.5]), &somebody());
     let refused = |said: &Result<Answer, String>, words: &[&str]| {
         let why = said.as_ref().unwrap_err();
         assert!(words.iter().all(|word| why.contains(word)), "{words:?} in {why}");
@@ -474,7 +475,7 @@ fn a_person_can_end_a_release_and_nobody_else_arms_its_axis() {
     let named = told(ended, "register-left");
     assert!(named.last().unwrap().contains(&format!("{stays:.1} µm from the gateway")), "{}", ended.lines());
     let shown = &ended.samples.last().unwrap().status.left[0];
-    assert!((shown.held_um - stays).abs() < 0.05 && shown.state == LeftState::Left, "{shown:?}");
+    assert!((shown.held_um - stays).abs() < 0.05 && shown.state == ReleaseProgress::Left, "{shown:?}");
     // The register is reported again, and nothing continues by itself.
     assert_eq!(accesses(&traces[3]).len(), 0, "{}", traces[3].lines());
     let again = &told(&traces[3], "register-left")[..];

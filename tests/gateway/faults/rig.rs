@@ -8,11 +8,11 @@ use std::time::{Duration, UNIX_EPOCH};
 
 use isotherm::clock::{Clock, Hold};
 use isotherm::gateway::{Gateway, Options, Outcome};
-use isotherm::observe::asker::{Asker, Way};
 use isotherm::observe::events::Entry;
-use isotherm::observe::status::{Answer, Command, Source, Status};
+use isotherm::observe::requester::{Channel, Requester};
+use isotherm::observe::status::{Answer, Command, GatewayApi, Status};
 use isotherm::virtual_machine::{
-    FaultScript, PlantSpec, Ports, Seen, Setup, Taken, UnknownUnit, VirtualMachine,
+    AcceptedSet, FaultScript, PlantSpec, Ports, SeenRequest, Setup, UnknownUnit, VirtualMachine,
 };
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Parity, Profile, Serial, Transport, parse};
@@ -39,7 +39,7 @@ pub(crate) struct World {
 
 /// Access to a gateway while it runs.
 pub(crate) struct Stage<'a> {
-    pub(crate) source: &'a Arc<dyn Source>,
+    pub(crate) source: &'a Arc<dyn GatewayApi>,
     pub(crate) clock: &'a Clock,
 }
 
@@ -65,9 +65,9 @@ pub(crate) struct Trace {
     pub(crate) begin: Moment,
     pub(crate) samples: Vec<Sample>,
     pub(crate) events: Vec<Entry>,
-    pub(crate) wire: Vec<Seen>,
+    pub(crate) wire: Vec<SeenRequest>,
     /// Sets that the controls have taken.
-    pub(crate) taken: Vec<Taken>,
+    pub(crate) taken: Vec<AcceptedSet>,
     pub(crate) outcome: Outcome,
     /// Time of the request to stop, and time at which the gateway had stopped.
     pub(crate) stopped: (Moment, Moment),
@@ -202,8 +202,8 @@ impl World {
 }
 
 /// Sender of the commands of a test.
-pub(crate) fn somebody() -> Arc<Asker> {
-    Arc::new(Asker::new(Way::Socket, "somebody"))
+pub(crate) fn somebody() -> Arc<Requester> {
+    Arc::new(Requester::new(Channel::Socket, "somebody"))
 }
 
 impl<'a> Trial<'a> {

@@ -76,7 +76,7 @@ impl Three {
 
 fn left_um(trace: &Trace) -> f64 {
     let output = trace.profile.outputs.iter().find(|output| output.name == "cnc_z").unwrap();
-    let there = |seen: &&isotherm::virtual_machine::Seen| {
+    let there = |seen: &&isotherm::virtual_machine::SeenRequest| {
         seen.device == output.device && seen.address == output.address && seen.count == 2
     };
     output.encoding.decode(&trace.wire.iter().rfind(there).unwrap().after).unwrap()

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::time::Duration;
 
-use isotherm::virtual_machine::Seen;
+use isotherm::virtual_machine::SeenRequest;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
 
@@ -44,7 +44,7 @@ fn holds(trace: &Trace) {
     assert!(trace.taken.len() > 10, "{}", trace.taken.len());
 }
 
-fn writes(trace: &Trace) -> impl Iterator<Item = &Seen> {
+fn writes(trace: &Trace) -> impl Iterator<Item = &SeenRequest> {
     trace.wire.iter().filter(|seen| seen.is_write())
 }
 

@@ -3,7 +3,7 @@
 use std::cell::Cell;
 use std::time::Duration;
 
-use isotherm::observe::status::{Answer, Command, Moved};
+use isotherm::observe::status::{Answer, Command, DialDirection};
 
 use crate::faults::law;
 use crate::faults::rig::{Sample, World, block_on, patient, somebody};
@@ -33,7 +33,7 @@ fn a_check_waits_three_minutes_for_its_answer_and_then_walks_back() {
             }
             let after = Duration::from_secs(answered_after.unwrap_or(400));
             let trial = trial.at(2 * MINUTE + 20 * SECOND + after, move |stage| {
-                let signed = Command::Signed(Moved::Plus);
+                let signed = Command::Signed(DialDirection::Plus);
                 let said = stage.source.command(signed, Some("z"), &somebody());
                 assert_eq!(said.is_ok(), answered_after.is_some(), "{said:?}");
             });

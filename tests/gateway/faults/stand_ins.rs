@@ -7,8 +7,8 @@ use std::time::Duration;
 use isotherm::cli::replay::{SensorFault, replay};
 use isotherm::clock::Clock;
 use isotherm::fieldbus::connection::{Connection, Dial};
-use isotherm::fieldbus::departure::Departure;
 use isotherm::fieldbus::error::{CallerFault, Fault};
+use isotherm::fieldbus::send_guard::SendGuard;
 use isotherm::fieldbus::trace::Tap;
 use isotherm::fieldbus::wire::{Answer, Boxed, Request, Wire};
 use isotherm::gateway::Dialer;
@@ -23,7 +23,8 @@ use crate::faults::rig::{Sample, Trace, World, block_on, patient};
 const MINUTE: Duration = Duration::from_secs(60);
 const SECOND: Duration = Duration::from_secs(1);
 
-/// The wheelhead rises as the bed does; neither is exact. What the scale counts for is next to nothing, but one other would be too few.
+/// The wheelhead rises as the bed does; neither is exact. What the scale counts for is next to nothing, but one other
+/// would be too few.
 const STAND_INS: &str = r#"{ "format": "isotherm-stand-ins", "version": 1, "sensors": [
   { "signal": "wheelhead", "threshold": 0.3, "stands_in": true, "terms": [
     { "signal": "bed", "lag_s": 0, "gain": 1.2 }, { "signal": "scale_z", "lag_s": 0, "gain": 1e-9 }] } ] }"#;
@@ -191,16 +192,16 @@ impl Wire for WaitingWire {
         &'a mut self,
         unit: u8,
         request: Request<'a>,
-        departure: &'a mut Departure,
+        send_guard: &'a mut SendGuard,
     ) -> Boxed<'a, Result<Answer, Fault>> {
         let is_change = matches!(request, Request::WriteMultiple { at: 104, .. });
         let is_first = self.by.left.lock().unwrap().is_none();
         if !(is_change && is_first && self.by.clock.now() >= self.by.from) {
-            return Box::pin(self.wire.exchange(unit, request, departure));
+            return Box::pin(self.wire.exchange(unit, request, send_guard));
         }
         self.by.clock.skip(self.by.waits);
         Box::pin(async move {
-            let done = self.wire.exchange(unit, request, departure).await;
+            let done = self.wire.exchange(unit, request, send_guard).await;
             let too_late = matches!(done, Err(Fault::Caller(CallerFault::TooLate)));
             assert!(done.is_ok() || too_late, "{done:?}");
             *self.by.left.lock().unwrap() = Some(done.is_ok());
@@ -209,8 +210,9 @@ impl Wire for WaitingWire {
     }
 }
 
-/// Whether a change leaves that waits so long on its line. The model reads the wheelhead alone, which has been lost for two
-/// minutes by then: the bed says what it would read. Cz is on its way all the time, so that every decision is a change.
+/// Whether a change leaves that waits so long on its line. The model reads the wheelhead alone, which has been lost for
+/// two minutes by then: the bed says what it would read. Cz is on its way all the time, so that every decision is a
+/// change.
 fn leaves_after(waits: Duration, more: &str) -> bool {
     // On a device of its own, so that its last reading grows old.
     let lost = "

@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use isotherm::clock::Clock;
 use isotherm::fieldbus::connection::{Connection, Dial};
-use isotherm::fieldbus::departure::Departure;
 use isotherm::fieldbus::error::Fault;
+use isotherm::fieldbus::send_guard::SendGuard;
 use isotherm::fieldbus::trace::Tap;
 use isotherm::fieldbus::wire::{Answer, Boxed, Request, Wire};
 use isotherm::gateway::Dialer;
@@ -328,7 +328,7 @@ impl Wire for BadWire {
         &'a mut self,
         unit: u8,
         request: Request<'a>,
-        departure: &'a mut Departure,
+        send_guard: &'a mut SendGuard,
     ) -> Boxed<'a, Result<Answer, Fault>> {
         if self.calls.fetch_add(1, Ordering::Relaxed) == self.nth {
             match self.mishap {
@@ -336,7 +336,7 @@ impl Wire for BadWire {
                 Mishap::Block(span) => std::thread::sleep(span),
             }
         }
-        Box::pin(self.wire.exchange(unit, request, departure))
+        Box::pin(self.wire.exchange(unit, request, send_guard))
     }
 }
 

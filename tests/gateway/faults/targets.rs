@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use isotherm::observe::status::Command;
-use isotherm::virtual_machine::Seen;
+use isotherm::virtual_machine::SeenRequest;
 use isotherm_core::output::ControlWord;
 
 use crate::faults::law;
@@ -84,7 +84,7 @@ fn outputs(channels: &[(&str, &str)]) -> String {
 }
 
 /// Writes to the control, in their order.
-fn written(trace: &Trace) -> Vec<&Seen> {
+fn written(trace: &Trace) -> Vec<&SeenRequest> {
     let cnc = trace.profile.devices.iter().position(|device| device.name == "cnc");
     trace.wire.iter().filter(|seen| seen.is_write() && Some(seen.device.0) == cnc).collect()
 }
@@ -99,7 +99,7 @@ fn real(words: &[u16]) -> f32 {
 
 /// Blocks that were written. Checks that each is one request, heartbeat and sequence count, the version is constant,
 /// and the check word fits.
-fn blocks(trace: &Trace, base: u16) -> Vec<&Seen> {
+fn blocks(trace: &Trace, base: u16) -> Vec<&SeenRequest> {
     let blocks = written(trace);
     assert!(blocks.len() > 60, "{}", blocks.len());
     for (place, seen) in blocks.iter().enumerate() {
@@ -164,7 +164,7 @@ fn the_heartbeat_of_a_set_goes_on_while_its_axis_is_off_and_its_control_word_say
     });
     law::holds(&trace);
     let blocks = blocks(&trace, 100);
-    let at = |seen: &Seen| trace.seconds(seen.at);
+    let at = |seen: &SeenRequest| trace.seconds(seen.at);
     assert!(at(blocks[0]) >= 10.0, "nothing before a person arms: {:?}", blocks[0]);
     let silence = blocks.windows(2).map(|pair| pair[1].at.since(pair[0].at)).max().unwrap();
     assert!(silence < Duration::from_millis(1500), "the heartbeat stood still for {silence:?}");
@@ -314,7 +314,7 @@ fn a_ditel_display_shows_value_point_and_colour_in_one_request_red_on_a_fault_an
     let trace = run(&display("ditel-dn-nb"), &format!("{BREAKS}{silent}"), 2 * MINUTE);
     law::holds(&trace);
     let written = written(&trace);
-    let values: Vec<&&Seen> =
+    let values: Vec<&&SeenRequest> =
         written.iter().filter(|seen| seen.address.register().unwrap().offset == 10).collect();
     assert!(values.len() > 150, "{}", values.len());
     for seen in &values {
@@ -333,7 +333,7 @@ fn a_ditel_display_shows_value_point_and_colour_in_one_request_red_on_a_fault_an
         within.map(|seen| seen.wanted[3]).all(|colour| colour == 0x3034)
     };
     assert!(red(66.0, 118.0), "red from the fault on\n{}", trace.lines());
-    let dashes: Vec<&&Seen> =
+    let dashes: Vec<&&SeenRequest> =
         written.iter().filter(|seen| seen.address.register().unwrap().offset == 0).collect();
     assert!(dashes.iter().all(|seen| seen.wanted == [0x2d2d, 0x2d2d]), "{dashes:?}");
     let stale = dashes.iter().filter(|seen| (91.0..106.0).contains(&trace.seconds(seen.at))).count();
@@ -364,7 +364,7 @@ fn a_dm36_display_is_given_sign_decimals_and_digits() {
     let trace = run(&display("dm36b06"), silent, MINUTE);
     law::holds(&trace);
     let written = written(&trace);
-    let values: Vec<&&Seen> =
+    let values: Vec<&&SeenRequest> =
         written.iter().filter(|seen| seen.address.register().unwrap().offset == 6).collect();
     assert!(values.len() > 50, "{}", values.len());
     for seen in values {

@@ -67,7 +67,7 @@ impl Computer {
             let wrong = self.wrong_time();
             let now = self.world.clock.now();
             self.world.clock.set_time_of_day(offset(now, wrong));
-            self.world.clock.look_at_the_time_of_day();
+            self.world.clock.check_time_of_day();
             self.count("clock set between two runs");
         }
         match self.random.random_range(0..6) {

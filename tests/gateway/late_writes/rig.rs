@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use isotherm::clock::Clock;
 use isotherm::gateway::Options;
-use isotherm::observe::status::{Source, Status};
+use isotherm::observe::status::{GatewayApi, Status};
 
 use crate::late_writes::control::{Shared, serve};
 use crate::late_writes::device::gateway::{self, events, reported};
@@ -92,7 +92,7 @@ pub(crate) fn machine(control: &Shared, late: &str) -> String {
 
 /// Runs the gateway in parallel with `script`, which uses its state. The end of the script stops it. Returns its last
 /// status.
-pub(crate) fn beside(text: &str, script: impl FnOnce(&dyn Source) + Send + 'static) -> Status {
+pub(crate) fn beside(text: &str, script: impl FnOnce(&dyn GatewayApi) + Send + 'static) -> Status {
     let directory = tempfile::tempdir().unwrap();
     let options = Options { directory: Some(directory.path().to_owned()), ..Options::default() };
     gateway::beside(text, options, script)

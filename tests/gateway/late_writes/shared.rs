@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use isotherm::observe::asker::{Asker, Way};
+use isotherm::observe::requester::{Channel, Requester};
 use isotherm::observe::status::Command;
 
 use crate::late_writes::control::{Control, Fate};
@@ -24,7 +24,7 @@ fn denied_beside_an_operator(code: u8) {
     let seen = control.clone();
     let status = beside(&text, move |source| {
         wait_until(source, "a person is asked", |status| reported(status, "first-account") == 1);
-        source.command(Command::Arm, None, &Arc::new(Asker::new(Way::Api, "a test"))).unwrap();
+        source.command(Command::Arm, None, &Arc::new(Requester::new(Channel::Api, "a test"))).unwrap();
         wait_until(source, "it arrives", |_| seen.lock().unwrap().offset() == 1250);
         std::thread::sleep(Duration::from_secs(1));
         let shares = source.status().outputs[0].shares.unwrap();
@@ -47,7 +47,7 @@ fn an_edit_while_the_fate_of_a_write_is_unknown_is_a_question_and_the_answer_mak
         // Two steps of the gateway had arrived at the last verification, and the register has three. The operator
         // corrects it.
         seen.lock().unwrap().edits(-10);
-        source.command(Command::Arm, None, &Arc::new(Asker::new(Way::Api, "a test"))).unwrap();
+        source.command(Command::Arm, None, &Arc::new(Requester::new(Channel::Api, "a test"))).unwrap();
         wait_until(source, "it goes on", |status| status.axes[0].state == "active");
         wait_until(source, "it arrives", |_| seen.lock().unwrap().offset() == 950);
     });

@@ -75,7 +75,7 @@ fn stopped(place: Place, then: Then, more: &str) {
     device.asks(asked);
     std::thread::sleep(STOPPED);
     let before = device.state().seen.len();
-    program.running.goes_on();
+    program.running.resumes();
     if then == Then::Afterwards {
         std::thread::sleep(Duration::from_millis(100));
         device.gate().open();

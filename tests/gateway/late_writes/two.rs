@@ -30,7 +30,7 @@ fn of_two_gateways_at_one_shared_register_one_or_both_go_off_and_say_why() {
     let text = profile_of(&control, "2s", LEDGER);
     let mut both = [Program::start(&text), Program::start(&elsewhere(&text))];
     for program in &mut both {
-        program.running.hears("if the whole value is your own offset");
+        program.running.receives("if the whole value is your own offset");
         program.is_armed();
     }
     // The machine warms and cools until one of them has detected the other.
@@ -74,7 +74,7 @@ fn of_two_gateways_at_one_whole_register_the_one_that_finds_the_others_step_goes
     let seen = control.clone();
     first.waits_until("it has arrived", move || seen.lock().unwrap().offset() == 300);
     let mut second = Program::start(&elsewhere(&text));
-    second.running.hears("axis z: armed");
+    second.running.receives("axis z: armed");
     std::thread::sleep(Duration::from_secs(3));
     let mut both = [first, second];
     // On a busy computer one of them may have made all steps before the other one reads. Then more steps follow.

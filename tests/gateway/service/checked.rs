@@ -66,7 +66,7 @@ fn write(service: &Service, files: &[(&str, &str)]) {
 
 /// Waits for the event about changed files. Returns the files that it names.
 fn differences(service: &mut Service) -> Vec<String> {
-    service.gateway.hears("changed after the new program had checked the profile");
+    service.gateway.receives("changed after the new program had checked the profile");
     let events = service.events("profile-differs");
     let [event] = events.as_slice() else { panic!("{events:#?}") };
     let text = event["text"].as_str().unwrap();
@@ -144,10 +144,10 @@ fn a_program_that_cannot_be_started_any_more_leaves_the_old_one_with_the_profile
         replace(&service, "\"$real\" \"$@\" || exit $?\nchmod a-x \"$0\"", "");
         let (code, said) = service.restart(&[]);
         assert_eq!(code, Some(0), "{said}");
-        let told = service.gateway.hears("the previous program continues");
-        assert!(told.contains("cannot be started"), "{told}");
+        let reported = service.gateway.receives("the previous program continues");
+        assert!(reported.contains("cannot be started"), "{reported}");
         service.walks_to(service.device.offset() + 20);
-        service.gateway.hears("changed after the new program had checked the profile");
+        service.gateway.receives("changed after the new program had checked the profile");
     }
     let armed = service.events("armed");
     assert!(
@@ -169,10 +169,10 @@ fn a_page_whose_token_is_gone_keeps_no_new_program_from_running_and_comes_when_i
     let (code, said) = service.restart(&[]);
     assert_eq!(code, Some(0), "{said}");
     service.walks_to(60);
-    let closed = service.gateway.hears("the page");
+    let closed = service.gateway.receives("the page");
     assert!(closed.contains("page.token"), "{closed}");
     std::fs::rename(service.home.path().join("away"), &token).unwrap();
-    service.gateway.hears("page http://127.0.0.1:");
+    service.gateway.receives("page http://127.0.0.1:");
     assert_eq!((service.events("page-closed").len(), service.events("page-open").len()), (1, 1));
 }
 
@@ -232,7 +232,7 @@ fn a_program_of_a_newer_version_gets_back_what_it_has_written_whatever_that_is()
         (&Value::from(before), &Value::from(isotherm_profile::sha256(answer.as_bytes())))
     );
     // This version does not know that form. It reads the file, and the axes resume as they were.
-    service.gateway.hears("is read from disk");
+    service.gateway.receives("is read from disk");
     service.walks_to(60);
     let armed = service.events("armed");
     assert!(armed.len() == 2 && armed[1]["data"]["way"] == "restart", "{armed:#?}");
@@ -297,8 +297,11 @@ fn runs_on(service: &mut Service, offset: i16) {
     assert!(more.is_some(), "it beats");
     let status = service.verb(&["status"]);
     assert_eq!(status.status.code(), Some(0), "{status:?}");
-    let told = service.manager.rest();
-    assert!(told.iter().all(|told| !told.contains("RELOADING") && !told.contains("STOPPING")), "{told:?}");
+    let reported = service.manager.rest();
+    assert!(
+        reported.iter().all(|reported| !reported.contains("RELOADING") && !reported.contains("STOPPING")),
+        "{reported:?}"
+    );
 }
 
 #[test]

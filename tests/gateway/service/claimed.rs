@@ -32,7 +32,7 @@ impl Cell {
 
     fn starts(&self, name: &str, change: impl FnOnce(String) -> String, options: &[&str]) -> Running {
         let mut gateway = self.gateway(name, change, options);
-        gateway.hears(RUNS);
+        gateway.receives(RUNS);
         gateway
     }
 
@@ -122,7 +122,7 @@ fn a_suspended_gateway_keeps_its_claim() {
     first.stands_still();
     let said = cell.is_refused("second", |text| text);
     assert!(said.contains(&format!("process {}", first.id())), "{said}");
-    first.goes_on();
+    first.resumes();
 }
 
 #[test]
@@ -146,7 +146,7 @@ fn a_successor_is_refused_by_a_third_gateway_and_not_by_the_one_it_replaces() {
     let other = text.replace("\"walker\"", "\"other\"").replace("\"holding:10\"", "\"holding:11\"");
     let other = file(home, "other.toml", &other);
     let mut other = Running::start(&mut run(home, &other, &home.join("elsewhere"), &[]));
-    other.hears(RUNS);
+    other.receives(RUNS);
     let (code, said) = service.restart(&[]);
     assert_eq!(code, Some(0), "{said}");
     service.rewrite(|text| text.replace("\"holding:10\"", "\"holding:11\""));

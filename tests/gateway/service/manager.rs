@@ -33,12 +33,12 @@ impl Manager {
 
     /// Waits for a datagram that contains this text.
     #[track_caller]
-    pub(crate) fn hears(&mut self, text: &str) -> String {
+    pub(crate) fn receives(&mut self, text: &str) -> String {
         let clock = Clock::wall();
         let begun = clock.now();
         while clock.now().since(begun) < PATIENCE {
-            if let Some(told) = self.next().filter(|told| told.contains(text)) {
-                return told;
+            if let Some(reported) = self.next().filter(|reported| reported.contains(text)) {
+                return reported;
             }
         }
         panic!("{text:?} was not told; heard: {:#?}", self.heard);
@@ -50,8 +50,8 @@ impl Manager {
     }
 
     fn next(&mut self) -> Option<String> {
-        let told = self.said.recv_timeout(Duration::from_millis(200)).ok()?;
-        self.heard.push(told.clone());
-        Some(told)
+        let reported = self.said.recv_timeout(Duration::from_millis(200)).ok()?;
+        self.heard.push(reported.clone());
+        Some(reported)
     }
 }

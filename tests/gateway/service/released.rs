@@ -136,7 +136,7 @@ fn a_register_that_another_gateway_writes_to_by_now_is_left_to_it_and_the_gatewa
     let mut command = isotherm(service.home.path());
     command.arg("run").arg(&path).arg("--state").arg(service.home.path().join("neighbour"));
     let mut neighbour = Running::start(&mut command);
-    neighbour.hears("the gateway runs");
+    neighbour.receives("the gateway runs");
     let process = service.gateway.id();
     let (code, said) = release(&service, &["cnc_z", "--yes"]);
     assert_eq!((code, said.contains("output cnc_z: nothing is released")), (Some(1), true), "{said}");

@@ -46,10 +46,13 @@ fn nothing_moves(change: impl FnOnce(String) -> String, stands_at: i16, by_hand:
         let (code, said) = service.restart(&[]);
         assert_eq!(code, Some(0), "{said}");
         assert!(said.contains("has taken over; z: compensating"), "{said}");
-        let reloading = service.manager.hears("RELOADING=1");
+        let reloading = service.manager.receives("RELOADING=1");
         assert!(reloading.contains("MONOTONIC_USEC="), "{reloading}");
-        service.manager.hears("READY=1");
-        assert!(service.manager.heard.iter().all(|told| !told.contains("STOPPING")), "it does not stop");
+        service.manager.receives("READY=1");
+        assert!(
+            service.manager.heard.iter().all(|reported| !reported.contains("STOPPING")),
+            "it does not stop"
+        );
         assert_eq!((process, service.gateway.has_ended()), (service.gateway.id(), false));
         assert_eq!(service.events("started").len(), 1 + round, "{said}");
         // Time for a few rounds, in which nothing may change.
@@ -159,8 +162,11 @@ fn a_profile_that_is_wrong_leaves_the_old_gateway_running_and_is_an_event() {
     assert!(refused[0]["text"].as_str().unwrap().contains("the profile is wrong"), "{refused:#?}");
     service.walks_to(80);
     assert_eq!(service.events("started").len(), 1);
-    let told = service.manager.rest();
-    assert!(told.iter().all(|told| !told.contains("RELOADING") && !told.contains("STOPPING")), "{told:?}");
+    let reported = service.manager.rest();
+    assert!(
+        reported.iter().all(|reported| !reported.contains("RELOADING") && !reported.contains("STOPPING")),
+        "{reported:?}"
+    );
     assert!(!service.gateway.has_ended());
 }
 
@@ -169,7 +175,7 @@ fn a_profile_in_which_no_name_can_be_read_is_an_event_of_the_gateway_that_runs_i
     let service = Service::start(|text| text);
     let whole = std::fs::read_to_string(&service.profile).unwrap();
     // Number of such events, as soon as the profile is whole again.
-    let told = || {
+    let reported = || {
         std::fs::write(&service.profile, &whole).unwrap();
         let refused = service.events("command-refused");
         let is_it =
@@ -182,18 +188,18 @@ fn a_profile_in_which_no_name_can_be_read_is_an_event_of_the_gateway_that_runs_i
     let mut other = isotherm(service.home.path());
     other.args(["restart", "other.toml", "--keep", "--state"]).arg(service.home.path().join("state"));
     let other = other.output().unwrap();
-    assert_eq!((other.status.code(), told()), (Some(64), 0), "{other:?}");
+    assert_eq!((other.status.code(), reported()), (Some(64), 0), "{other:?}");
     std::fs::write(&service.profile, "[machine\nname = walker\n").unwrap();
     let (code, said) = service.restart(&[]);
     assert_eq!(
-        (code, said.contains("the gateway continues as before"), told()),
+        (code, said.contains("the gateway continues as before"), reported()),
         (Some(64), true, 1),
         "{said}"
     );
     std::fs::remove_file(&service.profile).unwrap();
     let (code, said) = service.restart(&[]);
     assert_eq!(
-        (code, said.contains("the gateway continues as before"), told()),
+        (code, said.contains("the gateway continues as before"), reported()),
         (Some(64), true, 2),
         "{said}"
     );

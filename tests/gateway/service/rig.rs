@@ -73,7 +73,7 @@ impl Service {
         command.args(&words[1..]).arg("run").arg(&path).arg("--state").arg(&state);
         let mut gateway = Running::start(&mut command);
         meanwhile(&mut gateway, &state);
-        manager.hears("READY=1");
+        manager.receives("READY=1");
         Service { home, device, profile: path, program, manager, gateway }
     }
 

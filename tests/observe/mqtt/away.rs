@@ -70,7 +70,7 @@ fn a_broker_that_is_killed_costs_the_machine_nothing_and_hears_later_what_happen
     machine.running.stands_still();
     broker.starts();
     let mut reader = broker.reads("isotherm/press/#", &[]);
-    machine.running.goes_on();
+    machine.running.resumes();
     let mut missing = vec![
         "press/state online",
         "\"kind\":\"broker-down\"",
@@ -114,6 +114,6 @@ fn a_broker_that_hangs_fills_no_memory_and_is_left_in_the_end() {
     // A hanging broker does not delay the stop either.
     machine.running.signal("TERM");
     assert!(machine.running.ends_within(Duration::from_secs(30)).success(), "{:?}", machine.running.said);
-    broker.process().goes_on();
+    broker.process().resumes();
     broker.dies();
 }

@@ -19,7 +19,7 @@ fn a_measured_error_is_learned_from_and_nothing_arms_disarms_or_moves() {
     let mqtt = format!("[mqtt]\nbroker = \"mqtt://127.0.0.1:{}\"\ncommands = [\"measured\"]\n", broker.port);
     let mut state = broker.reads("isotherm/press/state", &[]);
     let machine = Machine::with(&mqtt);
-    state.hears("online");
+    state.receives("online");
     machine.is_active();
     until("what the broker has kept is refused", || {
         let said = events(&machine);
@@ -88,9 +88,9 @@ fn a_measured_error_that_the_broker_delivers_twice_counts_once_after_a_kill_too(
         let before = probe(&machine);
         publishes_twice(&broker, "isotherm/press/command/measured", payload);
         for _ in 0..2 {
-            arrived.hears(payload);
+            arrived.receives(payload);
         }
-        let refused = events.hears("command-refused");
+        let refused = events.receives("command-refused");
         assert!(refused.contains(why) && refused.contains("over the broker"), "{refused}");
         let after = probe(&machine);
         assert_eq!(after["last"]["error_um"], if before["last"].is_null() { -25.0 } else { -24.0 });
@@ -128,7 +128,7 @@ fn where_no_command_is_taken_nothing_is_even_asked_for() {
     let broker = Broker::open();
     let mut state = broker.reads("isotherm/press/state", &[]);
     let machine = Machine::with(&format!("[mqtt]\nbroker = \"mqtt://127.0.0.1:{}\"\n", broker.port));
-    state.hears("online");
+    state.receives("online");
     machine.is_active();
     broker.tells("isotherm/press/command/measured", r#"{"axis":"z","error_um":3.5}"#, &[]);
     let said = broker.so_far();

@@ -17,7 +17,7 @@ fn mqtt(broker: &Broker) -> String {
 
 /// Returns the document of the next message to this topic.
 fn document(reader: &mut Running, topic: &str) -> Value {
-    let line = reader.hears(&format!(" {topic} "));
+    let line = reader.receives(&format!(" {topic} "));
     let payload = line.split_once(&format!(" {topic} ")).unwrap().1;
     serde_json::from_str(payload).unwrap_or_else(|error| panic!("{error}: {line}"))
 }
@@ -27,13 +27,13 @@ fn state_is_kept_for_whoever_comes_later_and_events_are_told_once() {
     let broker = Broker::open();
     let mut early = broker.reads("isotherm/press/event", &[]);
     let mut machine = Machine::with(&mqtt(&broker));
-    early.hears("\"kind\":\"started\"");
+    early.receives("\"kind\":\"started\"");
     machine.is_active();
     let mut late = broker.reads("#", &[]);
-    late.hears("1 isotherm/press/state online");
+    late.receives("1 isotherm/press/state online");
     // The retained message is the last published one. It is a moment behind the gateway's own status.
     until("an axis that is kept as active", || {
-        let axis = broker.reads("isotherm/press/axis/z", &[]).hears("1 isotherm/press/axis/z ");
+        let axis = broker.reads("isotherm/press/axis/z", &[]).receives("1 isotherm/press/axis/z ");
         let parts = ["\"state\":\"active\"", "\"verified_um\":", "\"verified_age_s\":", "\"worse\":false"];
         if parts.iter().all(|part| axis.contains(part)) { Ok(()) } else { Err(axis) }
     });
@@ -42,14 +42,14 @@ fn state_is_kept_for_whoever_comes_later_and_events_are_told_once() {
     assert_eq!((&first["unit"], &first["quality"]), (&Value::from("degC"), &Value::from("good")));
     assert_ne!(first["value"], document(&mut bed, "isotherm/press/signal/bed7")["value"], "it changes");
     for topic in ["gateway", "output/cnc_z", "device/cnc", "bus/cell"] {
-        broker.reads(&format!("isotherm/press/{topic}"), &[]).hears("1 isotherm/press/");
+        broker.reads(&format!("isotherm/press/{topic}"), &[]).receives("1 isotherm/press/");
     }
     let mut home_assistant = broker.reads("homeassistant/#", &[]);
-    home_assistant.hears("1 homeassistant/sensor/isotherm-press/signal_bed7_value/config ");
+    home_assistant.receives("1 homeassistant/sensor/isotherm-press/signal_bed7_value/config ");
     assert!(!late.so_far().iter().any(|line| line.starts_with("1 isotherm/press/event")), "no event is kept");
 
     machine.answers(false);
-    let bad = early.hears("\"kind\":\"signal-bad\"");
+    let bad = early.receives("\"kind\":\"signal-bad\"");
     for part in ["\"level\":\"warning\"", "\"cause\":\"", "\"hint\":\""] {
         assert!(bad.contains(part), "{part} in {bad}");
     }
@@ -60,9 +60,9 @@ fn state_is_kept_for_whoever_comes_later_and_events_are_told_once() {
 
     machine.running.signal("TERM");
     let mut state = broker.reads("isotherm/press/state", &[]);
-    state.hears("isotherm/press/state offline");
+    state.receives("isotherm/press/state offline");
     assert!(machine.running.ends_within(PATIENCE).success(), "{:?}", machine.running.said);
-    early.hears("\"kind\":\"stopped\"");
+    early.receives("\"kind\":\"stopped\"");
 }
 
 #[test]
@@ -70,9 +70,9 @@ fn a_gateway_that_is_killed_is_offline_by_its_will() {
     let broker = Broker::open();
     let mut state = broker.reads("isotherm/press/state", &[]);
     let machine = Machine::with(&mqtt(&broker));
-    state.hears("isotherm/press/state online");
+    state.receives("isotherm/press/state online");
     machine.running.killed();
-    state.hears("isotherm/press/state offline");
+    state.receives("isotherm/press/state offline");
 }
 
 #[test]
@@ -80,11 +80,11 @@ fn what_another_profile_has_no_more_the_broker_forgets() {
     let broker = Broker::open();
     let mut state = broker.reads("isotherm/press/state", &[]);
     let machine = Machine::with(&mqtt(&broker));
-    state.hears("isotherm/press/state online");
+    state.receives("isotherm/press/state online");
     for topic in
         ["isotherm/press/signal/bed99", "homeassistant/sensor/isotherm-press/signal_bed99_value/config"]
     {
-        broker.reads(topic, &[]).hears(&format!("1 {topic} {{"));
+        broker.reads(topic, &[]).receives(&format!("1 {topic} {{"));
     }
     let mut gone = ["isotherm/press/signal/bed99", "homeassistant/#"].map(|topic| broker.reads(topic, &[]));
     let profile = std::fs::read_to_string(&machine.profile).unwrap();
@@ -100,7 +100,7 @@ fn what_another_profile_has_no_more_the_broker_forgets() {
         // One topic for each signal, five for the axis, one for the gateway.
         if cleared == SIGNALS + 6 { Ok(()) } else { Err(cleared.to_string()) }
     });
-    broker.reads("isotherm/press/signal/table", &[]).hears("1 isotherm/press/signal/table {");
+    broker.reads("isotherm/press/signal/table", &[]).receives("1 isotherm/press/signal/table {");
     drop(again);
 }
 
@@ -127,7 +127,7 @@ fn check_says_what_is_published_and_online_whether_the_broker_is_there() {
     let (fits, said) = check(&["--online"]);
     assert!(fits && said.contains("accepts the gateway; nothing was published"), "{said}");
     broker.tells("isotherm/after", "it", &[]);
-    heard.hears("isotherm/after");
+    heard.receives("isotherm/after");
     let published = heard.so_far().iter().filter(|line| line.starts_with("0 isotherm/press"));
     assert_eq!(published.count(), 0, "nothing was published");
     broker.dies();

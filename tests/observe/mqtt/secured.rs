@@ -60,7 +60,7 @@ fn a_password_inside_tls_lets_in_and_what_is_wrong_is_said_in_words() {
     let machine = Machine::beside(&mqtt(&broker, "ca = \"ca.pem\""), |home| {
         files(home, &authority.cert, "open sesame\n", &own);
     });
-    reads.hears("isotherm/press/axis/z {");
+    reads.receives("isotherm/press/axis/z {");
     assert!(!machine.status().to_string().contains("sesame"));
 
     let other = Authority::named("somebody else");

@@ -1,4 +1,5 @@
-//! Sparkplug B, held against a host that is not ours: births, sequence, rebirth, death, and a gap that arrives as historical.
+//! Sparkplug B, held against a host that is not ours: births, sequence, rebirth, death, and a gap that arrives as
+//! historical.
 
 use std::io::Write;
 use std::path::Path;
@@ -33,7 +34,7 @@ impl Host {
         let mut command = Command::new(python);
         command.arg("-u").arg(script).args([&broker.port.to_string(), "plant-1", "press"]);
         let mut host = Host(Running::start(&mut command));
-        host.0.hears("listens");
+        host.0.receives("listens");
         host
     }
 
@@ -42,8 +43,8 @@ impl Host {
     }
 
     /// The next message of this kind.
-    fn hears(&mut self, kind: &str) -> Value {
-        let line = self.0.hears(&format!("{{\"kind\": \"{kind}\""));
+    fn receives(&mut self, kind: &str) -> Value {
+        let line = self.0.receives(&format!("{{\"kind\": \"{kind}\""));
         serde_json::from_str(&line).unwrap_or_else(|error| panic!("{error}: {line}"))
     }
 
@@ -61,7 +62,7 @@ fn a_host_that_is_not_ours_takes_births_sequence_rebirth_and_death() {
     let broker = Broker::open();
     let mut host = Host::of(&broker);
     let mut machine = Machine::with(&mqtt(&broker));
-    let birth = host.hears("NBIRTH");
+    let birth = host.receives("NBIRTH");
     let names = birth["metrics"].as_object().unwrap();
     for name in [
         "axis/z/verified_um",
@@ -79,10 +80,10 @@ fn a_host_that_is_not_ours_takes_births_sequence_rebirth_and_death() {
     machine.is_active();
     let mut numbers = 0;
     while numbers < 30 {
-        numbers += u64::from(host.hears("NDATA")["historical"] == 0);
+        numbers += u64::from(host.receives("NDATA")["historical"] == 0);
     }
     host.asks("rebirth");
-    assert_eq!(host.hears("NBIRTH")["bd_seq"], birth["bd_seq"], "the same connection");
+    assert_eq!(host.receives("NBIRTH")["bd_seq"], birth["bd_seq"], "the same connection");
     host.asks("measured z 3.5");
     until("it is learned from", || {
         let last = machine.status()["axes"]["z"]["probe"]["last"].clone();
@@ -95,7 +96,7 @@ fn a_host_that_is_not_ours_takes_births_sequence_rebirth_and_death() {
     });
     assert_eq!(machine.status()["axes"]["z"]["armed"], true);
     machine.running.signal("TERM");
-    assert_eq!(host.hears("NDEATH")["of_birth"], true);
+    assert_eq!(host.receives("NDEATH")["of_birth"], true);
     assert!(machine.running.ends_within(PATIENCE).success());
     host.finds_nothing_wrong();
 }
@@ -105,12 +106,12 @@ fn a_node_that_is_killed_is_dead_by_its_will_and_born_with_the_next_number() {
     let broker = Broker::open();
     let mut host = Host::of(&broker);
     let machine = Machine::with(&mqtt(&broker));
-    let birth = host.hears("NBIRTH");
+    let birth = host.receives("NBIRTH");
     let again = machine.dies_and_begins();
-    let death = host.hears("NDEATH");
+    let death = host.receives("NDEATH");
     assert_eq!((&death["bd_seq"], &death["of_birth"]), (&birth["bd_seq"], &Value::from(true)));
     let number = |message: &Value| message["bd_seq"].as_u64().unwrap();
-    assert_eq!(number(&host.hears("NBIRTH")), (number(&birth) + 1) % 256);
+    assert_eq!(number(&host.receives("NBIRTH")), (number(&birth) + 1) % 256);
     host.finds_nothing_wrong();
     drop(again);
 }
@@ -121,9 +122,9 @@ fn what_happened_while_the_broker_was_dead_arrives_as_historical() {
     let mut host = Host::of(&broker);
     let machine = Machine::with(&mqtt(&broker));
     let starved = Starved::of(machine.running.id());
-    host.hears("NBIRTH");
+    host.receives("NBIRTH");
     machine.is_active();
-    let before = host.hears("NDATA");
+    let before = host.receives("NDATA");
     broker.dies();
     until("it is known to be away", || {
         let mqtt = machine.status()["mqtt"].clone();
@@ -135,9 +136,9 @@ fn what_happened_while_the_broker_was_dead_arrives_as_historical() {
     // The host listens again before the node is born.
     machine.running.stands_still();
     broker.starts();
-    host.0.hears("listens");
-    machine.running.goes_on();
-    let birth = host.hears("NBIRTH");
+    host.0.receives("listens");
+    machine.running.resumes();
+    let birth = host.receives("NBIRTH");
     // A signal that changes with every look: no second of the gap is without it.
     let stamps = |message: &Value| -> Vec<u64> {
         let stamps = message["metrics"]["signal/bed7/value"].as_array();
@@ -147,7 +148,7 @@ fn what_happened_while_the_broker_was_dead_arrives_as_historical() {
     let mut last = stamps(&before).last().copied();
     let mut historical: Vec<u64> = Vec::new();
     while last.is_none_or(|last| last + 3000 < reborn) {
-        let data = host.hears("NDATA");
+        let data = host.receives("NDATA");
         if data["historical"].as_u64().unwrap() > 0 {
             historical.extend(stamps(&data));
             last = historical.last().copied();

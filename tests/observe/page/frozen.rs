@@ -92,13 +92,13 @@ fn who_is_frozen_since_when_and_who_stands_in_is_read_on_the_page_and_on_the_wal
     let card: &str = &format!("follows a fallback model: {frozen}");
     let first: &str = &format!("Axis z: follows a fallback model ({frozen}).");
     // The expected error is unknown while a sensor has a stand-in.
-    let untold = "eval:document.querySelector('.expected').textContent === ''";
+    let unreported = "eval:document.querySelector('.expected').textContent === ''";
     let row = "eval:[...document.querySelectorAll('#signals tr')].some((row) => row.innerText.includes('▲ frozen'))";
-    let words = [first, card, untold, row, "size:390x844", whole];
+    let words = [first, card, unreported, row, "size:390x844", whole];
     let text = looked_at_from(10, "", &words);
     // The text is that of the gateway's event.
     assert!(text.contains("axis z: wheelhead frozen for "), "{text}");
-    looked_at_from(10, "/?view=wall", &[first, untold, "size:390x844", whole]);
+    looked_at_from(10, "/?view=wall", &[first, unreported, "size:390x844", whole]);
 }
 
 #[test]

@@ -42,11 +42,11 @@ impl Machine {
         let text = include_str!("machine.toml").replace("DEVICES", &free_port().to_string());
         let profile = file(home.path(), "walker.toml", &text);
         let mut devices = Running::start(isotherm(home.path()).arg("virtual").arg(&profile));
-        devices.hears("module");
+        devices.receives("module");
         let mut command = isotherm(home.path());
         let mut gateway =
             Running::start(command.arg("run").arg(&profile).arg("--state").arg(home.path().join("state")));
-        let page = gateway.hears("page https://");
+        let page = gateway.receives("page https://");
         let port = page.trim_end_matches('/').rsplit(':').next().unwrap().parse().unwrap();
         Machine { home, profile, port, _devices: devices, gateway }
     }

@@ -107,7 +107,7 @@ impl Machine {
         let (amplitude, drift) = (chance.random_range(0.6..1.6), chance.random_range(-0.15..0.25));
         let (mut speeds, mut coolants) = (Spell::default(), Spell::default());
         let (mut nose, mut bearing, mut head, mut column, mut bend) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        let (mut inlet, mut outlet, mut cabinet) = (0.0, 0.0, 0.0);
+        let (mut gate, mut outlet, mut cabinet) = (0.0, 0.0, 0.0);
         let mut day = Day { times: Vec::new(), temperatures: vec![Vec::new(); SENSORS], error: Vec::new() };
         let mut sums = [0.0; SENSORS];
         for reading in 0..MINUTES * OFTEN {
@@ -129,10 +129,10 @@ impl Machine {
             };
             let turn = std::f64::consts::TAU * hours / 16.0;
             let hall: f64 = amplitude * ((turn + phase).sin() - phase.sin()) + drift * hours;
-            inlet += gone(3.0) * (coolant + 0.6 * heat + 0.3 * hall - inlet);
-            outlet += gone(6.0) * (inlet + 1.5 * heat - outlet);
-            nose += gone(self.nose) * (9.0 * heat + 0.5 * inlet + 0.3 * hall - nose);
-            bearing += gone(self.bearing) * (6.0 * heat + 0.4 * inlet + 0.3 * hall - bearing);
+            gate += gone(3.0) * (coolant + 0.6 * heat + 0.3 * hall - gate);
+            outlet += gone(6.0) * (gate + 1.5 * heat - outlet);
+            nose += gone(self.nose) * (9.0 * heat + 0.5 * gate + 0.3 * hall - nose);
+            bearing += gone(self.bearing) * (6.0 * heat + 0.4 * gate + 0.3 * hall - bearing);
             head += gone(self.head) * (0.3 * nose + 0.3 * bearing + 0.4 * hall - head);
             column += gone(self.column) * (0.5 * head + 0.6 * hall - column);
             cabinet += gone(25.0) * (hall + 0.8 * heat - cabinet);
@@ -140,7 +140,7 @@ impl Machine {
             // The sum of four uniform numbers is nearly normal.
             let mut noise =
                 |size: f64| size * (0..4).map(|_| chance.random_range(-1.0..1.0)).sum::<f64>() * 0.866;
-            let rises = [nose, bearing, head, column, inlet, outlet, hall, cabinet];
+            let rises = [nose, bearing, head, column, gate, outlet, hall, cabinet];
             let readings = rises.map(|rise| ((20.03 + rise + noise(0.02)) / kind.count).round() * kind.count);
             sums.iter_mut().zip(readings).for_each(|(sum, reading)| *sum += reading);
             let is_whole = (reading + 1).is_multiple_of(OFTEN);
@@ -199,7 +199,7 @@ fn run(machine: &MachineSettings, axis: &AxisSettings, day: &Day) -> Seen {
         let readings = day.temperatures.iter().map(|sensor| Reading::good(sensor[row], now));
         let readings: Vec<Reading> = readings.collect();
         compensation.step(&Snapshot::new(now, &readings), &[control]);
-        for found in compensation.distrusted(0) {
+        for found in compensation.rejected(0) {
             let sensor = found.signal.0;
             if !seen.suspected.iter().any(|(known, _)| *known == sensor) {
                 seen.suspected.push((sensor, *second));

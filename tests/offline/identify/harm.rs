@@ -86,14 +86,15 @@ fn days_that_are_alike_are_noted_beside_a_day_that_is_not() {
         }
         day.error.iter_mut().for_each(|error| *error *= 0.1);
     }
-    let told = |days: &[Day]| found(4, &whitened::logs(days), &Settings::default()).notes.remarks.join("; ");
-    let remarks = told(&days);
+    let reported =
+        |days: &[Day]| found(4, &whitened::logs(days), &Settings::default()).notes.remarks.join("; ");
+    let remarks = reported(&days);
     assert!(
         remarks.contains("the other runs differ little compared with day4: the error spans"),
         "{remarks}"
     );
     assert_eq!(remarks.matches("differ little compared").count(), 1, "{remarks}");
-    let other = told(&whitened::days(5, 11, 0.1));
+    let other = reported(&whitened::days(5, 11, 0.1));
     assert!(!other.contains("differ little compared"), "{other}");
 }
 

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use isotherm_identify::method::{Method, PriorTerm, Settings};
 use isotherm_identify::setup::ready;
-use isotherm_identify::{Identified, identify, judged_on_the_others};
+use isotherm_identify::{Identified, assessed_on_others, identify};
 
 use super::rig::{self, dataset, found};
 use super::speed;
@@ -37,7 +37,7 @@ fn one_day_after_others_leaves_less_with_their_model_as_the_prior() {
     let ready = ready(&rig::profile(4), &dataset, &rig::choice()).unwrap();
     let left = |settings: &Settings| -> f64 {
         (0..3)
-            .flat_map(|run| judged_on_the_others(&ready, settings, &[run]).unwrap())
+            .flat_map(|run| assessed_on_others(&ready, settings, &[run]).unwrap())
             .map(|score| score.range_um)
             .sum()
     };
@@ -62,8 +62,8 @@ fn a_lag_that_only_the_prior_has_is_learnt_through_too() {
     let found = found(4, &logs(&days(1, 3, 0.0)), &towards(vec![term("s0", 12, -3.0), term("s2", 0, 1.5)]));
     let own = found.terms.iter().find(|term| term.signal == "s0" && (term.lag_s - 720.0).abs() < 1e-9);
     assert!(own.is_some_and(|term| term.gain < -1.0), "{:?}", found.terms);
-    let told = found.notes.remarks.join("; ");
-    assert!(told.contains("one run") && !told.contains("even tenths"), "{told}");
+    let reported = found.notes.remarks.join("; ");
+    assert!(reported.contains("one run") && !reported.contains("even tenths"), "{reported}");
 }
 
 #[test]

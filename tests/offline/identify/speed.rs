@@ -104,16 +104,19 @@ fn a_speed_that_one_run_lacks_is_no_input_and_no_run_loses_its_rows() {
     logs[2] = days(4)[2].day.log();
     let found = found(&logs);
     assert!(found.terms.iter().all(|term| term.signal != "rpm"), "{:?}", found.terms);
-    let told = found.notes.remarks.join("; ");
-    assert!(told.contains("rpm is no input, because it is missing in 100 % of the rows in day2"), "{told}");
+    let reported = found.notes.remarks.join("; ");
+    assert!(
+        reported.contains("rpm is no input, because it is missing in 100 % of the rows in day2"),
+        "{reported}"
+    );
 }
 
 #[test]
 fn inputs_that_are_named_leave_a_speed_out_and_say_so() {
     let inputs = vec!["s0".to_owned(), "s2".to_owned()];
     let found = chosen(&logs(3), &Choice { speeds: true, inputs, ..rig::choice() }, &Settings::default());
-    let told = found.notes.remarks.join("; ");
-    assert!(told.contains("rpm is no input, because --inputs does not name it"), "{told}");
+    let reported = found.notes.remarks.join("; ");
+    assert!(reported.contains("rpm is no input, because --inputs does not name it"), "{reported}");
 }
 
 #[test]
@@ -131,7 +134,9 @@ fn of_one_run_a_model_without_the_speed_is_written_too() {
     let found = found(&logs(1));
     assert_eq!(found.fallbacks.iter().map(|own| own.without.as_str()).collect::<Vec<_>>(), ["rpm"]);
     assert!(found.means.worst_range_um.is_nan() && found.fallbacks[0].means.worst_range_um.is_nan());
-    assert!(found.notes.remarks.iter().any(|told| told.contains("no sensor that fails can be replaced")));
+    assert!(
+        found.notes.remarks.iter().any(|reported| reported.contains("no sensor that fails can be replaced"))
+    );
     let block = written(&found, "z", Outside::Agree);
     assert!(block.block.contains("\n# Used while rpm is lost.\n"), "{}", block.block);
     rig::pasted(&profile_with(&block.block), &block.files);

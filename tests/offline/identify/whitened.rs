@@ -71,12 +71,12 @@ fn one_run_is_learnt_from_with_seven_tenths_and_told_what_that_is_worth() {
     let says_nothing = |found: &Identified| found.terms.iter().all(|term| term.se.is_none());
     assert!(says_nothing(&alone) && says_nothing(&twice), "too few runs for a standard error");
     assert!(alone.runs.is_empty() && alone.expected.is_none() && alone.means.mean_range_um.is_nan());
-    let told =
+    let reported =
         |found: &Identified, word: &str| found.notes.remarks.iter().any(|remark| remark.contains(word));
-    assert!(told(&alone, "no run could be held out"), "{:?}", alone.notes.remarks);
-    assert!(told(&alone, "One in four such models made a later run worse"));
-    assert!(told(&twice, "Record a third day"));
-    assert!(!told(&found(4, &logs(&days(3, 3, 0.0)), &Settings::default()), "Record"));
+    assert!(reported(&alone, "no run could be held out"), "{:?}", alone.notes.remarks);
+    assert!(reported(&alone, "One in four such models made a later run worse"));
+    assert!(reported(&twice, "Record a third day"));
+    assert!(!reported(&found(4, &logs(&days(3, 3, 0.0)), &Settings::default()), "Record"));
 }
 
 #[test]
@@ -134,8 +134,8 @@ fn where_no_term_comes_to_half_a_count_that_is_told_and_no_model_is_written() {
     let ready = ready(&profile, &dataset, &rig::choice()).unwrap();
     let found = identify(&ready, &Settings::default(), None, true, &|_, _| {}).unwrap();
     assert_eq!(found.terms, []);
-    let told = found.notes.remarks.join("; ");
-    assert!(told.contains("Cz does not reach half a count of the register"), "{told}");
+    let reported = found.notes.remarks.join("; ");
+    assert!(reported.contains("Cz does not reach half a count of the register"), "{reported}");
     let block = written(&found, "z", Outside::Agree);
     assert!(block.files.is_empty() && block.block.lines().all(|line| line.starts_with('#')), "{block:?}");
 }
@@ -214,8 +214,8 @@ fn a_frozen_sensor_is_noticed_and_costs_little_where_others_resemble_it_and_a_go
     assert!(own.len() >= 4, "{} of {}", own.len(), all.len());
     let growth =
         |of: fn(&Frozen) -> f64| mean(&own.iter().map(|one| of(one) / one.range.1).collect::<Vec<f64>>());
-    let (told, untold) = (growth(|one| one.range.0), growth(|one| one.range_unnoticed));
-    assert!(told < 1.05 && untold > 1.2, "{told} {untold}");
+    let (reported, unreported) = (growth(|one| one.range.0), growth(|one| one.range_unnoticed));
+    assert!(reported < 1.05 && unreported > 1.2, "{reported} {unreported}");
     assert!(!all.iter().any(|one| one.false_alarm));
 }
 

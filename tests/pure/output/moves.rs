@@ -1,6 +1,8 @@
 //! All events that can happen next in a world.
 
-use isotherm_core::output::{Action, ArmState, Condition, Fact, Input, Kept, NotSent, Settings, Verify};
+use isotherm_core::output::{
+    Action, ArmState, Condition, Fact, Input, NotSent, SavedOutput, Settings, Verify,
+};
 
 use isotherm_core::quantity::Counts;
 
@@ -281,7 +283,7 @@ fn is_of_ours(world: &World, settings: &Settings, value: Counts) -> bool {
     let shown = world.shown(settings);
     let stood = shown.filter(|shown| shown.under_way > 0).and_then(|shown| shown.verified);
     // If the process dies before a value is on disk, only the values on disk are known.
-    let is_open = |kept: &Kept| !kept.in_order && kept.promises.iter().any(|one| one.is_under_way);
+    let is_open = |kept: &SavedOutput| !kept.in_order && kept.promises.iter().any(|one| one.is_under_way);
     let on_disk = world.disk.filter(is_open).and_then(|kept| kept.account);
     let is_on_disk = on_disk.is_some_and(|account| account.base + account.share == value);
     is_promised || is_on_disk || stood.is_some_and(|seen| seen.value == value)

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use isotherm_core::output::{Action, Event, Fact, Kept, Settings, State, Who, step};
+use isotherm_core::output::{Action, Event, Fact, SavedOutput, Settings, State, Who, step};
 use isotherm_core::quantity::{Counts, Moment};
 
 pub(crate) struct Rig {
@@ -11,13 +11,13 @@ pub(crate) struct Rig {
     pub(crate) action: Action,
     pub(crate) now: Moment,
     pub(crate) register: i64,
-    pub(crate) disk: Option<Kept>,
+    pub(crate) disk: Option<SavedOutput>,
     pub(crate) reported: Vec<Event>,
 }
 
 impl Rig {
     /// Creates an armed output after an orderly stop. The register holds the value that is on disk.
-    pub(crate) fn new(settings: Settings, kept: Kept) -> Rig {
+    pub(crate) fn new(settings: Settings, kept: SavedOutput) -> Rig {
         let now = Moment::from_nanos(1_000_000_000_000);
         let stood = kept.account.map_or(kept.stood, |account| Some(account.base + account.share));
         let mut rig = Rig {

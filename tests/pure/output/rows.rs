@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use isotherm_core::output::{
-    Account, Action, ArmState, Doubt, Event, Fact, Kept, Rule, Rules, Settings, Verify, Who,
+    Account, Action, ArmState, Doubt, Event, Fact, Rule, Rules, SavedOutput, Settings, Verify, Who,
 };
 use isotherm_core::quantity::Counts;
 
@@ -11,12 +11,15 @@ use super::rig::Rig;
 use super::world::settings;
 
 fn whole(stands: i64) -> Rig {
-    Rig::new(settings(false, 5, 4), Kept { in_order: true, stood: Some(Counts(stands)), ..Kept::default() })
+    Rig::new(
+        settings(false, 5, 4),
+        SavedOutput { in_order: true, stood: Some(Counts(stands)), ..SavedOutput::default() },
+    )
 }
 
 fn shared(base: i64, share: i64) -> Rig {
     let account = Some(Account { base: Counts(base), share: Counts(share), doubt: None });
-    Rig::new(settings(true, 5, 4), Kept { in_order: true, account, ..Kept::default() })
+    Rig::new(settings(true, 5, 4), SavedOutput { in_order: true, account, ..SavedOutput::default() })
 }
 
 fn doubt(rig: &Rig) -> Option<Doubt> {
@@ -31,7 +34,7 @@ fn standing(rig: &Rig) -> ArmState {
 }
 
 /// Creates an expired value that never arrived, with nothing under way.
-fn lately(rig: &mut Rig, offset: i64) -> i64 {
+fn expired(rig: &mut Rig, offset: i64) -> i64 {
     assert!(rig.want(offset).is_some());
     rig.settings.remembered = Duration::from_secs(60);
     let value = rig.held();
@@ -42,7 +45,7 @@ fn lately(rig: &mut Rig, offset: i64) -> i64 {
             assert_eq!((again, rig.done()), (rig.register, None));
         }
     }
-    assert!(rig.state.copies().lately_of(Counts(value)).is_some());
+    assert!(rig.state.copies().expired_of(Counts(value)).is_some());
     value
 }
 
@@ -100,7 +103,7 @@ fn a_value_under_way_is_ours() {
 #[test]
 fn a_value_lately_sent_is_taken_over_in_a_whole_register() {
     let mut rig = whole(2);
-    rig.register = lately(&mut rig, 3);
+    rig.register = expired(&mut rig, 3);
     assert_eq!(rig.seconds(2, 2), Some(2));
     assert!(rig.has_reported(|event| matches!(event, Event::OwnWriteArrivedLate { value: Counts(3), .. })));
     assert_eq!(standing(&rig), ArmState::Armed);
@@ -109,7 +112,7 @@ fn a_value_lately_sent_is_taken_over_in_a_whole_register() {
 #[test]
 fn a_value_lately_sent_is_doubt_in_a_shared_register() {
     let mut rig = shared(3, 0);
-    rig.register = lately(&mut rig, 2);
+    rig.register = expired(&mut rig, 2);
     assert_eq!(rig.seconds(1, 0), None);
     assert_eq!((doubt(&rig), standing(&rig)), (Some(Doubt::YoursOrOurs), ArmState::Barred));
 }
@@ -117,7 +120,7 @@ fn a_value_lately_sent_is_doubt_in_a_shared_register() {
 #[test]
 fn a_value_lately_sent_and_sent_again_is_ended_by_no_pair_of_reads() {
     let mut rig = whole(2);
-    let value = lately(&mut rig, 3);
+    let value = expired(&mut rig, 3);
     assert_eq!(rig.seconds(1, 3), Some(value));
     rig.answer_lost();
     assert_eq!(rig.settle(), None);
@@ -146,12 +149,12 @@ fn zero_is_doubt_where_a_write_of_ours_would_make_it_and_something_is_his() {
     rig.register = 0;
     assert_eq!(rig.seconds(1, 1), None);
     assert_eq!(rig.parts(), (0, 0), "nothing of ours would make it zero: it was cleared");
-    let kept = Kept {
+    let kept = SavedOutput {
         account: Some(Account { base: Counts(2), share: Counts(1), doubt: None }),
         promises: vec![isotherm_core::output::Promise { value: Counts(0), at: rig.now, is_under_way: true }]
             .try_into()
             .unwrap(),
-        ..Kept::default()
+        ..SavedOutput::default()
     };
     let mut rig = Rig::new(settings(true, 5, 4), kept);
     rig.register = 0;
@@ -208,7 +211,7 @@ fn a_restart_that_was_reported_and_another_value_is_doubt_where_something_was_ou
 
 #[test]
 fn the_first_account_that_is_not_zero_waits_for_a_person() {
-    let mut rig = Rig::new(settings(true, 5, 4), Kept { in_order: true, ..Kept::default() });
+    let mut rig = Rig::new(settings(true, 5, 4), SavedOutput { in_order: true, ..SavedOutput::default() });
     assert_eq!(rig.parts(), (0, 0), "a register that holds nothing is nobody's");
     rig.disk = None;
     rig.register = 7;
@@ -274,10 +277,10 @@ fn a_device_that_stores_something_else_than_it_acknowledges_is_no_operator() {
 #[test]
 fn nothing_is_sent_that_the_register_cannot_hold() {
     let range = (Counts(0), Counts(4));
-    let kept = Kept {
+    let kept = SavedOutput {
         in_order: true,
         account: Some(Account { base: Counts(3), ..Account::default() }),
-        ..Kept::default()
+        ..SavedOutput::default()
     };
     let mut rig = Rig::new(Settings { range, ..settings(true, 5, 4) }, kept);
     assert_eq!(rig.want(5), Some(4));
@@ -292,13 +295,13 @@ fn what_is_wanted_is_cut_to_what_the_register_holds_wherever_its_zero_is() {
     let bias = Counts(100);
     let around = Settings { bias, range: (Counts(0), Counts(200)), ..settings(false, 5, 4) };
     for offset in [3, -3] {
-        let kept = Kept { in_order: true, stood: Some(bias), ..Kept::default() };
+        let kept = SavedOutput { in_order: true, stood: Some(bias), ..SavedOutput::default() };
         Rig::new(around, kept).go(offset);
     }
-    let kept = Kept {
+    let kept = SavedOutput {
         in_order: true,
         account: Some(Account { base: Counts(5), ..Account::default() }),
-        ..Kept::default()
+        ..SavedOutput::default()
     };
     let narrow = Settings { step: Counts(4), range: (Counts(0), Counts(11)), ..settings(true, 40, 4) };
     let mut rig = Rig::new(narrow, kept);
@@ -363,7 +366,7 @@ fn a_wait_is_reported_once_with_its_seconds() {
 #[test]
 fn what_is_full_waits_and_forgets_nothing() {
     let settings = Settings { step: Counts(20), late: Duration::from_secs(60), ..settings(false, 20, 4) };
-    let mut rig = Rig::new(settings, Kept { in_order: true, ..Kept::default() });
+    let mut rig = Rig::new(settings, SavedOutput { in_order: true, ..SavedOutput::default() });
     let sent = (1..=12).filter(|offset| rig.seconds(1, *offset).map(|_| rig.held()).is_some()).count();
     assert_eq!((sent, rig.state.copies().under_way().count()), (8, 8));
 }
@@ -388,14 +391,15 @@ fn what_is_kept_comes_back_as_it_was() {
     assert_eq!(rig.want(4), Some(7));
     let kept = rig.disk.unwrap();
     let text = serde_json::to_string(&kept).unwrap();
-    assert_eq!(serde_json::from_str::<Kept>(&text).unwrap(), kept);
+    assert_eq!(serde_json::from_str::<SavedOutput>(&text).unwrap(), kept);
     assert!(text.contains(r#""promises":[{"value":7"#), "{text}");
 }
 
 #[test]
 fn what_cannot_be_read_is_acknowledged_and_that_is_no_trouble() {
     let settings = Settings { verify: Verify::Echo, ..settings(false, 5, 4) };
-    let mut rig = Rig::new(settings, Kept { in_order: true, stood: Some(Counts(0)), ..Kept::default() });
+    let mut rig =
+        Rig::new(settings, SavedOutput { in_order: true, stood: Some(Counts(0)), ..SavedOutput::default() });
     rig.go(3);
     assert_eq!(rig.reported, [Event::AcknowledgedNotReadBack]);
     assert!(rig.state.shown(&rig.settings).is_only_acknowledged);
@@ -419,7 +423,8 @@ fn a_change_after_a_long_time_without_a_read_is_doubt_while_something_may_arrive
 #[test]
 fn only_a_write_begun_after_its_time_ends_a_copy_that_cannot_be_read() {
     let settings = Settings { verify: Verify::Echo, ..settings(false, 5, 4) };
-    let mut rig = Rig::new(settings, Kept { in_order: true, stood: Some(Counts(0)), ..Kept::default() });
+    let mut rig =
+        Rig::new(settings, SavedOutput { in_order: true, stood: Some(Counts(0)), ..SavedOutput::default() });
     assert_eq!(rig.want(-1), Some(-1));
     rig.held();
     rig.settings.refresh = Some(Duration::from_secs(1));
@@ -448,7 +453,7 @@ fn what_was_sent_beside_another_part_of_the_operators_is_not_taken_for_a_share_b
 /// The guard is on the other side of the register, which waits for it. A write does not pass the target either.
 #[test]
 fn a_guard_that_is_ahead_never_takes_the_register_away_from_the_target() {
-    let kept = Kept { in_order: true, ..Kept::default() };
+    let kept = SavedOutput { in_order: true, ..SavedOutput::default() };
     let mut rig = Rig::new(Settings { step: Counts(3), ..settings(false, 40, 4) }, kept);
     assert_eq!(rig.want_towards(28, -36), None);
     assert_eq!((rig.want_towards(-1, -36), rig.done()), (Some(-1), None));
@@ -471,7 +476,7 @@ fn a_register_that_waited_goes_to_the_new_target_at_once() {
     let highest = |rules| {
         let mut rig = Rig::new(
             Settings { rules, ..settings(false, 40, 4) },
-            Kept { in_order: true, ..Kept::default() },
+            SavedOutput { in_order: true, ..SavedOutput::default() },
         );
         rig.go(1);
         let mut highest = rig.register;

@@ -94,7 +94,7 @@ pub(crate) fn search(settings: &Settings, budget: Budget, most: usize, every: u6
 /// Follows one long random way with unlimited events. Returns the violation, if there is one.
 pub(crate) fn walk(settings: &Settings, budget: Budget, steps: u64) -> Option<String> {
     let mut world = World::new(settings, budget);
-    let mut lately: VecDeque<Name> = VecDeque::new();
+    let mut expired: VecDeque<Name> = VecDeque::new();
     // A linear congruential generator (Knuth's MMIX) is random enough for this purpose.
     let mut random = 0x5eed_u64;
     let mut draw = |below: u64| {
@@ -113,13 +113,13 @@ pub(crate) fn walk(settings: &Settings, budget: Budget, steps: u64) -> Option<St
         let mut chosen = if is_quiet { faults } else { plain };
         let of = chosen.len() as u64;
         let (name, next, outcome) = chosen.swap_remove(usize::try_from(draw(of)).unwrap());
-        lately.push_back(name);
-        if lately.len() > 60 {
-            lately.pop_front();
+        expired.push_back(name);
+        if expired.len() > 60 {
+            expired.pop_front();
         }
         let rested = if place % 16 == 0 { next.runs_out(settings).map(|_| ()) } else { Ok(()) };
         if let Err(why) = outcome.and(rested) {
-            return Some(format!("{why}, after {place} steps, the last of which are {lately:#?}"));
+            return Some(format!("{why}, after {place} steps, the last of which are {expired:#?}"));
         }
         world = World { left: budget, ..next.canonical(settings) };
     }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use isotherm_core::output::{Account, ArmState, Doubt, Event, Kept};
+use isotherm_core::output::{Account, ArmState, Doubt, Event, SavedOutput};
 use isotherm_core::quantity::Counts;
 
 use super::rig::Rig;
@@ -11,7 +11,10 @@ use super::world::settings;
 fn gateway(is_shared: bool) -> Rig {
     let account = is_shared.then_some(Account { base: Counts(30), ..Account::default() });
     let stood = (!is_shared).then_some(Counts(30));
-    Rig::new(settings(is_shared, 80, 4), Kept { in_order: true, account, stood, ..Kept::default() })
+    Rig::new(
+        settings(is_shared, 80, 4),
+        SavedOutput { in_order: true, account, stood, ..SavedOutput::default() },
+    )
 }
 
 /// Executes the turn of one gateway, with the register value that the other one left. Returns whether it wrote.

@@ -4,7 +4,7 @@
 use std::collections::HashSet;
 use std::hash::{BuildHasher, BuildHasherDefault, DefaultHasher};
 
-use isotherm_core::output::{Alone, SetSettings, SetWords, Taking};
+use isotherm_core::output::{CommitTrigger, SetSettings, SetWords, StandaloneWrite};
 
 use super::set_world::{Program, SetBudget, SetWorld, set_settings};
 
@@ -61,26 +61,26 @@ fn holds(what: &str, settings: &SetSettings, program: Program) {
 
 #[test]
 fn searched_a_set_that_is_taken_as_it_is_written() {
-    let words = SetWords::Control(Alone::Yes);
-    holds("at once", &set_settings(Taking::AtOnce, false, words), Program::Another);
-    let words = SetWords::Heartbeat(Alone::No);
-    holds("at once, with a number", &set_settings(Taking::AtOnce, true, words), Program::Another);
+    let words = SetWords::Control(StandaloneWrite::Yes);
+    holds("at once", &set_settings(CommitTrigger::AtOnce, false, words), Program::Another);
+    let words = SetWords::Heartbeat(StandaloneWrite::No);
+    holds("at once, with a number", &set_settings(CommitTrigger::AtOnce, true, words), Program::Another);
 }
 
 #[test]
 fn searched_a_set_that_is_taken_when_its_number_changes() {
-    holds("number", &set_settings(Taking::Number, true, SetWords::None), Program::Another);
+    holds("number", &set_settings(CommitTrigger::Number, true, SetWords::None), Program::Another);
 }
 
 #[test]
 fn searched_a_set_that_is_taken_when_its_strobe_rises() {
-    holds("strobe", &set_settings(Taking::Strobe, false, SetWords::None), Program::Another);
-    holds("strobe and number", &set_settings(Taking::Strobe, true, SetWords::None), Program::Another);
-    let words = SetWords::Control(Alone::No);
-    holds("strobe, number and words", &set_settings(Taking::Strobe, true, words), Program::Another);
+    holds("strobe", &set_settings(CommitTrigger::Strobe, false, SetWords::None), Program::Another);
+    holds("strobe and number", &set_settings(CommitTrigger::Strobe, true, SetWords::None), Program::Another);
+    let words = SetWords::Control(StandaloneWrite::No);
+    holds("strobe, number and words", &set_settings(CommitTrigger::Strobe, true, words), Program::Another);
 }
 
 #[test]
 fn searched_a_set_whose_control_takes_nothing_but_the_next_number() {
-    holds("next number", &set_settings(Taking::Strobe, true, SetWords::None), Program::NextOnly);
+    holds("next number", &set_settings(CommitTrigger::Strobe, true, SetWords::None), Program::NextOnly);
 }

@@ -4,9 +4,9 @@
 use std::time::Duration;
 
 use isotherm_core::output::{
-    Action, ArmState, Beat, Condition, Controller, Demand, Demanded, Event, Kept, MemberDemand, Mode,
-    OutputAnswer, OutputHealth, OwnWords, SetAction, SetController, SetDemand, SetInput, SetSettings,
-    SetValue, SetWords, State, Strobe, StrobeResult, Taking, Who, WriteResult,
+    Action, ArmState, Beat, CommitTrigger, Condition, Controller, Demand, Event, MemberDemand, Mode,
+    OutputAnswer, OutputDecision, OutputHealth, OwnWords, SavedOutput, SetAction, SetController, SetDemand,
+    SetInput, SetSettings, SetValue, SetWords, State, Strobe, StrobeResult, Who, WriteResult,
 };
 use isotherm_core::quantity::{Counts, Moment};
 
@@ -69,13 +69,13 @@ pub(crate) struct SetWorld {
     gateway: Option<SetController>,
     pub(crate) action: SetAction,
     armed: [bool; 2],
-    disk: [Option<Kept>; 2],
+    disk: [Option<SavedOutput>; 2],
     registers: Content,
     wires: Wires,
     /// Last number that the control took.
     number: u16,
     program: Program,
-    taking: Taking,
+    taking: CommitTrigger,
     has_number: bool,
     /// Values that the control uses.
     taken: [Counts; 2],
@@ -95,12 +95,12 @@ pub(crate) struct SetWorld {
 }
 
 /// Creates the settings of a set of two outputs whose control takes it in this way. Step 1.
-pub(crate) fn set_settings(taking: Taking, has_number: bool, words: SetWords) -> SetSettings {
+pub(crate) fn set_settings(taking: CommitTrigger, has_number: bool, words: SetWords) -> SetSettings {
     SetSettings {
         members: vec![settings(false, 2, 2); 2],
         taking,
         has_number,
-        timeout: (taking == Taking::Strobe).then_some(SECOND),
+        timeout: (taking == CommitTrigger::Strobe).then_some(SECOND),
         refresh: (words != SetWords::None).then_some(SECOND),
         words,
     }
@@ -109,7 +109,7 @@ pub(crate) fn set_settings(taking: Taking, has_number: bool, words: SetWords) ->
 impl SetWorld {
     pub(crate) fn new(settings: &SetSettings, program: Program, left: SetBudget) -> SetWorld {
         let bias = settings.members[0].bias;
-        let kept = Kept { in_order: true, stood: Some(bias), ..Kept::default() };
+        let kept = SavedOutput { in_order: true, stood: Some(bias), ..SavedOutput::default() };
         let own = OwnWords { number: Some(6), ..OwnWords::default() };
         let mut world = SetWorld {
             gateway: None,
@@ -196,7 +196,7 @@ impl SetWorld {
                     }
                     if let Request::Values(content) = request
                         && left.losses > 0
-                        && self.taking == Taking::Number
+                        && self.taking == CommitTrigger::Number
                     {
                         go("only the values arrive", &mut |next| {
                             next.left.losses -= 1;
@@ -335,7 +335,7 @@ impl SetWorld {
                 }
                 self.pairs.push(content.values);
                 self.are_excused |= self.is_excused;
-                if self.taking != Taking::Strobe && self.is_next(content.own.number) {
+                if self.taking != CommitTrigger::Strobe && self.is_next(content.own.number) {
                     return self.takes();
                 }
             }
@@ -476,7 +476,7 @@ impl SetWorld {
             let target = if place == 0 { self.wanted } else { -self.wanted };
             let target = if mode == Mode::Follow { target } else { self.guard[place] };
             let decided =
-                Demanded { offset: self.guard[place], target: Some(target), at: NOW, not_after, mode };
+                OutputDecision { offset: self.guard[place], target: Some(target), at: NOW, not_after, mode };
             let demand = Demand {
                 armed: self.armed[place].then_some(Who::Person),
                 interlock: Condition::Met,

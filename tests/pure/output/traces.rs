@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use isotherm_core::output::{Account, Action, Event, Fact, Kept, Settings, Verify};
+use isotherm_core::output::{Account, Action, Event, Fact, SavedOutput, Settings, Verify};
 use isotherm_core::quantity::Counts;
 
 use super::rig::Rig;
@@ -10,18 +10,21 @@ use super::world::settings;
 
 /// Whole register with step 1, and `late` 4 s.
 fn whole(stands: i64) -> Rig {
-    Rig::new(settings(false, 5, 4), Kept { in_order: true, stood: Some(Counts(stands)), ..Kept::default() })
+    Rig::new(
+        settings(false, 5, 4),
+        SavedOutput { in_order: true, stood: Some(Counts(stands)), ..SavedOutput::default() },
+    )
 }
 
 /// Shared register with step 2.
 fn shared(base: i64, share: i64) -> Rig {
     let account = Some(Account { base: Counts(base), share: Counts(share), doubt: None });
-    Rig::new(settings(true, 5, 4), Kept { in_order: true, account, ..Kept::default() })
+    Rig::new(settings(true, 5, 4), SavedOutput { in_order: true, account, ..SavedOutput::default() })
 }
 
 fn unread(stands: i64) -> Rig {
     let settings = Settings { verify: Verify::Echo, ..settings(false, 5, 4) };
-    Rig::new(settings, Kept { in_order: true, stood: Some(Counts(stands)), ..Kept::default() })
+    Rig::new(settings, SavedOutput { in_order: true, stood: Some(Counts(stands)), ..SavedOutput::default() })
 }
 
 fn is_late(event: &Event) -> bool {

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use isotherm_core::output::{
-    Account, Action, ArmState, Condition, Controller, Demand, Demanded, Event, Fact, Input, Kept, Mode,
-    OutputHealth, Promise, Rule, Settings, Slots, State, Trouble, Verify, Who,
+    Account, Action, ArmState, Condition, Controller, Demand, Event, Fact, Input, Mode, OutputDecision,
+    OutputHealth, Promise, Rule, SavedOutput, Settings, Slots, State, Trouble, Verify, Who,
 };
 use isotherm_core::quantity::{Counts, Moment};
 
@@ -37,7 +37,7 @@ pub(crate) struct World {
     /// Who has armed the axis.
     pub(crate) armed: Option<Who>,
     pub(crate) interlock: Condition,
-    pub(crate) disk: Option<Kept>,
+    pub(crate) disk: Option<SavedOutput>,
     pub(crate) register: Counts,
     /// Operator offset as the operator knows it. For a whole register, the bias.
     pub(crate) his: Counts,
@@ -65,11 +65,11 @@ pub(crate) struct World {
 
 impl World {
     pub(crate) fn new(settings: &Settings, left: Budget) -> World {
-        let kept = Kept {
+        let kept = SavedOutput {
             in_order: true,
             account: settings.is_shared.then_some(Account { base: settings.bias, ..Account::default() }),
             stood: Some(settings.bias),
-            ..Kept::default()
+            ..SavedOutput::default()
         };
         let mut world = World {
             gateway: None,
@@ -109,7 +109,7 @@ impl World {
     }
 
     /// Returns the state of the register, as the gateway knows it.
-    pub(crate) fn shown(&self, settings: &Settings) -> Option<isotherm_core::output::Shown> {
+    pub(crate) fn shown(&self, settings: &Settings) -> Option<isotherm_core::output::OutputView> {
         self.gateway.map(|gateway| gateway.state().shown(settings))
     }
 
@@ -140,7 +140,7 @@ impl World {
             Input::Fact(fact) => {
                 matches!(
                     fact,
-                    Fact::Read { .. } | Fact::Done { .. } | Fact::Kept | Fact::Look | Fact::GoesAlong
+                    Fact::Read { .. } | Fact::Done { .. } | Fact::Kept | Fact::Look | Fact::PiggybackAsked
                 )
             }
             Input::NotSent(_) => false,
@@ -186,7 +186,7 @@ impl World {
     }
 
     /// Returns the present demand on the output.
-    pub(crate) fn demand(&self, decision: Option<Demanded>) -> Input {
+    pub(crate) fn demand(&self, decision: Option<OutputDecision>) -> Input {
         Input::Demand(Demand {
             armed: self.armed,
             interlock: self.interlock,
@@ -317,13 +317,13 @@ impl World {
     }
 
     /// Stores the state that the gateway writes to disk. Times are only for messages, and are cleared.
-    pub(crate) fn keep(&mut self, settings: &Settings, kept: Option<Kept>) {
+    pub(crate) fn keep(&mut self, settings: &Settings, kept: Option<SavedOutput>) {
         let Some(kept) = kept else { return };
         let mut promises = Slots::default();
         for promise in kept.promises.iter() {
             assert!(promises.push(Promise { at: Moment::default(), ..*promise }));
         }
-        self.disk = Some(Kept { promises, ..kept });
+        self.disk = Some(SavedOutput { promises, ..kept });
         self.notices_restart(settings);
     }
 
@@ -364,7 +364,7 @@ impl World {
         self.answer_read(settings)?;
         match self.action() {
             Action::Nothing { .. } if self.interlock == Condition::Met => {
-                self.give(settings, Fact::GoesAlong)
+                self.give(settings, Fact::PiggybackAsked)
             }
             _ => Ok(()),
         }
@@ -547,7 +547,7 @@ impl World {
         let is_untaken = matches!(trouble, Some(Trouble::Untaken | Trouble::StillUntaken));
         self.mode = if is_untaken { Mode::Finish } else { mode };
         self.target = decision.map_or(self.target, |(_, target)| target);
-        let decision = decision.map(|(offset, target)| Demanded {
+        let decision = decision.map(|(offset, target)| OutputDecision {
             offset,
             target: Some(target),
             at: NOW,

@@ -7,14 +7,14 @@ use std::time::Duration;
 
 use isotherm::clock::Clock;
 use isotherm::gateway::{Gateway, Options};
-use isotherm::observe::status::{Source, Status};
+use isotherm::observe::status::{GatewayApi, Status};
 
 /// Runs the gateway in parallel with `script`, which uses its state. The end of the script stops it. Returns its last
 /// status.
 pub(crate) fn beside(
     text: &str,
     options: Options,
-    script: impl FnOnce(&dyn Source) + Send + 'static,
+    script: impl FnOnce(&dyn GatewayApi) + Send + 'static,
 ) -> Status {
     let loaded = isotherm_profile::parse(Path::new("machine.toml"), text, &[], &[]);
     let profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
@@ -34,7 +34,7 @@ pub(crate) fn beside(
 
 /// Checks the status repeatedly until the condition is true.
 #[track_caller]
-pub(crate) fn wait_until(source: &dyn Source, what: &str, found: impl Fn(&Status) -> bool) {
+pub(crate) fn wait_until(source: &dyn GatewayApi, what: &str, found: impl Fn(&Status) -> bool) {
     let clock = Clock::wall();
     let begun = clock.now();
     loop {

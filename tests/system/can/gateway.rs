@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use isotherm::observe::status::{Source, Status};
+use isotherm::observe::status::{GatewayApi, Status};
 
 use crate::can::node::{Node, Power, State};
 use crate::can::rig::{Interface, beside, count, events, load, reported, shell, signal, wait_until};
@@ -129,7 +129,7 @@ impl Cell {
         Cell { interface, module, sender, cnc }
     }
 
-    fn run(self, script: impl FnOnce(&Cell, &dyn Source) + Send + 'static) {
+    fn run(self, script: impl FnOnce(&Cell, &dyn GatewayApi) + Send + 'static) {
         let profile = load(&patient(), &self.interface);
         beside(profile, false, move |source| script(&self, source));
     }

@@ -6,15 +6,15 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use isotherm::clock::Clock;
-use isotherm::fieldbus::can::trouble::Gravity;
-use isotherm::fieldbus::can::{Heard, Socket};
+use isotherm::fieldbus::can::error_frame::ErrorSeverity;
+use isotherm::fieldbus::can::{ReceivedFrame, Socket};
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::Status;
-use isotherm::virtual_machine::{FaultScript, PlantSpec, Seen, Setup, Summary, VirtualMachine};
+use isotherm::virtual_machine::{FaultScript, PlantSpec, SeenRequest, Setup, Summary, VirtualMachine};
 use isotherm_core::codec::{CanId, CanMatch, Frame};
 use isotherm_profile::Profile;
 
-use crate::can::rig::{Interface, count, events, hear, load};
+use crate::can::rig::{Interface, count, events, load, receive};
 
 /// Surface grinder on CAN: a node and a sender for the temperatures, an encoder, a display, and a control.
 const PROFILE: &str = r#"
@@ -103,7 +103,7 @@ scale = 0.1
 /// Result of a run on virtual time.
 struct Run {
     summary: Summary,
-    written: Vec<Seen>,
+    written: Vec<SeenRequest>,
     /// State of the axis at the end of each second.
     states: Vec<&'static str>,
     status: Status,
@@ -238,10 +238,10 @@ fn standard(raw: u16) -> CanId {
 }
 
 /// Next frame, or an error of the bus. Errors of the link are ignored.
-async fn heard(socket: &Socket) -> Heard {
+async fn heard(socket: &Socket) -> ReceivedFrame {
     let heard = async {
         loop {
-            if let Ok(heard) = hear(socket).await {
+            if let Ok(heard) = receive(socket).await {
                 return heard;
             }
         }
@@ -275,7 +275,7 @@ fn a_node_is_heard_again_after_its_interface_was_down_and_after_there_was_a_new_
         let socket = Socket::open(interface.name(), &[exactly(standard(0x585))]).unwrap();
         tell(&socket, 0x605, [0x40, 0x10, 0x61, 1, 0, 0, 0, 0]).await;
         let answer = Frame::short(standard(0x585), [0x4b, 0x10, 0x61, 1, 10, 0, 0, 0]);
-        assert_eq!(heard(&socket).await, Heard::Frame(answer));
+        assert_eq!(heard(&socket).await, ReceivedFrame::Frame(answer));
     });
 }
 
@@ -290,10 +290,10 @@ fn error_frames_of_a_script_are_heard_as_those_of_a_controller() {
     let script = faults("passive", "300ms") + &faults("bus-off", "400ms") + &faults("restarted", "500ms");
     alone(&interface, &script, async |_| {
         let socket = Socket::open(interface.name(), &[]).unwrap();
-        for gravity in [Gravity::Passive, Gravity::BusOff, Gravity::Over] {
+        for gravity in [ErrorSeverity::Passive, ErrorSeverity::BusOff, ErrorSeverity::Over] {
             match heard(&socket).await {
-                Heard::Trouble(trouble) => assert_eq!(trouble.gravity(), gravity, "{trouble}"),
-                Heard::Frame(frame) => panic!("nothing is let through, yet {frame} came"),
+                ReceivedFrame::Error(trouble) => assert_eq!(trouble.gravity(), gravity, "{trouble}"),
+                ReceivedFrame::Frame(frame) => panic!("nothing is let through, yet {frame} came"),
             }
         }
     });
@@ -309,13 +309,13 @@ fn a_babbling_node_is_heard_only_by_those_who_want_to() {
         let wanted = Socket::open(interface.name(), &[exactly(sender)]).unwrap();
         let mut count = 0;
         while count < 1000 {
-            assert!(matches!(heard(&all).await, Heard::Frame(frame) if frame.data().len() == 8));
+            assert!(matches!(heard(&all).await, ReceivedFrame::Frame(frame) if frame.data().len() == 8));
             count += 1;
         }
         assert_eq!(all.lost(), 0);
-        assert!(matches!(heard(&wanted).await, Heard::Frame(frame) if frame.id() == sender));
-        while let Some(also) = wanted.hear_now().unwrap() {
-            assert!(matches!(also, Heard::Frame(frame) if frame.id() == sender));
+        assert!(matches!(heard(&wanted).await, ReceivedFrame::Frame(frame) if frame.id() == sender));
+        while let Some(also) = wanted.receive_now().unwrap() {
+            assert!(matches!(also, ReceivedFrame::Frame(frame) if frame.id() == sender));
         }
     });
 }
@@ -343,14 +343,17 @@ fn isotherm_virtual_serves_the_nodes_of_a_profile_and_says_where() {
         let socket = Socket::open(interface.name(), &[exactly(standard(0x585))]).unwrap();
         tell(&socket, 0x605, [0x40, 0x08, 0x10, 0, 0, 0, 0, 0]).await;
         let first = heard(&socket).await;
-        assert_eq!(first, Heard::Frame(Frame::short(standard(0x585), [0x41, 0x08, 0x10, 0, 6, 0, 0, 0])));
+        assert_eq!(
+            first,
+            ReceivedFrame::Frame(Frame::short(standard(0x585), [0x41, 0x08, 0x10, 0, 6, 0, 0, 0]))
+        );
         tell(&socket, 0x605, [0x60, 0, 0, 0, 0, 0, 0, 0]).await;
         heard(&socket).await
     });
     virtual_machine.kill().unwrap();
     virtual_machine.wait().unwrap();
     let segment = [0x03, b'm', b'o', b'd', b'u', b'l', b'e', 0];
-    assert_eq!(name, Heard::Frame(Frame::short(standard(0x585), segment)));
+    assert_eq!(name, ReceivedFrame::Frame(Frame::short(standard(0x585), segment)));
 }
 
 #[test]

@@ -2,7 +2,6 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
-mod believers;
 mod demo;
 mod gateway;
 mod machine;
@@ -10,6 +9,7 @@ mod node;
 mod rig;
 mod utils;
 mod verbs;
+mod wrong_replies;
 
 /// Interface for the tests, which `tests/vcan/run` creates.
 pub(crate) fn interface() -> String {

@@ -6,18 +6,18 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use isotherm::clock::Clock;
-use isotherm::fieldbus::can::{Heard, Socket};
+use isotherm::fieldbus::can::{ReceivedFrame, Socket};
 use isotherm::fieldbus::error::Fault;
 use isotherm::gateway::{Gateway, Options};
-use isotherm::observe::status::{SignalStatus, Source, Status};
+use isotherm::observe::status::{GatewayApi, SignalStatus, Status};
 
 /// Timeout of a test. A user-mode kernel on a busy computer is slow.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Waits for the next frame or error.
-pub(crate) async fn hear(socket: &Socket) -> Result<Heard, Fault> {
+pub(crate) async fn receive(socket: &Socket) -> Result<ReceivedFrame, Fault> {
     loop {
-        if let Some(heard) = socket.hear_now()? {
+        if let Some(heard) = socket.receive_now()? {
             return Ok(heard);
         }
         socket.ready().await;
@@ -95,7 +95,7 @@ pub(crate) fn load(text: &str, interface: &Interface) -> isotherm_profile::Profi
 pub(crate) fn beside(
     profile: isotherm_profile::Profile,
     dry_run: bool,
-    script: impl FnOnce(&dyn Source) + Send + 'static,
+    script: impl FnOnce(&dyn GatewayApi) + Send + 'static,
 ) {
     with_source(profile, dry_run, move |source| script(source.as_ref()));
 }
@@ -104,7 +104,7 @@ pub(crate) fn beside(
 pub(crate) fn with_source(
     profile: isotherm_profile::Profile,
     dry_run: bool,
-    script: impl FnOnce(Arc<dyn Source>) + Send + 'static,
+    script: impl FnOnce(Arc<dyn GatewayApi>) + Send + 'static,
 ) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
@@ -122,7 +122,7 @@ pub(crate) fn with_source(
 
 /// Checks the status every few milliseconds until the condition is true.
 #[track_caller]
-pub(crate) fn wait_until(source: &dyn Source, what: &str, found: impl Fn(&Status) -> bool) -> Status {
+pub(crate) fn wait_until(source: &dyn GatewayApi, what: &str, found: impl Fn(&Status) -> bool) -> Status {
     let clock = Clock::wall();
     let begun = clock.now();
     loop {

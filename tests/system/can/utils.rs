@@ -6,12 +6,12 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use isotherm::fieldbus::can::{Heard, Socket};
+use isotherm::fieldbus::can::{ReceivedFrame, Socket};
 use isotherm_core::codec::{BitField, BitKind, ByteOrder, CanId, CanMatch, Frame};
 use isotherm_core::reading::Reason;
 
 use crate::can::interface;
-use crate::can::rig::{Interface, beside, hear, load, signal, wait_until};
+use crate::can::rig::{Interface, beside, load, receive, signal, wait_until};
 
 /// Timeout of a test.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -86,13 +86,13 @@ fn open(wanted: &[CanMatch]) -> Socket {
 
 /// Next frame.
 async fn heard(socket: &Socket) -> Frame {
-    match tokio::time::timeout(PATIENCE, hear(socket))
+    match tokio::time::timeout(PATIENCE, receive(socket))
         .await
         .unwrap_or_else(|_| panic!("no frame for 60 s"))
         .unwrap()
     {
-        Heard::Frame(frame) => frame,
-        Heard::Trouble(trouble) => panic!("a virtual interface has no trouble: {trouble:?}"),
+        ReceivedFrame::Frame(frame) => frame,
+        ReceivedFrame::Error(trouble) => panic!("a virtual interface has no trouble: {trouble:?}"),
     }
 }
 
@@ -226,7 +226,7 @@ async fn we_hear_of_cangen_what_candump_hears_to_the_last_byte() {
         theirs.len()
     );
     assert_eq!(ours, theirs);
-    assert_eq!((socket.lost(), socket.hear_now().unwrap()), (0, None));
+    assert_eq!((socket.lost(), socket.receive_now().unwrap()), (0, None));
 }
 
 /// At full speed, no frame is lost, and the filter keeps unwanted frames from the program.

@@ -120,7 +120,7 @@ impl Bench {
         command.arg("run").arg(self.home.path().join("mill.toml"));
         command.arg("--state").arg(self.home.path().join("state"));
         let mut gateway = Running::start(&mut command);
-        gateway.hears("the gateway runs");
+        gateway.receives("the gateway runs");
         self.gateway = Some(gateway);
         self.follows("is active");
     }

@@ -91,7 +91,7 @@ fn one_more_linuxcnc_runs_in_namespaces_of_its_own() {
     command_of_it.args(["-c", &format!("exec {}", command(&all, "unshare "))]).current_dir(root());
     let _other = Mill::start();
     let mut mill = Running::start(&mut command_of_it);
-    mill.hears("ready");
+    mill.receives("ready");
     writeln!(mill.stdin(), "quit").unwrap();
     assert!(mill.ends_within(crate::linuxcnc::process::PATIENCE).success(), "{:?}", mill.said);
 }

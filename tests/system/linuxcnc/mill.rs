@@ -107,7 +107,7 @@ fn runs(port: u16) -> Running {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("profiles/linuxcnc");
     let mut command = Command::new(folder.join("headless"));
     let mut running = Running::start(command.args(["--home", "--port", &port.to_string()]));
-    running.hears("ready");
+    running.receives("ready");
     running
 }
 

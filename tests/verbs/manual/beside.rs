@@ -105,7 +105,7 @@ fn control(chapter: &Chapter, shop: &mut Shop) -> Beside {
     assert!(status.success(), "certificates.py: {status}");
     let mut command = python("tests/verbs/manual/control.py");
     let mut server = Running::start(command.arg(made.join("server.der")).arg(made.join("server.pem")));
-    let port = server.hears("listens on ").trim_start_matches("listens on ").to_owned();
+    let port = server.receives("listens on ").trim_start_matches("listens on ").to_owned();
     let address = format!("opc.tcp://127.0.0.1:{port}");
     let blocks = chapter.blocks();
     let whole = blocks.iter().find(|block| block.language == "toml" && block.is("whole")).unwrap();

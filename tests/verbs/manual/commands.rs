@@ -31,7 +31,7 @@ fn is_of_a_shell(block: &Block) -> bool {
 /// Commands of a block, each with the output that the block shows.
 fn commands(block: &Block) -> Vec<(String, Vec<String>)> {
     let mut found: Vec<(String, Vec<String>)> = Vec::new();
-    let mut goes_on = false;
+    let mut resumes = false;
     for line in block.text.lines() {
         let command = match block.language.as_str() {
             "sh" => Some(line.trim()),
@@ -39,13 +39,13 @@ fn commands(block: &Block) -> Vec<(String, Vec<String>)> {
         };
         match command {
             Some("") => {}
-            Some(command) if goes_on => found.last_mut().unwrap().0 += command,
+            Some(command) if resumes => found.last_mut().unwrap().0 += command,
             Some(command) => found.push((command.to_owned(), Vec::new())),
             None => found.last_mut().unwrap().1.push(line.to_owned()),
         }
         if let Some((command, _)) = found.last_mut() {
-            goes_on = command.ends_with('\\');
-            if goes_on {
+            resumes = command.ends_with('\\');
+            if resumes {
                 command.pop();
             }
         }

@@ -63,7 +63,7 @@ impl Shop {
     /// Starts a program that continues to run, and waits until it prints `word`.
     pub(crate) fn begun(&mut self, line: &str, word: &str) -> Running {
         let mut running = Running::start(&mut self.shell(line));
-        running.hears(word);
+        running.receives(word);
         let page = running.said.iter().find_map(|said| said.split_once("http://"));
         self.page = page.map(|(_, page)| page.trim_end_matches('/').to_owned()).or(self.page.take());
         running
@@ -73,19 +73,19 @@ impl Shop {
     pub(crate) fn run(&mut self, line: &str) -> (String, i32) {
         let line = self.today(line);
         let line = self.page.as_ref().map_or(line.clone(), |page| line.replace("127.0.0.1:8080", page));
-        let goes_on = match line.split_whitespace().nth(1) {
+        let resumes = match line.split_whitespace().nth(1) {
             Some("virtual") => Some("listens on"),
             Some("run") => Some("the gateway runs"),
             Some("demo") if line.contains("--stay") => Some("http://"),
             _ => None,
         };
-        if let Some(word) = goes_on {
+        if let Some(word) = resumes {
             let running = self.begun(&line, word);
             self.beside.push(running);
             return (String::new(), 0);
         }
         // Both streams use one pipe, as on a terminal.
-        let (mut hears, says) = std::io::pipe().unwrap();
+        let (mut receives, says) = std::io::pipe().unwrap();
         let mut command = self.shell(&line);
         command.stdin(Stdio::piped()).stdout(says.try_clone().unwrap()).stderr(says);
         let mut child = command.spawn().unwrap();
@@ -93,7 +93,7 @@ impl Shop {
         // A command that reads no input may have ended already.
         let _ = child.stdin.take().unwrap().write_all(self.typed.as_bytes());
         let mut said = String::new();
-        hears.read_to_string(&mut said).unwrap();
+        receives.read_to_string(&mut said).unwrap();
         (said, child.wait().unwrap().code().unwrap_or(-1))
     }
 

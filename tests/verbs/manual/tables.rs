@@ -30,10 +30,10 @@ fn the_kinds_of_faults_are_those_that_a_script_may_have() {
     let kinds = kinds.to_string();
     let (_, kinds) = kinds.split_once("allowed: ").unwrap();
     let mut kinds: Vec<String> = kinds.trim().split(", ").map(str::to_owned).collect();
-    let mut told = firsts(&read("docs/virtual.md"));
+    let mut reported = firsts(&read("docs/virtual.md"));
     kinds.sort();
-    told.sort();
-    assert_eq!(told, kinds);
+    reported.sort();
+    assert_eq!(reported, kinds);
 }
 
 #[test]
@@ -43,13 +43,13 @@ fn the_verbs_are_those_that_the_program_has() {
     let verbs = help.split("Commands:\n").nth(1).unwrap().split("\n\n").next().unwrap();
     let verbs = verbs.lines().filter(|line| line.starts_with("  ") && !line.starts_with("   "));
     let verbs: Vec<&str> = verbs.map(|line| line.split_whitespace().next().unwrap()).collect();
-    let told = firsts(&read("docs/verbs.md"));
-    let told: Vec<&str> = told.iter().map(|cell| cell.split(' ').next().unwrap()).collect();
+    let reported = firsts(&read("docs/verbs.md"));
+    let reported: Vec<&str> = reported.iter().map(|cell| cell.split(' ').next().unwrap()).collect();
     assert!(verbs.len() > 20, "{verbs:?}");
     for verb in verbs.iter().filter(|verb| **verb != "help") {
-        assert!(told.contains(verb), "docs/verbs.md does not have {verb}");
+        assert!(reported.contains(verb), "docs/verbs.md does not have {verb}");
     }
-    assert!(told.iter().all(|verb| verbs.contains(verb)), "{told:?}");
+    assert!(reported.iter().all(|verb| verbs.contains(verb)), "{reported:?}");
 }
 
 #[test]
@@ -60,12 +60,12 @@ fn the_machines_are_those_that_are_shipped() {
         .filter_map(|name| name.strip_suffix(".toml").map(str::to_owned))
         .filter(|name| !name.ends_with(".plant"))
         .collect();
-    let mut told = firsts(&read("docs/machines.md"));
-    told.retain(|name| shipped.contains(name));
+    let mut reported = firsts(&read("docs/machines.md"));
+    reported.retain(|name| shipped.contains(name));
     shipped.sort();
-    told.sort();
-    told.dedup();
-    assert_eq!(told, shipped);
+    reported.sort();
+    reported.dedup();
+    assert_eq!(reported, shipped);
 }
 
 /// Every message of the chapter occurs in the source.
@@ -114,11 +114,11 @@ fn the_api_is_told_with_every_address() {
     let fixed =
         router.split(".route(\"").skip(1).filter_map(|rest| rest.split_once('"')).map(|(path, _)| path);
     let fixed: Vec<&str> = fixed.filter(|path| !path.starts_with("/page") && *path != "/login").collect();
-    let told = read("docs/api.md");
+    let reported = read("docs/api.md");
     assert!(fixed.len() > 8, "{fixed:?}");
     let commands = Command::ALL.map(|(name, _)| format!("/api/{name}"));
     for path in fixed.into_iter().map(|path| path.replace("{axis}", "z")).chain(commands) {
-        let is_told = told.contains(&format!("{path}`")) || told.contains(&format!("{path}?"));
+        let is_told = reported.contains(&format!("{path}`")) || reported.contains(&format!("{path}?"));
         assert!(is_told, "docs/api.md lacks {path}");
     }
 }

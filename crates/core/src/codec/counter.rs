@@ -23,13 +23,13 @@ pub struct Counter {
 /// State of a counting signal: last count, position, and a value that waits for confirmation.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Tracked {
-    last: Option<Seen>,
+    last: Option<CounterSample>,
     /// Value out of reach of the axis. Accepted if the next value agrees with it.
-    leapt: Option<Seen>,
+    leapt: Option<CounterSample>,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Seen {
+struct CounterSample {
     /// Count in the register, mapped to the range around zero.
     count: i64,
     /// Count that includes the rollovers since the first reading.
@@ -80,12 +80,12 @@ impl Tracked {
         #[allow(clippy::cast_possible_truncation, reason = "a count of at most 32 bits")]
         let raw = ((value - encoding.offset) / encoding.scale.get()).round() as i64;
         let count = nearest_to_zero(raw, modulus);
-        let fresh = Seen { count, position: count, at };
+        let fresh = CounterSample { count, position: count, at };
         let Some(last) = self.last else {
             self.last = Some(fresh);
             return Motion::To(scaled(encoding, count));
         };
-        let travelled = |seen: Seen| {
+        let travelled = |seen: CounterSample| {
             let seconds = (at.since(seen.at) + counter.slack).as_secs_f64();
             let reach = counter.max_speed * seconds / encoding.scale.get().abs() + 1.0;
             let moved = nearest_to_zero(count - seen.count, modulus);
@@ -112,7 +112,7 @@ impl Tracked {
             return Motion::Rereferenced { from, to };
         }
         let position = last.position + moved;
-        self.last = Some(Seen { count, position, at });
+        self.last = Some(CounterSample { count, position, at });
         Motion::To(scaled(encoding, position))
     }
 }

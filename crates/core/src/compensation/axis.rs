@@ -12,13 +12,13 @@ use super::settings::{AxisSettings, Datum, GuardSettings, MachineSettings, OnFau
 use super::{AxisRunning, AxisState, Control, Decision, Permit, Snapshot, Stages, Worse};
 use crate::quantity::{Micron, Moment};
 
-mod choose;
 mod expected;
 mod learn;
-mod watched;
+mod model_choice;
+mod sensor_watch;
 
-use choose::Chosen;
-pub(super) use watched::Watched;
+use model_choice::ModelChoice;
+pub(super) use sensor_watch::ModelWatch;
 
 #[derive(Clone, Debug)]
 pub(super) struct Axis {
@@ -28,7 +28,7 @@ pub(super) struct Axis {
     /// Lag of each term, by model.
     lags: Vec<Vec<Lag>>,
     /// Rejected sensors and stand-ins, by model.
-    watched: Vec<Watched>,
+    watched: Vec<ModelWatch>,
     zeroing: Zeroing,
     pub(super) probe: Probe,
     guard: Guard,
@@ -47,7 +47,7 @@ pub(super) struct Axis {
 }
 
 /// Result of the guards of Cz and slope.
-struct Guarded {
+struct GuardResult {
     cz: Micron,
     slope: Micron,
     /// Requested Cz within the limit.
@@ -82,7 +82,7 @@ impl Axis {
             reads_nothing: !settings.models.is_empty()
                 && settings.models.iter().all(|model| model.signals().is_empty()),
             lags: lags.collect(),
-            watched: Watched::all(&settings.models),
+            watched: ModelWatch::all(&settings.models),
             zeroing: Zeroing::new(settings.models.len()),
             probe: Probe::new(&settings.models, settings.probe.as_ref()),
             settings,
@@ -156,7 +156,7 @@ impl Axis {
     /// Captures the references at machine start again, and resets the watches, after a machine start.
     pub(super) fn started(&mut self, machine: &MachineSettings, now: Moment) {
         self.renew(Reference::Start, now.after(machine.settle));
-        self.watch_anew(now);
+        self.restart_watches(now);
     }
 
     /// Returns whether the axis must be stepped: at its period, or at once. It is stepped at once if it never ran, if
@@ -201,7 +201,8 @@ impl Axis {
         };
         self.kept_outside = keeps;
         let ramp = if is_left { Pace::Ramp } else { self.ramp_pace() };
-        let Guarded { cz, slope, target, slope_target, acted } = self.guarded(followed, &control, (dt, ramp));
+        let GuardResult { cz, slope, target, slope_target, acted } =
+            self.guarded(followed, &control, (dt, ramp));
         if self.state == AxisState::Ramping && cz == Micron::ZERO && slope == Micron::ZERO {
             self.state = AxisState::Zeroed;
         }
@@ -230,19 +231,19 @@ impl Axis {
     }
 
     /// Updates `tripped`. Beyond the error level the model is not followed until the axis is armed again.
-    fn note_error_level(&mut self, chosen: Option<Chosen>, permit: Permit) {
+    fn note_error_level(&mut self, chosen: Option<ModelChoice>, permit: Permit) {
         let beyond = chosen.is_some_and(|chosen| self.is_beyond_error(&chosen));
         self.tripped = permit != Permit::Off && (self.tripped || beyond);
     }
 
-    pub(super) fn is_beyond_error(&self, chosen: &Chosen) -> bool {
+    pub(super) fn is_beyond_error(&self, chosen: &ModelChoice) -> bool {
         let error = self.settings.levels.error;
         error.is_some_and(|error| chosen.raw.abs() > error || chosen.slope.abs() > error)
     }
 
     /// Returns the comparison of the model in use if it is worse than no compensation, else `None`. While no model can
     /// be used, returns the comparison of the last decision.
-    fn worse(&self, chosen: Option<Chosen>) -> Option<Worse> {
+    fn worse(&self, chosen: Option<ModelChoice>) -> Option<Worse> {
         match chosen {
             _ if self.settings.probe.is_none() => None,
             Some(chosen) => self.probe.worse(chosen.model),
@@ -267,10 +268,10 @@ impl Axis {
     /// either value. `ramp`: pace at which the axis returns to zero.
     fn guarded(
         &mut self,
-        followed: Option<Chosen>,
+        followed: Option<ModelChoice>,
         control: &Control,
         (dt, ramp): (Duration, Pace),
-    ) -> Guarded {
+    ) -> GuardResult {
         // An axis whose output failed returns, too. The value that could not be written was decided from wrong
         // readings.
         let returns =
@@ -286,7 +287,7 @@ impl Axis {
         let guard = &self.settings.guard;
         let Some((target, slope_target)) = wanted else {
             let (cz, slope) = (self.guard.value(), self.slope_guard.value());
-            return Guarded { cz, slope, target: cz, slope_target: slope, acted: Stages::default() };
+            return GuardResult { cz, slope, target: cz, slope_target: slope, acted: Stages::default() };
         };
         let (mut cz, acted) = self.guard.advance(target, dt, pace, guard);
         if let Some(behind) = control.behind {
@@ -294,11 +295,11 @@ impl Axis {
         }
         let target = target.clamp_to(guard.limit);
         if self.settings.intercept_slope.is_none() {
-            return Guarded { cz, slope: Micron::ZERO, target, slope_target: Micron::ZERO, acted };
+            return GuardResult { cz, slope: Micron::ZERO, target, slope_target: Micron::ZERO, acted };
         }
         let settings = self.slope_settings();
         let (slope, also) = self.slope_guard.advance(slope_target, dt, pace, &settings);
-        Guarded {
+        GuardResult {
             cz,
             slope,
             target,
@@ -335,7 +336,7 @@ impl Axis {
 
     /// Returns whether the axis must keep its value because the model is outside its envelope. This state lasts until
     /// the inputs are clearly inside.
-    fn keeps_outside(&self, chosen: &Chosen) -> bool {
+    fn keeps_outside(&self, chosen: &ModelChoice) -> bool {
         let envelope = self.settings.models.get(chosen.model).and_then(|model| model.envelope.as_ref());
         let Some(coverage) =
             chosen.coverage.filter(|_| envelope.is_some_and(|e| e.outside() == Outside::Hold))
@@ -346,7 +347,13 @@ impl Axis {
         begins || (self.kept_outside && coverage.extrapolating.is_none() && coverage.excess >= CLEARLY_INSIDE)
     }
 
-    fn next_state(&self, now: Moment, followed: Option<Chosen>, permit: Permit, outside: bool) -> AxisState {
+    fn next_state(
+        &self,
+        now: Moment,
+        followed: Option<ModelChoice>,
+        permit: Permit,
+        outside: bool,
+    ) -> AxisState {
         let keeps = permit == Permit::Held || outside;
         match (permit, followed) {
             (Permit::Off, _) => AxisState::Off,
@@ -356,7 +363,7 @@ impl Axis {
                 AxisState::Holding(since) => AxisState::Holding(since),
                 _ => AxisState::Holding(now),
             },
-            (Permit::Armed, Some(Chosen { model: 0, stood_in: None, .. })) => AxisState::Active,
+            (Permit::Armed, Some(ModelChoice { model: 0, stood_in: None, .. })) => AxisState::Active,
             (Permit::Armed, Some(_)) => AxisState::Degraded,
             (Permit::Armed | Permit::Unverified | Permit::Held, _) => self.fault_action(now, false),
             (Permit::Stopping, _) => self.fault_action(now, true),

@@ -39,7 +39,7 @@ impl Zeroing {
         Zeroing { models: vec![Level::default(); models], until: None, at: None }
     }
 
-    pub(super) fn recalled(models: Vec<Level>, until: Option<Moment>, at: Option<Moment>) -> Zeroing {
+    pub(super) fn restored(models: Vec<Level>, until: Option<Moment>, at: Option<Moment>) -> Zeroing {
         Zeroing { models, until, at }
     }
 

@@ -30,8 +30,8 @@ pub use term::Term;
 use serde::{Deserialize, Serialize};
 
 use super::Snapshot;
-use super::instead::Instead;
 use super::reference::Machine;
+use super::substitution::Substitution;
 use crate::quantity::{Micron, MicronPerMillimetre};
 
 /// Model with the name that the profile gives it.
@@ -120,10 +120,14 @@ pub enum Unusable {
     NotANumber,
 }
 
-impl From<&Instead> for Unusable {
+impl From<&Substitution> for Unusable {
     /// Returns the reason for a sensor whose substitute has no value.
-    fn from(instead: &Instead) -> Unusable {
-        if instead.frozen { Unusable::Frozen(instead.signal) } else { Unusable::Unproven(instead.signal) }
+    fn from(substitution: &Substitution) -> Unusable {
+        if substitution.frozen {
+            Unusable::Frozen(substitution.signal)
+        } else {
+            Unusable::Unproven(substitution.signal)
+        }
     }
 }
 

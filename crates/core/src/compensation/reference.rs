@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Snapshot;
 use super::settings::MachineSettings;
-use super::stand_in::Beginning;
+use super::stand_in::StartEstimate;
 use crate::quantity::{Celsius, Moment, shifted};
 use crate::reading::SignalId;
 
@@ -40,20 +40,20 @@ pub struct Machine {
     start: Vec<Capture>,
     zero: Vec<Capture>,
     #[serde(skip)]
-    known: Known,
+    known: CaptureFacts,
 }
 
 /// Facts derived from the captures, to avoid searching them. They are not compared when machines are.
 #[derive(Clone, Copy, Debug, Default)]
-struct Known {
+struct CaptureFacts {
     /// Number of changes of the captured values since the gateway started.
     captures: u32,
     /// No capture is running.
     is_complete: bool,
 }
 
-impl PartialEq for Known {
-    fn eq(&self, _: &Known) -> bool {
+impl PartialEq for CaptureFacts {
+    fn eq(&self, _: &CaptureFacts) -> bool {
         true
     }
 }
@@ -65,7 +65,7 @@ struct Capture {
     /// Time at which the capture was complete. It distinguishes two captures of the same value.
     #[serde(default)]
     at: Moment,
-    gathering: Option<Gathering>,
+    gathering: Option<CaptureMean>,
     /// The last reading was not used for the capture, because the sensor was rejected.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     withheld: bool,
@@ -76,7 +76,7 @@ struct Capture {
 
 /// Captured reference of a signal.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Captured {
+pub struct CapturedReference {
     /// Value in the signal's unit.
     pub value: Celsius,
     /// Time at which the capture was complete; the earliest time for a fixed reference.
@@ -85,7 +85,7 @@ pub struct Captured {
 
 /// Sum of the values in a running capture. Their mean becomes the reference.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-struct Gathering {
+struct CaptureMean {
     until: Moment,
     sum: f64,
     count: u32,
@@ -93,7 +93,7 @@ struct Gathering {
 
 /// Result of [`Machine::observe`]: events of the machine in a snapshot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Noticed {
+pub struct MachineChange {
     /// The time since machine start is counted from now on.
     pub started: bool,
     /// The "zero" references are captured from now on.
@@ -139,13 +139,13 @@ impl Machine {
 
     /// Returns the reference value of a term; `None` while it has not been captured.
     #[inline]
-    pub fn captured(&self, reference: Reference, signal: SignalId) -> Option<Captured> {
+    pub fn captured(&self, reference: Reference, signal: SignalId) -> Option<CapturedReference> {
         let capture = match reference {
-            Reference::Fixed(value) => return Some(Captured { value, at: Moment::default() }),
+            Reference::Fixed(value) => return Some(CapturedReference { value, at: Moment::default() }),
             Reference::Start => self.start.get(signal.0)?,
             Reference::Zero => self.zero.get(signal.0)?,
         };
-        Some(Captured { value: Celsius::new(capture.value?)?, at: capture.at })
+        Some(CapturedReference { value: Celsius::new(capture.value?)?, at: capture.at })
     }
 
     /// Returns a number that changes whenever a reference is captured or removed. A caller can keep what it derived
@@ -171,18 +171,18 @@ impl Machine {
     }
 
     /// Returns whether a zero command is in progress for this signal.
-    pub(super) fn is_zeroed_anew(&self, signal: SignalId) -> bool {
+    pub(super) fn is_zeroed_again(&self, signal: SignalId) -> bool {
         self.zero.get(signal.0).is_some_and(|capture| capture.gathering.is_some())
     }
 
     /// Sets the start reference of a sensor that is accepted again. A reference that was captured before the sensor was
     /// rejected is kept.
-    pub(super) fn begins(&mut self, signal: SignalId, beginning: Beginning) {
+    pub(super) fn begins(&mut self, signal: SignalId, beginning: StartEstimate) {
         let Some(capture) = self.start.get_mut(signal.0) else { return };
         let Some(began) = self.on_since.filter(|_| beginning.value.is_finite()) else { return };
         if capture.value.is_none() {
             (capture.at, capture.away) = (began, self.on_before.saturating_add(self.on_away));
-        } else if capture.at < beginning.distrusted_since {
+        } else if capture.at < beginning.rejected_since {
             return;
         }
         (capture.value, capture.gathering) = (Some(beginning.value), None);
@@ -207,7 +207,7 @@ impl Machine {
     }
 
     /// Observes a snapshot: edges, machine start, and running captures.
-    pub fn observe(&mut self, settings: &MachineSettings, snapshot: &Snapshot<'_>) -> Noticed {
+    pub fn observe(&mut self, settings: &MachineSettings, snapshot: &Snapshot<'_>) -> MachineChange {
         self.observe_without(settings, snapshot, |_| false)
     }
 
@@ -217,8 +217,9 @@ impl Machine {
         settings: &MachineSettings,
         snapshot: &Snapshot<'_>,
         is_distrusted: impl Fn(SignalId) -> bool,
-    ) -> Noticed {
-        let fresh = Capture { gathering: Some(Gathering::new(snapshot.now, settings)), ..Capture::default() };
+    ) -> MachineChange {
+        let fresh =
+            Capture { gathering: Some(CaptureMean::new(snapshot.now, settings)), ..Capture::default() };
         self.known.is_complete &= self.start.len() == settings.signals && self.zero.len() == settings.signals;
         self.start.resize(settings.signals, Capture::default());
         self.zero.resize(settings.signals, Capture::default());
@@ -246,7 +247,7 @@ impl Machine {
         if !self.known.is_complete {
             self.gather(snapshot, is_distrusted);
         }
-        Noticed { started, zeroed }
+        MachineChange { started, zeroed }
     }
 
     /// Adds the present readings to the running captures.
@@ -288,7 +289,7 @@ impl Machine {
         self.zero.resize(settings.signals, Capture::default());
         self.known.is_complete = false;
         for capture in &mut self.zero {
-            capture.gathering = Some(Gathering::new(now, settings));
+            capture.gathering = Some(CaptureMean::new(now, settings));
         }
     }
 
@@ -298,7 +299,7 @@ impl Machine {
         self.known.is_complete = false;
         for signal in signals {
             if let Some(capture) = self.zero.get_mut(signal.0) {
-                capture.gathering = Some(Gathering::new(now, settings));
+                capture.gathering = Some(CaptureMean::new(now, settings));
             }
         }
     }
@@ -318,11 +319,11 @@ impl Machine {
 
 shifted!(Machine: on_since, start, zero);
 shifted!(Capture: at, gathering);
-shifted!(Gathering: until);
+shifted!(CaptureMean: until);
 
-impl Gathering {
-    fn new(now: Moment, settings: &MachineSettings) -> Gathering {
-        Gathering { until: now.after(settings.settle), sum: 0.0, count: 0 }
+impl CaptureMean {
+    fn new(now: Moment, settings: &MachineSettings) -> CaptureMean {
+        CaptureMean { until: now.after(settings.settle), sum: 0.0, count: 0 }
     }
 }
 

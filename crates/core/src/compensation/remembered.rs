@@ -10,7 +10,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::AxisRunning;
-use super::axis::Watched;
+use super::axis::ModelWatch;
 use super::datum::{Level, Zeroing};
 use super::model::{Input, Lag, Lagged, Reference};
 use super::probe::Probe;
@@ -90,18 +90,18 @@ impl Remembered {
     /// Continues at `now` with the state that was kept at `kept`. Both times may be of different clocks. Counted times
     /// keep their length. Of the time in between, only `stop` is used.
     #[must_use]
-    pub fn going_on(self, kept: Moment, now: Moment, stop: Stop) -> Remembered {
-        let mut going_on = self.counted_until(kept).shifted(Shift::between(kept, now));
+    pub fn resumed(self, kept: Moment, now: Moment, stop: Stop) -> Remembered {
+        let mut resumed = self.counted_until(kept).shifted(Shift::between(kept, now));
         let back = |span| Shift::between(now, now.before(span));
         let away = (back(stop.by_the_clock.unwrap_or_default()), back(stop.of_lags()));
-        going_on.machine = going_on.machine.away(stop.of_lags());
-        for axis in &mut going_on.axes {
+        resumed.machine = resumed.machine.away(stop.of_lags());
+        for axis in &mut resumed.axes {
             axis.lags.iter_mut().for_each(|term| term.lagged = term.lagged.away(stop.of_lags()));
             axis.probe.iter_mut().for_each(|probe| probe.away(away));
             axis.watches.iter_mut().for_each(|watch| watch.away(stop.of_lags()));
             axis.datum_at.shift(away.1);
         }
-        going_on
+        resumed
     }
 
     /// Returns the first axis and model, by name, whose stand-ins file differs from the one at the time of keeping.
@@ -187,7 +187,7 @@ impl AxisMemory {
     pub(super) fn of(
         settings: &AxisSettings,
         lags: &[Vec<Lag>],
-        watched: &[Watched],
+        watched: &[ModelWatch],
         zeroing: &Zeroing,
         probe: &Probe,
     ) -> Option<AxisMemory> {
@@ -232,7 +232,7 @@ impl AxisMemory {
         self.lags.iter().find(same).map(|kept| kept.lagged).into()
     }
 
-    pub(super) fn recall_watches(&self, watched: &mut [Watched]) {
+    pub(super) fn recall_watches(&self, watched: &mut [ModelWatch]) {
         for watch in watched.iter_mut().filter_map(|watched| watched.watch.as_mut()) {
             if let Some(kept) = self.watches.iter().find(|kept| kept.model == watch.model) {
                 watch.recall(kept);
@@ -248,7 +248,7 @@ impl AxisMemory {
         let level = |name: &str| self.datum.iter().find(|kept| kept.model == name).map(|kept| kept.level);
         let first = self.datum.first().map(|kept| kept.level).unwrap_or_default();
         let models = models.map(|name| level(name).unwrap_or(first)).collect();
-        Zeroing::recalled(models, self.datum_until, self.datum_at)
+        Zeroing::restored(models, self.datum_until, self.datum_at)
     }
 }
 

@@ -45,18 +45,18 @@
 use std::time::Duration;
 
 use super::Snapshot;
-use super::instead::{Instead, Says};
 use super::model::stand_ins::{StandIns, VirtualSensor};
 use super::model::{Envelope, Input, Inputs, Lag, Model, Reference};
 use super::reference::Machine;
+use super::substitution::{SubstituteSource, Substitution};
 use crate::quantity::{Micron, Moment, shifted};
 use crate::reading::SignalId;
 
 mod bank;
 mod sensor;
 
-use bank::{EDGE, FAR, Gathered};
-pub(super) use sensor::Beginning;
+use bank::{BankInput, EDGE, FAR};
+pub(super) use sensor::StartEstimate;
 use sensor::{Predicted, Prediction, Sensor, Verdict};
 use serde::{Deserialize, Serialize};
 
@@ -67,7 +67,7 @@ const PAUSE: Duration = Duration::from_secs(2 * 60);
 
 /// Sensor that has a stand-in.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct StoodIn {
+pub struct SubstitutedSensor {
     /// Signal of the sensor.
     pub signal: SignalId,
     /// Time at which its reading last changed, or was last good.
@@ -80,7 +80,7 @@ pub struct StoodIn {
 
 /// Rejected sensor of an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Distrusted {
+pub struct RejectedSensor {
     /// Signal of the sensor.
     pub signal: SignalId,
     /// Time at which its reading last changed, or was last good.
@@ -92,7 +92,7 @@ pub struct Distrusted {
     pub others: Option<usize>,
 }
 
-shifted!(StoodIn: since);
+shifted!(SubstitutedSensor: since);
 
 /// Watch of the sensors of one model. Its state is kept over a restart, and in the first row of a log.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -109,7 +109,7 @@ pub(super) struct Watch {
     /// State of each sensor of the file.
     sensors: Vec<Sensor>,
     /// State of each input of the bank.
-    bank: Vec<Gathered>,
+    bank: Vec<BankInput>,
     /// Shadow of each lag, by term of the model.
     shadows: Vec<Lag>,
     /// End of the current minute.
@@ -122,13 +122,13 @@ pub(super) struct Watch {
     of_terms: Vec<Option<usize>>,
     /// Substitutes for the rejected readings. There are never more than sensors.
     #[serde(skip)]
-    instead: Vec<Instead>,
+    substitutions: Vec<Substitution>,
     /// Beginning of each sensor that was accepted again in this step.
     #[serde(skip)]
-    beginnings: Vec<Option<Beginning>>,
+    beginnings: Vec<Option<StartEstimate>>,
     /// Buffers in which a substitution is tried.
     #[serde(skip)]
-    tried: (Vec<Instead>, Vec<Lag>),
+    tried: (Vec<Substitution>, Vec<Lag>),
 }
 
 /// Limits for the effect of a substitution on the target of the axis.
@@ -157,12 +157,12 @@ impl Watch {
             numbers: model.numbers().collect(),
             terms: model.rises().map(|input| (input.signal.0, input.time_constant())).collect(),
             sensors: vec![Sensor::default(); settings.sensors().len()],
-            bank: vec![Gathered::default(); settings.bank().len()],
+            bank: vec![BankInput::default(); settings.bank().len()],
             shadows: model.rises().map(|_| Lag::default()).collect(),
             of_terms: model.rises().map(|input| place(input.signal)).collect(),
             until: None,
             looked: None,
-            instead: Vec::with_capacity(settings.sensors().len()),
+            substitutions: Vec::with_capacity(settings.sensors().len()),
             beginnings: vec![None; settings.sensors().len()],
             tried: (
                 Vec::with_capacity(settings.sensors().len() + 1),
@@ -176,7 +176,7 @@ impl Watch {
         let mut kept = self.clone();
         let lags = kept.bank.iter_mut().map(|gathered| &mut gathered.lag).chain(&mut kept.shadows);
         lags.for_each(|lag| *lag = lag.kept().into());
-        (kept.of_terms, kept.instead, kept.beginnings, kept.tried) = Default::default();
+        (kept.of_terms, kept.substitutions, kept.beginnings, kept.tried) = Default::default();
         kept
     }
 
@@ -185,9 +185,10 @@ impl Watch {
         let sizes = |watch: &Watch| (watch.sensors.len(), watch.bank.len(), watch.shadows.len());
         let is_same = kept.file == self.file && kept.numbers == self.numbers && kept.terms == self.terms;
         if is_same && sizes(kept) == sizes(self) {
-            let Watch { of_terms, instead, beginnings, tried, .. } = std::mem::replace(self, kept.clone());
-            (self.of_terms, self.instead, self.beginnings, self.tried) =
-                (of_terms, instead, beginnings, tried);
+            let Watch { of_terms, substitutions, beginnings, tried, .. } =
+                std::mem::replace(self, kept.clone());
+            (self.of_terms, self.substitutions, self.beginnings, self.tried) =
+                (of_terms, substitutions, beginnings, tried);
         }
     }
 
@@ -196,25 +197,28 @@ impl Watch {
         if span > PAUSE {
             self.sensors.iter_mut().for_each(Sensor::away);
             self.until = None;
-            self.bank.iter_mut().for_each(Gathered::begin_minute);
+            self.bank.iter_mut().for_each(BankInput::begin_minute);
         }
         let lags = self.bank.iter_mut().map(|gathered| &mut gathered.lag).chain(&mut self.shadows);
         lags.for_each(|lag| *lag = lag.kept().map(|lagged| lagged.away(span)).into());
     }
 
     /// Returns the substitutes for the rejected readings.
-    pub(super) fn instead(&self) -> &[Instead] {
-        &self.instead
+    pub(super) fn substitutions(&self) -> &[Substitution] {
+        &self.substitutions
     }
 
     /// Returns the rejected sensors, with the number of predictors of each stand-in.
-    pub(super) fn distrusted<'a>(&'a self, settings: &'a StandIns) -> impl Iterator<Item = Distrusted> + 'a {
+    pub(super) fn rejected<'a>(
+        &'a self,
+        settings: &'a StandIns,
+    ) -> impl Iterator<Item = RejectedSensor> + 'a {
         settings.sensors().iter().zip(&self.sensors).filter_map(|(known, sensor)| {
-            let (since, frozen) = sensor.distrusted()?;
+            let (since, frozen) = sensor.rejected()?;
             let signal = known.signal;
-            let mut stood_in = self.instead.iter().filter(|instead| instead.is_stood_in());
-            let others = stood_in.any(|instead| instead.signal == signal).then_some(known.others);
-            Some(Distrusted { signal, since, frozen, others })
+            let mut stood_in = self.substitutions.iter().filter(|substitution| substitution.has_source());
+            let others = stood_in.any(|substitution| substitution.signal == signal).then_some(known.others);
+            Some(RejectedSensor { signal, since, frozen, others })
         })
     }
 
@@ -235,7 +239,7 @@ impl Watch {
     /// Accepts every sensor that has a reading, because the operator has checked them.
     pub(super) fn trust(&mut self, (model, settings): (&Model, &StandIns), machine: &Machine, now: Moment) {
         for (sensor, beginning) in self.sensors.iter_mut().zip(&mut self.beginnings) {
-            if let Some(Verdict::Believed(found)) = sensor.trust(now) {
+            if let Some(Verdict::Accepted(found)) = sensor.trust(now) {
                 *beginning = found;
             }
         }
@@ -243,7 +247,7 @@ impl Watch {
     }
 
     /// Checks the readings before lags and references use them. `every`: intended time between two checks.
-    pub(super) fn look(
+    pub(super) fn check(
         &mut self,
         (model, settings): (&Model, &StandIns),
         snapshot: &Snapshot<'_>,
@@ -258,7 +262,7 @@ impl Watch {
         }
         self.looked = Some(now);
         for (known, sensor) in settings.sensors().iter().zip(&mut self.sensors) {
-            sensor.look(snapshot.reading(known.signal), now);
+            sensor.check(snapshot.reading(known.signal), now);
         }
         self.fill((model, settings), Some(machine), now);
     }
@@ -266,29 +270,30 @@ impl Watch {
     /// Computes the substitutes for the rejected readings. Without `machine`, nothing has been captured yet. A frozen
     /// sensor without a stand-in becomes suspected.
     fn fill(&mut self, (model, settings): (&Model, &StandIns), machine: Option<&Machine>, now: Moment) {
-        self.instead.clear();
+        self.substitutions.clear();
         for (place, known) in settings.sensors().iter().enumerate() {
             let may = known.may_replace(self.sensors[place].is_frozen())
-                && !self.rests_on_a_doubted_one(settings, known);
+                && !self.depends_on_suspected(settings, known);
             let sensor = &mut self.sensors[place];
-            let Some((since, frozen)) = sensor.distrusted().filter(|_| !sensor.is_suspected()) else {
+            let Some((since, frozen)) = sensor.rejected().filter(|_| !sensor.is_suspected()) else {
                 continue;
             };
             let said = sensor.stand_in(now).filter(|_| may);
-            let says = said.map_or(Says::Nobody, |rise| says(sensor, known.signal, rise, machine));
-            let instead = Instead { signal: known.signal, frozen, since, says };
-            if frozen && !answers(model, &instead, machine, now) {
+            let source =
+                said.map_or(SubstituteSource::None, |rise| source(sensor, known.signal, rise, machine));
+            let substitution = Substitution { signal: known.signal, frozen, since, source };
+            if frozen && !answers(model, &substitution, machine, now) {
                 sensor.suspect();
                 continue;
             }
             // If a sensor has no good reading, the reading itself gives the reason.
-            if says != Says::Nobody || sensor.reads(now) {
-                self.instead.push(instead);
+            if source != SubstituteSource::None || sensor.reads(now) {
+                self.substitutions.push(substitution);
             }
         }
     }
 
-    fn rests_on_a_doubted_one(&self, settings: &StandIns, known: &VirtualSensor) -> bool {
+    fn depends_on_suspected(&self, settings: &StandIns, known: &VirtualSensor) -> bool {
         let of = |place: &usize| settings.bank()[*place].sensor;
         known.terms.iter().filter_map(|(place, _)| of(place)).any(|sensor| self.sensors[sensor].is_doubted())
     }
@@ -309,7 +314,7 @@ impl Watch {
         let now = seen.now;
         let until = *self.until.get_or_insert(now.after(MINUTE));
         if now >= until || until.since(now) > MINUTE {
-            self.judge((model, settings, bounds), seen, machine, lags);
+            self.assess((model, settings, bounds), seen, machine, lags);
             self.begin_minute(now);
         }
     }
@@ -327,9 +332,10 @@ impl Watch {
             }
             let start = machine.captured(Reference::Start, input.signal);
             let Some((value, start)) = sensor.shadowed().zip(start) else { continue };
-            let says = Says::Others { value: Some(value), rise: value - start.value.get() };
-            let instead = Instead { signal: input.signal, frozen: true, since: sensor.changed(), says };
-            shadow.follow(input, &Snapshot { instead: &[instead], ..*seen }, machine);
+            let source = SubstituteSource::Predictors { value: Some(value), rise: value - start.value.get() };
+            let substitution =
+                Substitution { signal: input.signal, frozen: true, since: sensor.changed(), source };
+            shadow.follow(input, &Snapshot { substitutions: &[substitution], ..*seen }, machine);
         }
         for sensor in self.sensors.iter_mut().filter(|sensor| sensor.is_live()) {
             sensor.renewed = false;
@@ -337,7 +343,7 @@ impl Watch {
     }
 
     /// Judges each sensor by the minute that has ended.
-    fn judge(
+    fn assess(
         &mut self,
         (model, settings, bounds): (&Model, &StandIns, Bounds<'_>),
         seen: &Snapshot<'_>,
@@ -347,15 +353,15 @@ impl Watch {
         let inputs = Inputs { snapshot: *seen, machine, lags: &[], splits_slope: false };
         if let Some(envelope) = &model.envelope {
             for (predictor, gathered) in settings.bank().iter().zip(&mut self.bank) {
-                gathered.look_at_range(predictor, envelope, &inputs);
+                gathered.check_bank_range(predictor, envelope, &inputs);
             }
         }
         for (place, known) in settings.sensors().iter().enumerate() {
             let prediction = self.predict((model, settings), place, &inputs);
             let reading = seen.reading(known.signal);
-            match self.sensors[place].judge(prediction, reading, known.threshold, seen.now) {
+            match self.sensors[place].assess(prediction, reading, known.threshold, seen.now) {
                 Verdict::AsBefore => {}
-                Verdict::Believed(beginning) => self.beginnings[place] = beginning,
+                Verdict::Accepted(beginning) => self.beginnings[place] = beginning,
             }
         }
         self.fill((model, settings), Some(machine), seen.now);
@@ -384,28 +390,28 @@ impl Watch {
     ) -> Option<f64> {
         let (sensor, known) = (&self.sensors[place], settings.sensors().get(place)?);
         let may =
-            known.may_replace(true) && sensor.is_suspected() && !self.rests_on_a_doubted_one(settings, known);
-        let (since, frozen) = sensor.distrusted().filter(|_| may)?;
-        let says = says(sensor, known.signal, sensor.said()?, Some(machine));
-        let instead = Instead { signal: known.signal, frozen, since, says };
-        if !answers(model, &instead, Some(machine), seen.now) {
+            known.may_replace(true) && sensor.is_suspected() && !self.depends_on_suspected(settings, known);
+        let (since, frozen) = sensor.rejected().filter(|_| may)?;
+        let source = source(sensor, known.signal, sensor.said()?, Some(machine));
+        let substitution = Substitution { signal: known.signal, frozen, since, source };
+        if !answers(model, &substitution, Some(machine), seen.now) {
             return None;
         }
         let has_shadow = sensor.shadowed().is_some();
         let (all, others) = &mut self.tried;
         all.clear();
-        all.extend(self.instead.iter().copied().chain([instead]));
+        all.extend(self.substitutions.iter().copied().chain([substitution]));
         others.clear();
         let terms = lags.iter().zip(&self.shadows).zip(&self.of_terms);
         others.extend(terms.map(|((lag, shadow), of)| match has_shadow && *of == Some(place) {
             true => *shadow,
             false => *lag,
         }));
-        let target = |instead: &[Instead], lags: &[Lag]| {
-            let snapshot = Snapshot { instead, is_followed: false, ..*seen };
+        let target = |substitutions: &[Substitution], lags: &[Lag]| {
+            let snapshot = Snapshot { substitutions, is_followed: false, ..*seen };
             (bounds.target)(&Inputs { snapshot, machine, lags, splits_slope: bounds.splits_slope })
         };
-        let (before, after) = (target(&self.instead, lags)?, target(all, others)?);
+        let (before, after) = (target(&self.substitutions, lags)?, target(all, others)?);
         let (of_cz, of_slope) = (after.0 - before.0, after.1 - before.1);
         Some(of_cz.abs().get().max(of_slope.abs().get()))
     }
@@ -431,9 +437,9 @@ impl Watch {
             return Prediction::Outside(predicted.filter(|_| is_near).map(|predicted| predicted.rise));
         }
         let Some(predicted) = predicted else { return Prediction::Missing };
-        let used = match says(sensor, known.signal, predicted.rise, Some(inputs.machine)) {
-            Says::Others { rise, .. } => rise,
-            Says::Nobody => predicted.rise,
+        let used = match source(sensor, known.signal, predicted.rise, Some(inputs.machine)) {
+            SubstituteSource::Predictors { rise, .. } => rise,
+            SubstituteSource::None => predicted.rise,
         };
         let own = Input::of(known.signal, Reference::Start, None);
         let edge = if sensor.is_outside() { 0.0 } else { EDGE };
@@ -458,12 +464,16 @@ impl Watch {
 
     fn begin_minute(&mut self, now: Moment) {
         self.until = Some(now.after(MINUTE));
-        self.bank.iter_mut().for_each(Gathered::begin_minute);
+        self.bank.iter_mut().for_each(BankInput::begin_minute);
     }
 
     /// Calls `take` with the estimated start reading of each sensor that was accepted again since the last call, and
     /// clears these readings.
-    pub(super) fn take_beginnings(&mut self, settings: &StandIns, mut take: impl FnMut(SignalId, Beginning)) {
+    pub(super) fn take_beginnings(
+        &mut self,
+        settings: &StandIns,
+        mut take: impl FnMut(SignalId, StartEstimate),
+    ) {
         for (known, beginning) in settings.sensors().iter().zip(&mut self.beginnings) {
             if let Some(beginning) = beginning.take() {
                 take(known.signal, beginning);
@@ -473,23 +483,23 @@ impl Watch {
 }
 
 /// Returns the substitute for a sensor with this predicted rise.
-fn says(sensor: &Sensor, signal: SignalId, rise: f64, machine: Option<&Machine>) -> Says {
+fn source(sensor: &Sensor, signal: SignalId, rise: f64, machine: Option<&Machine>) -> SubstituteSource {
     let value = sensor.value(rise);
     let start = machine.and_then(|machine| machine.captured(Reference::Start, signal));
     let rise = value.zip(start).map_or(rise, |(value, start)| value - start.value.get());
-    Says::Others { value, rise }
+    SubstituteSource::Predictors { value, rise }
 }
 
 /// Returns whether a substitute provides every input that a model and its envelope take from the sensor.
-fn answers(model: &Model, instead: &Instead, machine: Option<&Machine>, now: Moment) -> bool {
-    let Some(machine) = machine.filter(|_| instead.is_stood_in()) else { return false };
-    let instead_of_it = [*instead];
-    let snapshot = Snapshot { instead: &instead_of_it, ..Snapshot::new(now, &[]) };
+fn answers(model: &Model, substitution: &Substitution, machine: Option<&Machine>, now: Moment) -> bool {
+    let Some(machine) = machine.filter(|_| substitution.has_source()) else { return false };
+    let only_this = [*substitution];
+    let snapshot = Snapshot { substitutions: &only_this, ..Snapshot::new(now, &[]) };
     let is_known = |input: &Input| input.level(&snapshot, machine).is_ok();
-    let mut own = model.rises().filter(|input| input.signal == instead.signal).peekable();
-    if own.peek().is_none() && instead.value().is_none() {
+    let mut own = model.rises().filter(|input| input.signal == substitution.signal).peekable();
+    if own.peek().is_none() && substitution.value().is_none() {
         return false;
     }
     let of_envelope = model.envelope.iter().flat_map(Envelope::inputs).map(|known| &known.input);
-    own.all(is_known) && of_envelope.filter(|input| input.signal == instead.signal).all(is_known)
+    own.all(is_known) && of_envelope.filter(|input| input.signal == substitution.signal).all(is_known)
 }

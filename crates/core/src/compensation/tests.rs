@@ -7,7 +7,6 @@ use std::time::Duration;
 
 mod behind;
 mod datum;
-mod distrusted;
 mod expected;
 mod intercept_slope;
 mod lags;
@@ -16,6 +15,7 @@ mod models;
 mod outside;
 mod probes;
 mod properties;
+mod rejected;
 mod restarted;
 mod returns;
 mod signs;

@@ -70,7 +70,13 @@ impl RateFilter {
     ///
     /// # Errors
     /// The reason why the value is implausible. The last good value stays.
-    pub fn judge(&mut self, value: f64, at: Moment, rate: Option<f64>, breaks: u64) -> Result<(), RateFault> {
+    pub fn assess(
+        &mut self,
+        value: f64,
+        at: Moment,
+        rate: Option<f64>,
+        breaks: u64,
+    ) -> Result<(), RateFault> {
         let is_first = std::mem::replace(&mut self.breaks, breaks) != breaks;
         let last = self.last.replace((value, at));
         let Some(rate) = rate else {

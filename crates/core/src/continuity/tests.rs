@@ -1,6 +1,6 @@
 use std::time::Duration;
 
-use super::{Break, Continuity, DeviceContinuity, Difference, Found, Identity, RateFault, RateFilter};
+use super::{Break, CheckFailure, Continuity, DeviceContinuity, Difference, Identity, RateFault, RateFilter};
 use crate::quantity::Moment;
 
 const PERIOD: Duration = Duration::from_secs(1);
@@ -21,7 +21,7 @@ fn difference() -> Difference {
     Difference {
         what: "holding:90 (40091)".into(),
         was: "5".into(),
-        is: Found::Value("6".into()),
+        is: CheckFailure::Value("6".into()),
         meaning: "decimal point".into(),
         remedy: String::new(),
     }
@@ -154,41 +154,45 @@ fn lasting_silence_is_one_break() {
 fn a_value_after_a_break_does_not_become_plausible_by_waiting() {
     let mut filter = RateFilter::default();
     let rate = Some(0.1);
-    assert_eq!(filter.judge(25.1, at(0.0), rate, 0), Ok(()));
+    assert_eq!(filter.assess(25.1, at(0.0), rate, 0), Ok(()));
     // Whole degrees are read instead of tenths.
     for second in 20..2000 {
-        assert_eq!(filter.judge(2.5, at(f64::from(second)), rate, 1), Err(RateFault::Jumped), "{second} s");
+        assert_eq!(filter.assess(2.5, at(f64::from(second)), rate, 1), Err(RateFault::Jumped), "{second} s");
     }
     // Another break a second later increases the allowed change by that of one second.
-    assert_eq!(filter.judge(2.5, at(2000.0), rate, 2), Err(RateFault::Jumped));
+    assert_eq!(filter.assess(2.5, at(2000.0), rate, 2), Err(RateFault::Jumped));
     // Two degrees in twenty-one seconds are plausible.
-    assert_eq!(filter.judge(27.1, at(2001.0), rate, 2), Ok(()));
-    assert_eq!(filter.judge(27.3, at(2002.0), rate, 2), Err(RateFault::TooFast));
+    assert_eq!(filter.assess(27.1, at(2001.0), rate, 2), Ok(()));
+    assert_eq!(filter.assess(27.3, at(2002.0), rate, 2), Err(RateFault::TooFast));
 }
 
 #[test]
 fn a_device_that_is_off_for_a_night_may_return_with_any_plausible_value() {
     let mut filter = RateFilter::default();
     let rate = Some(0.01);
-    assert_eq!(filter.judge(35.0, at(0.0), rate, 0), Ok(()));
+    assert_eq!(filter.assess(35.0, at(0.0), rate, 0), Ok(()));
     // The first value after a reset is 0, which is invalid.
-    assert_eq!(filter.judge(0.0, at(5.0), rate, 1), Err(RateFault::Jumped));
+    assert_eq!(filter.assess(0.0, at(5.0), rate, 1), Err(RateFault::Jumped));
     // The device is off until the morning, and seventeen degrees colder.
-    assert_eq!(filter.judge(18.0, at(36_000.0), rate, 2), Ok(()));
+    assert_eq!(filter.assess(18.0, at(36_000.0), rate, 2), Ok(()));
 }
 
 #[test]
 fn a_break_while_a_real_step_is_too_fast_keeps_nothing_out() {
     let mut filter = RateFilter::default();
     let rate = Some(0.5);
-    assert_eq!(filter.judge(20.0, at(0.0), rate, 0), Ok(()));
+    assert_eq!(filter.assess(20.0, at(0.0), rate, 0), Ok(()));
     for second in 1..8 {
-        assert_eq!(filter.judge(30.0, at(f64::from(second)), rate, 0), Err(RateFault::TooFast));
+        assert_eq!(filter.assess(30.0, at(f64::from(second)), rate, 0), Err(RateFault::TooFast));
     }
     for second in 8..20 {
-        assert_eq!(filter.judge(30.0, at(f64::from(second)), rate, 1), Err(RateFault::TooFast), "{second} s");
+        assert_eq!(
+            filter.assess(30.0, at(f64::from(second)), rate, 1),
+            Err(RateFault::TooFast),
+            "{second} s"
+        );
     }
-    assert_eq!(filter.judge(30.0, at(20.0), rate, 1), Ok(()));
+    assert_eq!(filter.assess(30.0, at(20.0), rate, 1), Ok(()));
 }
 
 #[test]
@@ -209,19 +213,19 @@ fn a_device_with_checks_needs_no_comparison_and_keeps_its_setup_over_a_pause() {
 #[test]
 fn without_a_break_a_value_that_stays_is_accepted_in_time() {
     let mut filter = RateFilter::default();
-    assert_eq!(filter.judge(20.0, at(0.0), Some(1.0), 7), Ok(()));
-    assert_eq!(filter.judge(25.0, at(1.0), Some(1.0), 7), Err(RateFault::TooFast));
-    assert_eq!(filter.judge(25.0, at(5.0), Some(1.0), 7), Ok(()));
-    assert_eq!(filter.judge(99.0, at(6.0), None, 8), Ok(()), "a signal without max_rate");
+    assert_eq!(filter.assess(20.0, at(0.0), Some(1.0), 7), Ok(()));
+    assert_eq!(filter.assess(25.0, at(1.0), Some(1.0), 7), Err(RateFault::TooFast));
+    assert_eq!(filter.assess(25.0, at(5.0), Some(1.0), 7), Ok(()));
+    assert_eq!(filter.assess(99.0, at(6.0), None, 8), Ok(()), "a signal without max_rate");
 }
 
 #[test]
 fn a_confirmed_signal_takes_its_next_value() {
     let mut filter = RateFilter::default();
-    assert_eq!(filter.judge(25.0, at(0.0), Some(0.1), 0), Ok(()));
-    assert_eq!(filter.judge(80.0, at(9.0), Some(0.1), 1), Err(RateFault::Jumped));
+    assert_eq!(filter.assess(25.0, at(0.0), Some(0.1), 0), Ok(()));
+    assert_eq!(filter.assess(80.0, at(9.0), Some(0.1), 1), Err(RateFault::Jumped));
     filter.forget();
-    assert_eq!(filter.judge(80.0, at(10.0), Some(0.1), 1), Ok(()));
+    assert_eq!(filter.assess(80.0, at(10.0), Some(0.1), 1), Ok(()));
 }
 
 #[test]
@@ -233,7 +237,7 @@ fn a_difference_says_what_was_expected_and_what_was_found() {
         difference.to_string(),
         "holding:90 (40091) reads 6 instead of 5 (decimal point): set it to 5 at the panel"
     );
-    difference.is = Found::Unreadable("no answer in time".into());
+    difference.is = CheckFailure::Unreadable("no answer in time".into());
     assert_eq!(
         difference.to_string(),
         "holding:90 (40091) cannot be read: no answer in time (decimal point): set it to 5 at the panel"
@@ -247,14 +251,14 @@ fn the_first_value_after_a_start_must_fit_to_the_last_good_one_of_the_run_before
         [(0.0, 20.05, true), (0.0, 20.5, false), (10.0, 20.9, true), (10.0, 2.0, false), (3600.0, 2.0, true)];
     for (away, value, is_plausible) in table {
         let mut filter = RateFilter::after_start(20.0, at(5.0), Duration::from_secs_f64(away));
-        let judged = filter.judge(value, at(5.0), Some(0.1), 0);
-        assert_eq!(judged.is_ok(), is_plausible, "{value} after {away} s");
+        let assessed = filter.assess(value, at(5.0), Some(0.1), 0);
+        assert_eq!(assessed.is_ok(), is_plausible, "{value} after {away} s");
         if !is_plausible {
-            assert_eq!(judged, Err(RateFault::Jumped));
-            assert_eq!(filter.judge(value, at(500.0), Some(0.1), 0), Err(RateFault::Jumped), "also later");
+            assert_eq!(assessed, Err(RateFault::Jumped));
+            assert_eq!(filter.assess(value, at(500.0), Some(0.1), 0), Err(RateFault::Jumped), "also later");
             filter.forget();
         }
-        assert_eq!(filter.judge(value, at(501.0), Some(0.1), 0), Ok(()));
+        assert_eq!(filter.assess(value, at(501.0), Some(0.1), 0), Ok(()));
         assert_eq!(filter.before_stop(at(504.0), 0.1), Some((value, Duration::from_secs(3))));
     }
 }
@@ -273,8 +277,8 @@ fn what_a_jump_is_compared_with_survives_any_number_of_starts() {
     for _ in 0..10 {
         // Every value of this run jumps, for an hour.
         (0..60).for_each(|minute| {
-            let judged = filter.judge(20.0 + allowed + 1.0, at(60.0 * f64::from(minute)), Some(0.1), 0);
-            assert_eq!(judged, Err(RateFault::Jumped));
+            let assessed = filter.assess(20.0 + allowed + 1.0, at(60.0 * f64::from(minute)), Some(0.1), 0);
+            assert_eq!(assessed, Err(RateFault::Jumped));
         });
         let (value, away) = filter.before_stop(at(3600.0), 0.1).unwrap();
         assert!(
@@ -283,5 +287,5 @@ fn what_a_jump_is_compared_with_survives_any_number_of_starts() {
         );
         filter = RateFilter::after_start(value, at(0.0), away);
     }
-    assert_eq!(filter.judge(20.0 + allowed - 1.0, at(0.0), Some(0.1), 0), Ok(()));
+    assert_eq!(filter.assess(20.0 + allowed - 1.0, at(0.0), Some(0.1), 0), Ok(()));
 }

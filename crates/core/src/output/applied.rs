@@ -8,24 +8,24 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::settings::AppliedSettings;
-use super::standing::Seen;
 use super::state::RETRY;
+use super::state_parts::TimedValue;
 use crate::quantity::{Counts, Moment, shifted};
 
 /// Knowledge about the applied value of one output.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Applied {
     /// Register value, and the time when it was first known.
-    value: Option<Seen>,
+    value: Option<TimedValue>,
     /// Time of the last read of the applied value since then.
     read_at: Option<Moment>,
-    shown: Shown,
+    shown: AppliedState,
 }
 
 /// Whether the control applies the register value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-enum Shown {
+enum AppliedState {
     /// The control has not reported that it applies the value.
     #[default]
     NotYet,
@@ -39,13 +39,13 @@ impl Applied {
     /// Records the register value. After a change the applied value is read again.
     pub(super) fn register_is(&mut self, value: Counts, now: Moment) {
         if self.value.is_none_or(|known| known.value != value) {
-            *self = Applied { value: Some(Seen { value, asked: now }), ..Applied::default() };
+            *self = Applied { value: Some(TimedValue { value, asked: now }), ..Applied::default() };
         }
     }
 
     /// Returns whether the control applies the register value.
     pub(super) fn is_applied(&self) -> bool {
-        self.shown == Shown::Applied
+        self.shown == AppliedState::Applied
     }
 
     /// Records the applied value. Returns true if it equals the register value within the tolerance.
@@ -54,7 +54,7 @@ impl Applied {
         let held = self.value.map(|known| known.value.0.saturating_mul(1000));
         let distance = held.zip(found).map(|(held, found)| held.abs_diff(found));
         let fits = distance.is_some_and(|distance| distance <= settings.tolerance.unsigned_abs());
-        self.shown = if fits { Shown::Applied } else { Shown::NotYet };
+        self.shown = if fits { AppliedState::Applied } else { AppliedState::NotYet };
         fits
     }
 
@@ -72,7 +72,7 @@ impl Applied {
     /// follow soon, each after twice the time, until the settling time is over. Then it is read every second if the
     /// control does not apply the value, and otherwise with the period of the axis.
     pub(super) fn due(&self, settings: &AppliedSettings, every: Duration) -> Moment {
-        let Some(Seen { asked: since, .. }) = self.value else { return Moment::END };
+        let Some(TimedValue { asked: since, .. }) = self.value else { return Moment::END };
         let over = since.after(settings.settle);
         match self.read_at {
             None => Moment::default(),
@@ -88,7 +88,7 @@ impl Applied {
     /// Maps every moment, for the comparison of two states that differ only in time.
     pub(super) fn moved(self, to: impl Fn(Moment) -> Moment) -> Applied {
         Applied {
-            value: self.value.map(|known| Seen { asked: to(known.asked), ..known }),
+            value: self.value.map(|known| TimedValue { asked: to(known.asked), ..known }),
             read_at: self.read_at.map(&to),
             ..self
         }

@@ -29,12 +29,12 @@ use std::mem::{replace, take};
 use serde::{Deserialize, Serialize};
 
 use super::applied::Applied;
-use super::demand::{Condition, Demand, Demanded, Input, Mode, NotSent, SetCommit};
+use super::demand::{Condition, Demand, Input, Mode, NotSent, OutputDecision, SetCommit};
 use super::follow::{Cause, Follow, OutputHealth, Trouble};
-use super::reports::{Said, Topic};
+use super::reports::{ReportedTopics, Topic};
 use super::settings::{Settings, Verify};
 use super::slots::Slots;
-use super::standing::ArmState;
+use super::state_parts::ArmState;
 use super::{Action, Event, Fact, State, step};
 use crate::quantity::{Counts, Moment, Shift, Shifted, shifted};
 
@@ -61,7 +61,7 @@ pub struct Policy {
     trouble: Option<Trouble>,
     applied: Applied,
     set: SetCommit,
-    said: Said,
+    said: ReportedTopics,
 }
 
 /// Values of the last demand.
@@ -276,7 +276,7 @@ impl Controller {
 
     /// Processes a new decision. An axis that holds its offset requests no write. It resumes from the register value if
     /// that differs from its offset.
-    fn decide(&mut self, settings: &Settings, decision: &Demanded, now: Moment) {
+    fn decide(&mut self, settings: &Settings, decision: &OutputDecision, now: Moment) {
         if self.policy.follow == Follow::Late {
             self.policy.follow = Follow::Target;
         }
@@ -302,7 +302,7 @@ impl Controller {
         if is_changed && now > decision.not_after {
             return self.lapsed(decision.not_after);
         }
-        let Demanded { offset, target, not_after, .. } = *decision;
+        let OutputDecision { offset, target, not_after, .. } = *decision;
         self.give(settings, Fact::Decided { offset, target, not_after }, now);
     }
 

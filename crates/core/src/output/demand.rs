@@ -14,7 +14,7 @@ pub struct Demand {
     /// Condition of the interlock.
     pub interlock: Condition,
     /// Latest decision of the axis. `None` if the axis is off, or has not yet resumed from the register value.
-    pub decision: Option<Demanded>,
+    pub decision: Option<OutputDecision>,
     /// Number of restarts of the control so far.
     pub restarts: u64,
     /// Number of pauses of the computer so far.
@@ -24,7 +24,7 @@ pub struct Demand {
 /// Decision of an axis about one output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Demanded {
+pub struct OutputDecision {
     /// Counts from the bias, or the gateway share of a shared register.
     pub offset: Counts,
     /// Target of the offset. `None` if unknown, and for a constant.
@@ -149,4 +149,4 @@ pub enum SetCommit {
 }
 
 shifted!(Demand: decision);
-shifted!(Demanded: at, not_after);
+shifted!(OutputDecision: at, not_after);

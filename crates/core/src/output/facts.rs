@@ -1,12 +1,12 @@
 //! Effect of each fact on the state of an output.
 
-use super::copies::{Look, Sent};
 use super::event::{Doubt, Event};
-use super::judge::{self, Meaning};
-use super::kept::Account;
+use super::in_flight::{InFlightWrite, ReadResult};
+use super::interpretation::{self, Meaning};
+use super::saved_output::Account;
 use super::settings::{Rule, Settings, Verify};
-use super::standing::{ArmState, Doing, Order, RequiredRead, Seen, Untaken};
 use super::state::{RETRY, State};
+use super::state_parts::{ArmState, PendingAction, RequiredRead, Setpoint, TimedValue, WriteFailure};
 use super::turns::Turns;
 use super::{Fact, Who};
 use crate::quantity::{Counts, Moment};
@@ -15,10 +15,10 @@ use crate::quantity::{Counts, Moment};
 pub(super) fn take(state: &mut State, settings: &Settings, fact: Fact, now: Moment) -> Option<Moment> {
     state.disk.is_unsaved |= state.copies.expire(now);
     match fact {
-        Fact::Look | Fact::GoesAlong => {}
-        Fact::WentAlong { value, left, is_done } => {
+        Fact::Look | Fact::PiggybackAsked => {}
+        Fact::Piggybacked { value, left, is_done } => {
             let answered = is_done.then_some(now);
-            let sent = Sent { value, at: left, left, answered, other_seen: None, is_pinned: false };
+            let sent = InFlightWrite { value, at: left, left, answered, other_seen: None, is_pinned: false };
             // If there is no capacity, as many copies are under way already. This one equals the value that was just
             // read.
             let _ = state.copies.add(sent);
@@ -31,12 +31,14 @@ pub(super) fn take(state: &mut State, settings: &Settings, fact: Fact, now: Mome
                     offset
                 }
             };
-            state.order = Some(Order { offset: within(offset), target: target.map(within), not_after });
+            state.order = Some(Setpoint { offset: within(offset), target: target.map(within), not_after });
         }
-        Fact::Read { found, asked } if ends(state, Doing::Reading) || state.doing == Doing::Nothing => {
+        Fact::Read { found, asked }
+            if ends(state, PendingAction::Reading) || state.pending_action == PendingAction::Nothing =>
+        {
             return read(state, settings, found, asked, now);
         }
-        Fact::NoAnswer if ends(state, Doing::Reading) => {
+        Fact::NoAnswer if ends(state, PendingAction::Reading) => {
             state.reads_from = now.after(RETRY);
             state.drop_order(settings);
         }
@@ -45,20 +47,20 @@ pub(super) fn take(state: &mut State, settings: &Settings, fact: Fact, now: Mome
         Fact::Refused => {
             if let Some(value) = not_written(state, settings, now) {
                 state.unanswered_change = state.expected().map(|stood| value - stood);
-                report_untaken(state, Untaken::Refused, Event::WriteRefused { value });
+                report_untaken(state, WriteFailure::Refused, Event::WriteRefused { value });
             }
         }
         Fact::NotSent => {
             // If the output cannot be read, only an acknowledged write shows that the device can be reached.
             if not_written(state, settings, now).is_some() && settings.verify == Verify::Echo {
-                state.untaken = Some(Untaken::Refused);
+                state.write_failure = Some(WriteFailure::Refused);
             }
         }
-        Fact::Kept if ends(state, Doing::Keeping) => {
+        Fact::Kept if ends(state, PendingAction::Keeping) => {
             state.disk.has_begun = true;
             state.reports.disk_keeps();
         }
-        Fact::NotKept if ends(state, Doing::Keeping) => {
+        Fact::NotKept if ends(state, PendingAction::Keeping) => {
             state.disk.is_unsaved = true;
             state.keeps_from = now.after(RETRY);
             state.drop_order(settings);
@@ -95,15 +97,15 @@ pub(super) fn take(state: &mut State, settings: &Settings, fact: Fact, now: Mome
 }
 
 fn read(state: &mut State, settings: &Settings, found: Counts, asked: Moment, now: Moment) -> Option<Moment> {
-    let meaning = judge::meaning(state, settings, found, asked);
+    let meaning = interpretation::meaning(state, settings, found, asked);
     if state.answered.is_some() {
         state.evidence.was_unsteady = matches!(meaning, Meaning::Moved { .. });
     }
-    let is_believed = state.account.is_none_or(|account| account.doubt.is_none());
-    if is_believed {
+    let is_accepted = state.account.is_none_or(|account| account.doubt.is_none());
+    if is_accepted {
         follow(state, settings, meaning, (found, asked), now);
     }
-    let look = Look {
+    let result = ReadResult {
         found,
         asked,
         late: settings.late,
@@ -111,11 +113,11 @@ fn read(state: &mut State, settings: &Settings, found: Counts, asked: Moment, no
         pairs_from: state.pairs_from,
         bias: settings.bias,
     };
-    state.disk.is_unsaved |= state.copies.look(look);
+    state.disk.is_unsaved |= state.copies.apply_read(result);
     if state.settles_at.is_some_and(|settles| asked > settles) {
         state.settles_at = None;
     }
-    state.verified = Some(Seen { value: found, asked });
+    state.verified = Some(TimedValue { value: found, asked });
     (state.answered, state.unanswered_change) = (None, None);
     state.required_read = RequiredRead::None;
     confirm(state, settings, found);
@@ -134,7 +136,7 @@ fn follow(
         Meaning::Same => {
             let is_written = state.answered.is_some();
             if is_written {
-                state.untaken = None;
+                state.write_failure = None;
             }
             share_is(state, found);
             if is_written && settings.is_shared {
@@ -154,7 +156,7 @@ fn follow(
         Meaning::First => {}
         Meaning::Ours { sent, is_late } => {
             state.drop_order(settings);
-            state.untaken = None;
+            state.write_failure = None;
             share_is(state, found);
             if is_late {
                 state.reports.report(Event::OwnWriteArrivedLate { value: found, sent });
@@ -166,7 +168,7 @@ fn follow(
         }
         Meaning::NotTaken => {
             let event = Event::NotTaken { wrote: expected.unwrap_or(found), found };
-            report_untaken(state, Untaken::Ignored, event);
+            report_untaken(state, WriteFailure::Ignored, event);
             state.writes_from = now.after(RETRY);
         }
         Meaning::Restarted => {
@@ -200,8 +202,8 @@ fn follow(
 
 /// Reports `event` unless a failed write was already reported since the last verified write. `how`: how this write
 /// failed.
-fn report_untaken(state: &mut State, how: Untaken, event: Event) {
-    if state.untaken.replace(how).is_none() {
+fn report_untaken(state: &mut State, how: WriteFailure, event: Event) {
+    if state.write_failure.replace(how).is_none() {
         state.reports.report(event);
     }
 }
@@ -266,7 +268,7 @@ fn arm(state: &mut State, settings: &Settings, by: Who) {
 fn confirm(state: &mut State, settings: &Settings, found: Counts) {
     let ArmState::Confirming(shown) = state.standing else { return };
     let account = state.account.unwrap_or_default();
-    let is_ours = state.copies.of(found).is_some() || state.copies.lately_of(found).is_some();
+    let is_ours = state.copies.of(found).is_some() || state.copies.expired_of(found).is_some();
     if settings.is_zero(found) && account.share != Counts::ZERO {
         doubt(state, Doubt::ZeroOrOurs, found);
     } else if found == shown || !is_ours || found == account.base + account.share {
@@ -285,15 +287,15 @@ fn restarted(state: &mut State, settings: &Settings, now: Moment) {
         // A restarted control that cannot be read is assumed to hold the bias.
         let stood = state.verified.map_or(settings.bias, |verified| verified.value);
         state.reports.report(Event::CncRestarted { stood });
-        state.verified = Some(Seen { value: settings.bias, asked: now });
+        state.verified = Some(TimedValue { value: settings.bias, asked: now });
         state.disk.is_unsaved = true;
     }
 }
 
 /// Handles a write that was sent. `answered` is the time of its answer as done, or `None` if its result is unknown.
 fn written(state: &mut State, settings: &Settings, answered: Option<Moment>, left: Moment, now: Moment) {
-    let Doing::Writing { value, begun, read } = state.doing else { return };
-    state.doing = Doing::Nothing;
+    let PendingAction::Writing { value, begun, read } = state.pending_action else { return };
+    state.pending_action = PendingAction::Nothing;
     state.written_at = now;
     let stood = state.expected();
     if settings.verify == Verify::Echo && answered.is_some() {
@@ -301,7 +303,7 @@ fn written(state: &mut State, settings: &Settings, answered: Option<Moment>, lef
         return;
     }
     let other_seen = read.filter(|asked| *asked > state.pairs_from);
-    let sent = Sent { value, at: left, left, answered, other_seen, is_pinned: false };
+    let sent = InFlightWrite { value, at: left, left, answered, other_seen, is_pinned: false };
     // A write is begun only if there is capacity for it.
     let _ = state.copies.add(sent);
     if settings.verify == Verify::Reading && (answered.is_none() || read.is_some()) {
@@ -315,22 +317,22 @@ fn written(state: &mut State, settings: &Settings, answered: Option<Moment>, lef
         state.drop_order(settings);
         // A shared register is not written again as a test: reading it is sufficient.
         if state.standing == ArmState::Armed && !settings.is_shared {
-            state.untaken = Some(Untaken::Refused);
+            state.write_failure = Some(WriteFailure::Refused);
         }
     }
 }
 
 fn acknowledged(state: &mut State, settings: &Settings, value: Counts, begun: Moment, left: Moment) {
     state.copies.end_late(begun, settings.late, settings.remembered);
-    state.verified = Some(Seen { value, asked: left });
-    (state.disk.is_unsaved, state.untaken) = (true, None);
+    state.verified = Some(TimedValue { value, asked: left });
+    (state.disk.is_unsaved, state.write_failure) = (true, None);
     state.reports.report_acknowledged();
 }
 
 /// Handles a write that did not take place. Returns its value.
 fn not_written(state: &mut State, settings: &Settings, now: Moment) -> Option<Counts> {
-    let Doing::Writing { value, .. } = state.doing else { return None };
-    state.doing = Doing::Nothing;
+    let PendingAction::Writing { value, .. } = state.pending_action else { return None };
+    state.pending_action = PendingAction::Nothing;
     state.disk.is_unsaved |= settings.promises();
     state.writes_from = now.after(RETRY);
     state.drop_order(settings);
@@ -343,7 +345,7 @@ fn switch_off(state: &mut State, to: ArmState) {
         state.copies.pin();
     }
     state.standing = to;
-    (state.order, state.untaken) = (None, None);
+    (state.order, state.write_failure) = (None, None);
     state.is_waiting = false;
     state.promised_until = None;
     if state.promised.take().is_some() {
@@ -352,10 +354,10 @@ fn switch_off(state: &mut State, to: ArmState) {
 }
 
 /// Ends the pending action if it is `what`. Returns true if it has ended.
-fn ends(state: &mut State, what: Doing) -> bool {
-    let is_it = state.doing == what;
+fn ends(state: &mut State, what: PendingAction) -> bool {
+    let is_it = state.pending_action == what;
     if is_it {
-        state.doing = Doing::Nothing;
+        state.pending_action = PendingAction::Nothing;
     }
     is_it
 }

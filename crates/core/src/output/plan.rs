@@ -3,11 +3,11 @@
 use std::time::Duration;
 
 use super::Action;
-use super::copies::{Copies, Room};
 use super::event::Event;
+use super::in_flight::{InFlightWrites, SendRange};
 use super::settings::{Rule, Settings, Verify};
-use super::standing::{ArmState, Doing, Order, Seen, Untaken};
 use super::state::{RETRY, State};
+use super::state_parts::{ArmState, PendingAction, Setpoint, TimedValue, WriteFailure};
 use crate::quantity::{Counts, Moment};
 
 /// Result of the search for a value to send.
@@ -23,8 +23,8 @@ enum Aim {
 
 /// Chooses the next action and records it. `fresh` is the request time of a read that has just shown nothing new.
 pub(super) fn act(state: &mut State, settings: &Settings, fresh: Option<Moment>, now: Moment) -> Action {
-    match state.doing {
-        Doing::Nothing => {}
+    match state.pending_action {
+        PendingAction::Nothing => {}
         _ => return Action::Nothing { until: Moment::END },
     }
     // A wait ends if no change has been requested for a long time.
@@ -33,7 +33,7 @@ pub(super) fn act(state: &mut State, settings: &Settings, fresh: Option<Moment>,
     let aim = change(state, settings, now);
     if settings.is_shared && aim == Some(Aim::There) && fresh.is_some() {
         // The register holds the requested value, so it is not written again as a test.
-        state.untaken = None;
+        state.write_failure = None;
     }
     if aim.is_some() {
         note_waiting(state, settings, aim, now);
@@ -82,8 +82,8 @@ pub(super) fn act(state: &mut State, settings: &Settings, fresh: Option<Moment>,
 
 /// Chooses the action for a request that contains other values. The register value is sent with them, as it was just
 /// read. Nothing is sent if a late write could then be too far from it.
-pub(super) fn go_along(state: &mut State, settings: &Settings, now: Moment) -> Action {
-    let Some(seen) = state.verified.filter(|_| state.doing == Doing::Nothing) else {
+pub(super) fn piggyback(state: &mut State, settings: &Settings, now: Moment) -> Action {
+    let Some(seen) = state.verified.filter(|_| state.pending_action == PendingAction::Nothing) else {
         return Action::Nothing { until: Moment::END };
     };
     saves_only_what_it_must(state, settings);
@@ -106,13 +106,13 @@ fn saves_only_what_it_must(state: &mut State, settings: &Settings) {
 fn change(state: &State, settings: &Settings, now: Moment) -> Option<Aim> {
     let order =
         state.order.filter(|order| now <= order.not_after || !settings.rules.has(Rule::LastMoment))?;
-    let stands = state.expected()?;
+    let current = state.expected()?;
     (state.standing == ArmState::Armed && !state.is_interlocked && !state.required_read.is_pending())
         .then_some(())?;
     if state.settles_at.is_some() && settings.rules.has(Rule::NearCopies) {
         return Some(Aim::Blocked);
     }
-    Some(aim(state, settings, stands, order, now))
+    Some(aim(state, settings, current, order, now))
 }
 
 /// Returns whether a value is a zero to avoid. Zero is the value of a restarted CNC, and would hide the operator
@@ -121,47 +121,47 @@ fn avoids(settings: &Settings, centre: Counts, value: Counts) -> bool {
     settings.is_shared && settings.rules.has(Rule::Doubt) && settings.is_zero(value) && value != centre
 }
 
-/// Returns whether a register with the value `stands` has this offset from the operator offset or the bias.
-pub(super) fn is_there(state: &State, settings: &Settings, stands: Counts, offset: Counts) -> bool {
+/// Returns whether a register with the value `current` has this offset from the operator offset or the bias.
+pub(super) fn is_there(state: &State, settings: &Settings, current: Counts, offset: Counts) -> bool {
     let centre = state.centre(settings);
     let target = settings.target(centre, offset);
-    stands == target || (avoids(settings, centre, target) && stands.abs_diff(target) == 1)
+    current == target || (avoids(settings, centre, target) && current.abs_diff(target) == 1)
 }
 
 /// Returns the lowest and the highest value that a write may have: between the register value and the target. One count
 /// more is allowed if the target is a zero to avoid. Without a target the whole range is allowed.
-fn way(state: &State, settings: &Settings, stands: Counts, order: Order) -> (Counts, Counts) {
+fn way(state: &State, settings: &Settings, current: Counts, order: Setpoint) -> (Counts, Counts) {
     let Some(target) = order.target.filter(|_| settings.rules.has(Rule::NoWindup)) else {
         return settings.range;
     };
     let centre = state.centre(settings);
     let target = settings.target(centre, target);
     let beyond = Counts(i64::from(avoids(settings, centre, target)));
-    (stands.min(target - beyond), stands.max(target + beyond))
+    (current.min(target - beyond), current.max(target + beyond))
 }
 
-fn aim(state: &State, settings: &Settings, stands: Counts, order: Order, now: Moment) -> Aim {
-    if is_there(state, settings, stands, order.offset) {
+fn aim(state: &State, settings: &Settings, current: Counts, order: Setpoint, now: Moment) -> Aim {
+    if is_there(state, settings, current, order.offset) {
         return Aim::There;
     }
     if !state.copies.has_room() {
         return Aim::Blocked;
     }
     let centre = state.centre(settings);
-    let (low, high) = way(state, settings, stands, order);
+    let (low, high) = way(state, settings, current, order);
     let wanted = settings.target(centre, order.offset);
     // The guard may be on the other side of the register value. The register then waits until the guard has passed it.
     let target = wanted.clamp(low, high);
-    if target == stands {
+    if target == current {
         return Aim::There;
     }
     let (lowest, highest) = settings.range;
     let may_be_sent = |value: &Counts| {
-        room(state, settings, stands).contains(*value)
+        room(state, settings, current).contains(*value)
             && (lowest..=highest).contains(value)
             && (low..=high).contains(value)
-            && is_inside(settings, stands, *value, centre)
-            && target.abs_diff(*value) < target.abs_diff(stands)
+            && is_inside(settings, current, *value, centre)
+            && target.abs_diff(*value) < target.abs_diff(current)
             && !avoids(settings, centre, *value)
     };
     let is_young =
@@ -170,26 +170,26 @@ fn aim(state: &State, settings: &Settings, stands: Counts, order: Order, now: Mo
         return Aim::Send(promised);
     }
     let beside = |value: Counts| [value, value - Counts(1), value + Counts(1)];
-    let candidates = room(state, settings, stands).nearest(target).into_iter().flat_map(beside);
+    let candidates = room(state, settings, current).nearest(target).into_iter().flat_map(beside);
     let nearest = candidates.filter(may_be_sent).min_by_key(|value| target.abs_diff(*value));
     nearest.map_or(Aim::Blocked, Aim::Send)
 }
 
 /// Returns the values within one step of the register value and of everything that may still arrive.
-fn room(state: &State, settings: &Settings, stands: Counts) -> Room {
+fn room(state: &State, settings: &Settings, current: Counts) -> SendRange {
     if settings.rules.has(Rule::NearCopies) {
-        state.copies.room(stands, settings.step, settings.reach())
+        state.copies.room(current, settings.step, settings.reach())
     } else {
-        Copies::default().room(stands, settings.step, settings.step)
+        InFlightWrites::default().room(current, settings.step, settings.step)
     }
 }
 
 /// Returns whether a value is within the limit, or nearer to it than the register value.
-fn is_inside(settings: &Settings, stands: Counts, value: Counts, centre: Counts) -> bool {
+fn is_inside(settings: &Settings, current: Counts, value: Counts, centre: Counts) -> bool {
     let distance = value.abs_diff(centre);
     !settings.rules.has(Rule::Limit)
         || distance <= settings.limit.unsigned_abs()
-        || distance < stands.abs_diff(centre)
+        || distance < current.abs_diff(centre)
 }
 
 /// Reports a waiting change once, and drops its decision, which must not be sent after the wait.
@@ -220,7 +220,7 @@ fn send(state: &mut State, settings: &Settings, value: Counts, asked: Moment, no
     }
     let promised_until = state.promised.take().and(state.promised_until.take());
     let read = (settings.verify == Verify::Reading).then_some(asked);
-    state.doing = Doing::Writing { value, begun: now, read };
+    state.pending_action = PendingAction::Writing { value, begun: now, read };
     let not_after = state.order.map_or(now, |order| order.not_after);
     let not_after = promised_until.map_or(not_after, |until| until.min(not_after));
     // One decision moves the register once. The axis decides the rate.
@@ -240,10 +240,10 @@ fn repeats(state: &State, settings: &Settings, aim: Option<Aim>, now: Moment) ->
         && state.copies.first_over(settings.late).is_some_and(|over| now > over);
     let may = state.standing == ArmState::Armed && !state.is_interlocked && !state.required_read.is_pending();
     let is_settled = state.settles_at.is_none() && state.copies.has_room();
-    let shows = match state.untaken {
+    let shows = match state.write_failure {
         None => false,
-        Some(Untaken::Refused) => true,
-        Some(Untaken::Ignored) => aim == Some(Aim::There),
+        Some(WriteFailure::Refused) => true,
+        Some(WriteFailure::Ignored) => aim == Some(Aim::There),
     };
     may && (rests && (is_due || shows) || clears)
         && is_settled
@@ -252,28 +252,28 @@ fn repeats(state: &State, settings: &Settings, aim: Option<Aim>, now: Moment) ->
 }
 
 /// Returns whether a late copy that arrives after the repeat would be at most one step away.
-fn is_repeatable(state: &State, settings: &Settings, seen: Seen) -> bool {
+fn is_repeatable(state: &State, settings: &Settings, seen: TimedValue) -> bool {
     let room = state.copies.room(seen.value, settings.step, settings.step);
     room.contains(seen.value) || !settings.rules.has(Rule::NearCopies)
 }
 
-fn repeat(state: &mut State, settings: &Settings, seen: Seen, now: Moment) -> Action {
+fn repeat(state: &mut State, settings: &Settings, seen: TimedValue, now: Moment) -> Action {
     if !state.disk.has_begun || state.disk.is_unsaved {
         return keep(state);
     }
-    state.doing = Doing::Writing { value: seen.value, begun: now, read: None };
+    state.pending_action = PendingAction::Writing { value: seen.value, begun: now, read: None };
     debug_assert!(!settings.is_shared, "a shared register is never refreshed");
     Action::Write { value: seen.value, not_after: Moment::END, is_repeat: true }
 }
 
 fn keep(state: &mut State) -> Action {
-    state.doing = Doing::Keeping;
+    state.pending_action = PendingAction::Keeping;
     state.disk.is_unsaved = false;
     Action::Keep
 }
 
 fn read(state: &mut State) -> Action {
-    state.doing = Doing::Reading;
+    state.pending_action = PendingAction::Reading;
     Action::Read
 }
 

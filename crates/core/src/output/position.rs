@@ -1,7 +1,7 @@
 //! Controller of a corrected position: value of each write, and meaning of its result.
 //!
 //! The latest position is sent at once in every armed state, even while the axis is frozen. Only its Cz follows the
-//! rules in [`Inside`].
+//! rules in [`PositionCz`].
 //!
 //! | state at the turn | action |
 //! |---|---|
@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use super::demand::Condition;
 use super::follow::Trouble;
-use super::inside::Inside;
+use super::position_cz::PositionCz;
 use crate::quantity::{Micron, Moment, shifted};
 
 /// Period of repeated dashes. A display that was switched off and on may show something else.
@@ -30,7 +30,7 @@ const DASHES_AGAIN: Duration = Duration::from_secs(10);
 pub struct PositionController {
     /// Read time of the last corrected position.
     corrected: Moment,
-    inside: Inside,
+    inside: PositionCz,
     /// Time of the last dashes on a display. `None` while it shows a value.
     dashes_at: Option<Moment>,
     trouble: Option<Trouble>,
@@ -173,7 +173,7 @@ impl PositionController {
     /// Creates a controller that resumes from `left`, the Cz that the previous run wrote last. `None` if it is unknown.
     pub fn resuming(left: Option<Micron>) -> PositionController {
         PositionController {
-            inside: left.map_or(Inside::Nothing, Inside::Left),
+            inside: left.map_or(PositionCz::Nothing, PositionCz::Left),
             ..PositionController::default()
         }
     }
@@ -187,8 +187,8 @@ impl PositionController {
     /// the written decision may differ.
     fn is_alike_inside(&self, other: &PositionController) -> bool {
         let inside = match (self.inside, other.inside) {
-            (Inside::Written(one, at), Inside::Written(another, _)) if one == another => {
-                Inside::Written(one, at)
+            (PositionCz::Written(one, at), PositionCz::Written(another, _)) if one == another => {
+                PositionCz::Written(one, at)
             }
             (_, inside) => inside,
         };
@@ -220,8 +220,8 @@ impl PositionController {
         let Some(PositionDecision { cz, target, at }) = demand.decision else {
             self.corrected = demand.read_at;
             // An axis is off at first. The register still holds the Cz of the previous run.
-            if !matches!(self.inside, Inside::Left(_)) {
-                self.inside = Inside::Nothing;
+            if !matches!(self.inside, PositionCz::Left(_)) {
+                self.inside = PositionCz::Nothing;
             }
             return (dashes.unwrap_or(PositionAction::Nothing), None);
         };
@@ -236,9 +236,9 @@ impl PositionController {
         if demand.interlock == Condition::Met {
             return (PositionAction::Correct(self.inside.next((cz, target, at), step)), event);
         }
-        if self.inside == Inside::Nothing {
+        if self.inside == PositionCz::Nothing {
             // The axis continues while the interlock is open. The first position after it starts from this Cz.
-            self.inside = Inside::Written(cz, at);
+            self.inside = PositionCz::Written(cz, at);
         }
         (PositionAction::Interlocked(demand.interlock), event)
     }
@@ -264,25 +264,25 @@ impl PositionController {
         let (cz, at) = match (turn.action, turn.demand.decision) {
             (PositionAction::Correct(cz), Some(decision)) => (cz, decision.at),
             (PositionAction::ShowDashes, _) if turn.result == Some(PositionResult::Written) => {
-                (self.dashes_at, self.inside) = (Some(now), Inside::Nothing);
+                (self.dashes_at, self.inside) = (Some(now), PositionCz::Nothing);
                 return None;
             }
             _ => return None,
         };
         match turn.result? {
             PositionResult::Written => {
-                (self.inside, self.dashes_at, self.trouble) = (Inside::Written(cz, at), None, None);
+                (self.inside, self.dashes_at, self.trouble) = (PositionCz::Written(cz, at), None, None);
                 None
             }
             PositionResult::NotShown => {
-                self.inside = Inside::Sent(cz);
+                self.inside = PositionCz::Sent(cz);
                 let before = self.trouble.replace(Trouble::Untaken);
                 (before != Some(Trouble::Untaken)).then_some(PositionEvent::NotShown)
             }
             PositionResult::Lapsed => None,
             PositionResult::Failed { trouble, may_have_arrived } => {
                 if may_have_arrived {
-                    self.inside = Inside::Sent(cz);
+                    self.inside = PositionCz::Sent(cz);
                 }
                 let is_worse = |known: &Trouble| *known == Trouble::Untaken;
                 self.trouble = self.trouble.filter(is_worse).or(Some(trouble));

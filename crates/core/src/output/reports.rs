@@ -27,24 +27,24 @@ pub(super) enum Topic {
 /// Topics that have been reported and are not over.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(transparent)]
-pub(super) struct Said(u8);
+pub(super) struct ReportedTopics(u8);
 
-impl Said {
+impl ReportedTopics {
     const fn bit(topic: Topic) -> u8 {
         1 << topic as u8
     }
 
     /// Records that a topic is reported. Returns true if it was not reported before.
     pub(super) fn first(&mut self, topic: Topic) -> bool {
-        let is_first = self.0 & Said::bit(topic) == 0;
-        self.0 |= Said::bit(topic);
+        let is_first = self.0 & ReportedTopics::bit(topic) == 0;
+        self.0 |= ReportedTopics::bit(topic);
         is_first
     }
 
     /// Ends a topic. Returns true if the topic had been reported.
     pub(super) fn over(&mut self, topic: Topic) -> bool {
-        let was_said = self.0 & Said::bit(topic) != 0;
-        self.0 &= !Said::bit(topic);
+        let was_said = self.0 & ReportedTopics::bit(topic) != 0;
+        self.0 &= !ReportedTopics::bit(topic);
         was_said
     }
 }
@@ -53,7 +53,7 @@ impl Said {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Reports {
     events: Slots<Event, 8>,
-    said: Said,
+    said: ReportedTopics,
 }
 
 impl Reports {

@@ -36,7 +36,7 @@ impl Sequence {
 
     /// Records number and values of the registers. Returns whether the control may have taken something else, because a
     /// set arrived late.
-    pub(super) fn stands(&mut self, number: u16, values: &[Counts], now: Moment, late: Duration) -> bool {
+    pub(super) fn record(&mut self, number: u16, values: &[Counts], now: Moment, late: Duration) -> bool {
         let Some((newest, beside)) = self.newest.as_ref().filter(|(newest, _)| !is_older(*newest, number))
         else {
             // A number that no set of the gateway can have any more was set by the control.
@@ -109,7 +109,7 @@ mod tests {
         for (case, stands, follows) in cases {
             let mut sequence = Sequence::default();
             for number in stands {
-                sequence.stands(*number, &[], second(0), LATE);
+                sequence.record(*number, &[], second(0), LATE);
             }
             assert_eq!(sequence.next(), follows, "{case}");
         }
@@ -118,11 +118,11 @@ mod tests {
     #[test]
     fn an_older_number_that_stays_longer_than_a_set_can_be_late_is_the_controls_own() {
         let mut sequence = Sequence::default();
-        sequence.stands(300, &[], second(0), LATE);
-        assert!(sequence.stands(298, &[], second(1), LATE));
-        assert!(sequence.stands(298, &[], second(31), LATE));
+        sequence.record(300, &[], second(0), LATE);
+        assert!(sequence.record(298, &[], second(1), LATE));
+        assert!(sequence.record(298, &[], second(31), LATE));
         assert_eq!(sequence.next(), 301);
-        assert!(!sequence.stands(298, &[], second(32), LATE));
+        assert!(!sequence.record(298, &[], second(32), LATE));
         assert_eq!(sequence.next(), 299);
     }
 
@@ -130,11 +130,11 @@ mod tests {
     fn other_values_under_the_same_number_or_an_older_one_were_perhaps_not_taken() {
         let [one, two] = [1, 2].map(Counts);
         let mut sequence = Sequence::default();
-        assert!(!sequence.stands(41, &[one], second(0), LATE));
-        assert!(!sequence.stands(42, &[two], second(1), LATE));
-        assert!(!sequence.stands(42, &[two], second(2), LATE));
-        assert!(sequence.stands(42, &[one], second(3), LATE), "the same number was sent twice");
-        assert!(sequence.stands(41, &[two], second(4), LATE), "an older one came late");
-        assert!(!sequence.stands(43, &[one], second(5), LATE));
+        assert!(!sequence.record(41, &[one], second(0), LATE));
+        assert!(!sequence.record(42, &[two], second(1), LATE));
+        assert!(!sequence.record(42, &[two], second(2), LATE));
+        assert!(sequence.record(42, &[one], second(3), LATE), "the same number was sent twice");
+        assert!(sequence.record(41, &[two], second(4), LATE), "an older one came late");
+        assert!(!sequence.record(43, &[one], second(5), LATE));
     }
 }

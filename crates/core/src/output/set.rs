@@ -8,7 +8,7 @@ use super::Fact;
 use super::demand::{Demand, Input, NotSent};
 use super::heartbeat::Beat;
 use super::settings::Settings;
-use super::transaction::Taking;
+use super::transaction::CommitTrigger;
 use crate::quantity::{Counts, Moment, Shift, Shifted, shifted};
 
 /// Settings of a set.
@@ -17,7 +17,7 @@ pub struct SetSettings {
     /// Settings of each output.
     pub members: Vec<Settings>,
     /// Event at which the control takes over the values of the set.
-    pub taking: Taking,
+    pub taking: CommitTrigger,
     /// Whether the set has a register for its number.
     pub has_number: bool,
     /// Timeout for each answer to the strobe. `None` without a handshake.
@@ -35,15 +35,15 @@ pub enum SetWords {
     /// The set has neither.
     None,
     /// The set has a heartbeat.
-    Heartbeat(Alone),
+    Heartbeat(StandaloneWrite),
     /// The set has a control word, and perhaps a heartbeat.
-    Control(Alone),
+    Control(StandaloneWrite),
 }
 
 /// Whether heartbeat and control word can be written without the members.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Alone {
+pub enum StandaloneWrite {
     /// No: the control takes the set as a whole or not at all.
     No,
     /// Yes: a request with only these words is possible.
@@ -52,7 +52,7 @@ pub enum Alone {
 
 impl SetWords {
     pub(super) fn can_leave_alone(self) -> bool {
-        matches!(self, SetWords::Heartbeat(Alone::Yes) | SetWords::Control(Alone::Yes))
+        matches!(self, SetWords::Heartbeat(StandaloneWrite::Yes) | SetWords::Control(StandaloneWrite::Yes))
     }
 
     pub(super) fn has_control(self) -> bool {

@@ -25,8 +25,8 @@ use super::set::{
     WriteResult,
 };
 use super::set_members::{Choice, SetMembers};
-use super::set_phase::{After, Dropped, Phase, Promised, Reason, Then};
-use super::strobe::{Awaited, Heard, Strobe, StrobeLevel};
+use super::set_phase::{After, DropReason, NextPhase, Phase, PromiseState, Reason};
+use super::strobe::{AcknowledgeResult, Awaited, Strobe, StrobeLevel};
 use super::transaction::Transaction;
 use super::{Action, Fact};
 use crate::quantity::{Counts, Moment, Shift, Shifted};
@@ -156,7 +156,7 @@ impl SetController {
     fn begin_turn(&mut self, demand: &SetDemand) {
         self.demand.clone_from(demand);
         if demand.is_leaving {
-            self.strobe.leaves();
+            self.strobe.prepare_end();
         }
         self.phase = Phase::Handshake;
     }
@@ -190,9 +190,9 @@ impl SetController {
                 Phase::Decide => self.decide(settings, now),
                 Phase::Clear(reason) => self.clear(settings, *reason, now),
                 Phase::Read(_) => return SetAction::Read,
-                Phase::Judge(reason) => self.judge(settings, *reason, now),
+                Phase::Judge(reason) => self.assess(settings, *reason, now),
                 Phase::GoAlong { .. } => {
-                    if let Some(place) = self.go_along(settings, now) {
+                    if let Some(place) = self.piggyback(settings, now) {
                         return SetAction::Keep(place);
                     }
                 }
@@ -209,7 +209,7 @@ impl SetController {
         self.members.give(settings, place, answer.input(), now);
         match &mut self.phase {
             Phase::Keep(from, _) => *from = place + 1,
-            Phase::GoAlong { promise, .. } => *promise = Promised::Asked,
+            Phase::GoAlong { promise, .. } => *promise = PromiseState::Asked,
             _ => {}
         }
     }
@@ -224,11 +224,11 @@ impl SetController {
 
     /// Continues the handshake of an earlier turn. A strobe that is still up is dropped.
     fn resume_handshake(&mut self, now: Moment) {
-        self.phase = match self.strobe.asks() {
+        self.phase = match self.strobe.next_read() {
             Some(ask) if now < ask => Phase::Rest,
             Some(_) => Phase::Ask(After::Begin),
             None if self.strobe.level() != StrobeLevel::Up => Phase::Demand,
-            None if now >= self.tries_from || self.demand.is_leaving => Phase::Drop(Dropped::Left),
+            None if now >= self.tries_from || self.demand.is_leaving => Phase::Drop(DropReason::Left),
             None => Phase::Rest,
         };
     }
@@ -236,11 +236,11 @@ impl SetController {
     /// Waits until the acknowledge is down, so that the next acknowledge belongs to the next strobe.
     fn clear(&mut self, settings: &SetSettings, reason: Reason, now: Moment) {
         let Some(timeout) = settings.timeout.filter(|_| !self.demand.is_leaving) else {
-            self.phase = Phase::Read(Then::Judge(reason));
+            self.phase = Phase::Read(NextPhase::Judge(reason));
             return;
         };
         if self.strobe.level() == StrobeLevel::Unknown {
-            self.phase = Phase::Drop(Dropped::Clear(reason));
+            self.phase = Phase::Drop(DropReason::Clear(reason));
         } else {
             self.strobe.wait_for(Awaited::Clear, timeout, now);
             self.phase = Phase::Ask(After::Clear(reason));
@@ -266,13 +266,13 @@ impl SetController {
                 let why = *why;
                 self.strobe.drops();
                 match why {
-                    Dropped::Left => self.phase = Phase::Handshake,
-                    Dropped::Clear(reason) => self.phase = Phase::Clear(reason),
-                    Dropped::Acknowledged(after) => {
+                    DropReason::Left => self.phase = Phase::Handshake,
+                    DropReason::Clear(reason) => self.phase = Phase::Clear(reason),
+                    DropReason::Acknowledged(after) => {
                         self.strobe.wait_for(Awaited::Release, timeout, now);
                         self.phase = Phase::Ask(after);
                     }
-                    Dropped::Failed(fault) => self.fail(settings, fault, now),
+                    DropReason::Failed(fault) => self.fail(settings, fault, now),
                 }
             }
             (Phase::Drop(_), _) => {
@@ -286,24 +286,24 @@ impl SetController {
 
     fn acknowledge(&mut self, settings: &SetSettings, is_up: bool, now: Moment) {
         let Phase::Ask(after) = self.phase else { return };
-        match self.strobe.hears(is_up, now) {
-            None | Some(Heard::NotYet) => self.phase = Phase::Rest,
-            Some(Heard::There(Awaited::Clear)) => {
+        match self.strobe.receive_acknowledge(is_up, now) {
+            None | Some(AcknowledgeResult::NotYet) => self.phase = Phase::Rest,
+            Some(AcknowledgeResult::There(Awaited::Clear)) => {
                 self.phase = match after {
-                    After::Clear(reason) => Phase::Read(Then::Judge(reason)),
+                    After::Clear(reason) => Phase::Read(NextPhase::Judge(reason)),
                     After::Raise => return self.raise(),
                     After::Begin | After::End => Phase::Handshake,
                 }
             }
-            Some(Heard::There(Awaited::Acknowledge)) => {
+            Some(AcknowledgeResult::There(Awaited::Acknowledge)) => {
                 self.transaction.attempt(Attempt::Acknowledged);
-                self.phase = Phase::Drop(Dropped::Acknowledged(after));
+                self.phase = Phase::Drop(DropReason::Acknowledged(after));
             }
-            Some(Heard::There(Awaited::Release)) => {
+            Some(AcknowledgeResult::There(Awaited::Release)) => {
                 self.taken(settings, now);
                 self.phase = if after == After::End { Phase::Rest } else { Phase::Handshake };
             }
-            Some(Heard::Missing(what)) => {
+            Some(AcknowledgeResult::Missing(what)) => {
                 if what == Awaited::Acknowledge {
                     self.transaction.attempt(Attempt::Refused);
                 }
@@ -321,9 +321,9 @@ impl SetController {
 
     /// Handles a failed handshake: drops the strobe, then reports the failure.
     fn fail(&mut self, settings: &SetSettings, fault: HandshakeFault, now: Moment) {
-        self.strobe.waits_no_more();
+        self.strobe.stop_waiting();
         if self.strobe.level() == StrobeLevel::Up {
-            self.phase = Phase::Drop(Dropped::Failed(fault));
+            self.phase = Phase::Drop(DropReason::Failed(fault));
             return;
         }
         self.report(fault);
@@ -360,7 +360,7 @@ impl SetController {
             self.transaction.forget_number();
         }
         self.members.demand(settings, demands, now);
-        self.phase = Phase::Keep(0, Then::Decide);
+        self.phase = Phase::Keep(0, NextPhase::Decide);
     }
 
     fn decide(&mut self, settings: &SetSettings, now: Moment) {
@@ -376,7 +376,7 @@ impl SetController {
         };
         self.phase = match reason {
             None => Phase::Rest,
-            Some(Reason::Look) => Phase::Read(Then::Judge(Reason::Look)),
+            Some(Reason::Look) => Phase::Read(NextPhase::Judge(Reason::Look)),
             Some(reason) => Phase::Clear(reason),
         };
     }
@@ -421,13 +421,13 @@ impl SetController {
     fn no_answer(&mut self, settings: &SetSettings, now: Moment) {
         let is_reading = |one: &Controller| one.action() == Action::Read;
         self.members.each(settings, |one| is_reading(one).then_some(Fact::NoAnswer.into()), now);
-        if self.phase != Phase::Read(Then::Confirm) {
+        if self.phase != Phase::Read(NextPhase::Confirm) {
             self.tries_from = now.after(RETRY);
         }
         self.phase = Phase::Rest;
     }
 
-    fn judge(&mut self, settings: &SetSettings, reason: Reason, now: Moment) {
+    fn assess(&mut self, settings: &SetSettings, reason: Reason, now: Moment) {
         self.members.wait_for_each_other(settings, now);
         let is_due = self.members.is_writing() || reason == Reason::Send;
         // For a look, the acknowledge has not been checked. The next turn checks it.
@@ -438,7 +438,7 @@ impl SetController {
         // Promises that would be dropped are not begun, because the next attempt would wait for them.
         let next = self.members.next_values(&self.found);
         if self.transaction.is_whole(&self.members.views(settings), &next) {
-            let promise = Promised::NotAsked;
+            let promise = PromiseState::NotAsked;
             self.phase = Phase::GoAlong { values: Vec::new(), not_after: Moment::END, promise };
         } else {
             self.give_up(settings, now);
@@ -446,19 +446,19 @@ impl SetController {
     }
 
     /// Chooses the value of the next output. Returns its index if its promise must be on disk first.
-    fn go_along(&mut self, settings: &SetSettings, now: Moment) -> Option<usize> {
+    fn piggyback(&mut self, settings: &SetSettings, now: Moment) -> Option<usize> {
         let Phase::GoAlong { values, not_after, promise } = &mut self.phase else { return None };
         let place = values.len();
         let Some(found) = self.found.get(place).copied() else {
             self.go(settings);
             return None;
         };
-        let may_keep = *promise == Promised::NotAsked;
+        let may_keep = *promise == PromiseState::NotAsked;
         match self.members.choose(settings, place, (found, may_keep), now) {
             Choice::KeepsFirst => return Some(place),
             Choice::Value(value, last) => {
                 values.push(value);
-                (*not_after, *promise) = ((*not_after).min(last), Promised::NotAsked);
+                (*not_after, *promise) = ((*not_after).min(last), PromiseState::NotAsked);
             }
             Choice::Nothing => self.give_up(settings, now),
         }
@@ -512,7 +512,7 @@ impl SetController {
                     }
                 }
                 if is_done {
-                    self.phase = Phase::Read(Then::Confirm);
+                    self.phase = Phase::Read(NextPhase::Confirm);
                 } else {
                     self.tries_from = left.after(RETRY);
                 }
@@ -556,7 +556,7 @@ impl SetController {
         self.phase = Phase::Raise;
     }
 
-    /// Returns the time of the next call. [`Strobe::asks`] returns that of an awaited acknowledge.
+    /// Returns the time of the next call. [`Strobe::next_read`] returns that of an awaited acknowledge.
     fn due(&self, settings: &SetSettings, now: Moment) -> Moment {
         let is_unfinished = self.strobe.level() == StrobeLevel::Up || self.is_bound();
         let tries = is_unfinished.then_some(self.tries_from.max(now));

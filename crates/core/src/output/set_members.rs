@@ -236,7 +236,7 @@ impl SetMembers {
             if one.state().is_interlocked() {
                 return Choice::Value(SetValue::AsRead(found), Moment::END);
             }
-            one.step(settings, Fact::GoesAlong.into(), now);
+            one.step(settings, Fact::PiggybackAsked.into(), now);
         }
         match one.action() {
             Action::Keep if may_keep => Choice::KeepsFirst,
@@ -263,7 +263,7 @@ impl SetMembers {
             if is_writing(one) {
                 one.step(settings, result.input(left), left);
             } else if result.may_have_arrived() {
-                let fact = Fact::WentAlong { value: value.counts(), left, is_done };
+                let fact = Fact::Piggybacked { value: value.counts(), left, is_done };
                 one.step(settings, fact.into(), left);
             }
         }

@@ -18,19 +18,19 @@ pub(super) enum Phase {
     /// The acknowledge is read.
     Ask(After),
     /// The strobe is dropped.
-    Drop(Dropped),
+    Drop(DropReason),
     /// The strobe is raised.
     Raise,
     /// The outputs process their demands.
     Demand,
     /// Promises of the outputs from this index on are written to disk.
-    Keep(usize, Then),
+    Keep(usize, NextPhase),
     /// The set decides whether an exchange is necessary.
     Decide,
     /// The acknowledge must be down before anything is written.
     Clear(Reason),
     /// The registers are read.
-    Read(Then),
+    Read(NextPhase),
     /// The set decides what is written.
     Judge(Reason),
     /// The values of the outputs are collected one after the other.
@@ -40,7 +40,7 @@ pub(super) enum Phase {
         /// Last moment for sending them.
         not_after: Moment,
         /// State of the next output's promise.
-        promise: Promised,
+        promise: PromiseState,
     },
     /// The values are written.
     Write { values: Vec<SetValue>, own: OwnWords, not_after: Moment },
@@ -53,7 +53,7 @@ pub(super) enum Phase {
 /// Whether the disk was asked to store the promise of an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) enum Promised {
+pub(super) enum PromiseState {
     NotAsked,
     Asked,
 }
@@ -75,7 +75,7 @@ pub(super) enum After {
 /// Reason why the strobe is dropped, with the next phase.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) enum Dropped {
+pub(super) enum DropReason {
     /// An earlier turn or run left the strobe up.
     Left,
     /// The level of the strobe was unknown.
@@ -89,18 +89,18 @@ pub(super) enum Dropped {
 /// Next phase after all promises are on disk, or after the registers were read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) enum Then {
+pub(super) enum NextPhase {
     Decide,
     Judge(Reason),
     Confirm,
 }
 
-impl Then {
+impl NextPhase {
     pub(super) fn phase(self) -> Phase {
         match self {
-            Then::Decide => Phase::Decide,
-            Then::Judge(reason) => Phase::Judge(reason),
-            Then::Confirm => Phase::Confirm,
+            NextPhase::Decide => Phase::Decide,
+            NextPhase::Judge(reason) => Phase::Judge(reason),
+            NextPhase::Confirm => Phase::Confirm,
         }
     }
 }

@@ -4,14 +4,17 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::copies::{Copies, Sent};
 use super::event::Event;
-use super::kept::{Account, Kept, Promise};
+use super::in_flight::{InFlightWrite, InFlightWrites};
 use super::plan;
 use super::reports::Reports;
+use super::saved_output::{Account, Promise, SavedOutput};
 use super::settings::{Rule, Settings, Verify};
 use super::slots::Slots;
-use super::standing::{ArmState, DiskState, Doing, Evidence, Order, RequiredRead, Seen, Shown, Untaken};
+use super::state_parts::{
+    ArmState, DiskState, Evidence, OutputView, PendingAction, RequiredRead, Setpoint, TimedValue,
+    WriteFailure,
+};
 use super::turns::Turns;
 use crate::quantity::{Counts, Moment, shifted};
 
@@ -22,10 +25,11 @@ pub(super) const RETRY: Duration = Duration::from_secs(1);
 /// of `disk`, `required_read` and `evidence` are in the same object as the others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct State {
-    pub(super) doing: Doing,
-    pub(super) copies: Copies,
+    #[serde(rename = "doing")]
+    pub(super) pending_action: PendingAction,
+    pub(super) copies: InFlightWrites,
     /// Last value read. For an output that cannot be read, the last acknowledged value.
-    pub(super) verified: Option<Seen>,
+    pub(super) verified: Option<TimedValue>,
     /// Value that was answered as done since then.
     pub(super) answered: Option<Counts>,
     /// Operator offset and gateway share of a shared register, if known.
@@ -33,7 +37,7 @@ pub struct State {
     pub(super) standing: ArmState,
     pub(super) is_interlocked: bool,
     /// Decision to carry out, with the last moment for sending it.
-    pub(super) order: Option<Order>,
+    pub(super) order: Option<Setpoint>,
     /// Value on disk that is about to be sent.
     pub(super) promised: Option<Counts>,
     /// Last moment for sending it, given by the age of its readings.
@@ -68,27 +72,28 @@ pub struct State {
     /// Time of the last write.
     pub(super) written_at: Moment,
     /// Failure of the last write; `None` if a write has been verified since.
-    pub(super) untaken: Option<Untaken>,
+    #[serde(rename = "untaken")]
+    pub(super) write_failure: Option<WriteFailure>,
     #[serde(skip)]
     pub(super) reports: Reports,
 }
 
-shifted!(State: doing, copies, verified, order, promised_until, settles_at, pairs_from, waited_at, reads_from, writes_from,
-    keeps_from, written_at);
+shifted!(State: pending_action, copies, verified, order, promised_until, settles_at, pairs_from, waited_at,
+    reads_from, writes_from, keeps_from, written_at);
 
 impl State {
     /// Creates the state at a start, from the state that the last run left on disk.
-    pub fn new(settings: &Settings, kept: Option<&Kept>, now: Moment) -> State {
-        let nothing = Kept::default();
+    pub fn new(settings: &Settings, kept: Option<&SavedOutput>, now: Moment) -> State {
+        let nothing = SavedOutput::default();
         let was_in_order = kept.is_some_and(|kept| kept.in_order);
         let kept = kept.unwrap_or(&nothing);
         let is_read = settings.verify == Verify::Reading;
-        let acknowledged = Seen { value: kept.stood.unwrap_or(settings.bias), asked: now };
+        let acknowledged = TimedValue { value: kept.stood.unwrap_or(settings.bias), asked: now };
         let account = kept.account.filter(|_| settings.is_shared);
         let is_doubtful = account.is_some_and(|account| account.doubt.is_some());
         let late_over = now.after(settings.late);
         State {
-            doing: Doing::Nothing,
+            pending_action: PendingAction::Nothing,
             copies: kept.copies(settings, now),
             verified: (!is_read).then_some(acknowledged),
             answered: None,
@@ -111,26 +116,26 @@ impl State {
             writes_from: now,
             keeps_from: now,
             written_at: now,
-            untaken: None,
+            write_failure: None,
             reports: Reports::default(),
         }
     }
 
     /// Returns the state for display.
-    pub fn shown(&self, settings: &Settings) -> Shown {
-        Shown {
+    pub fn shown(&self, settings: &Settings) -> OutputView {
+        OutputView {
             verified: self.verified,
             is_only_acknowledged: settings.verify == Verify::Echo,
             account: self.account,
             standing: self.standing,
             under_way: self.copies.under_way().count(),
             waits_until: self.is_waiting.then(|| self.waits_until(settings)).flatten(),
-            is_untaken: self.untaken.is_some(),
+            is_untaken: self.write_failure.is_some(),
         }
     }
 
     /// Values of the gateway that may still appear in the register.
-    pub fn copies(&self) -> &Copies {
+    pub fn copies(&self) -> &InFlightWrites {
         &self.copies
     }
 
@@ -143,8 +148,8 @@ impl State {
 
     /// Value of the pending write.
     fn being_written(&self) -> Option<Counts> {
-        match self.doing {
-            Doing::Writing { value, .. } => Some(value),
+        match self.pending_action {
+            PendingAction::Writing { value, .. } => Some(value),
             _ => None,
         }
     }
@@ -155,7 +160,7 @@ impl State {
     }
 
     /// Returns the state to write to disk now.
-    pub fn kept(&self) -> Kept {
+    pub fn kept(&self) -> SavedOutput {
         let mut promises = Slots::default();
         let mut add = |value, at, is_under_way| {
             // The capacity is sufficient for all copies and one more.
@@ -166,8 +171,8 @@ impl State {
             .or(self.being_written())
             .into_iter()
             .for_each(|value| add(value, self.written_at, true));
-        self.copies.lately().for_each(|sent| add(sent.value, sent.at, false));
-        Kept {
+        self.copies.expired().for_each(|sent| add(sent.value, sent.at, false));
+        SavedOutput {
             in_order: false,
             account: self.account,
             stood: self.verified.map(|verified| verified.value),
@@ -177,15 +182,15 @@ impl State {
 
     /// Ends the output, and returns the last state to write to disk. Nothing is begun any more. The stop is in order if
     /// no copy may still arrive.
-    pub fn end(&mut self) -> Kept {
+    pub fn end(&mut self) -> SavedOutput {
         (self.promised, self.promised_until) = (None, None);
         let is_writing = self.being_written().is_some();
-        let stands = self.verified.map(|verified| verified.value);
+        let current = self.verified.map(|verified| verified.value);
         // A repeat of the register value that was answered as done has changed nothing.
-        let is_repeat = |sent: &Sent| sent.answered.is_some() && Some(sent.value) == stands;
+        let is_repeat = |sent: &InFlightWrite| sent.answered.is_some() && Some(sent.value) == current;
         let in_order = !is_writing && self.copies.under_way().all(is_repeat) && self.settles_at.is_none();
-        let kept = Kept { in_order, ..self.kept() };
-        self.doing = Doing::Ended;
+        let kept = SavedOutput { in_order, ..self.kept() };
+        self.pending_action = PendingAction::Ended;
         kept
     }
 
@@ -235,7 +240,7 @@ impl State {
 
     /// Returns whether an action is pending.
     pub fn is_asking(&self) -> bool {
-        self.doing != Doing::Nothing
+        self.pending_action != PendingAction::Nothing
     }
 
     /// Returns whether values from before the start can no longer arrive.
@@ -248,7 +253,7 @@ impl State {
         let is_wanted =
             self.order.is_some_and(|order| now <= order.not_after && !self.is_at(settings, order.offset));
         let is_driven = self.standing == ArmState::Armed && !self.is_interlocked;
-        is_driven && now >= self.writes_from && (is_wanted || self.untaken.is_some())
+        is_driven && now >= self.writes_from && (is_wanted || self.write_failure.is_some())
     }
 
     /// Returns whether a write was answered as done, and no read has shown it yet.
@@ -282,15 +287,15 @@ impl State {
     #[doc(hidden)]
     pub fn moved(&self, to: impl Fn(Moment) -> Moment) -> State {
         State {
-            doing: match self.doing {
-                Doing::Writing { value, begun, read } => {
-                    Doing::Writing { value, begun: to(begun), read: read.map(&to) }
+            pending_action: match self.pending_action {
+                PendingAction::Writing { value, begun, read } => {
+                    PendingAction::Writing { value, begun: to(begun), read: read.map(&to) }
                 }
                 other => other,
             },
             copies: self.copies.moved(&to),
-            verified: self.verified.map(|seen| Seen { asked: to(seen.asked), ..seen }),
-            order: self.order.map(|order| Order { not_after: to(order.not_after), ..order }),
+            verified: self.verified.map(|seen| TimedValue { asked: to(seen.asked), ..seen }),
+            order: self.order.map(|order| Setpoint { not_after: to(order.not_after), ..order }),
             settles_at: self.settles_at.map(&to),
             pairs_from: to(self.pairs_from),
             reads_from: to(self.reads_from),

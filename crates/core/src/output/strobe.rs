@@ -72,7 +72,7 @@ shifted!(Strobe: wait, may_rise_until);
 
 /// Meaning of an acknowledge that was read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Heard {
+pub(super) enum AcknowledgeResult {
     /// The awaited level was read.
     There(Awaited),
     /// The awaited level was not read yet.
@@ -99,7 +99,7 @@ impl Strobe {
     }
 
     /// Time of the next read of the acknowledge. `None` if the set waits for nothing.
-    pub fn asks(&self) -> Option<Moment> {
+    pub fn next_read(&self) -> Option<Moment> {
         self.wait.map(|wait| wait.ask)
     }
 
@@ -114,7 +114,7 @@ impl Strobe {
     }
 
     /// Prepares the end of the gateway: the set waits for nothing, and a strobe that may have risen is dropped.
-    pub(super) fn leaves(&mut self) {
+    pub(super) fn prepare_end(&mut self) {
         self.wait = None;
         if self.may_rise_until.take().is_some() {
             self.level = StrobeLevel::Up;
@@ -144,27 +144,27 @@ impl Strobe {
         self.wait = Some(Wait { what, until: now.after(timeout), ask: now });
     }
 
-    pub(super) fn waits_no_more(&mut self) {
+    pub(super) fn stop_waiting(&mut self) {
         self.wait = None;
     }
 
     /// Processes the level of the acknowledge. Returns `None` if the set waits for nothing.
-    pub(super) fn hears(&mut self, is_up: bool, now: Moment) -> Option<Heard> {
+    pub(super) fn receive_acknowledge(&mut self, is_up: bool, now: Moment) -> Option<AcknowledgeResult> {
         let Wait { what, until, ask: _ } = self.wait?;
         if is_up == (what == Awaited::Acknowledge) {
             self.wait = None;
-            return Some(Heard::There(what));
+            return Some(AcknowledgeResult::There(what));
         }
         if now < until {
             self.wait = Some(Wait { what, until, ask: now.after(ASK_EVERY).min(until) });
-            return Some(Heard::NotYet);
+            return Some(AcknowledgeResult::NotYet);
         }
         self.wait = None;
         if what == Awaited::Clear {
             // The acknowledge may answer a strobe that was abandoned and rose late.
             self.level = StrobeLevel::Up;
         }
-        Some(Heard::Missing(what))
+        Some(AcknowledgeResult::Missing(what))
     }
 
     /// Records a failure. Returns true if it must be reported, because the last reported failure was a different one.

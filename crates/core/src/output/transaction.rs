@@ -17,7 +17,7 @@ use crate::quantity::{Counts, Moment, shifted};
 /// Event at which a control takes over the values of a set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Taking {
+pub enum CommitTrigger {
     /// The request that writes the values. If the set has a number, the control takes the values when it changes; it is
     /// in the same request.
     AtOnce,
@@ -52,7 +52,7 @@ enum LastRun {
 /// Transfer state of a set.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Transaction {
-    taking: Taking,
+    taking: CommitTrigger,
     last_run: LastRun,
     /// Values that were sent and must be taken.
     sent: Option<Vec<Counts>>,
@@ -82,8 +82,12 @@ pub(super) struct Member {
 impl Transaction {
     /// Creates the state at a start. If the last run did not end in order, the control may not have taken the register
     /// values. The returned result applies to the members.
-    pub(super) fn new(taking: Taking, has_number: bool, was_in_order: bool) -> (Transaction, SetCommit) {
-        let is_open = !was_in_order && (has_number || taking != Taking::AtOnce);
+    pub(super) fn new(
+        taking: CommitTrigger,
+        has_number: bool,
+        was_in_order: bool,
+    ) -> (Transaction, SetCommit) {
+        let is_open = !was_in_order && (has_number || taking != CommitTrigger::AtOnce);
         let transaction = Transaction {
             taking,
             last_run: if was_in_order { LastRun::InOrder } else { LastRun::Over },
@@ -107,21 +111,21 @@ impl Transaction {
         late: Duration,
         now: Moment,
     ) -> Option<SetCommit> {
-        let is_late = number.is_some_and(|number| self.sequence.stands(number, values, now, late));
+        let is_late = number.is_some_and(|number| self.sequence.record(number, values, now, late));
         let was_in_order = std::mem::replace(&mut self.last_run, LastRun::Over) == LastRun::InOrder;
         if was_in_order {
             self.taken = Some(values.to_vec());
         }
-        if self.taking == Taking::Strobe {
+        if self.taking == CommitTrigger::Strobe {
             self.number_is(was_in_order);
         }
-        if is_late && self.taking == Taking::AtOnce {
+        if is_late && self.taking == CommitTrigger::AtOnce {
             self.sent = None;
         }
         let is_untaken = self.taken.as_deref() != Some(values) || self.next_number == NextNumber::PerhapsOld;
         match self.taking {
-            Taking::AtOnce if is_late => Some(SetCommit::Open),
-            Taking::AtOnce => None,
+            CommitTrigger::AtOnce if is_late => Some(SetCommit::Open),
+            CommitTrigger::AtOnce => None,
             _ if is_untaken => Some(SetCommit::Open),
             _ => Some(SetCommit::Taken),
         }
@@ -180,7 +184,7 @@ impl Transaction {
         }
         self.tried = Some(values.clone());
         self.sent = Some(values);
-        let is_open = !is_done && self.taking != Taking::AtOnce;
+        let is_open = !is_done && self.taking != CommitTrigger::AtOnce;
         (is_open || self.next_number == NextNumber::PerhapsOld).then_some(SetCommit::Open)
     }
 
@@ -271,7 +275,7 @@ mod tests {
 
     /// Creates a set with a handshake whose registers hold these values with this number.
     fn acknowledged(was_in_order: bool, number: u16, values: &[Counts]) -> Transaction {
-        let (mut set, commit) = Transaction::new(Taking::Strobe, true, was_in_order);
+        let (mut set, commit) = Transaction::new(CommitTrigger::Strobe, true, was_in_order);
         assert_eq!(commit, if was_in_order { SetCommit::Taken } else { SetCommit::Open });
         let read = set.read(Some(number), values, LATE, NOW);
         assert_eq!(read, Some(if was_in_order { SetCommit::Taken } else { SetCommit::Open }));
@@ -333,7 +337,7 @@ mod tests {
 
     #[test]
     fn other_values_under_a_number_that_may_still_arrive_are_sent_again_with_the_next() {
-        let (mut set, _) = Transaction::new(Taking::AtOnce, true, true);
+        let (mut set, _) = Transaction::new(CommitTrigger::AtOnce, true, true);
         set.read(Some(6), &counts([0, 0]), LATE, NOW);
         assert_eq!(set.sends(Some(7), counts([1, 1]), false), None);
         set.read(Some(6), &counts([0, 0]), LATE, NOW);
@@ -354,7 +358,7 @@ mod tests {
 
     #[test]
     fn what_was_sent_by_half_is_demanded_again_or_given_up() {
-        let (mut set, _) = Transaction::new(Taking::Number, true, true);
+        let (mut set, _) = Transaction::new(CommitTrigger::Number, true, true);
         set.read(Some(6), &counts([1, 1]), LATE, NOW);
         set.sends(Some(7), counts([2, 2]), false);
         let members = [Counts(2), Counts(1)].map(|held| Member { held, is_driven: true, is_bound: true });

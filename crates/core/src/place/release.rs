@@ -13,7 +13,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Former, OutputPlace};
+use super::{FormerPlace, OutputPlace};
 
 /// Bounds within which an output is moved, and what else is needed to move its register when the output is gone.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -134,9 +134,9 @@ impl Release {
     }
 
     /// Returns the former place of the output, for which no axis waits.
-    pub fn former(&self) -> Former {
-        let former = Former::of(self.output.clone(), self.place.clone(), Some(self.held_um));
-        Former { bounds: Some(self.bounds.clone()), ..former }
+    pub fn former(&self) -> FormerPlace {
+        let former = FormerPlace::of(self.output.clone(), self.place.clone(), Some(self.held_um));
+        FormerPlace { bounds: Some(self.bounds.clone()), ..former }
     }
 
     /// Returns true if this release is for the output that had this name and place.

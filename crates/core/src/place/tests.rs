@@ -37,9 +37,9 @@ fn known(all: &[(&str, &OutputPlace, Option<f64>)]) -> BTreeMap<String, KnownOut
 }
 
 #[track_caller]
-fn moved(found: Option<&Found>) -> (Part, &str, &str) {
+fn moved(found: Option<&PlaceComparison>) -> (Part, &str, &str) {
     match found {
-        Some(Found::Moved(Moved { what, was, is })) => (*what, was, is),
+        Some(PlaceComparison::Moved(MovedPlace { what, was, is })) => (*what, was, is),
         other => panic!("{other:?}"),
     }
 }
@@ -104,8 +104,8 @@ fn each_part_of_a_signal_that_changes_is_found_and_named() {
 #[test]
 fn several_changes_are_told_together_under_the_gravest() {
     let changed = OutputPlace { unit: 2, scale: 0.2, diameter: true, ..output() };
-    let found = Moved::between(&output(), &changed).unwrap();
-    let Moved { what, was, is } = found;
+    let found = MovedPlace::between(&output(), &changed).unwrap();
+    let MovedPlace { what, was, is } = found;
     assert_eq!(
         (what, was.as_str(), is.as_str()),
         (Part::Unit, "unit 1, scale 0.1, radius", "unit 2, scale 0.2, diameter")
@@ -119,22 +119,28 @@ fn the_same_place_a_new_one_a_renamed_one_and_one_that_is_gone() {
     let now = named(&[("a", &output()), ("c", &other), ("d", &OutputPlace { unit: 9, ..output() })]);
     let found = compare(&remembered, &now);
     let of = |name: &str| found.get(name);
-    assert_eq!((of("a"), of("b")), (Some(&Found::Same), None), "b is called c now");
-    assert_eq!((of("c"), of("d")), (Some(&Found::Renamed("b".to_owned())), Some(&Found::Unknown)));
+    assert_eq!((of("a"), of("b")), (Some(&PlaceComparison::Same), None), "b is called c now");
+    assert_eq!(
+        (of("c"), of("d")),
+        (Some(&PlaceComparison::Renamed("b".to_owned())), Some(&PlaceComparison::Unknown))
+    );
     let found = compare(&remembered, &named(&[("a", &output())]));
-    assert_eq!(found.get("b"), Some(&Found::Removed));
+    assert_eq!(found.get("b"), Some(&PlaceComparison::Removed));
     let found = compare(&BTreeMap::new(), &now);
-    assert!(found.values().all(|found| *found == Found::Unknown), "a state without places takes those");
+    assert!(
+        found.values().all(|found| *found == PlaceComparison::Unknown),
+        "a state without places takes those"
+    );
 }
 
 /// Former places after a start, as (output, its axes, left behind).
 fn after(
-    open: Vec<Former>,
+    open: Vec<FormerPlace>,
     remembered: &BTreeMap<String, KnownOutput>,
     now: &BTreeMap<String, OutputPlace>,
 ) -> Vec<(String, Vec<String>, bool)> {
-    let all = Former::after(open, remembered, now);
-    let row = |former: &Former| {
+    let all = FormerPlace::after(open, remembered, now);
+    let row = |former: &FormerPlace| {
         (former.output.clone(), former.axes.iter().cloned().collect(), former.is_left_behind(now))
     };
     all.iter().map(row).collect()
@@ -248,18 +254,18 @@ fn an_output_that_is_removed_at_one_start_and_new_at_a_later_one_bars_its_axis_a
         let removed = output();
         let first: Vec<_> = others.iter().copied().chain([("cnc_z", &removed)]).collect();
         let now = named(&others);
-        let mut open = Former::after(Vec::new(), &with_held(&first, 20.0), &now);
+        let mut open = FormerPlace::after(Vec::new(), &with_held(&first, 20.0), &now);
         for _ in 0..2 {
-            open = Former::after(open, &with_held(&others, 20.0), &now);
+            open = FormerPlace::after(open, &with_held(&others, 20.0), &now);
             assert_eq!(after(open.clone(), &with_held(&others, 20.0), &now), [row("cnc_z", &[], true)]);
         }
         let both: Vec<_> = others.iter().copied().chain([("z2", is)]).collect();
         let now = named(&both);
-        open = Former::after(open, &with_held(&others, 20.0), &now);
+        open = FormerPlace::after(open, &with_held(&others, 20.0), &now);
         for _ in 0..2 {
             let rows = after(open.clone(), &with_held(&both, 0.0), &now);
             assert_eq!(rows, [row("cnc_z", &[axis], true)], "{is:?}");
-            open = Former::after(open, &with_held(&both, 0.0), &now);
+            open = FormerPlace::after(open, &with_held(&both, 0.0), &now);
         }
     }
 }
@@ -268,13 +274,13 @@ fn an_output_that_is_removed_at_one_start_and_new_at_a_later_one_bars_its_axis_a
 fn what_no_person_has_confirmed_is_open_over_any_number_of_starts_and_ends_with_a_person_or_the_old_place() {
     let elsewhere = OutputPlace { address: "holding:106 (40107)".into(), ..output() };
     let now = named(&[("cnc_z", &elsewhere)]);
-    let mut open = Former::after(Vec::new(), &known(&[("cnc_z", &output(), Some(20.0))]), &now);
+    let mut open = FormerPlace::after(Vec::new(), &known(&[("cnc_z", &output(), Some(20.0))]), &now);
     for _ in 0..3 {
-        open = Former::after(open, &known(&[("cnc_z", &elsewhere, Some(0.0))]), &now);
+        open = FormerPlace::after(open, &known(&[("cnc_z", &elsewhere, Some(0.0))]), &now);
         assert_eq!(open.len(), 1);
         assert_eq!(open[0].held_um, Some(20.0));
     }
-    let saved: Vec<Former> = serde_json::from_str(&serde_json::to_string(&open).unwrap()).unwrap();
+    let saved: Vec<FormerPlace> = serde_json::from_str(&serde_json::to_string(&open).unwrap()).unwrap();
     assert_eq!(saved, open, "every digit survives the disk");
     let back = named(&[("cnc_z", &output())]);
     assert_eq!(
@@ -289,7 +295,7 @@ fn what_no_person_has_confirmed_is_open_over_any_number_of_starts_and_ends_with_
 
 #[test]
 fn a_removed_output_for_which_no_axis_waits_ends_with_its_own_axis_or_with_any_if_that_cannot_be_armed() {
-    let former = |axes: &[&str]| Former {
+    let former = |axes: &[&str]| FormerPlace {
         output: "cnc_z".to_owned(),
         place: output(),
         held_um: Some(20.0),
@@ -316,10 +322,10 @@ fn a_register_is_the_same_whatever_the_axis_and_the_share_are() {
 
 #[test]
 fn a_former_place_of_an_earlier_version_is_read_and_has_no_bounds() {
-    let former = Former::of("cnc_z".to_owned(), output(), Some(20.0));
+    let former = FormerPlace::of("cnc_z".to_owned(), output(), Some(20.0));
     let text = serde_json::to_string(&former).unwrap();
     assert!(!text.contains("bounds") && !text.contains("found"), "{text}");
-    assert_eq!(serde_json::from_str::<Former>(&text).unwrap(), former);
+    assert_eq!(serde_json::from_str::<FormerPlace>(&text).unwrap(), former);
 }
 
 #[test]
@@ -328,11 +334,11 @@ fn a_register_that_an_operator_may_have_used_in_between_waits_for_a_person() {
     let elsewhere = OutputPlace { address: "holding:200 (40201)".to_owned(), ..shared.clone() };
     for (between, waits) in [(shared, true), (elsewhere, false)] {
         let driven = known(&[("cnc_z", &output(), Some(10.0))]);
-        let open = Former::after(Vec::new(), &driven, &named(&[("cnc_z", &between)]));
+        let open = FormerPlace::after(Vec::new(), &driven, &named(&[("cnc_z", &between)]));
         assert!(open.iter().any(|former| former.axes.contains("z")), "{between}");
         let idle = KnownOutput { place: between.clone(), held_um: None, was_driven: false };
         let back = BTreeMap::from([("cnc_z".to_owned(), idle)]);
-        let open = Former::after(open, &back, &named(&[("cnc_z", &output())]));
+        let open = FormerPlace::after(open, &back, &named(&[("cnc_z", &output())]));
         assert_eq!(open.iter().any(|former| former.axes.contains("z")), waits, "{between}: {open:?}");
     }
 }

@@ -7,7 +7,7 @@ use super::{Axes, COOL, Drawn, INK, Plot, QUIET, WARM, count, hours, sheet, span
 
 /// Style of a line. The styles can be distinguished without colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Look {
+pub enum LineStyle {
     /// Thick and black.
     Solid,
     /// Dashed.
@@ -24,25 +24,25 @@ pub enum Look {
 #[derive(Clone, Debug)]
 pub struct Line {
     /// Style in which the line is drawn.
-    pub look: Look,
+    pub style: LineStyle,
     /// Pairs of an hour or position, and a value.
     pub points: Vec<(f64, f64)>,
 }
 
 /// Maximum number of points of a line: more than a printer resolves at this width.
 const MOST_POINTS: usize = 200;
-/// Maximum number of points of a [`Look::Faint`] line.
+/// Maximum number of points of a [`LineStyle::Faint`] line.
 const MOST_POINTS_FAINT: usize = 80;
 
 impl Line {
     /// Makes a line from the finite values. If there are too many, it keeps the minimum and the maximum of each
     /// interval, so that no spike is lost.
-    pub fn new(look: Look, points: impl Iterator<Item = (f64, f64)>) -> Line {
+    pub fn new(style: LineStyle, points: impl Iterator<Item = (f64, f64)>) -> Line {
         let all: Vec<(f64, f64)> = points.filter(|(_, value)| value.is_finite()).collect();
-        let most = if look == Look::Faint { MOST_POINTS_FAINT } else { MOST_POINTS };
+        let most = if style == LineStyle::Faint { MOST_POINTS_FAINT } else { MOST_POINTS };
         let stretch = all.len().div_ceil(most / 2);
         if stretch <= 2 {
-            return Line { look, points: all };
+            return Line { style, points: all };
         }
         let ends = |stretch: &[(f64, f64)]| {
             let by = |one: &&(f64, f64), other: &&(f64, f64)| one.1.total_cmp(&other.1);
@@ -51,7 +51,7 @@ impl Line {
             ends.sort_by(|one, other| one.0.total_cmp(&other.0));
             ends
         };
-        Line { look, points: all.chunks(stretch).flat_map(ends).collect() }
+        Line { style, points: all.chunks(stretch).flat_map(ends).collect() }
     }
 }
 
@@ -87,20 +87,21 @@ fn draw(chart: &mut Plot<'_, '_>, axes: &Axes<'_>, all: &[Line]) -> Drawn {
         chart.draw_series(LineSeries::new([(axes.x.0, 0.0), (axes.x.1, 0.0)], QUIET))?;
     }
     // Filled areas are drawn below the lines.
-    let (filled, drawn): (Vec<&Line>, Vec<&Line>) = all.iter().partition(|line| line.look == Look::Filled);
+    let (filled, drawn): (Vec<&Line>, Vec<&Line>) =
+        all.iter().partition(|line| line.style == LineStyle::Filled);
     for line in filled.into_iter().chain(drawn) {
         let points = line.points.iter().copied();
-        match line.look {
-            Look::Filled => {
+        match line.style {
+            LineStyle::Filled => {
                 let area = AreaSeries::new(points, 0.0, COOL.mix(0.75)).border_style(QUIET);
                 chart.draw_series(area).map(drop)?;
             }
-            Look::Faint => chart.draw_series(LineSeries::new(points, QUIET.mix(0.6))).map(drop)?,
-            Look::Solid => chart.draw_series(LineSeries::new(points, INK.stroke_width(2))).map(drop)?,
-            Look::Dashed => {
+            LineStyle::Faint => chart.draw_series(LineSeries::new(points, QUIET.mix(0.6))).map(drop)?,
+            LineStyle::Solid => chart.draw_series(LineSeries::new(points, INK.stroke_width(2))).map(drop)?,
+            LineStyle::Dashed => {
                 chart.draw_series(DashedLineSeries::new(points, 7, 4, WARM.stroke_width(2))).map(drop)?;
             }
-            Look::Points => {
+            LineStyle::Points => {
                 let circles = points.map(|point| Circle::new(point, 4, INK.stroke_width(1)));
                 chart.draw_series(circles).map(drop)?;
             }
@@ -150,7 +151,8 @@ mod tests {
     #[test]
     fn a_line_is_thinned_out_and_keeps_its_spike_and_its_order() {
         let value = |minute: u32| if minute == 777 { 9.0 } else { f64::from(minute) * 1e-3 };
-        let line = Line::new(Look::Solid, (0..5000).map(|minute| (f64::from(minute) / 60.0, value(minute))));
+        let line =
+            Line::new(LineStyle::Solid, (0..5000).map(|minute| (f64::from(minute) / 60.0, value(minute))));
         assert!(line.points.len() <= MOST_POINTS, "{}", line.points.len());
         assert!(line.points.iter().any(|(_, value)| *value > 8.0));
         assert!(line.points.windows(2).all(|pair| pair[0].0 <= pair[1].0));
@@ -158,13 +160,14 @@ mod tests {
 
     #[test]
     fn missing_values_are_no_points() {
-        let line = Line::new(Look::Faint, [(0.0, 1.0), (1.0, f64::NAN), (2.0, 3.0)].into_iter());
+        let line = Line::new(LineStyle::Faint, [(0.0, 1.0), (1.0, f64::NAN), (2.0, 3.0)].into_iter());
         assert_eq!(line.points, [(0.0, 1.0), (2.0, 3.0)]);
     }
 
     #[test]
     fn a_picture_without_points_is_a_picture_all_the_same() {
-        for line in [Vec::new(), vec![Line { look: Look::Solid, points: vec![(0.0, 2.0), (1.0, 2.0)] }]] {
+        for line in [Vec::new(), vec![Line { style: LineStyle::Solid, points: vec![(0.0, 2.0), (1.0, 2.0)] }]]
+        {
             let picture = lines(480, 280, "µm", "an \"empty\" one", &line, None).into_string();
             assert!(picture.starts_with("<svg viewBox=\"0 0 480 280\" role=\"img\""), "{picture}");
             assert!(picture.contains("an &quot;empty&quot; one") && picture.ends_with("</svg>"), "{picture}");

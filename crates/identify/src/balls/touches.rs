@@ -64,11 +64,11 @@ pub(super) fn rounds(dataset: &Dataset) -> Result<Vec<Round>, BadLog> {
                 continue;
             }
             let own = number.map_or(f64::NAN, of);
-            let goes_on = |(before, round): &&mut (f64, Round)| match number {
+            let continues = |(before, round): &&mut (f64, Round)| match number {
                 Some(_) => (*before - own).abs() < 1e-9,
                 None => !round.iter().any(|other| other.is_like(&touch)),
             };
-            match rounds.last_mut().filter(goes_on) {
+            match rounds.last_mut().filter(continues) {
                 Some((_, round)) => round.push(touch),
                 None => rounds.push((own, vec![touch])),
             }

@@ -5,7 +5,7 @@ use std::path::Path;
 use super::table::{Reader, Table, TooMuch};
 use super::{BadLog, Split, Uses, files};
 use isotherm_core::quantity::Dialect;
-use isotherm_profile::regular::{self, quoted};
+use isotherm_profile::safe_file::{self, quoted};
 
 /// Maximum number of columns. A file with more is not a log of a machine.
 pub(super) const MOST_COLUMNS: usize = 10_000;
@@ -22,7 +22,7 @@ pub(super) fn from_text(
     split: &Split,
     uses: Uses<'_>,
 ) -> Result<Table, BadLog> {
-    let (first, input) = regular::first_line(input).map_err(|why| files::cannot_be_read(file, &why))?;
+    let (first, input) = safe_file::first_line(input).map_err(|why| files::cannot_be_read(file, &why))?;
     let dialect = Dialect::of(&first, split.zone.clone());
     let header_is_wrong = |why: String| BadLog(vec![format!("{}, line 1: {why}", file.display())]);
     let mut reader =

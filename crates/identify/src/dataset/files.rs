@@ -5,7 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::BadLog;
-use isotherm_profile::regular;
+use isotherm_profile::safe_file;
 
 /// Files in the given order. A directory contributes its .csv and .parquet files by name, except logs of outputs.
 pub(super) fn logs(named: &[PathBuf], wrong: &mut Vec<String>) -> Vec<PathBuf> {
@@ -69,7 +69,7 @@ fn inside(directory: &Path, wrong: &mut Vec<String>) -> Vec<PathBuf> {
 
 /// Opens a log file.
 pub(super) fn open(file: &Path) -> Result<File, BadLog> {
-    regular::open(file).map_err(|why| cannot_be_read(file, &why))
+    safe_file::open(file).map_err(|why| cannot_be_read(file, &why))
 }
 
 pub(super) fn cannot_be_read(path: &Path, why: &io::Error) -> BadLog {

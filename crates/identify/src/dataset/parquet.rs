@@ -23,7 +23,7 @@ use super::table::{Reader, Table, TooMuch};
 use super::{BadLog, Split, Uses, files};
 use isotherm_core::border::beyond;
 use isotherm_core::quantity::Dialect;
-use isotherm_profile::regular::quoted;
+use isotherm_profile::safe_file::quoted;
 
 mod pages;
 mod thrift;
@@ -160,7 +160,7 @@ impl Opened {
             let chunk = metadata.columns().get(place).ok_or_else(|| {
                 Stopped::Wrong("this column is missing in a row group: write the file again".to_owned())
             })?;
-            let looked = pages::look(&self.again, self.length, chunk).map_err(Stopped::Wrong)?;
+            let looked = pages::check_pages(&self.again, self.length, chunk).map_err(Stopped::Wrong)?;
             if looked.has_deltas_of_texts && column.physical_type() == Type::BYTE_ARRAY {
                 if is_time || table.needs_words(place) {
                     let why = "the texts of this column are stored as differences, which is not supported: \

@@ -4,9 +4,9 @@ use std::collections::HashMap;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-use super::{BadLog, Uses, acted};
+use super::{BadLog, Uses, active_cz};
 use isotherm_core::quantity::{Dialect, Moment, time};
-use isotherm_profile::regular::quoted;
+use isotherm_profile::safe_file::quoted;
 
 /// Maximum number of rows of a file, as of seven months with one row per second. More would take too long to read.
 const MOST_ROWS: usize = 20_000_000;
@@ -177,9 +177,9 @@ impl Reader {
         };
         let time = names.iter().enumerate().find_map(|(place, name)| Some((place, unit(name)?)))?;
         let column = |(place, name): (usize, String)| {
-            let has_words = by == Some(name.as_str()) || acted::tells_by_words(&name);
+            let has_words = by == Some(name.as_str()) || active_cz::names_model_by_words(&name);
             let is_over = place == time.0 || name.is_empty();
-            let is_used = has_words || acted::needs(&name) || uses(&name);
+            let is_used = has_words || active_cz::needs(&name) || uses(&name);
             Column { words: has_words.then(Words::default), is_used, is_over, name, ..Column::default() }
         };
         let columns: Vec<Column> = names.into_iter().enumerate().map(column).collect();
@@ -337,7 +337,7 @@ impl Reader {
             }
         }
         if self.listed.is_empty() {
-            for column in acted::keep_what_acted(&mut self.table) {
+            for column in active_cz::keep_what_acted(&mut self.table) {
                 let message = "no row has a verified register value, so the Cz that acted is not known: \
                                leave this log out";
                 self.refuse_at(&format!("every {}", self.row), Some(&column), message);

@@ -246,8 +246,8 @@ impl Mending<'_> {
             _ => likeness.rebuilt(run, &fault.rows)?,
         };
         // A replacement was accepted or rejected with all runs. It is not judged again here.
-        let is_believed = unseen.is_some() || replaced.error < BELIEVED * likeness.moves();
-        is_believed.then_some(replaced)
+        let is_accepted = unseen.is_some() || replaced.error < BELIEVED * likeness.moves();
+        is_accepted.then_some(replaced)
     }
 }
 

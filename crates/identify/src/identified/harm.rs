@@ -13,7 +13,7 @@ impl Identified {
     /// model.
     pub fn refusal(&self) -> Option<String> {
         let means = self.unprobed();
-        let is_refused = self.is_judged() && is_harmful(&means) && !self.learned.inputs().is_empty();
+        let is_refused = self.is_assessed() && is_harmful(&means) && !self.learned.inputs().is_empty();
         is_refused.then(|| {
             format!(
                 "{}; at most a third is allowed. Find out what was different on these days and record more \
@@ -27,7 +27,7 @@ impl Identified {
     /// about each of them.
     #[must_use]
     pub fn without_harmful_fallbacks(mut self) -> (Identified, Vec<String>) {
-        if !self.is_judged() {
+        if !self.is_assessed() {
             return (self, Vec::new());
         }
         let harmful = self.fallbacks.iter().filter(|fallback| is_harmful(&fallback.means));
@@ -42,7 +42,7 @@ impl Identified {
 
     /// Returns a warning about each harmful model, if there are too few runs to refuse it.
     pub(super) fn warnings(&self) -> Vec<String> {
-        if self.is_judged() {
+        if self.is_assessed() {
             return Vec::new();
         }
         let means = self.unprobed();
@@ -61,7 +61,7 @@ impl Identified {
     }
 
     /// Returns whether there are enough held-out runs to refuse a model.
-    fn is_judged(&self) -> bool {
+    fn is_assessed(&self) -> bool {
         self.runs.len() >= ENOUGH_RUNS
     }
 

@@ -20,13 +20,13 @@ struct Search<'a> {
     /// The same figures in the held-out runs, without a penalty.
     held_own: DVector<f64>,
     held_pull: DVector<f64>,
-    taken: Vec<Taken>,
+    taken: Vec<ColumnEffect>,
     /// Squared residual |y − Xw|² of the held-out runs.
     left: f64,
 }
 
 /// Effect of choosing one column on the rests of the other columns.
-struct Taken {
+struct ColumnEffect {
     /// Squared norm of the rest of the chosen column when it was chosen, in the training runs and in the held-out runs.
     own: f64,
     held_own: f64,
@@ -84,7 +84,7 @@ impl Search<'_> {
         });
         self.held_pull.axpy(gain * held_own - held_pull, &shares, 1.0);
         self.held_pull.axpy(-gain, &held, 1.0);
-        self.taken.push(Taken { own, held_own, shares, held });
+        self.taken.push(ColumnEffect { own, held_own, shares, held });
     }
 }
 

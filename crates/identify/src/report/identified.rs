@@ -2,8 +2,8 @@
 
 use maud::{Markup, html};
 
-use super::drifted::displacements;
-use super::{date, duration, judged, list, logs, machine, number, page, runs, terms};
+use super::drift_page::displacements;
+use super::{date, duration, list, logs, machine, number, page, runs, terms, validation_page};
 use crate::drift::Drift;
 use crate::facts::of_error;
 use crate::faults::{Finding, Omission, Repaired};
@@ -58,11 +58,11 @@ pub fn identified(subject: &Subject<'_>) -> String {
             }
             (runs(dataset.runs.len(), dataset.seconds()))
         }
-        @if !found.runs.is_empty() { (judged::headline(&found.means, &found.uncompensated)) }
+        @if !found.runs.is_empty() { (validation_page::headline(&found.means, &found.uncompensated)) }
         (list(&notes))
         @if !found.runs.is_empty() {
-            (judged::pictures(found))
-            (judged::cross_validation(&found.runs, &found.means, &found.uncompensated))
+            (validation_page::pictures(found))
+            (validation_page::cross_validation(&found.runs, &found.means, &found.uncompensated))
         }
         (terms::terms(found))
         (terms::expected(found))

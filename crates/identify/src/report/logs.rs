@@ -2,14 +2,14 @@
 
 use maud::{Markup, html};
 
-use super::chart::{self, Line, Look};
+use super::chart::{self, Line, LineStyle};
 use super::{date, decimals, duration, figure, plain, table, three_digits};
-use crate::alike::{correlations, order};
 use crate::ambient::ambient_column;
 use crate::bank::Bank;
 use crate::campaign::Campaign;
 use crate::dataset::{Column, Dataset, Kind, Run};
 use crate::faults::{self, Finding};
+use crate::similarity::{correlations, order};
 use crate::statistics::{count, least_and_most};
 
 /// Maximum number of inputs in a correlation map.
@@ -126,11 +126,11 @@ fn sensor(dataset: &Dataset, column: usize, excluded: &[Finding]) -> Markup {
     let line = |run: &Run| {
         let of_run = format!(" {}", run.name);
         let mut own = excluded.iter().filter(|faulty| faulty.signal == *name);
-        let look = match own.any(|faulty| faulty.reason.ends_with(&of_run)) {
-            true => Look::Solid,
-            false => Look::Faint,
+        let style = match own.any(|faulty| faulty.reason.ends_with(&of_run)) {
+            true => LineStyle::Solid,
+            false => LineStyle::Faint,
         };
-        Line::new(look, run.hours().zip(run.values[column].iter().copied()))
+        Line::new(style, run.hours().zip(run.values[column].iter().copied()))
     };
     let lines: Vec<Line> = dataset.runs.iter().map(line).collect();
     let widest = dataset.runs.iter().map(|run| run.range(column)).fold(0.0, f64::max);

@@ -45,9 +45,9 @@ pub fn points<'a>(dataset: &'a Dataset, choice: &Choice) -> Result<Pointed<'a>, 
     let (staying, frozen): (Vec<Frozen>, Vec<Frozen>) =
         found.into_iter().partition(|frozen| is_kept(frozen.column));
     kept.extend(staying.iter().map(|frozen| Fault::frozen(dataset, frozen).finding(dataset, "")));
-    let judged = without(&inputs, &excluded).into_iter().map(|input| input.column);
-    let judged: Vec<usize> = judged.filter(|column| !is_kept(*column)).collect();
-    let Mended { mending, excluded: lost, repaired } = mend(dataset, &judged, &frozen);
+    let assessed = without(&inputs, &excluded).into_iter().map(|input| input.column);
+    let assessed: Vec<usize> = assessed.filter(|column| !is_kept(*column)).collect();
+    let Mended { mending, excluded: lost, repaired } = mend(dataset, &assessed, &frozen);
     excluded.extend(lost);
     let mut remarks = dataset.remarks.clone();
     remarks.extend(remark);

@@ -34,12 +34,12 @@ pub(super) fn examine<'a>(
 ) -> Result<SoundSensors<'a>, BadLog> {
     let temperatures = temperatures_of(dataset, inputs);
     let is_kept = |column: &usize| choice.keep.contains(&dataset.columns[*column].name);
-    let judged: Vec<usize> = temperatures.iter().copied().filter(|column| !is_kept(column)).collect();
-    let (found, remark) = find_freezes(profile, dataset, choice, error, (inputs, &judged));
+    let assessed: Vec<usize> = temperatures.iter().copied().filter(|column| !is_kept(column)).collect();
+    let (found, remark) = find_freezes(profile, dataset, choice, error, (inputs, &assessed));
     let mut remarks: Vec<String> = remark.into_iter().collect();
     let (kept, frozen): (Vec<Frozen>, Vec<Frozen>) =
         found.into_iter().partition(|frozen| is_kept(&frozen.column));
-    if judged.len() < temperatures.len() {
+    if assessed.len() < temperatures.len() {
         let mut staying = faults::find(dataset, &temperatures, &kept);
         staying.retain(|found| choice.keep.contains(&found.signal));
         staying.extend(kept.iter().map(|frozen| Fault::frozen(dataset, frozen).finding(dataset, "")));
@@ -49,7 +49,7 @@ pub(super) fn examine<'a>(
         let good = without(inputs, excluded);
         Campaign::new(profile, dataset, error, good, choice.resample).with_mending(mending)
     };
-    let Mended { mending, mut excluded, mut repaired } = mend(dataset, &judged, &frozen);
+    let Mended { mending, mut excluded, mut repaired } = mend(dataset, &assessed, &frozen);
     let mut campaign = campaign_of(&excluded, mending);
     if campaign.inputs.is_empty() {
         let reasons = excluded.iter().map(|faulty| format!("{}: {}", faulty.signal, faulty.reason));
@@ -71,7 +71,7 @@ pub(super) fn examine<'a>(
         let gone: Vec<usize> = harmful.iter().map(|(input, _)| campaign.inputs[*input].column).collect();
         omissions.extend(harmful.into_iter().map(|(_, omission)| omission));
         if !gone.is_empty() {
-            let stay: Vec<usize> = judged.iter().copied().filter(|column| !gone.contains(column)).collect();
+            let stay: Vec<usize> = assessed.iter().copied().filter(|column| !gone.contains(column)).collect();
             let mended = mend(dataset, &stay, &frozen);
             (excluded, repaired) = (mended.excluded, mended.repaired);
             let own = frozen.iter().filter(|frozen| gone.contains(&frozen.column));
@@ -85,17 +85,17 @@ pub(super) fn examine<'a>(
     Ok(SoundSensors { campaign, excluded, omissions, repaired, remarks })
 }
 
-/// Returns every freeze of these inputs, and a remark on what was not tested. `judged`: columns in which other faults
+/// Returns every freeze of these inputs, and a remark on what was not tested. `assessed`: columns in which other faults
 /// are searched.
 fn find_freezes(
     profile: &Profile,
     dataset: &Dataset,
     choice: &Choice,
     error: usize,
-    (inputs, judged): (&[Input], &[usize]),
+    (inputs, assessed): (&[Input], &[usize]),
 ) -> (Vec<Frozen>, Option<String>) {
-    let levelled = faults::levelled(dataset, judged);
-    let Mended { mending, excluded, .. } = mend(&levelled, judged, &[]);
+    let levelled = faults::levelled(dataset, assessed);
+    let Mended { mending, excluded, .. } = mend(&levelled, assessed, &[]);
     let good = without(inputs, &excluded);
     let campaign = Campaign::new(profile, &levelled, error, good, choice.resample).with_mending(mending);
     let count_of = |column: usize| {

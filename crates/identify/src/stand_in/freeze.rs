@@ -108,8 +108,8 @@ pub(crate) fn freezes(
         return Vec::new();
     }
     let others = Others::new(campaign, &sensors);
-    let judge = Judge::new(&others, logs);
-    suspects.par_iter().map(|suspect| judge.frozen(suspect)).collect::<Vec<_>>().concat()
+    let assess = Judge::new(&others, logs);
+    suspects.par_iter().map(|suspect| assess.frozen(suspect)).collect::<Vec<_>>().concat()
 }
 
 /// Periods of constant readings of a sensor in one run that may be freezes.

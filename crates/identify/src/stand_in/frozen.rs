@@ -42,7 +42,7 @@ pub struct Frozen {
 }
 
 /// Sensor in one run, with its predictions from the other runs.
-struct Watched {
+struct WatchedSensor {
     sensor: usize,
     run: usize,
     gains: Gains,
@@ -76,9 +76,9 @@ pub fn frozen(ready: &Ready<'_>, held_out: &[HeldOut], seed: u64) -> Vec<Frozen>
 }
 
 impl Others<'_> {
-    fn watched(&self, sensor: usize, training: &[usize], run: usize) -> Watched {
+    fn watched(&self, sensor: usize, training: &[usize], run: usize) -> WatchedSensor {
         let gains = self.learn(sensor, training);
-        Watched {
+        WatchedSensor {
             sensor,
             run,
             threshold: self.threshold(sensor, training),
@@ -114,8 +114,8 @@ impl Others<'_> {
     }
 
     /// Returns the result if the sensor freezes at this share of the run.
-    fn frozen_once(&self, watched: &Watched, held: &HeldOut, when: f64, step: f64) -> Frozen {
-        let Watched { sensor, run, ref predicted, ref outside, .. } = *watched;
+    fn frozen_once(&self, watched: &WatchedSensor, held: &HeldOut, when: f64, step: f64) -> Frozen {
+        let WatchedSensor { sensor, run, ref predicted, ref outside, .. } = *watched;
         let (seconds, rise) = (&self.bank.runs[run].seconds, self.rise(sensor, run));
         let at =
             seconds.partition_point(|second| *second < when * seconds.last().copied().unwrap_or_default());
@@ -154,7 +154,7 @@ impl Others<'_> {
     }
 }
 
-impl Watched {
+impl WatchedSensor {
     /// Returns the row in which the sensor is suspected if its reading is constant from `at` on; `None` if it is never
     /// suspected.
     fn noticed(&self, seconds: &[f64], reads: f64, at: usize) -> Option<usize> {

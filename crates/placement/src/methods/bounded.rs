@@ -7,7 +7,7 @@ use crate::problem::{Problem, Target};
 
 /// State of a block temperature relative to its bounds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Held {
+enum BoundState {
     Free,
     Low,
     High,
@@ -24,21 +24,21 @@ pub fn bounded(problem: &Problem, target: &Target) -> Vec<f64> {
 pub(crate) fn least_squares(square: &DMatrix<f64>, cross: &DVector<f64>, bounds: &[(f64, f64)]) -> Vec<f64> {
     let width = bounds.len();
     let mut theta: DVector<f64> = DVector::from_iterator(width, bounds.iter().map(|(low, _)| *low));
-    let mut held = vec![Held::Low; width];
+    let mut held = vec![BoundState::Low; width];
     // Many more rounds than necessary: each round frees one variable.
     for _ in 0..50 * width.max(1) {
         let downhill = cross - square * &theta;
         let scale = downhill.amax().max(cross.amax()).max(f64::MIN_POSITIVE);
         let wants = |place: &usize| match held[*place] {
-            Held::Free => 0.0,
-            Held::Low => downhill[*place],
-            Held::High => -downhill[*place],
+            BoundState::Free => 0.0,
+            BoundState::Low => downhill[*place],
+            BoundState::High => -downhill[*place],
         };
         let best = (0..width)
             .filter(|place| bounds[*place].0 < bounds[*place].1)
             .max_by(|one, other| wants(one).total_cmp(&wants(other)));
         let Some(best) = best.filter(|place| wants(place) > 1e-11 * scale) else { break };
-        held[best] = Held::Free;
+        held[best] = BoundState::Free;
         if !settle(square, cross, bounds, &mut theta, &mut held, best) {
             break;
         }
@@ -53,17 +53,17 @@ fn settle(
     cross: &DVector<f64>,
     bounds: &[(f64, f64)],
     theta: &mut DVector<f64>,
-    held: &mut [Held],
+    held: &mut [BoundState],
     freed: usize,
 ) -> bool {
     let before = theta.clone();
     loop {
-        let free: Vec<usize> = (0..held.len()).filter(|place| held[*place] == Held::Free).collect();
+        let free: Vec<usize> = (0..held.len()).filter(|place| held[*place] == BoundState::Free).collect();
         if free.is_empty() {
             break;
         }
         let Some(wanted) = solved(square, cross, theta, &free) else {
-            held[freed] = Held::Low;
+            held[freed] = BoundState::Low;
             return false;
         };
         // Greatest part of the step before a variable leaves its bounds.
@@ -82,7 +82,7 @@ fn settle(
             let share = if way.abs() > 0.0 { ((edge - theta[*place]) / way).clamp(0.0, 1.0) } else { 0.0 };
             if share <= step {
                 step = share;
-                first = Some((*place, if *wanted < low { Held::Low } else { Held::High }));
+                first = Some((*place, if *wanted < low { BoundState::Low } else { BoundState::High }));
             }
         }
         for (place, wanted) in free.iter().zip(wanted.iter()) {
@@ -91,7 +91,7 @@ fn settle(
         }
         let Some((place, side)) = first else { break };
         held[place] = side;
-        theta[place] = if side == Held::Low { bounds[place].0 } else { bounds[place].1 };
+        theta[place] = if side == BoundState::Low { bounds[place].0 } else { bounds[place].1 };
     }
     (&*theta - before).amax() > 0.0
 }

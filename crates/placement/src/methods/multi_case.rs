@@ -104,7 +104,7 @@ struct Search<'a> {
 }
 
 /// State of the search.
-struct Standing {
+struct SearchState {
     places: Vec<usize>,
     /// Squared error of each case, µm².
     error: Vec<f64>,
@@ -152,7 +152,7 @@ impl<'a> Search<'a> {
         error.zip(&self.weights).map(|(error, weight)| weighed(error, *weight)).sum()
     }
 
-    fn stand(&self, places: Vec<usize>) -> Standing {
+    fn stand(&self, places: Vec<usize>) -> SearchState {
         let square = &self.problem.square;
         let rise = |block: usize, case: usize| self.rises(block, places[block])[case];
         let cross = |block: usize, case: usize| self.cases[case].target.cross[block];
@@ -170,11 +170,11 @@ impl<'a> Search<'a> {
         };
         let error: Vec<f64> = cases.map(error).collect();
         let cost = self.cost(error.iter().copied());
-        Standing { places, error, slope, cost }
+        SearchState { places, error, slope, cost }
     }
 
     /// Total cost with the sensor of this block at the candidate `place`.
-    fn cost_of(&self, at: &Standing, block: usize, place: usize) -> f64 {
+    fn cost_of(&self, at: &SearchState, block: usize, place: usize) -> f64 {
         let own = self.problem.square[(block, block)];
         let (now, then) = (self.rises(block, at.places[block]), self.rises(block, place));
         let (error, slope) = (&at.error, &at.slope[block]);
@@ -187,7 +187,7 @@ impl<'a> Search<'a> {
         cost
     }
 
-    fn change(&self, at: &mut Standing, block: usize, place: usize, cost: f64) {
+    fn change(&self, at: &mut SearchState, block: usize, place: usize, cost: f64) {
         let own = self.problem.square[(block, block)];
         for case in 0..self.cases.len() {
             let change = self.rises(block, place)[case] - self.rises(block, at.places[block])[case];
@@ -231,7 +231,7 @@ impl<'a> Search<'a> {
     }
 
     /// Moves each block in turn to its best node, until no change helps.
-    fn settle(&self, mut at: Standing) -> (f64, Vec<usize>) {
+    fn settle(&self, mut at: SearchState) -> (f64, Vec<usize>) {
         loop {
             let before = at.cost;
             for block in 0..self.blocks() {

@@ -3,7 +3,7 @@
 use isotherm_core::compensation::MeasuredReport;
 use serde::Deserialize;
 
-use crate::seam::{Command, Outcome};
+use crate::interface::{Command, Outcome};
 
 /// Maximum length of a command in bytes.
 const LONGEST: usize = 1000;

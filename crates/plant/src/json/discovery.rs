@@ -3,7 +3,7 @@
 use serde_json::{Value as Document, json};
 
 use super::JsonSettings;
-use crate::seam::{Message, Metric, Qos, Snapshot, Subject};
+use crate::interface::{Message, Metric, Qos, Snapshot, Subject};
 
 /// Makes a message for each displayed metric. Home Assistant identifies them by `unique_id`.
 pub(super) fn messages(settings: &JsonSettings, snapshot: &Snapshot) -> Vec<Message> {

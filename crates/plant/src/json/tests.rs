@@ -1,7 +1,7 @@
 //! Times of publication, and events that may not have been delivered.
 
 use super::*;
-use crate::seam::{Command, Importance, Outcome};
+use crate::interface::{Command, Importance, Outcome};
 use isotherm_core::compensation::MeasuredReport;
 
 fn settings() -> JsonSettings {
@@ -38,8 +38,8 @@ fn snapshot(bed: Option<f64>, state: &str) -> Snapshot {
     }
 }
 
-fn happening(text: &str) -> Happening {
-    Happening {
+fn happening(text: &str) -> PlantEvent {
+    PlantEvent {
         at: at(7),
         kind: "zeroed".into(),
         importance: Importance::Info,
@@ -82,13 +82,13 @@ fn an_event_is_told_once_and_again_where_it_may_not_have_arrived() {
     let mut json = Json::new(settings());
     json.connected(at(10), &snapshot(None, "active"));
     let with = |text: &str| Snapshot { events: vec![happening(text)], ..snapshot(None, "active") };
-    let told = json.publish(at(11), &with("one"));
-    assert_eq!(topics(&told), ["plant/press/event"]);
+    let published = json.publish(at(11), &with("one"));
+    assert_eq!(topics(&published), ["plant/press/event"]);
     assert_eq!(
-        text(&told[0]),
+        text(&published[0]),
         r#"{"at":"1970-01-01T00:00:07Z","data":{"axis":"z"},"kind":"zeroed","level":"info","text":"one"}"#
     );
-    assert!(told[0].qos == Qos::AtLeastOnce && !told[0].retained);
+    assert!(published[0].qos == Qos::AtLeastOnce && !published[0].retained);
     json.publish(at(12), &with("two"));
     let mut kept = json.disconnected(at(12));
     kept.extend(json.absent(at(13), &with("three")));

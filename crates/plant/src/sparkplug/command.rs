@@ -5,10 +5,10 @@ use std::time::Duration;
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::quantity::Moment;
 
-use super::born::{Born, REBIRTH, axes, measured, measured_axis, milliseconds};
+use super::birth::{BirthMetrics, REBIRTH, axes, measured, measured_axis, milliseconds};
 use super::datum::{DataType, Datum};
 use super::payload::{Metric, Payload, PropertyRaw, Raw};
-use crate::seam::{Command, Outcome, Snapshot};
+use crate::interface::{Command, Outcome, Snapshot};
 
 /// Maximum age of a measured error. An older one belongs to another Cz.
 const HEEDED_FOR: Duration = Duration::from_secs(60);
@@ -18,7 +18,7 @@ const MOST_LETTERS: usize = 64;
 
 /// Result of a command.
 #[derive(Debug, Default, PartialEq)]
-pub(super) struct Heard {
+pub(super) struct CommandResult {
     pub(super) asks_for_birth: bool,
     /// Time of sending by the sender's clock, ms since 1970.
     pub(super) sent: Option<u64>,
@@ -27,18 +27,23 @@ pub(super) struct Heard {
 
 /// Evaluates a received command. The sender is not trusted. If a message contains several other commands, only a
 /// requested birth is executed.
-pub(super) fn hear(
+pub(super) fn receive(
     bytes: &[u8],
     now: Moment,
     snapshot: &Snapshot,
-    born: &Born,
+    born: &BirthMetrics,
     takes_measured: bool,
-) -> Heard {
+) -> CommandResult {
     let payload = match Payload::arrived(bytes) {
         Ok(payload) => payload,
-        Err(error) => return Heard { outcome: Some(refused("NCMD", error.to_string())), ..Heard::default() },
+        Err(error) => {
+            return CommandResult {
+                outcome: Some(refused("NCMD", error.to_string())),
+                ..CommandResult::default()
+            };
+        }
     };
-    let mut heard = Heard { sent: payload.timestamp, ..Heard::default() };
+    let mut heard = CommandResult { sent: payload.timestamp, ..CommandResult::default() };
     let mut others = Vec::new();
     for metric in &payload.metrics {
         // The metric is identified by its name only, because it has no alias.
@@ -70,7 +75,7 @@ fn other(
     sent: Option<u64>,
     now: Moment,
     snapshot: &Snapshot,
-    born: &Born,
+    born: &BirthMetrics,
     takes_measured: bool,
 ) -> Outcome {
     let command = spoken(metric, born);
@@ -152,7 +157,7 @@ fn error_of(metric: &Metric) -> Option<f64> {
 }
 
 /// Result for a measured error that repeats the last one.
-pub(super) fn came_twice(command: &Command) -> Outcome {
+pub(super) fn repeated_outcome(command: &Command) -> Outcome {
     let Command::Measured { axis, .. } = command;
     refused(&measured(axis), "the message arrived twice, and was accepted the first time".to_owned())
 }
@@ -162,7 +167,7 @@ fn refused(command: &str, why: String) -> Outcome {
 }
 
 /// Name of a received metric for messages: short, and without control characters.
-fn spoken(metric: &Metric, born: &Born) -> String {
+fn spoken(metric: &Metric, born: &BirthMetrics) -> String {
     match (born.name_of(metric), metric.alias) {
         (Some(name), _) => name.chars().take(MOST_LETTERS).flat_map(char::escape_debug).collect(),
         (None, Some(alias)) => format!("alias {alias}"),

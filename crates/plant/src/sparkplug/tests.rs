@@ -2,7 +2,7 @@ use isotherm_core::quantity::Moment;
 use prost::Message as _;
 
 use super::*;
-use crate::seam::{self, Command, Importance, Outcome, Subject, Value};
+use crate::interface::{self, Command, Importance, Outcome, Subject, Value};
 
 mod births;
 mod commands;
@@ -25,7 +25,7 @@ pub(super) fn node() -> Sparkplug {
 
 /// Snapshot with a temperature, which may be unknown, and with a flag whether the axis is armed.
 pub(super) fn snapshot(bed: Option<f64>, is_armed: bool, taken: Moment) -> Snapshot {
-    let metric = |subject, name, value, kind, unit, resolution| seam::Metric {
+    let metric = |subject, name, value, kind, unit, resolution| interface::Metric {
         subject,
         name,
         value,
@@ -45,8 +45,8 @@ pub(super) fn snapshot(bed: Option<f64>, is_armed: bool, taken: Moment) -> Snaps
     }
 }
 
-pub(super) fn happening(text: &str, at: Moment) -> Happening {
-    Happening {
+pub(super) fn happening(text: &str, at: Moment) -> PlantEvent {
+    PlantEvent {
         at,
         kind: "axis-state".to_owned(),
         importance: Importance::Warning,

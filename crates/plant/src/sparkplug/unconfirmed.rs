@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use isotherm_core::quantity::Moment;
 
-use crate::seam::Record;
+use crate::interface::Record;
 
 /// Maximum age of a record. If the broker has not answered for this time, the connection is lost.
 const KEPT_FOR: Duration = Duration::from_secs(300);
@@ -16,7 +16,7 @@ const MOST_BYTES: usize = 1024 * 1024;
 /// Records that were published last, oldest first, with their times.
 #[derive(Debug, Default)]
 pub(super) struct Unconfirmed {
-    told: VecDeque<(Moment, Record)>,
+    published: VecDeque<(Moment, Record)>,
     bytes: usize,
     dropped: u64,
 }
@@ -25,25 +25,25 @@ impl Unconfirmed {
     pub(super) fn keep(&mut self, now: Moment, records: Vec<Record>) {
         for record in records {
             self.bytes += record.0.len();
-            self.told.push_back((now, record));
+            self.published.push_back((now, record));
         }
-        while let Some((at, record)) = self.told.front() {
+        while let Some((at, record)) = self.published.front() {
             let is_old = now.since(*at) > KEPT_FOR;
             if !is_old && self.bytes <= MOST_BYTES {
                 break;
             }
             self.dropped += u64::from(!is_old);
             self.bytes -= record.0.len();
-            self.told.pop_front();
+            self.published.pop_front();
         }
     }
 
-    /// Removes and returns the records that may not have reached the broker. `last_heard`: time of the broker's last
+    /// Removes and returns the records that may not have reached the broker. `last_received`: time of the broker's last
     /// answer.
-    pub(super) fn take(&mut self, last_heard: Moment) -> Vec<Record> {
-        let all = std::mem::take(&mut self.told);
+    pub(super) fn take(&mut self, last_received: Moment) -> Vec<Record> {
+        let all = std::mem::take(&mut self.published);
         self.bytes = 0;
-        all.into_iter().skip_while(|(at, _)| *at < last_heard).map(|(_, record)| record).collect()
+        all.into_iter().skip_while(|(at, _)| *at < last_received).map(|(_, record)| record).collect()
     }
 
     /// Number of records that were removed for lack of memory although they might be undelivered.

@@ -5,7 +5,7 @@ use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
 use super::CHECKSUM;
-use crate::seam::Record;
+use crate::interface::Record;
 
 /// Size of the header in bytes: magic bytes, number of the first record, and a checksum of both.
 pub(super) const HEADER: u64 = 20;

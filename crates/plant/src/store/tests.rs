@@ -5,7 +5,7 @@ use std::path::Path;
 use proptest::prelude::*;
 
 use super::{DiskNews, Store};
-use crate::seam::Record;
+use crate::interface::Record;
 
 mod crashed;
 mod damaged;
@@ -125,9 +125,9 @@ fn a_file_that_somebody_has_removed_is_counted_and_holds_up_nothing() {
     }
     let oldest = files(home.path()).into_keys().find(|name| name.ends_with(".records")).unwrap();
     std::fs::remove_file(home.path().join(oldest)).unwrap();
-    let told = all(&mut store);
-    assert_eq!(u64::try_from(told.len()).unwrap() + store.dropped(), number, "{told:?}");
-    assert_eq!(told.last(), Some(&(number - 1)));
+    let published = all(&mut store);
+    assert_eq!(u64::try_from(published.len()).unwrap() + store.dropped(), number, "{published:?}");
+    assert_eq!(published.last(), Some(&(number - 1)));
     assert_eq!(store.news(), None);
 }
 
@@ -258,7 +258,7 @@ proptest! {
     fn each_record_is_told_once_in_order_or_counted(steps in steps()) {
         let directory = tempfile::tempdir().unwrap();
         let mut store = open(directory.path());
-        let (mut pushed, mut told, mut dropped) = (0, Vec::new(), 0);
+        let (mut pushed, mut published, mut dropped) = (0, Vec::new(), 0);
         for step in steps {
             match step {
                 Step::Push => {
@@ -269,7 +269,7 @@ proptest! {
                     let some = store.first(count).unwrap();
                     prop_assert!(some.len() <= count);
                     store.drop_first(some.len()).unwrap();
-                    told.extend(numbers(&some));
+                    published.extend(numbers(&some));
                 }
                 Step::Restart => {
                     dropped += store.dropped();
@@ -278,9 +278,9 @@ proptest! {
                 }
             }
         }
-        told.extend(all(&mut store));
+        published.extend(all(&mut store));
         dropped += store.dropped();
-        prop_assert!(told.is_sorted_by(|one, next| one < next));
-        prop_assert_eq!(u64::try_from(told.len()).unwrap() + dropped, pushed);
+        prop_assert!(published.is_sorted_by(|one, next| one < next));
+        prop_assert_eq!(u64::try_from(published.len()).unwrap() + dropped, pushed);
     }
 }

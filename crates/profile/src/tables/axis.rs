@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::At;
+use super::KeyContext;
 use super::label::{self, labelled};
 use crate::Profile;
 use crate::document::{Section, entries};
@@ -12,7 +12,7 @@ use isotherm_core::compensation::model::{Model, Reference};
 use isotherm_core::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, OnFault};
 use isotherm_core::quantity::{Micron, MicronPerSecond};
 use model::RawModel;
-use model::all_over::AllOver;
+use model::uniform_temperature::UniformTemperature;
 use probe::{ProbeInput, RawProbe};
 
 pub(super) mod doubts;
@@ -117,7 +117,7 @@ pub struct Axis {
 
 impl Axis {
     /// Preview of the axis: calculation, direction, limits and rate of Cz.
-    pub(crate) fn preview(&self, profile: &Profile, all_over: &[AllOver]) -> Section {
+    pub(crate) fn preview(&self, profile: &Profile, all_over: &[UniformTemperature]) -> Section {
         let AxisSettings { name, models, guard, levels, .. } = &self.settings;
         let mut section = Section::default();
         section.line("");
@@ -198,7 +198,7 @@ impl Axis {
 }
 
 impl RawAxis {
-    pub(super) fn resolve(&self, at: &At<'_>, name: &str) -> Option<Axis> {
+    pub(super) fn resolve(&self, at: &KeyContext<'_>, name: &str) -> Option<Axis> {
         let guard = self.guard(at);
         let every = at.key("every").period(self.every);
         let on_fault = self.on_fault.as_ref().and_then(|action| action.resolve(&at.key("on_fault")));
@@ -207,7 +207,7 @@ impl RawAxis {
         for (index, model) in models.iter().enumerate() {
             if models[..index].iter().any(|other| other.name.is_some() && other.name == model.name) {
                 let help = "write another name: the log distinguishes models by their names";
-                list.item(index).key("name").wrong("another model of this axis has this name", help);
+                list.item(index).key("name").invalid("another model of this axis has this name", help);
             }
         }
         let levels = self.levels(at);
@@ -237,25 +237,25 @@ impl RawAxis {
         Some(Axis { settings, label, diameter, probe_input, purpose: Purpose::Compensation })
     }
 
-    fn guard(&self, at: &At<'_>) -> Option<GuardSettings> {
+    fn guard(&self, at: &KeyContext<'_>) -> Option<GuardSettings> {
         let limit = at.key("limit").positive(self.limit);
         let step = at.key("step").positive(self.step);
         let rate = at.key("rate").positive(self.rate);
         let deadband = self.deadband.unwrap_or(0.0);
         if deadband < 0.0 {
             let help = "write 0, or the smallest change in µm that is worth a write";
-            at.key("deadband").wrong(format!("{deadband} is below zero"), help);
+            at.key("deadband").invalid(format!("{deadband} is below zero"), help);
         }
         if let Some(limit) = limit {
             if deadband >= limit {
                 let message = format!("the deadband of {deadband} µm is as large as the limit of {limit} µm");
-                at.key("deadband").wrong(message, "the axis would never move: make `deadband` smaller");
+                at.key("deadband").invalid(message, "the axis would never move: make `deadband` smaller");
             }
             if let Some(step) = step.filter(|step| *step > 2.0 * limit) {
                 let message =
                     format!("a step of {step} µm is more than from one limit of {limit} µm to the other");
                 at.key("step")
-                    .wrong(message, "`step` is the largest change of one update: up to twice `limit`");
+                    .invalid(message, "`step` is the largest change of one update: up to twice `limit`");
             }
         }
         Some(GuardSettings {
@@ -269,7 +269,7 @@ impl RawAxis {
 
     /// Resolves the datum. It must not be "zero" if a reference is captured at zero: the same drift would be subtracted
     /// twice.
-    fn datum(&self, at: &At<'_>) -> Datum {
+    fn datum(&self, at: &KeyContext<'_>) -> Datum {
         let Some(DatumWord::Zero) = self.datum else { return Datum::Model };
         let models = || self.model.iter().flatten();
         let taken =
@@ -280,24 +280,25 @@ impl RawAxis {
             };
         if let Some((one, all)) = taken {
             let help = format!("remove `datum`, or give the {all} a number or \"start\" as their reference");
-            at.wrong(format!("{one} already has the reference \"zero\""), help);
+            at.invalid(format!("{one} already has the reference \"zero\""), help);
         }
         Datum::Zero
     }
 
     /// Checks and resolves the levels: warn ≤ limit ≤ error.
-    fn levels(&self, at: &At<'_>) -> Option<Levels> {
+    fn levels(&self, at: &KeyContext<'_>) -> Option<Levels> {
         let warn = level(&at.key("warn"), self.warn);
         let error = level(&at.key("error"), self.error);
         if let Some(limit) = self.limit.filter(|limit| *limit > 0.0) {
             if let Some(warn) = self.warn.filter(|warn| *warn > limit) {
                 let help = "Cz never reaches this level: make `warn` smaller, or `limit` larger";
-                at.key("warn").wrong(format!("warn at {warn} µm lies beyond the limit of {limit} µm"), help);
+                at.key("warn")
+                    .invalid(format!("warn at {warn} µm lies beyond the limit of {limit} µm"), help);
             }
             if let Some(error) = self.error.filter(|error| *error > 0.0 && *error < limit) {
                 let help = "the limit would never be reached: make `error` larger, or `limit` smaller";
                 let message = format!("error at {error} µm lies within the limit of {limit} µm");
-                at.key("error").wrong(message, help);
+                at.key("error").invalid(message, help);
             }
         }
         Some(Levels { warn: warn?, error: error? })
@@ -305,11 +306,11 @@ impl RawAxis {
 }
 
 impl FaultAction {
-    fn resolve(&self, at: &At<'_>) -> Option<OnFault> {
+    fn resolve(&self, at: &KeyContext<'_>) -> Option<OnFault> {
         let action = self.action?;
         if action != FaultActionWord::Ramp && self.after.is_some() {
             at.key("after")
-                .wrong("only action = \"ramp\" has `after`", "remove `after`, or write action = \"ramp\"");
+                .invalid("only action = \"ramp\" has `after`", "remove `after`, or write action = \"ramp\"");
         }
         match action {
             FaultActionWord::Hold => Some(OnFault::Hold),
@@ -328,7 +329,7 @@ impl FaultAction {
 }
 
 /// Resolves an optional level. `Some(None)` if there is none.
-fn level(at: &At<'_>, level: Option<f64>) -> Option<Option<Micron>> {
+fn level(at: &KeyContext<'_>, level: Option<f64>) -> Option<Option<Micron>> {
     match level {
         Some(_) => at.positive(level).map(Micron::new),
         None => Some(None),

@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::quirks::{self, Quirks, RawQuirks};
-use super::{At, Check, sysfs};
+use super::{Check, KeyContext, sysfs};
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
 use crate::host_port::host_and_port;
@@ -259,7 +259,7 @@ impl Bus {
 }
 
 impl RawBus {
-    pub(super) fn resolve(&self, at: &At<'_>, name: &str) -> Option<Bus> {
+    pub(super) fn resolve(&self, at: &KeyContext<'_>, name: &str) -> Option<Bus> {
         let quirks =
             self.quirks.as_ref().map_or_else(Quirks::default, |quirks| quirks.over(Quirks::default()));
         let timeout = at.key("timeout").duration(self.timeout);
@@ -329,34 +329,34 @@ impl RawBus {
         self.address.as_ref().is_some_and(|address| address.starts_with(opcua::SCHEME))
     }
 
-    fn pipeline(&self, at: &At<'_>, quirks: Quirks) -> u8 {
+    fn pipeline(&self, at: &KeyContext<'_>, quirks: Quirks) -> u8 {
         let pipeline = self.pipeline.unwrap_or(1);
         if !(1..=2).contains(&pipeline) {
-            at.wrong(format!("{pipeline} is not possible"), "write 1 or 2");
+            at.invalid(format!("{pipeline} is not possible"), "write 1 or 2");
         }
-        if pipeline > 1 && !quirks.bear_two() {
-            at.wrong(APART, "remove `pipeline`, or the quirk of this bus");
+        if pipeline > 1 && !quirks.support_two() {
+            at.invalid(APART, "remove `pipeline`, or the quirk of this bus");
         }
         pipeline
     }
 
-    fn late(&self, at: &At<'_>, timeout: Duration, default: Duration) -> Duration {
+    fn late(&self, at: &KeyContext<'_>, timeout: Duration, default: Duration) -> Duration {
         let Some(late) = at.duration(self.late) else { return default };
         let left_out = format!("or remove `late` (default {})", shown(default));
         if late < timeout {
             let (late, timeout) = (shown(late), shown(timeout));
             let message = format!("{late} is shorter than `timeout`, which is {timeout}");
-            at.wrong(message, format!("write {timeout} or more, {left_out}"));
+            at.invalid(message, format!("write {timeout} or more, {left_out}"));
         } else if late > LONGEST_LATE {
             let (late, longest) = (shown(late), shown(LONGEST_LATE));
             let message =
                 format!("{late} is longer than {longest}: a lost answer could stop an axis for this time");
-            at.wrong(message, format!("write {longest} or less, {left_out}"));
+            at.invalid(message, format!("write {longest} or less, {left_out}"));
         }
         late
     }
 
-    fn host_and_port(&self, at: &At<'_>) -> Option<String> {
+    fn host_and_port(&self, at: &KeyContext<'_>) -> Option<String> {
         let at = at.key("address");
         let Some(address) = &self.address else {
             let help = "write host and port, as \"192.168.0.10:502\"; 502 is Modbus TCP's usual port";
@@ -371,7 +371,7 @@ impl RawBus {
                 Err(why) => why.meant(USUAL).unwrap_or_else(|| EXAMPLE.to_owned()),
             };
             let help = format!("write host and port alone, as \"{host}\"; `type` sets the protocol");
-            at.wrong(format!("`{address}` is a URL (`{scheme}`), and no host and port"), help);
+            at.invalid(format!("`{address}` is a URL (`{scheme}`), and no host and port"), help);
             return None;
         }
         let place = host_and_port(address);
@@ -379,7 +379,7 @@ impl RawBus {
         let is_numbers = host.contains('.') && host.chars().all(|c| c.is_ascii_digit() || c == '.');
         if is_numbers && host.parse::<std::net::Ipv4Addr>().is_err() {
             let help = "write four numbers of 0 to 255, as \"192.168.0.10:502\"";
-            at.wrong(format!("`{host}` is no address"), help);
+            at.invalid(format!("`{host}` is no address"), help);
             return None;
         }
         let example = match place {
@@ -392,11 +392,11 @@ impl RawBus {
         let help = help.unwrap_or_else(|| {
             format!("write host and port, as \"{example}\"; {USUAL} is Modbus TCP's usual port")
         });
-        at.wrong(format!("`{address}` is no host and port"), help);
+        at.invalid(format!("`{address}` is no host and port"), help);
         None
     }
 
-    fn interface(&self, at: &At<'_>) -> Option<String> {
+    fn interface(&self, at: &KeyContext<'_>) -> Option<String> {
         let at = at.key("interface");
         let Some(name) = &self.interface else {
             let help = "write the network interface, as \"can0\"; `ip link` shows which there are";
@@ -407,7 +407,7 @@ impl RawBus {
         if name.is_empty() || name.len() > LONGEST_NAME || !name.chars().all(is_plain) {
             let help = "write the name of the interface, as \"can0\": up to 15 characters; `ip link` shows \
                         which there are";
-            at.wrong(format!("`{name}` cannot be a network interface"), help);
+            at.invalid(format!("`{name}` cannot be a network interface"), help);
             return None;
         }
         Some(name.clone())
@@ -415,7 +415,7 @@ impl RawBus {
 }
 
 /// Reports keys that belong to another type of line.
-fn foreign_keys(at: &At<'_>, kind: BusType) {
+fn foreign_keys(at: &KeyContext<'_>, kind: BusType) {
     let modbus = [BusType::ModbusTcp, BusType::ModbusRtu, BusType::ModbusRtuOverTcp];
     let by_address = [BusType::ModbusTcp, BusType::ModbusRtuOverTcp, BusType::OpcUa, BusType::Sysfs];
     let written = [modbus.as_slice(), &[BusType::Can, BusType::OpcUa]].concat();
@@ -429,10 +429,10 @@ fn foreign_keys(at: &At<'_>, kind: BusType) {
         (&["quirks"], "a Modbus line", &modbus),
     ];
     for (keys, owner, _) in owners.into_iter().filter(|(.., kinds)| !kinds.contains(&kind)) {
-        at.foreign(keys, owner, "remove it, or change `type`");
+        at.not_applicable(keys, owner, "remove it, or change `type`");
     }
     if matches!(kind, BusType::ModbusRtu | BusType::ModbusRtuOverTcp) {
-        at.key("quirks").foreign(&["gateway"], quirks::OF_TCP, quirks::WAITS);
+        at.key("quirks").not_applicable(&["gateway"], quirks::OF_TCP, quirks::WAITS);
     }
 }
 
@@ -462,7 +462,7 @@ pub(super) fn none_waits_for_a_period(check: &Check<'_>) {
 /// Reports two buses on one line. They would send at the same time, and receive each other's answers.
 pub(super) fn one_owner_each(check: &Check<'_>) {
     let is_shared = |transport| matches!(transport, Transport::Tcp | Transport::OpcUa | Transport::Sysfs);
-    let lines: Vec<&Bus> = check.buses.right().filter(|bus| !is_shared(bus.transport)).collect();
+    let lines: Vec<&Bus> = check.buses.valid().filter(|bus| !is_shared(bus.transport)).collect();
     for (place, bus) in lines.iter().enumerate() {
         if let Some(first) = lines[..place].iter().find(|first| first.address == bus.address) {
             let key = match bus.transport {
@@ -472,7 +472,7 @@ pub(super) fn one_owner_each(check: &Check<'_>) {
             };
             let message = format!("the bus `{}` has this {key} already", first.name);
             let help = "put all devices of one line on one bus; each has its own `every`";
-            check.at("bus").key(&bus.name).key(key).wrong(message, help);
+            check.at("bus").key(&bus.name).key(key).invalid(message, help);
         }
     }
 }

@@ -3,17 +3,17 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::At;
+use super::KeyContext;
 use super::register::TypeWord;
 use isotherm_core::codec::{
     Address, BitField, BitKind, ByteOrder, CanId, CanMatch, DataType, Entry, Field, Object, Selector,
 };
 
 mod conflicts;
-mod written;
+mod frame_writes;
 
 pub(super) use conflicts::check as conflicts;
-pub(super) use written::{Written, fill, resolve as written_frames};
+pub(super) use frame_writes::{Written, fill, resolve as written_frames};
 
 /// Length of a classic frame in bytes.
 const CLASSIC: usize = 8;
@@ -109,7 +109,7 @@ pub(super) enum Sender {
 
 impl RawPdo {
     /// Resolves process data of a device: identifier, and bits of the value.
-    pub(super) fn resolve(&self, at: &At<'_>, device: &str, sender: Sender) -> Option<Field> {
+    pub(super) fn resolve(&self, at: &KeyContext<'_>, device: &str, sender: Sender) -> Option<Field> {
         let bits = bits(at, (self.start, self.length), ByteOrder::Intel, (self.signed, self.float), CLASSIC);
         let id = match (self.cob_id, self.number) {
             (Some(id), None) => CanId::standard(id),
@@ -117,7 +117,7 @@ impl RawPdo {
                 let node = at.check.at("device").key(device).key("node");
                 if !node.is_written() {
                     let help = format!("write node = 5 at device `{device}`, or `cob_id` here");
-                    at.key("number").wrong("`number` needs a CANopen node", help);
+                    at.key("number").invalid("`number` needs a CANopen node", help);
                 }
                 let node = at.check.raw.device.get(device)?.node?;
                 CanId::standard(sender.usual_identifier(number, node))
@@ -141,11 +141,11 @@ impl RawPdo {
 
 impl RawFrame {
     /// Resolves a frame, and the bits of the value.
-    pub(super) fn resolve(&self, at: &At<'_>) -> Option<Field> {
+    pub(super) fn resolve(&self, at: &KeyContext<'_>) -> Option<Field> {
         let is_long = self.id.is_some_and(|id| id > CanId::LARGEST_STANDARD);
         if is_long && self.extended == Some(false) {
             let message = "an identifier above 0x7FF has 29 bits";
-            at.key("extended").wrong(message, "remove it, or correct `id`");
+            at.key("extended").invalid(message, "remove it, or correct `id`");
         }
         let needs_order = self.length.is_some_and(|length| length > 1);
         let order = match self.order {
@@ -172,13 +172,13 @@ impl RawFrame {
 }
 
 impl RawMultiplex {
-    fn resolve(&self, at: &At<'_>, order: ByteOrder, most: usize) -> Option<Selector> {
+    fn resolve(&self, at: &KeyContext<'_>, order: ByteOrder, most: usize) -> Option<Selector> {
         let bits = bits(at, (self.start, self.length), order, (None, None), most)?;
         let equals = self.equals?;
         let width = bits.data_type().width();
         if width < 64 && equals >> width != 0 {
             let message = format!("{width} bits cannot contain {equals}");
-            at.key("equals").wrong(message, format!("allowed: 0 to {}", (1u64 << width) - 1));
+            at.key("equals").invalid(message, format!("allowed: 0 to {}", (1u64 << width) - 1));
         }
         Some(Selector { bits, values: vec![(equals, equals)] })
     }
@@ -196,7 +196,7 @@ impl Sender {
 }
 
 fn bits(
-    at: &At<'_>,
+    at: &KeyContext<'_>,
     (start, length): (Option<u16>, Option<u16>),
     order: ByteOrder,
     (signed, float): (Option<bool>, Option<bool>),
@@ -218,7 +218,7 @@ fn bits(
         _ => (matches!(length, 1..=64), "allowed: 1 to 64"),
     };
     if !fits_kind {
-        at.key("length").wrong(format!("a value cannot have {length} bits"), allowed);
+        at.key("length").invalid(format!("a value cannot have {length} bits"), allowed);
         return None;
     }
     let field = BitField::new(start, length, order, kind);
@@ -231,12 +231,12 @@ fn bits(
         CLASSIC => "bits are numbered from 0 to 63; write fd = true if it is a CAN FD frame",
         _ => "bits are numbered from 0 to 511",
     };
-    at.key("length").wrong(format!("the frame needs {needed} bytes, and has at most {most}"), help);
+    at.key("length").invalid(format!("the frame needs {needed} bytes, and has at most {most}"), help);
     None
 }
 
 /// Parses the object at this key: index and sub-index, for example "1800:05".
-pub(super) fn entry(at: &At<'_>, text: &str) -> Option<Entry> {
+pub(super) fn entry(at: &KeyContext<'_>, text: &str) -> Option<Entry> {
     let parsed = text.split_once(':').and_then(|(index, sub)| {
         let is_plain =
             |part: &str, length| part.len() == length && part.bytes().all(|byte| byte.is_ascii_hexdigit());
@@ -246,19 +246,19 @@ pub(super) fn entry(at: &At<'_>, text: &str) -> Option<Entry> {
     });
     if parsed.is_none() {
         let help = "write index and subindex in hexadecimal, four digits and two, as \"7130:01\"";
-        at.wrong(format!("`{text}` is no CANopen object"), help);
+        at.invalid(format!("`{text}` is no CANopen object"), help);
     }
     parsed
 }
 
 /// Returns the type at this key as an object has it.
-pub(super) fn object_type(at: &At<'_>, TypeWord(kind): TypeWord) -> Option<DataType> {
+pub(super) fn object_type(at: &KeyContext<'_>, TypeWord(kind): TypeWord) -> Option<DataType> {
     match kind {
         // A BOOLEAN occupies a whole byte.
         DataType::Bool => Some(DataType::unsigned(8)),
         DataType::Decimal24(_) => {
             let help = "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64";
-            at.wrong("decimal24 is a type of Modbus displays", help);
+            at.invalid("decimal24 is a type of Modbus displays", help);
             None
         }
         kind => Some(kind),
@@ -267,7 +267,7 @@ pub(super) fn object_type(at: &At<'_>, TypeWord(kind): TypeWord) -> Option<DataT
 
 /// Resolves the object at the key `sdo` of a signal or an output.
 pub(super) fn object(
-    at: &At<'_>,
+    at: &KeyContext<'_>,
     sdo: &str,
     kind: Option<TypeWord>,
     device: &str,
@@ -283,9 +283,9 @@ pub(super) fn object(
 }
 
 /// Reports an object whose device is not a CANopen node.
-pub(super) fn needs_node(at: &At<'_>, device: &str) {
+pub(super) fn needs_node(at: &KeyContext<'_>, device: &str) {
     if !at.check.at("device").key(device).key("node").is_written() {
         let help = format!("write node = 5 at device `{device}`, the node number set there");
-        at.wrong(format!("an object needs a CANopen node, but `{device}` has no `node`"), help);
+        at.invalid(format!("an object needs a CANopen node, but `{device}` has no `node`"), help);
     }
 }

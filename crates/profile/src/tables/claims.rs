@@ -4,7 +4,7 @@ use std::collections::{BTreeSet, HashMap, HashSet};
 
 use super::heartbeat::Heartbeat;
 use super::register::one;
-use super::{At, Check};
+use super::{Check, KeyContext};
 use crate::DeviceId;
 use isotherm_core::codec::{Address, DataType, NodeId, Register};
 
@@ -15,7 +15,7 @@ struct Claim<'c> {
     address: Register,
     data_type: DataType,
     /// Key that names the registers.
-    at: At<'c>,
+    at: KeyContext<'c>,
     what: String,
     is_written: bool,
 }
@@ -105,19 +105,19 @@ fn claims<'c>(check: &'c Check<'c>, heartbeat: Option<&Heartbeat>) -> Vec<Claim<
             claim(signal.device, capture.address, one(capture.address), at, what, true);
         }
     }
-    for output in check.outputs.right() {
+    for output in check.outputs.valid() {
         if let Address::Modbus(register) = output.address {
             let (at, what) = (output_at(&output.name).key("register"), format!("output `{}`", output.name));
             claim(output.device, register, output.encoding.data_type, at, what, true);
         }
     }
-    for output in check.outputs.right() {
+    for output in check.outputs.valid() {
         for address in output.display.registers() {
             let what = format!("the display of output `{}`", output.name);
             claim(output.device, address, DataType::U16, output_at(&output.name).key("beside"), what, true);
         }
     }
-    for set in check.sets.right() {
+    for set in check.sets.valid() {
         let at = set.at(check);
         let what = |key: &str| format!("the {key} of {}", set.label());
         for (key, address) in set.own().filter_map(|(key, at)| Some((key, at.register()?))) {
@@ -156,14 +156,14 @@ fn collision(earlier: &Claim<'_>, later: &Claim<'_>) {
         )
     };
     let message = format!("{} {verb} {} at {}", later.shown(), earlier.shown(), earlier.at.line());
-    later.at.wrong(message, help);
+    later.at.invalid(message, help);
 }
 
 /// Reports a corrected position in the registers of its own position. It would grow by Cz with every write.
 fn runaway(check: &Check<'_>, claims: &[Claim<'_>]) {
     let by_path: HashMap<&str, &Claim<'_>> =
         claims.iter().rev().map(|claim| (claim.at.path.as_str(), claim)).collect();
-    for output in check.outputs.right() {
+    for output in check.outputs.valid() {
         let Some(position) = output.writes.position() else { continue };
         let Some(signal) = check.signals.get(position.0) else { continue };
         let of =
@@ -173,7 +173,7 @@ fn runaway(check: &Check<'_>, claims: &[Claim<'_>]) {
         {
             let message =
                 format!("the corrected position would overwrite {}, from which it is computed", read.shown());
-            written.at.wrong(message, "read the register of the scale, and write another register");
+            written.at.invalid(message, "read the register of the scale, and write another register");
         }
     }
 }
@@ -184,7 +184,7 @@ struct Written<'c> {
     server: String,
     node: NodeId,
     /// Key that names the node.
-    at: At<'c>,
+    at: KeyContext<'c>,
     what: String,
 }
 
@@ -197,23 +197,23 @@ pub(super) fn one_writer_each(check: &Check<'_>, heartbeat: Option<&Heartbeat>) 
         let is_same = |first: &&Written<'_>| (&first.server, &first.node) == (&later.server, &later.node);
         if let Some(first) = written[..place].iter().find(is_same) {
             let message = format!("{} writes this node already", first.what);
-            later.at.wrong(message, "a node must have one writer: give each its own node");
+            later.at.invalid(message, "a node must have one writer: give each its own node");
         }
     }
 }
 
 fn written<'c>(check: &'c Check<'c>, heartbeat: Option<&Heartbeat>) -> Vec<Written<'c>> {
     let mut all = Vec::new();
-    let mut writes = |device: DeviceId, address: &Address, at: At<'c>, what: String| {
+    let mut writes = |device: DeviceId, address: &Address, at: KeyContext<'c>, what: String| {
         let bus = check.devices.get(device.0).and_then(|device| check.bus_of(device));
         let named = bus.map(|bus| bus.address.clone()).zip(address.node());
         all.extend(named.map(|(server, node)| Written { server, node: node.id.clone(), at, what }));
     };
-    for output in check.outputs.right() {
+    for output in check.outputs.valid() {
         let at = check.at("output").key(&output.name).key("node");
         writes(output.device, &output.address, at, format!("output `{}`", output.name));
     }
-    for set in check.sets.right() {
+    for set in check.sets.valid() {
         let at = set.at(check);
         for (key, address) in set.own() {
             writes(set.device, &address, at.key(key).key("node"), format!("the {key} of {}", set.label()));

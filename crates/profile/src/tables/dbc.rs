@@ -3,30 +3,30 @@
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use super::At;
+use super::KeyContext;
 use crate::dbc::{self, DbcFile, Described, Wrong};
 use crate::error::ProfileError;
-use crate::span::around;
+use crate::source_map::around;
 use crate::template;
 
 /// Files by name. `None` if a file cannot be read, which has been reported.
 pub(super) type Dbcs = BTreeMap<String, Option<Rc<DbcFile>>>;
 
 /// Returns the description of a signal in the DBC file of its device.
-pub(super) fn described(at: &At<'_>, name: &str, device: &str) -> Option<Described> {
+pub(super) fn described(at: &KeyContext<'_>, name: &str, device: &str) -> Option<Described> {
     let key = at.check.at("device").key(device).key("dbc");
     let raw = at.check.raw.device.get(device)?;
     let Some(file) = &raw.dbc else {
         if !key.is_written() {
             let help = format!("write dbc = \"….dbc\" at device `{device}`, a file beside the profile");
-            at.wrong(format!("device `{device}` has no DBC file"), help);
+            at.invalid(format!("device `{device}` has no DBC file"), help);
         }
         return None;
     };
     let dbc = read(&key, file)?;
     match dbc.signal(name, raw.source_address) {
         Ok(described) => return Some(described),
-        Err(Wrong { at: None, message, help }) => at.wrong(message, help),
+        Err(Wrong { at: None, message, help }) => at.invalid(message, help),
         Err(wrong) => {
             let excerpt = wrong.at.and_then(|(line, _)| dbc.line(line)).map(str::to_owned);
             wrong_in_file(at, file, wrong, excerpt);
@@ -36,7 +36,7 @@ pub(super) fn described(at: &At<'_>, name: &str, device: &str) -> Option<Describ
 }
 
 /// Reads the named file. It is read even if no signal uses it, so that its errors are reported.
-pub(super) fn read(at: &At<'_>, name: &str) -> Option<Rc<DbcFile>> {
+pub(super) fn read(at: &KeyContext<'_>, name: &str) -> Option<Rc<DbcFile>> {
     if let Some(known) = at.check.dbcs.borrow().get(name) {
         return known.clone();
     }
@@ -45,13 +45,13 @@ pub(super) fn read(at: &At<'_>, name: &str) -> Option<Rc<DbcFile>> {
     read
 }
 
-fn parse(at: &At<'_>, name: &str) -> Option<DbcFile> {
+fn parse(at: &KeyContext<'_>, name: &str) -> Option<DbcFile> {
     // The user's file takes precedence over the shipped one.
     let bytes = match (at.check.files.read(name), template::dbc(name)) {
         (Ok(bytes), _) => bytes,
         (Err(_), Some(shipped)) => shipped.as_bytes().to_vec(),
         (Err(why), None) => {
-            at.wrong(why, "give the path of a DBC file beside the profile, as \"module.dbc\"");
+            at.invalid(why, "give the path of a DBC file beside the profile, as \"module.dbc\"");
             return None;
         }
     };
@@ -63,7 +63,7 @@ fn parse(at: &At<'_>, name: &str) -> Option<DbcFile> {
     DbcFile::read(bytes.clone()).map_err(report).ok()
 }
 
-fn wrong_in_file(at: &At<'_>, file: &str, wrong: Wrong, excerpt: Option<String>) {
+fn wrong_in_file(at: &KeyContext<'_>, file: &str, wrong: Wrong, excerpt: Option<String>) {
     let (line, column) = wrong.at.unzip();
     let in_line = |text: String| {
         let byte = text.char_indices().nth(column.unwrap_or(1) - 1).map_or(text.len(), |(byte, _)| byte);

@@ -11,7 +11,7 @@ use super::bus::{APART, LineKind, Transport};
 use super::label::{self, labelled};
 use super::opcua::{ReadBy, SourceTime};
 use super::quirks::{self, Quirks, RawQuirks};
-use super::{At, Check, dbc};
+use super::{Check, KeyContext, dbc};
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
 use crate::plan::summary;
@@ -224,7 +224,7 @@ impl Device {
     }
 
     /// Reports an error if the device does not allow writing this number of registers.
-    pub(super) fn must_write(&self, at: &At<'_>, registers: u16) {
+    pub(super) fn must_write(&self, at: &KeyContext<'_>, registers: u16) {
         if self.functions.writes(registers).is_none() {
             let functions =
                 if registers == 1 { "\"write-single\" or \"write-multiple\"" } else { "\"write-multiple\"" };
@@ -233,7 +233,7 @@ impl Device {
     }
 
     /// Reports an error if the device does not allow reading this table.
-    pub(super) fn must_read(&self, at: &At<'_>, table: Table) {
+    pub(super) fn must_read(&self, at: &KeyContext<'_>, table: Table) {
         if !self.functions.reads(table) {
             let function = match table {
                 Table::Coil => "read-coils",
@@ -246,50 +246,50 @@ impl Device {
     }
 
     /// Reports functions that the device does not allow.
-    pub(super) fn lacks(&self, at: &At<'_>, needs: &str, functions: &str) {
+    pub(super) fn lacks(&self, at: &KeyContext<'_>, needs: &str, functions: &str) {
         let help = format!("add {functions} to `functions` of the device, if the device supports it");
-        at.wrong(format!("{needs}, which is not among the `functions` of `{}`", self.name), help);
+        at.invalid(format!("{needs}, which is not among the `functions` of `{}`", self.name), help);
     }
 }
 
 impl RawDevice {
-    pub(super) fn resolve(&self, at: &At<'_>, name: &str) -> Option<Device> {
+    pub(super) fn resolve(&self, at: &KeyContext<'_>, name: &str) -> Option<Device> {
         let check = at.check;
         if self.template.is_none() {
             let help = "write template = \"…\" as well, or remove it";
-            at.foreign(&["variant", "sha256", "base", "expect"], "a device template", help);
+            at.not_applicable(&["variant", "sha256", "base", "expect"], "a device template", help);
         }
         let every = at.key("every").period(self.every).unwrap_or(EVERY);
         if self.functions.as_ref().is_some_and(Vec::is_empty) {
             let help = "name the allowed functions, as [\"read-holding\", \"write-multiple\"], or remove the \
                         key to allow all";
-            at.key("functions").wrong("a device without an allowed function cannot be used", help);
+            at.key("functions").invalid("a device without an allowed function cannot be used", help);
         }
         let functions = self.functions.as_deref().map_or(Functions::ALL, Functions::of);
         let bus = at.key("bus").named(&check.buses, self.bus.as_ref());
         let line = bus.and_then(|bus| check.buses.get(bus));
         let over = line.map_or_else(Quirks::default, |line| line.quirks);
         let quirks = self.quirks.as_ref().map_or(over, |quirks| quirks.over(over));
-        if line.is_some_and(|line| line.pipeline > 1 && line.quirks.bear_two()) && !quirks.bear_two() {
-            at.key("quirks").wrong(APART, "remove the quirk, or `pipeline` of the bus");
+        if line.is_some_and(|line| line.pipeline > 1 && line.quirks.support_two()) && !quirks.support_two() {
+            at.key("quirks").invalid(APART, "remove the quirk, or `pipeline` of the bus");
         }
         if line.is_some_and(|line| matches!(line.transport, Transport::Serial(_) | Transport::RtuOverTcp)) {
-            at.key("quirks").foreign(&["gateway"], quirks::OF_TCP, quirks::WAITS);
+            at.key("quirks").not_applicable(&["gateway"], quirks::OF_TCP, quirks::WAITS);
         }
         let kind = self.line_kind(check);
         let on_can = kind.map(|kind| kind == LineKind::Can);
         let (on_opcua, on_sysfs) = (kind == Some(LineKind::OpcUa), kind == Some(LineKind::Sysfs));
         if on_opcua {
             let help = "remove it: an OPC UA server has nodes";
-            at.foreign(&["unit", "functions", "quirks", "base"], "a Modbus device", help);
+            at.not_applicable(&["unit", "functions", "quirks", "base"], "a Modbus device", help);
         } else if on_sysfs {
             let help = "remove it: the sensors of this computer are named at their signals";
-            at.foreign(&["unit", "functions", "quirks", "template"], "a Modbus device", help);
-            at.foreign(&["verify"], "a device with settings that can change", help);
+            at.not_applicable(&["unit", "functions", "quirks", "template"], "a Modbus device", help);
+            at.not_applicable(&["verify"], "a device with settings that can change", help);
         }
         if kind.is_some() && !on_opcua {
             let help = "remove it, or put the device on an opcua line";
-            at.foreign(&["source_time", "read"], "a device on an OPC UA line", help);
+            at.not_applicable(&["source_time", "read"], "a device on an OPC UA line", help);
         }
         let can = node::resolve(self, at, on_can);
         let unit = if on_can == Some(true) {
@@ -334,7 +334,7 @@ impl RawDevice {
     }
 
     /// Checks the unit of a Modbus device.
-    fn unit(&self, at: &At<'_>, transport: Option<Transport>) -> Option<u8> {
+    fn unit(&self, at: &KeyContext<'_>, transport: Option<Transport>) -> Option<u8> {
         let at = at.key("unit");
         if self.unit.is_none() {
             let help = "write the unit identifier of the device, 0 to 255; a device that is alone at its \
@@ -348,7 +348,7 @@ impl RawDevice {
             } else {
                 format!("an RTU line has no unit {unit}: 248 to 255 are reserved")
             };
-            at.wrong(message, "write the address set at the device, 1 to 247");
+            at.invalid(message, "write the address set at the device, 1 to 247");
         }
         self.unit
     }

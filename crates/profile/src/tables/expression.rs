@@ -3,7 +3,7 @@
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::At;
+use super::KeyContext;
 use crate::error::allowed;
 use isotherm_core::compensation::model::{Condition, Expression, ExpressionError, Formula, Symbol};
 use isotherm_core::reading::SignalId;
@@ -12,7 +12,7 @@ use isotherm_core::reading::SignalId;
 const WORDS: [&str; 9] = ["and", "or", "not", "abs", "exp", "ln", "sqrt", "min", "max"];
 
 /// Parses the condition at this key. `of`: the signal that the condition marks as bad, `None` if it marks none.
-pub(super) fn condition(at: &At<'_>, text: Option<&String>, of: Option<&str>) -> Option<Condition> {
+pub(super) fn condition(at: &KeyContext<'_>, text: Option<&String>, of: Option<&str>) -> Option<Condition> {
     let (text, signals) = (text?, &at.check.signals);
     match Condition::parse(text, &|name: &str| signals.place(name).map(SignalId)) {
         Ok(condition) => {
@@ -21,7 +21,7 @@ pub(super) fn condition(at: &At<'_>, text: Option<&String>, of: Option<&str>) ->
                 if of.is_some_and(|of| signals.names[id.0] == of) {
                     let help =
                         "name the status bit of the device; for the value itself write `range` or `bad`";
-                    at.wrong("the signal must not be in its own condition", help);
+                    at.invalid("the signal must not be in its own condition", help);
                 }
             }
             Some(condition)
@@ -35,7 +35,7 @@ pub(super) fn condition(at: &At<'_>, text: Option<&String>, of: Option<&str>) ->
 
 /// Parses the formula of a model over its inputs, its constants and the time since machine start.
 pub(super) fn formula(
-    at: &At<'_>,
+    at: &KeyContext<'_>,
     text: &str,
     inputs: &BTreeMap<String, String>,
     constants: &BTreeMap<String, f64>,
@@ -82,7 +82,7 @@ pub(super) fn formula(
     }
 }
 
-fn check_symbol(at: &At<'_>, name: &str) {
+fn check_symbol(at: &KeyContext<'_>, name: &str) {
     if name == "t" {
         let help = "`t` is always the time since machine start in seconds: choose another name";
         at.wrong_key("`t` is taken", help);
@@ -95,7 +95,7 @@ fn check_symbol(at: &At<'_>, name: &str) {
     }
 }
 
-fn in_text<'n>(at: &At<'_>, text: &str, why: &ExpressionError, known: impl Iterator<Item = &'n str>) {
+fn in_text<'n>(at: &KeyContext<'_>, text: &str, why: &ExpressionError, known: impl Iterator<Item = &'n str>) {
     let rest = text.get(why.at..).unwrap_or_default();
     let end = rest.find(|c: char| !(c.is_alphanumeric() || c == '_')).unwrap_or(rest.len());
     let is_unknown = why.message.contains("is not known");

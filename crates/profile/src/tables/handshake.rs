@@ -6,7 +6,7 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::At;
+use super::KeyContext;
 use super::opcua::{Place, read};
 use super::register::{Flag, Notation};
 use crate::document::Section;
@@ -76,7 +76,12 @@ impl Handshake {
 }
 
 impl RawHandshake {
-    pub(super) fn resolve(&self, at: &At<'_>, device: Option<usize>, is_in_nodes: bool) -> Option<Handshake> {
+    pub(super) fn resolve(
+        &self,
+        at: &KeyContext<'_>,
+        device: Option<usize>,
+        is_in_nodes: bool,
+    ) -> Option<Handshake> {
         let timeout = at.key("timeout").duration(self.timeout);
         let (at_strobe, at_acknowledge) = (at.key("strobe"), at.key("acknowledge"));
         if is_in_nodes {
@@ -97,7 +102,7 @@ impl RawHandshake {
         let acknowledge = flag(&at_acknowledge, self.acknowledge.as_ref());
         if let Some(strobe) = strobe.filter(|strobe| !strobe.address.table.is_writable()) {
             let help = "write a coil or a holding register, as \"coil:20\" or \"holding:101\"";
-            at_strobe.wrong(format!("{} cannot be written", strobe.address), help);
+            at_strobe.invalid(format!("{} cannot be written", strobe.address), help);
             return None;
         }
         let (strobe, acknowledge) = (strobe?, acknowledge?);
@@ -112,7 +117,7 @@ impl RawHandshake {
                     device.name
                 );
                 let help = "add \"write-coil\" to `functions` of the device, or use a holding register";
-                at_strobe.wrong(message, help);
+                at_strobe.invalid(message, help);
             }
             if strobe.address.table == Table::Holding {
                 device.must_write(&at_strobe, 1);
@@ -156,19 +161,19 @@ impl fmt::Display for Bit {
     }
 }
 
-fn itself(at: &At<'_>, strobe: &impl fmt::Display) {
+fn itself(at: &KeyContext<'_>, strobe: &impl fmt::Display) {
     let message = format!("{strobe} is the strobe itself, and would acknowledge at once");
-    at.wrong(message, "name the bit that the control sets when it has accepted the value");
+    at.invalid(message, "name the bit that the control sets when it has accepted the value");
 }
 
-fn flag(at: &At<'_>, place: Option<&Place>) -> Option<Flag> {
+fn flag(at: &KeyContext<'_>, place: Option<&Place>) -> Option<Flag> {
     let text = match place? {
         Place::Register(text) => text,
         node @ Place::Node(_) => return node.is_foreign(at, false),
     };
     let report = |message: String| {
         let help = "allowed: \"coil:20\", \"discrete:20\", \"input:16\", \"input:16.0\", \"holding:101\"";
-        at.wrong(message, help);
+        at.invalid(message, help);
     };
     text.parse().map_err(report).ok()
 }

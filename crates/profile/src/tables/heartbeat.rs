@@ -8,7 +8,7 @@ use serde::Deserialize;
 use super::bus::LineKind;
 use super::opcua::{holds, written};
 use super::register::{Notation, TypeWord, holding};
-use super::{At, sysfs};
+use super::{KeyContext, sysfs};
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
 use crate::{DeviceId, Profile};
@@ -78,12 +78,16 @@ impl Heartbeat {
 }
 
 impl RawHeartbeat {
-    pub(super) fn resolve(&self, at: &At<'_>) -> Option<Heartbeat> {
+    pub(super) fn resolve(&self, at: &KeyContext<'_>) -> Option<Heartbeat> {
         let every = at.key("every").period(self.every);
         let index = at.key("device").named(&at.check.devices, self.device.as_ref());
         let address = match at.check.line_kind(self.device.as_ref()) {
             Some(LineKind::OpcUa) => {
-                at.foreign(&["register"], "a Modbus device", "remove it, and write node = \"ns=2;s=…\"");
+                at.not_applicable(
+                    &["register"],
+                    "a Modbus device",
+                    "remove it, and write node = \"ns=2;s=…\"",
+                );
                 let node = written(at, self.node.as_ref(), self.kind)?;
                 holds(at, &node, FEW)?;
                 Some(Address::Node(node))
@@ -91,18 +95,20 @@ impl RawHeartbeat {
             Some(LineKind::Can) => {
                 let help =
                     "name a Modbus device; a CANopen node has a heartbeat consumer of its own, object 1016";
-                at.key("device")
-                    .wrong("the heartbeat is written to a register, and this device has no registers", help);
+                at.key("device").invalid(
+                    "the heartbeat is written to a register, and this device has no registers",
+                    help,
+                );
                 return None;
             }
             Some(LineKind::Sysfs) => {
                 at.key("device")
-                    .wrong(sysfs::ONLY_READ, "name the device of the control that watches the gateway");
+                    .invalid(sysfs::ONLY_READ, "name the device of the control that watches the gateway");
                 return None;
             }
             _ => {
                 let help = "remove it, and write register = \"holding:100\"";
-                at.foreign(&["node", "type"], "an OPC UA server", help);
+                at.not_applicable(&["node", "type"], "an OPC UA server", help);
                 let place = at.key("register");
                 if self.register.is_none() {
                     place.missing(

@@ -6,7 +6,7 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::At;
+use super::KeyContext;
 use crate::duration::Timespan;
 use crate::size::Size;
 
@@ -46,13 +46,13 @@ impl Default for History {
 }
 
 impl RawHistory {
-    pub(super) fn resolve(&self, at: &At<'_>) -> History {
+    pub(super) fn resolve(&self, at: &KeyContext<'_>) -> History {
         let keep = at.key("keep").duration(self.keep).unwrap_or(KEEP);
         let max_size = match self.max_size {
             None => MAX_SIZE,
             Some(Size(0)) => {
                 at.key("max_size")
-                    .wrong("a size of zero is too small for a log", "write a larger size, as \"2GB\"");
+                    .invalid("a size of zero is too small for a log", "write a larger size, as \"2GB\"");
                 MAX_SIZE
             }
             Some(Size(size)) => size,

@@ -1,19 +1,19 @@
 //! `label`: display name of a machine, an axis, a signal or a device, in any script. It is shown next to the name, and
 //! never replaces it.
 
-use super::At;
+use super::KeyContext;
 
 /// Largest length in characters. A longer label does not fit next to a figure.
 const LONGEST: usize = 60;
 
 /// Checks a label. Returns an empty text if there is none.
-pub(super) fn resolve(at: &At<'_>, raw: Option<&String>) -> String {
+pub(super) fn resolve(at: &KeyContext<'_>, raw: Option<&String>) -> String {
     let Some(label) = raw.map(|label| label.trim()) else { return String::new() };
     let count = label.chars().count();
     if label.is_empty() {
-        at.wrong("the label is empty", "write a name to display, or remove `label`");
+        at.invalid("the label is empty", "write a name to display, or remove `label`");
     } else if count > LONGEST {
-        at.wrong(format!("a label of {count} characters is too long for the page"), "allowed: up to 60");
+        at.invalid(format!("a label of {count} characters is too long for the page"), "allowed: up to 60");
     }
     label.to_owned()
 }

@@ -23,7 +23,7 @@ pub(super) fn check(check: &Check<'_>) {
         let load = |(index, device): (usize, &Option<Device>)| {
             let device = device.as_ref().filter(|device| device.bus.0 == place)?;
             let signals: Vec<&Signal> =
-                check.signals.right().filter(|signal| signal.device.0 == index).collect();
+                check.signals.valid().filter(|signal| signal.device.0 == index).collect();
             Some(least_time(serial, device, &signals) / device.every.as_secs_f64())
         };
         let load: f64 = check.devices.resolved.iter().enumerate().filter_map(load).sum();
@@ -35,7 +35,7 @@ pub(super) fn check(check: &Check<'_>) {
         let help = "poll less often (`every`), raise `baud` here and at the devices, or use a second line";
         let at = check.at("bus").key(&bus.name).key("baud");
         if load > 1.0 {
-            at.wrong(message, help);
+            at.invalid(message, help);
         } else if load > FULL {
             at.warn(message, help);
         }

@@ -5,10 +5,10 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::{At, label};
+use super::{KeyContext, label};
 use crate::duration::Timespan;
 use crate::error::allowed;
-use crate::guarded::guarded_keys;
+use crate::protected_keys::guarded_keys;
 use isotherm_core::compensation::settings::MachineSettings;
 
 /// Settings of the whole machine.
@@ -100,21 +100,21 @@ pub(super) struct Machine {
     pub(super) on_stop: OnStop,
 }
 
-pub(super) fn resolve(at: &At<'_>, raw: Option<&RawMachine>) -> Machine {
+pub(super) fn resolve(at: &KeyContext<'_>, raw: Option<&RawMachine>) -> Machine {
     let Some(raw) = raw else { return Machine::default() };
     let name = raw.name.clone().unwrap_or_default();
     let is_plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
     if raw.name.is_some() && (name.is_empty() || !name.bytes().all(is_plain)) {
         let help = "allowed: small letters a to z, digits and `-`; the name is used in topics, metrics and \
                     file names";
-        at.key("name").wrong(format!("`{name}` cannot be a machine's name"), help);
+        at.key("name").invalid(format!("`{name}` cannot be a machine's name"), help);
     } else if name.len() > LONGEST_NAME {
         let message = format!("a machine's name of {} characters is too long for file names", name.len());
-        at.key("name").wrong(message, format!("allowed: up to {LONGEST_NAME}"));
+        at.key("name").invalid(message, format!("allowed: up to {LONGEST_NAME}"));
     }
     if let Some(version) = raw.version.filter(|version| *version != FORM) {
         let message = format!("a profile of version {version}; this isotherm supports version {FORM}");
-        at.key("version").wrong(message, "install the isotherm version of this profile, or remove the key");
+        at.key("version").invalid(message, "install the isotherm version of this profile, or remove the key");
     }
     let settings = MachineSettings {
         on: at.key("on").signal(raw.on.as_ref()),
@@ -125,7 +125,7 @@ pub(super) fn resolve(at: &At<'_>, raw: Option<&RawMachine>) -> Machine {
     let arm_timeout = at.key("arm_timeout").duration(raw.arm_timeout).unwrap_or(ARM_TIMEOUT);
     if arm_timeout > LONGEST_ARM_TIMEOUT {
         let message = "a request to arm must not wait for more than a day".to_owned();
-        at.key("arm_timeout").wrong(message, "write at most \"24h\"");
+        at.key("arm_timeout").invalid(message, "write at most \"24h\"");
     }
     if let Some(keys) = &raw.allow_override {
         only_guarded(&at.key("allow_override"), keys);
@@ -142,7 +142,7 @@ pub(super) fn resolve(at: &At<'_>, raw: Option<&RawMachine>) -> Machine {
 }
 
 /// Reports keys that a layer may set without permission, or that do not exist.
-fn only_guarded(at: &At<'_>, keys: &[String]) {
+fn only_guarded(at: &KeyContext<'_>, keys: &[String]) {
     let check = at.check;
     let guarded = guarded_keys(&[
         ("axis", &check.axes.names),
@@ -155,6 +155,6 @@ fn only_guarded(at: &At<'_>, keys: &[String]) {
     ]);
     for (place, key) in keys.iter().enumerate().filter(|(_, key)| !guarded.contains(key)) {
         let help = allowed(key, guarded.iter().map(String::as_str));
-        at.item(place).wrong(format!("`{key}` is not a key that needs this permission"), help);
+        at.item(place).invalid(format!("`{key}` is not a key that needs this permission"), help);
     }
 }

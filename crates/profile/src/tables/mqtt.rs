@@ -8,7 +8,7 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::At;
+use super::KeyContext;
 use super::bus::tls::{NamedFile, file};
 use crate::duration::Timespan;
 use crate::error::ProfileError;
@@ -145,7 +145,7 @@ pub struct MqttUser {
 
 impl Mqtt {
     /// Creates an error about the whole table.
-    pub fn wrong(&self, message: &str, help: &str) -> ProfileError {
+    pub fn invalid(&self, message: &str, help: &str) -> ProfileError {
         let (message, help) = (message.to_owned(), Some(help.to_owned()));
         ProfileError { message, help, ..self.table_at.clone() }
     }
@@ -158,9 +158,9 @@ impl Mqtt {
 }
 
 impl RawMqtt {
-    pub(super) fn resolve(&self, at: &At<'_>) -> Option<Mqtt> {
+    pub(super) fn resolve(&self, at: &KeyContext<'_>) -> Option<Mqtt> {
         let broker = self.broker.as_ref().and_then(|broker| {
-            let wrong = |(message, help)| at.key("broker").wrong(message, help);
+            let wrong = |(message, help)| at.key("broker").invalid(message, help);
             BrokerUrl::parse(broker).map_err(wrong).ok()
         });
         let format = self.format.unwrap_or_default();
@@ -178,21 +178,21 @@ impl RawMqtt {
         };
         if format == MqttFormat::SparkplugB {
             let help = "remove it: the birth message of a Sparkplug node lists all values";
-            at.foreign(&["home_assistant"], "format = \"json\"", help);
+            at.not_applicable(&["home_assistant"], "format = \"json\"", help);
         } else {
             let help = "remove it: after a lost connection only the newest values are published; events wait \
                         in memory";
-            at.foreign(&["buffer"], "format = \"sparkplug-b\"", help);
+            at.not_applicable(&["buffer"], "format = \"sparkplug-b\"", help);
         }
         let every = self.every(at);
         let refresh = at.key("refresh").duration(self.refresh).unwrap_or(REFRESH);
         if refresh < every {
             let help = "write a longer duration, or remove `refresh` (default one minute)";
-            at.key("refresh").wrong("`refresh` is shorter than `every`", help);
+            at.key("refresh").invalid("`refresh` is shorter than `every`", help);
         }
         let buffer = match self.buffer {
             Some(Size(size)) if size < 100_000 => {
-                at.key("buffer").wrong(
+                at.key("buffer").invalid(
                     "this size is too small for one minute of values",
                     "write a larger size, as \"100MB\"",
                 );
@@ -216,16 +216,16 @@ impl RawMqtt {
         })
     }
 
-    fn every(&self, at: &At<'_>) -> Duration {
+    fn every(&self, at: &KeyContext<'_>) -> Duration {
         let every = at.key("every").duration(self.every).unwrap_or(EVERY);
         if every < SHORTEST {
             let help = "write \"100ms\" or longer: faster changes are in the logs";
-            at.key("every").wrong("no topic is published this often", help);
+            at.key("every").invalid("no topic is published this often", help);
         }
         every
     }
 
-    fn group(&self, at: &At<'_>, format: MqttFormat) -> Option<String> {
+    fn group(&self, at: &KeyContext<'_>, format: MqttFormat) -> Option<String> {
         let is_sparkplug = format == MqttFormat::SparkplugB;
         let at = at.key("group");
         let Some(group) = &self.group else {
@@ -241,7 +241,7 @@ impl RawMqtt {
         let is_meant =
             |one: char| one.is_control() || matches!(one, '+' | '#') || (one == '/' && is_sparkplug);
         if is_sparkplug && group == "STATE" {
-            at.wrong(
+            at.invalid(
                 "the group `STATE` is reserved: hosts publish their own state there",
                 "give the group another name",
             );
@@ -250,7 +250,7 @@ impl RawMqtt {
         let is_whole = !group.is_empty() && group.split('/').all(|part| !part.is_empty());
         if !is_whole || group.contains(is_meant) || group.starts_with('$') || group.len() > LONGEST_GROUP {
             let slash = if is_sparkplug { "no `/`, " } else { "" };
-            at.wrong(
+            at.invalid(
                 format!("`{group}` cannot begin a topic"),
                 format!("write a short name, as \"plant-1\": {slash}no `+`, no `#`, no `$` at its beginning"),
             );
@@ -260,12 +260,12 @@ impl RawMqtt {
     }
 
     /// Warns about publication without encryption.
-    fn doubts(&self, at: &At<'_>, broker: &BrokerUrl) {
+    fn doubts(&self, at: &KeyContext<'_>, broker: &BrokerUrl) {
         if broker.tls {
             return;
         }
         let help = "remove it, or write mqtts:// in `broker`";
-        at.foreign(&["tls"], "mqtts://", help);
+        at.not_applicable(&["tls"], "mqtts://", help);
         if is_loopback(&broker.host) {
             return;
         }
@@ -285,7 +285,7 @@ impl RawMqtt {
 }
 
 impl RawMqttUser {
-    fn resolve(&self, at: &At<'_>) -> Option<MqttUser> {
+    fn resolve(&self, at: &KeyContext<'_>) -> Option<MqttUser> {
         let help = "name a file that holds the password alone, readable for the gateway only";
         let password = match &self.password_file {
             None => None,
@@ -300,7 +300,7 @@ impl RawMqttUser {
 type Files = (Option<Option<NamedFile>>, Option<Option<(NamedFile, NamedFile)>>);
 
 impl RawMqttTls {
-    fn resolve(&self, at: &At<'_>) -> Files {
+    fn resolve(&self, at: &KeyContext<'_>) -> Files {
         let help = "name a PEM file beside the profile with the certificate of the broker, or of the \
                     authority that signed it";
         let ca = match &self.ca {

@@ -6,11 +6,11 @@ use std::path::PathBuf;
 use schemars::{JsonSchema, Schema};
 use serde::Deserialize;
 
-use super::At;
+use super::KeyContext;
 use super::bus::tls::NamedFile;
 use crate::document::{Section, entries};
 use crate::host_port::is_loopback;
-use crate::span::element;
+use crate::source_map::element;
 use url::Url;
 
 pub(crate) mod url;
@@ -114,7 +114,7 @@ pub struct Notify {
 }
 
 /// Resolves all servers. Reports every error.
-pub(super) fn resolve(at: &At<'_>, raw: &[RawNotify]) -> Vec<Notify> {
+pub(super) fn resolve(at: &KeyContext<'_>, raw: &[RawNotify]) -> Vec<Notify> {
     if raw.len() > MOST {
         let help = "let one server pass the messages on to the others";
         at.wrong_key(format!("{} servers are named; at most {MOST} are allowed", raw.len()), help);
@@ -124,14 +124,14 @@ pub(super) fn resolve(at: &At<'_>, raw: &[RawNotify]) -> Vec<Notify> {
 }
 
 impl RawNotify {
-    fn resolve(&self, at: &At<'_>, place: usize) -> Option<Notify> {
+    fn resolve(&self, at: &KeyContext<'_>, place: usize) -> Option<Notify> {
         let url = self.url.as_ref().and_then(|url| {
-            let wrong = |(message, help): (String, &str)| at.key("url").wrong(message, help);
+            let wrong = |(message, help): (String, &str)| at.key("url").invalid(message, help);
             Url::parse(url).map_err(wrong).ok()
         });
         let on = self.on.as_ref().and_then(|on| triggers(&at.key("on"), on));
         if self.ca.is_some() && url.as_ref().is_some_and(|url| !url.tls) {
-            at.foreign(&["ca"], "https", "remove it, or write https:// in `url`");
+            at.not_applicable(&["ca"], "https", "remove it, or write https:// in `url`");
         }
         let ca = match &self.ca {
             None => Some(None),
@@ -143,7 +143,7 @@ impl RawNotify {
         };
         if self.token_file.is_none() && url.as_ref().is_some_and(Url::has_token) {
             let help = "name the file with the token in `token_file`";
-            at.key("url").wrong("the address has a place for a token, but there is no `token_file`", help);
+            at.key("url").invalid("the address has a place for a token, but there is no `token_file`", help);
         }
         at.key("token_file").secret(self.token_file.as_ref());
         if self.token_file.is_some() && url.as_ref().is_some_and(|url| !url.tls && !is_loopback(&url.host)) {
@@ -155,9 +155,9 @@ impl RawNotify {
     }
 }
 
-fn triggers(at: &At<'_>, written: &[Trigger]) -> Option<Vec<&'static str>> {
+fn triggers(at: &KeyContext<'_>, written: &[Trigger]) -> Option<Vec<&'static str>> {
     if written.is_empty() {
-        at.wrong(
+        at.invalid(
             "the list is empty: nothing would be posted",
             format!("write on = [\"{ALARM}\", \"{ALARM_OVER}\"]"),
         );

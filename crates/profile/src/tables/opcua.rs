@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::At;
+use super::KeyContext;
 use super::register::{TypeWord, holding};
 use isotherm_core::codec::{Address, DataType, Node, NodeId};
 
@@ -56,7 +56,7 @@ pub(super) struct RawNode {
 
 impl Place {
     /// Resolves the register or node of a word that is written. `most` is its largest value.
-    pub(super) fn word(&self, at: &At<'_>, is_in_nodes: bool, most: u16) -> Option<Address> {
+    pub(super) fn word(&self, at: &KeyContext<'_>, is_in_nodes: bool, most: u16) -> Option<Address> {
         match (self, is_in_nodes) {
             (Place::Register(text), false) => holding(at, Some(text)).map(Address::Modbus),
             (Place::Node(raw), true) => Some(Address::Node(raw.word(at, most)?)),
@@ -65,13 +65,15 @@ impl Place {
     }
 
     /// Reports a place on the other kind of line.
-    pub(super) fn is_foreign<T>(&self, at: &At<'_>, is_in_nodes: bool) -> Option<T> {
+    pub(super) fn is_foreign<T>(&self, at: &KeyContext<'_>, is_in_nodes: bool) -> Option<T> {
         match is_in_nodes {
-            true => at.wrong(
+            true => at.invalid(
                 "registers are only for Modbus, but this device is an OPC UA server",
                 "write { node = \"ns=2;s=…\" }, and its type",
             ),
-            false => at.wrong("a node is only for an OPC UA server", "write a register, as \"holding:100\""),
+            false => {
+                at.invalid("a node is only for an OPC UA server", "write a register, as \"holding:100\"")
+            }
         }
         None
     }
@@ -79,7 +81,7 @@ impl Place {
 
 impl RawNode {
     /// Resolves the node of a word that is written. `most` is its largest value.
-    pub(super) fn word(&self, at: &At<'_>, most: u16) -> Option<Node> {
+    pub(super) fn word(&self, at: &KeyContext<'_>, most: u16) -> Option<Node> {
         let node = written(at, self.node.as_ref(), self.kind)?;
         holds(at, &node, most)?;
         Some(node)
@@ -87,14 +89,14 @@ impl RawNode {
 }
 
 /// Checks that a node can hold integers up to `most`.
-pub(super) fn holds(at: &At<'_>, node: &Node, most: u16) -> Option<()> {
+pub(super) fn holds(at: &KeyContext<'_>, node: &Node, most: u16) -> Option<()> {
     let name = node.taken_as().name();
     let message = match node.taken_as().integer_range() {
         Some((_, highest)) if highest >= i128::from(most) => return Some(()),
         Some(_) => format!("{name} cannot contain {most}"),
         None => format!("{name} is no integer type"),
     };
-    at.key("type").wrong(
+    at.key("type").invalid(
         message,
         "the type must be the node's own: name another node, for example of type u16, i16, u32 or i32",
     );
@@ -114,7 +116,7 @@ pub(super) const TYPES: &str =
     "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64; an OPC UA browser shows the node's type";
 
 /// Parses the node at the key `node`.
-pub(super) fn id(at: &At<'_>, text: Option<&String>, what: &str) -> Option<NodeId> {
+pub(super) fn id(at: &KeyContext<'_>, text: Option<&String>, what: &str) -> Option<NodeId> {
     let at = at.key("node");
     let help = "write the server's name of the node, as \"ns=2;s=/Nck/State\" or \
                 \"nsu=http://plc.example;s=/Nck/State\"; `isotherm read --browse` shows it";
@@ -122,14 +124,14 @@ pub(super) fn id(at: &At<'_>, text: Option<&String>, what: &str) -> Option<NodeI
         at.missing(format!("`node` is missing: {what}"), help);
         return None;
     };
-    text.parse().map_err(|why: String| at.wrong(why, help)).ok()
+    text.parse().map_err(|why: String| at.invalid(why, help)).ok()
 }
 
 /// Checks the type at the key `type` for a node.
-pub(super) fn node_type(at: &At<'_>, kind: Option<TypeWord>) -> Result<Option<DataType>, ()> {
+pub(super) fn node_type(at: &KeyContext<'_>, kind: Option<TypeWord>) -> Result<Option<DataType>, ()> {
     match kind {
         Some(TypeWord(DataType::Decimal24(_))) => {
-            at.key("type").wrong("decimal24 is a type of Modbus displays", TYPES);
+            at.key("type").invalid("decimal24 is a type of Modbus displays", TYPES);
             Err(())
         }
         Some(TypeWord(data_type)) => Ok(Some(data_type)),
@@ -138,23 +140,23 @@ pub(super) fn node_type(at: &At<'_>, kind: Option<TypeWord>) -> Result<Option<Da
 }
 
 /// Resolves the node of a signal. Without a type, any number is accepted.
-pub(super) fn read(at: &At<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
+pub(super) fn read(at: &KeyContext<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
     let (id, data_type) = (id(at, text, "which node is read?"), node_type(at, kind));
     Some(Node { id: id?, data_type: data_type.ok()? })
 }
 
 /// Resolves the node of an output, which is written in its own type.
-pub(super) fn written(at: &At<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
+pub(super) fn written(at: &KeyContext<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
     typed(at, text, kind, ("which node is written?", "a server accepts a value only in the node's own type"))
 }
 
 /// Resolves the node of a check, which is compared in its own type.
-pub(super) fn compared(at: &At<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
+pub(super) fn compared(at: &KeyContext<'_>, text: Option<&String>, kind: Option<TypeWord>) -> Option<Node> {
     typed(at, text, kind, ("which node is read?", "the value is compared in the node's own type"))
 }
 
 fn typed(
-    at: &At<'_>,
+    at: &KeyContext<'_>,
     text: Option<&String>,
     kind: Option<TypeWord>,
     (which, why): (&str, &str),

@@ -11,7 +11,7 @@ use super::handshake::RawHandshake;
 use super::register::{self, Notation, TypeWord, WordOrderWord, plain};
 use super::restart::RawRestart;
 use super::signal::ChannelValue;
-use super::{At, Check, expression, opcua, sysfs};
+use super::{Check, KeyContext, expression, opcua, sysfs};
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
 use crate::wording::counted;
@@ -254,7 +254,7 @@ struct Target {
 }
 
 impl RawOutput {
-    pub(super) fn resolve(&self, at: &At<'_>, name: &str) -> Option<Output> {
+    pub(super) fn resolve(&self, at: &KeyContext<'_>, name: &str) -> Option<Output> {
         let check = at.check;
         let axis = at.key("axis").named(&check.axes, self.axis.as_ref());
         self.keeps_pace(at);
@@ -265,7 +265,7 @@ impl RawOutput {
         let kind = check.line_kind(self.device.as_ref());
         if kind == Some(LineKind::Sysfs) {
             at.key("device")
-                .wrong(sysfs::ONLY_READ, "name the device of the control that receives the value");
+                .invalid(sysfs::ONLY_READ, "name the device of the control that receives the value");
             return None;
         }
         self.foreign_keys(at, kind);
@@ -300,23 +300,23 @@ impl RawOutput {
     }
 
     /// Reports keys that belong to another kind of line.
-    fn foreign_keys(&self, at: &At<'_>, kind: Option<LineKind>) {
+    fn foreign_keys(&self, at: &KeyContext<'_>, kind: Option<LineKind>) {
         let (Some(kind), Some(device)) = (kind, &self.device) else { return };
         if kind == LineKind::OpcUa {
             return self.foreign_to_a_server(at, device);
         }
-        at.foreign(&["node"], "an OPC UA server", "remove it, or put the device on an opcua line");
+        at.not_applicable(&["node"], "an OPC UA server", "remove it, or put the device on an opcua line");
         if kind == LineKind::Modbus {
             let help = format!("`{device}` is on a Modbus line: write register = \"holding:100\"");
-            at.foreign(&["pdo", "sdo", "frame"], "a device on a CAN line", &help);
+            at.not_applicable(&["pdo", "sdo", "frame"], "a device on a CAN line", &help);
             register::not_smaller_than_a_register(&at.key("type"), self.kind, "take \"u16\" or \"i16\"");
             return;
         }
         let of_modbus = ["register", "word_order", "byte_swap", "beside", "stale", "set", "handshake"];
         let help = format!("`{device}` is on a CAN line: remove it; a value is written by pdo, sdo or frame");
-        at.foreign(&of_modbus, "a Modbus device", &help);
+        at.not_applicable(&of_modbus, "a Modbus device", &help);
         if at.key("restart").has("boot_counter") {
-            at.foreign(&["restart"], "a Modbus device", &help);
+            at.not_applicable(&["restart"], "a Modbus device", &help);
         }
         if self.share == Some(Share::Ledger) {
             let message = "share = \"ledger\" is allowed only for a Modbus device";
@@ -324,11 +324,11 @@ impl RawOutput {
         }
     }
 
-    fn foreign_to_a_server(&self, at: &At<'_>, device: &str) {
+    fn foreign_to_a_server(&self, at: &KeyContext<'_>, device: &str) {
         let help = format!("`{device}` is an OPC UA server: remove it; a value is written by node");
         let of_modbus = ["register", "word_order", "byte_swap", "beside", "stale", "read_back"];
-        at.foreign(&of_modbus, "a Modbus device", &help);
-        at.foreign(&["pdo", "sdo", "frame"], "a device on a CAN line", &help);
+        at.not_applicable(&of_modbus, "a Modbus device", &help);
+        at.not_applicable(&["pdo", "sdo", "frame"], "a device on a CAN line", &help);
     }
 
     /// Returns whether the output writes another quantity than a corrected position.
@@ -341,11 +341,11 @@ impl RawOutput {
         self.writes.is_some_and(|writes| writes != WritesWord::Offset)
     }
 
-    pub(super) fn is_believed_by_its_echo(&self) -> bool {
+    pub(super) fn is_accepted_by_echo(&self) -> bool {
         self.verify == Some(VerifyWord::Echo)
     }
 
-    fn in_registers(&self, at: &At<'_>, device: Option<usize>) -> Option<Target> {
+    fn in_registers(&self, at: &KeyContext<'_>, device: Option<usize>) -> Option<Target> {
         if !["pdo", "sdo", "frame"].into_iter().any(|key| at.has(key)) {
             if self.register.is_none() {
                 let help = "write a holding register, as \"holding:104\" or \"40105\"";
@@ -365,7 +365,7 @@ impl RawOutput {
         let scale = self.scale(&at.key("scale"), data_type);
         let (address, data_type) = (address?, data_type?);
         register::fits(&place, address, data_type);
-        let verify = if self.is_believed_by_its_echo() { Verify::Echo } else { Verify::ReadBack };
+        let verify = if self.is_accepted_by_echo() { Verify::Echo } else { Verify::ReadBack };
         if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
             device.must_write(&place, data_type.registers());
             if verify == Verify::ReadBack {
@@ -385,14 +385,14 @@ impl RawOutput {
         Some(Target { address: address.into(), encoding, verify, share, applied, display })
     }
 
-    fn in_a_node(&self, at: &At<'_>, device: Option<usize>) -> Option<Target> {
+    fn in_a_node(&self, at: &KeyContext<'_>, device: Option<usize>) -> Option<Target> {
         let node = opcua::written(at, self.node.as_ref(), self.kind);
         let data_type = node.as_ref().map(Node::taken_as);
         not_one_bit(&at.key("type"), data_type);
         let scale = self.scale(&at.key("scale"), data_type);
         let (node, data_type) = (node?, data_type?);
         let bias = self.bias(&at.key("bias"), data_type);
-        let verify = if self.is_believed_by_its_echo() { Verify::Echo } else { Verify::ReadBack };
+        let verify = if self.is_accepted_by_echo() { Verify::Echo } else { Verify::ReadBack };
         let share = share::resolve(self, at, data_type, device);
         let encoding = Encoding { scale: scale?, bias, ..plain(data_type) };
         let (applied, display) = (None, Display::default());
@@ -400,7 +400,7 @@ impl RawOutput {
     }
 
     /// Resolves the size of one count at its key.
-    fn scale(&self, at: &At<'_>, data_type: Option<DataType>) -> Option<Scale> {
+    fn scale(&self, at: &KeyContext<'_>, data_type: Option<DataType>) -> Option<Scale> {
         let is_whole = data_type?.integer_range().is_some();
         match self.scale {
             Some(scale) => register::scale(at, scale),
@@ -414,16 +414,16 @@ impl RawOutput {
         }
     }
 
-    fn bias(&self, at: &At<'_>, data_type: DataType) -> i64 {
+    fn bias(&self, at: &KeyContext<'_>, data_type: DataType) -> i64 {
         let bias = self.bias.unwrap_or(0);
         if data_type.integer_range().is_none() && bias != 0 {
             let help = "remove `bias`: a floating-point register can hold negative values";
-            at.wrong("`bias` is allowed only with integer types", help);
+            at.invalid("`bias` is allowed only with integer types", help);
         }
         bias
     }
 
-    fn on_can(&self, at: &At<'_>, name: &str, device: Option<usize>) -> Option<Target> {
+    fn on_can(&self, at: &KeyContext<'_>, name: &str, device: Option<usize>) -> Option<Target> {
         let target = self.target_on_can(at, name, device);
         let data_type = target.as_ref().map(|(address, _)| match address {
             Address::Frame(field) => field.bits.data_type(),
@@ -441,7 +441,12 @@ impl RawOutput {
         Some(Target { address, encoding, verify, share: Share::Whole, applied, display })
     }
 
-    fn target_on_can(&self, at: &At<'_>, name: &str, device: Option<usize>) -> Option<(Address, Verify)> {
+    fn target_on_can(
+        &self,
+        at: &KeyContext<'_>,
+        name: &str,
+        device: Option<usize>,
+    ) -> Option<(Address, Verify)> {
         let places = ["pdo", "sdo", "frame"];
         match places.into_iter().filter(|key| at.has(key)).count() {
             1 => {}
@@ -468,7 +473,7 @@ impl RawOutput {
             }
             let types = "allowed: u8, i8, u16, i16, u32, i32, u64, i64, f32, f64";
             let address = can::object(at, sdo, self.kind, owner, types)?;
-            let verify = if self.is_believed_by_its_echo() { Verify::Echo } else { Verify::ReadBack };
+            let verify = if self.is_accepted_by_echo() { Verify::Echo } else { Verify::ReadBack };
             return Some((address, verify));
         }
         if self.kind.is_some() {
@@ -499,7 +504,7 @@ impl RawOutput {
     }
 
     /// Reports an axis that is faster than the control can follow. The control would lag unnoticed.
-    fn keeps_pace(&self, at: &At<'_>) {
+    fn keeps_pace(&self, at: &KeyContext<'_>) {
         let most = at.key("largest_step").positive(self.largest_step);
         let least = at.key("shortest_every").duration(self.shortest_every);
         let Some(name) = &self.axis else { return };
@@ -509,28 +514,28 @@ impl RawOutput {
         if let Some((most, step)) = most.zip(axis.step).filter(|(most, step)| step > most) {
             let message =
                 format!("a step of {step} µm is larger than `{device}` can follow at once, {most} µm");
-            of_axis.key("step").wrong(message, format!("write step = {most:?} or less"));
+            of_axis.key("step").invalid(message, format!("write step = {most:?} or less"));
         }
         let every = axis.every.map(|Timespan(every)| every);
         if let Some((least, every)) = least.zip(every).filter(|(least, every)| every < least) {
             let (least, every) = (shown(least), shown(every));
             let message =
                 format!("`{device}` can follow one update in {least}, but the axis makes one in {every}");
-            of_axis.key("every").wrong(message, format!("write every = \"{least}\" or longer"));
+            of_axis.key("every").invalid(message, format!("write every = \"{least}\" or longer"));
         }
     }
 }
 
-fn not_one_bit(at: &At<'_>, data_type: Option<DataType>) {
+fn not_one_bit(at: &KeyContext<'_>, data_type: Option<DataType>) {
     if data_type == Some(DataType::Bool) {
         let help = "write an integer or floating-point type: i16, i32, f32, …";
-        at.wrong("one bit cannot hold a compensation value", help);
+        at.invalid("one bit cannot hold a compensation value", help);
     }
 }
 
 /// Checks each output with its axis, and gives each axis the coarsest count of its outputs.
 pub(super) fn note_counts(check: &mut Check<'_>) {
-    for output in check.outputs.right() {
+    for output in check.outputs.valid() {
         let at = check.at("output").key(&output.name);
         if let Some(axis) = check.axes.get(output.axis.0) {
             writes::can_move(&at, output, axis);

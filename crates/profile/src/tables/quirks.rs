@@ -100,7 +100,7 @@ impl Default for Quirks {
 
 impl Quirks {
     /// Returns whether two requests may be under way: neither a pause nor a new connection separates them.
-    pub const fn bear_two(self) -> bool {
+    pub const fn support_two(self) -> bool {
         self.pause_between_requests.is_zero() && !self.close_after_each
     }
 }

@@ -6,7 +6,7 @@ use std::str::FromStr;
 use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer};
 
-use super::At;
+use super::KeyContext;
 use crate::document::{Json, Section, entries};
 use crate::schema_of::schema_of;
 use isotherm_core::codec::{Address, DataType, Encoding, Register, Scale, Table, WordOrder};
@@ -198,7 +198,7 @@ pub(super) fn one(register: Register) -> DataType {
 }
 
 /// Parses the register at this key.
-pub(super) fn register(at: &At<'_>, text: Option<&String>) -> Option<Register> {
+pub(super) fn register(at: &KeyContext<'_>, text: Option<&String>) -> Option<Register> {
     let text = text?;
     let why = match text.parse::<Register>() {
         Ok(address) => return Some(address),
@@ -209,25 +209,25 @@ pub(super) fn register(at: &At<'_>, text: Option<&String>) -> Option<Register> {
     let near = near.filter(|near| *near != table && !table.is_empty());
     let (message, help) = why.split_once("; ").unwrap_or((&why, "write \"input:0\" or \"30001\""));
     let near = near.map(|near| format!("did you mean `{near}`? ")).unwrap_or_default();
-    at.wrong(message, format!("{near}{help}"));
+    at.invalid(message, format!("{near}{help}"));
     None
 }
 
 /// Parses a register, or one bit of it.
-pub(super) fn cell(at: &At<'_>, text: &String) -> Option<Flag> {
+pub(super) fn cell(at: &KeyContext<'_>, text: &String) -> Option<Flag> {
     match text.parse::<Flag>() {
         Ok(flag) => Some(flag),
         Err(_) if !text.contains('.') => register(at, Some(text)).map(|address| Flag { address, bit: None }),
         Err(message) => {
             let help = "write a register as \"input:50\", or one bit of it as \"input:50.3\"";
-            at.wrong(message, help);
+            at.invalid(message, help);
             None
         }
     }
 }
 
 /// Parses a holding register.
-pub(super) fn holding(at: &At<'_>, text: Option<&String>) -> Option<Register> {
+pub(super) fn holding(at: &KeyContext<'_>, text: Option<&String>) -> Option<Register> {
     let address = register(at, text)?;
     if address.table == Table::Holding {
         return Some(address);
@@ -237,22 +237,22 @@ pub(super) fn holding(at: &At<'_>, text: Option<&String>) -> Option<Register> {
     } else {
         format!("{address} cannot be written: {} registers are read-only", address.table.name())
     };
-    at.wrong(message, "write to a holding register, as \"holding:100\" or \"40101\"");
+    at.invalid(message, "write to a holding register, as \"holding:100\" or \"40101\"");
     None
 }
 
 /// Reports a value that ends beyond the last register.
-pub(super) fn fits(at: &At<'_>, address: Register, data_type: DataType) {
+pub(super) fn fits(at: &KeyContext<'_>, address: Register, data_type: DataType) {
     let last = u32::from(address.offset) + u32::from(data_type.registers()) - 1;
     if last > u32::from(u16::MAX) {
         let message = format!("{} at {address} ends at {last}, beyond the last register", data_type.name());
-        at.wrong(message, "allowed: addresses up to 65535");
+        at.invalid(message, "allowed: addresses up to 65535");
     }
 }
 
 /// Resolves the key `word_order`. Reports it if it is missing and required.
 pub(super) fn word_order(
-    at: &At<'_>,
+    at: &KeyContext<'_>,
     data_type: Option<DataType>,
     given: Option<WordOrderWord>,
 ) -> Option<WordOrder> {
@@ -272,18 +272,18 @@ pub(super) fn word_order(
     }
 }
 
-pub(super) fn scale(at: &At<'_>, scale: f64) -> Option<Scale> {
+pub(super) fn scale(at: &KeyContext<'_>, scale: f64) -> Option<Scale> {
     if scale.abs() < f64::MIN_POSITIVE {
-        at.wrong("a scale of zero makes every value the same", "write the value of one count");
+        at.invalid("a scale of zero makes every value the same", "write the value of one count");
         return None;
     }
     Some(Scale::of(scale))
 }
 
 /// Reports a type that is smaller than a register.
-pub(super) fn not_smaller_than_a_register(at: &At<'_>, kind: Option<TypeWord>, help: &str) {
+pub(super) fn not_smaller_than_a_register(at: &KeyContext<'_>, kind: Option<TypeWord>, help: &str) {
     if let Some(TypeWord(small)) = kind.filter(|kind| kind.0.width() == 8) {
-        at.wrong(format!("{} is smaller than a register", small.name()), help);
+        at.invalid(format!("{} is smaller than a register", small.name()), help);
     }
 }
 

@@ -11,7 +11,7 @@ use super::opcua::{Place, read};
 use super::register::{plain, register};
 use super::signal::Signal;
 use super::signal::unit::Unit;
-use super::{At, Check};
+use super::{Check, KeyContext};
 use crate::DeviceId;
 use isotherm_core::codec::{Address, DataType, Node};
 use isotherm_core::reading::SignalId;
@@ -28,7 +28,7 @@ pub(super) struct RawRestart {
 }
 
 /// Boot counter of a device.
-struct Known {
+struct BootCounter {
     device: DeviceId,
     address: Address,
     signal: SignalId,
@@ -38,7 +38,7 @@ struct Known {
 
 /// Adds one signal for each device whose outputs name a boot counter.
 pub(super) fn boot_counters(check: &mut Check<'_>) {
-    let mut known: Vec<Known> = Vec::new();
+    let mut known: Vec<BootCounter> = Vec::new();
     for place in 0..check.outputs.names.len() {
         let Some((device, address, line)) = boot_counter(check, place, &known) else { continue };
         let signal = match known.iter().find(|known| known.device == device) {
@@ -49,7 +49,7 @@ pub(super) fn boot_counters(check: &mut Check<'_>) {
                 let timeout = check.bus_of(of).map_or(Duration::ZERO, |bus| bus.timeout);
                 let counter = counter(of, device, address.clone(), timeout);
                 check.signals.resolved.push(Some(counter));
-                known.push(Known { device, address, signal, line });
+                known.push(BootCounter { device, address, signal, line });
                 signal
             }
         };
@@ -60,7 +60,11 @@ pub(super) fn boot_counters(check: &mut Check<'_>) {
 }
 
 /// Returns the device, the register and the place of the boot counter of an output, if it is valid.
-fn boot_counter(check: &Check<'_>, place: usize, known: &[Known]) -> Option<(DeviceId, Address, String)> {
+fn boot_counter(
+    check: &Check<'_>,
+    place: usize,
+    known: &[BootCounter],
+) -> Option<(DeviceId, Address, String)> {
     let name = &check.outputs.names[place];
     let counts = check.raw.output.get(name)?.restart.as_ref()?.boot_counter.as_ref()?;
     let at = check.at("output").key(name).key("restart").key("boot_counter");
@@ -76,17 +80,17 @@ fn boot_counter(check: &Check<'_>, place: usize, known: &[Known]) -> Option<(Dev
         device.must_read(&at, register.table);
     }
     let other = known.iter().find(|known| known.device == output.device && known.address != address);
-    if let Some(Known { address, line, .. }) = other {
+    if let Some(BootCounter { address, line, .. }) = other {
         let address = address.register().map_or_else(|| address.to_string(), |register| register.to_string());
         let message = format!("`{}` has its boot counter at {address} already ({line})", device.name);
-        at.wrong(message, "a device restarts as a whole: write the same boot counter at all its outputs");
+        at.invalid(message, "a device restarts as a whole: write the same boot counter at all its outputs");
         return None;
     }
     Some((output.device, address, at.line()))
 }
 
 /// Resolves the register or node of a boot counter.
-fn counts_there(at: &At<'_>, place: &Place, is_in_nodes: bool) -> Option<Address> {
+fn counts_there(at: &KeyContext<'_>, place: &Place, is_in_nodes: bool) -> Option<Address> {
     let text = match (place, is_in_nodes) {
         (Place::Register(text), false) => text,
         (Place::Node(raw), true) => return read(at, raw.node.as_ref(), raw.kind).map(Address::Node),
@@ -95,7 +99,7 @@ fn counts_there(at: &At<'_>, place: &Place, is_in_nodes: bool) -> Option<Address
     let address = register(at, Some(text))?;
     if address.table.is_bits() {
         let help = "write a holding or input register, as \"holding:98\"; for a single bit, use machine.on";
-        at.wrong(format!("{address} is one bit, which cannot count"), help);
+        at.invalid(format!("{address} is one bit, which cannot count"), help);
         return None;
     }
     Some(address.into())

@@ -14,7 +14,7 @@ use super::opcua::Place;
 use super::output::Output;
 use super::output::share::Share;
 use super::register::{Notation, holding};
-use super::{At, Check};
+use super::{Check, KeyContext};
 use crate::document::{Json, Section, entries};
 use crate::wording::duration_text;
 use crate::{DeviceId, OutputId, Profile, SetId};
@@ -117,7 +117,7 @@ impl OutputSet {
     }
 
     /// Returns the table of the set in the profile.
-    pub(super) fn at<'c>(&self, check: &'c Check<'c>) -> At<'c> {
+    pub(super) fn at<'c>(&self, check: &'c Check<'c>) -> KeyContext<'c> {
         check.at(if self.is_named { "set" } else { "output" }).key(&self.name)
     }
 
@@ -390,23 +390,23 @@ fn members(check: &Check<'_>) -> Vec<(usize, usize)> {
 }
 
 /// Reports an output that cannot be in a set or handshake, because its register must be read and not be shared.
-fn can_be_exchanged(at: &At<'_>, key: &str, output: &Output) {
+fn can_be_exchanged(at: &KeyContext<'_>, key: &str, output: &Output) {
     if output.writes.position().is_some() {
         let help = format!("remove `{key}`: the corrected position is written as soon as its scale is read");
         at.key(key).wrong_key("a corrected position is written at each reading of the scale", help);
     }
-    if at.check.raw.output.get(&output.name).is_some_and(|raw| raw.is_believed_by_its_echo()) {
+    if at.check.raw.output.get(&output.name).is_some_and(|raw| raw.is_accepted_by_echo()) {
         let message = format!("with a {key} the register is read before and after each write");
-        at.key("verify").wrong(message, "write verify = \"read-back\"");
+        at.key("verify").invalid(message, "write verify = \"read-back\"");
     }
     if output.share == Share::Ledger {
         let message = format!("share = \"ledger\" and {key} exclude each other");
-        at.key("share").wrong(message, format!("remove `{key}`, or write share = \"whole\""));
+        at.key("share").invalid(message, format!("remove `{key}`, or write share = \"whole\""));
     }
 }
 
 impl RawSet {
-    fn resolve(&self, at: &At<'_>, name: &str, members: &[usize]) -> Option<OutputSet> {
+    fn resolve(&self, at: &KeyContext<'_>, name: &str, members: &[usize]) -> Option<OutputSet> {
         let check = at.check;
         let of_set: Vec<&Output> = members.iter().filter_map(|output| check.outputs.get(*output)).collect();
         let is_in_nodes = of_set.iter().any(|output| output.address.node().is_some());
@@ -440,7 +440,7 @@ impl RawSet {
             let message =
                 format!("set `{name}` is written to `{there}`: one request cannot reach two devices");
             let of_output = check.at("output").key(&output.name);
-            of_output.key("device").wrong(message, "use another set for this output");
+            of_output.key("device").invalid(message, "use another set for this output");
         }
         let set = OutputSet {
             name: name.to_owned(),

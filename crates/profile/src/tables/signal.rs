@@ -9,7 +9,7 @@ use super::bus::LineKind;
 use super::can::{self, RawFrame, RawPdo, Sender};
 use super::label::{self, labelled};
 use super::register::{self, Flag, Notation, TypeWord, WordOrderWord, plain};
-use super::{At, dbc, expression, opcua, sysfs};
+use super::{KeyContext, dbc, expression, opcua, sysfs};
 use crate::dbc::Described;
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
@@ -234,7 +234,7 @@ struct Located {
 }
 
 impl RawSignal {
-    pub(super) fn resolve(&self, at: &At<'_>, name: &str) -> Option<Signal> {
+    pub(super) fn resolve(&self, at: &KeyContext<'_>, name: &str) -> Option<Signal> {
         let check = at.check;
         let index = at.key("device").named(&check.devices, self.device.as_ref());
         let device = index.and_then(|index| check.devices.get(index));
@@ -249,7 +249,7 @@ impl RawSignal {
         let range = self.range.map(|[low, high]| {
             if low >= high {
                 let message = format!("the range {low} to {high} is empty");
-                at.key("range").wrong(message, "write the smaller value first, as [-10.0, 80.0]");
+                at.key("range").invalid(message, "write the smaller value first, as [-10.0, 80.0]");
             }
             (low, high)
         });
@@ -306,39 +306,43 @@ impl RawSignal {
     }
 
     /// Reports keys that belong to another kind of line.
-    fn foreign_keys(&self, at: &At<'_>, kind: Option<LineKind>) {
+    fn foreign_keys(&self, at: &KeyContext<'_>, kind: Option<LineKind>) {
         let (Some(kind), Some(device)) = (kind, &self.device) else { return };
         if kind == LineKind::Sysfs {
             let help = format!(
                 "`{device}` is for sensors of this computer: write sensor = \"w1:28-…\" or \
                  \"hwmon:NAME/LABEL\""
             );
-            at.foreign(
+            at.not_applicable(
                 &["register", "node", "dbc", "pdo", "sdo", "frame", "channel"],
                 "a device on another kind of line",
                 &help,
             );
             let help = "remove it: the kernel gives a temperature, and reports itself if there is none";
-            at.foreign(
+            at.not_applicable(
                 &["type", "word_order", "byte_swap", "merge", "bad", "counter"],
                 "a device on another kind of line",
                 help,
             );
             return;
         }
-        at.foreign(&["sensor"], "a sensor of this computer", "remove it, or put the device on a sysfs line");
+        at.not_applicable(
+            &["sensor"],
+            "a sensor of this computer",
+            "remove it, or put the device on a sysfs line",
+        );
         if kind == LineKind::OpcUa {
             let help = format!("`{device}` is an OPC UA server: write node = \"ns=2;s=…\"");
-            at.foreign(&["register", "word_order", "byte_swap", "merge"], "a Modbus device", &help);
-            at.foreign(&["dbc", "pdo", "sdo", "frame"], "a device on a CAN line", &help);
+            at.not_applicable(&["register", "word_order", "byte_swap", "merge"], "a Modbus device", &help);
+            at.not_applicable(&["dbc", "pdo", "sdo", "frame"], "a device on a CAN line", &help);
             let help = "remove it: a node needs no command before a read";
-            at.key("counter").foreign(&["capture"], "a Modbus device", help);
+            at.key("counter").not_applicable(&["capture"], "a Modbus device", help);
             return;
         }
-        at.foreign(&["node"], "an OPC UA server", "remove it, or put the device on an opcua line");
+        at.not_applicable(&["node"], "an OPC UA server", "remove it, or put the device on an opcua line");
         if kind == LineKind::Modbus {
             let help = format!("`{device}` is on a Modbus line: write register = \"input:0\"");
-            at.foreign(&["dbc", "pdo", "sdo", "frame"], "a device on a CAN line", &help);
+            at.not_applicable(&["dbc", "pdo", "sdo", "frame"], "a device on a CAN line", &help);
             let help = "use \"u16\" or \"i16\", or one bit, as \"input:50.3\"";
             register::not_smaller_than_a_register(&at.key("type"), self.kind, help);
             return;
@@ -347,12 +351,12 @@ impl RawSignal {
             "`{device}` is on a CAN line: remove it, and write dbc, pdo, sdo or frame for the place of the \
              value"
         );
-        at.foreign(&["register", "word_order", "byte_swap", "merge"], "a Modbus device", &help);
+        at.not_applicable(&["register", "word_order", "byte_swap", "merge"], "a Modbus device", &help);
         let help = "remove it: a CAN device sends its count by itself";
-        at.key("counter").foreign(&["capture"], "a Modbus device", help);
+        at.key("counter").not_applicable(&["capture"], "a Modbus device", help);
     }
 
-    fn in_a_node(&self, at: &At<'_>) -> Option<Located> {
+    fn in_a_node(&self, at: &KeyContext<'_>) -> Option<Located> {
         let node = opcua::read(at, self.node.as_ref(), self.kind);
         let scale = register::scale(&at.key("scale"), self.scale.unwrap_or(1.0));
         let bad = sentinels(self.bad.as_ref(), &at.key("bad"));
@@ -364,7 +368,7 @@ impl RawSignal {
         Some(Located { address: Address::Node(node), encoding, unit })
     }
 
-    fn of_this_computer(&self, at: &At<'_>) -> Option<Located> {
+    fn of_this_computer(&self, at: &KeyContext<'_>) -> Option<Located> {
         let sensor = sysfs::sensor(at, self.sensor.as_ref());
         sysfs::unit(&at.key("unit"), self.unit.as_deref());
         let scale = register::scale(&at.key("scale"), self.scale.unwrap_or(1.0))?;
@@ -372,7 +376,7 @@ impl RawSignal {
         Some(Located { address: Address::Sensor(sensor?), encoding, unit: Some(Unit("degC")) })
     }
 
-    fn in_registers(&self, at: &At<'_>, device: Option<usize>) -> Option<Located> {
+    fn in_registers(&self, at: &KeyContext<'_>, device: Option<usize>) -> Option<Located> {
         let cell = match &self.register {
             Some(text) => register::cell(&at.key("register"), text),
             None => {
@@ -399,7 +403,7 @@ impl RawSignal {
                 let (name, registers) = (data_type.name(), data_type.registers());
                 let message = format!("{name} needs {registers} registers, but one request reads {most}");
                 let help = "raise `max_registers_per_request` in the quirks, or use a smaller type";
-                at.key("type").wrong(message, help);
+                at.key("type").invalid(message, help);
             }
         }
         let is_bit = matches!(data_type, DataType::Bool | DataType::Bit(_));
@@ -415,17 +419,17 @@ impl RawSignal {
     }
 
     /// Resolves the type of a register or a bit.
-    fn type_in(&self, at: &At<'_>, cell: Flag) -> Option<DataType> {
+    fn type_in(&self, at: &KeyContext<'_>, cell: Flag) -> Option<DataType> {
         let kind = self.kind.map(|TypeWord(kind)| kind);
         let is_bits = cell.address.table.is_bits();
         if is_bits || cell.bit.is_some() {
             if let Some(wrong) = kind.filter(|kind| *kind != DataType::Bool) {
                 let message = format!("{} is not possible for one bit", wrong.name());
                 if is_bits {
-                    at.wrong(message, "a coil and a discrete input are \"bool\": leave `type` out");
+                    at.invalid(message, "a coil and a discrete input are \"bool\": leave `type` out");
                     return None;
                 }
-                at.wrong(message, "one bit is \"bool\": leave `type` out");
+                at.invalid(message, "one bit is \"bool\": leave `type` out");
             }
             return Some(cell.bit.map_or(DataType::Bool, DataType::Bit));
         }
@@ -437,7 +441,7 @@ impl RawSignal {
         kind
     }
 
-    fn on_can(&self, at: &At<'_>) -> Option<Located> {
+    fn on_can(&self, at: &KeyContext<'_>) -> Option<Located> {
         let device = self.device.as_deref()?;
         let own = (self.scale.unwrap_or(1.0), self.offset.unwrap_or(0.0));
         let (address, (scale, offset), unit) = if let Some(name) = &self.dbc {
@@ -479,14 +483,14 @@ impl RawSignal {
         Some(Located { address, encoding: Encoding { scale, offset, bad, ..plain(data_type) }, unit })
     }
 
-    fn no_type(&self, at: &At<'_>, help: &str) {
+    fn no_type(&self, at: &KeyContext<'_>, help: &str) {
         if self.kind.is_some() {
             at.key("type").wrong_key("on a CAN line, `type` is allowed only with `sdo`", help);
         }
     }
 
     /// Resolves scale and offset, which belong together. Replacing only one of them would give wrong values.
-    fn scale_over(&self, at: &At<'_>, found: &Described) -> Option<(f64, f64)> {
+    fn scale_over(&self, at: &KeyContext<'_>, found: &Described) -> Option<(f64, f64)> {
         let (missing, there, is_plain) = match (self.scale, self.offset) {
             (None, None) => return Some((found.scale, found.offset)),
             (Some(scale), Some(offset)) => return Some((scale, offset)),
@@ -500,11 +504,11 @@ impl RawSignal {
             "the DBC file has scale {} and offset {}; `scale` and `offset` can only be replaced together",
             found.scale, found.offset
         );
-        at.key(there).wrong(message, format!("write `{missing}` as well, or remove both"));
+        at.key(there).invalid(message, format!("write `{missing}` as well, or remove both"));
         None
     }
 
-    fn agrees_with_unit(&self, at: &At<'_>, of_file: Option<Unit>) {
+    fn agrees_with_unit(&self, at: &KeyContext<'_>, of_file: Option<Unit>) {
         let own = self.unit.as_deref().and_then(Unit::named);
         let Some((own, of_file)) = own.zip(of_file).filter(|(own, of_file)| own != of_file) else { return };
         if self.scale.is_none() {
@@ -512,7 +516,7 @@ impl RawSignal {
                 "write unit = \"{}\", or the `scale` and `offset` that convert the raw count to \"{}\"",
                 of_file.0, own.0
             );
-            at.key("unit").wrong(format!("the DBC file has this signal in \"{}\"", of_file.0), help);
+            at.key("unit").invalid(format!("the DBC file has this signal in \"{}\"", of_file.0), help);
         }
     }
 
@@ -521,7 +525,7 @@ impl RawSignal {
         self.dbc.is_some() || self.pdo.is_some() || self.frame.is_some()
     }
 
-    fn max_age(&self, at: &At<'_>, device: Option<usize>) -> Option<Duration> {
+    fn max_age(&self, at: &KeyContext<'_>, device: Option<usize>) -> Option<Duration> {
         let at = at.key("max_age");
         let given = at.duration(self.max_age);
         let device = at.check.devices.get(device?)?;
@@ -540,7 +544,7 @@ impl RawSignal {
                 "write max_age = \"{}\", or write read = \"poll\" at the device",
                 shown((SENT_WITHIN + 1) * every)
             );
-            at.wrong(
+            at.invalid(
                 format!("{figures}: a value from a subscription may be {SENT_WITHIN} periods old"),
                 help,
             );
@@ -548,7 +552,7 @@ impl RawSignal {
         }
         let help = format!("allow at least two polls: write max_age = \"{}\"", shown(2 * every));
         if age <= every {
-            at.wrong(format!("{figures}: the signal would always become stale"), help);
+            at.invalid(format!("{figures}: the signal would always become stale"), help);
         } else if age < 2 * every {
             at.warn(format!("{figures}: one late answer makes the signal stale"), help);
         }
@@ -562,7 +566,7 @@ const SENT_WITHIN: u32 = 4;
 /// Hint for `type` of a value in frames.
 const OF_BITS: &str = "remove it: `length`, `signed` and `float` define the type";
 
-fn no_fill(at: &At<'_>, is_there: bool) {
+fn no_fill(at: &KeyContext<'_>, is_there: bool) {
     if is_there {
         let help = "remove it: `fill` is only for an output";
         at.wrong_key("a frame that is read is filled by its sender", help);

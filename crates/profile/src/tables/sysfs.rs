@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::bus::Transport;
-use super::{At, Check};
+use super::{Check, KeyContext};
 use crate::duration::shown;
 use isotherm_core::codec::PcSensor;
 
@@ -19,12 +19,12 @@ pub(super) const ONLY_READ: &str =
     "sensors of this computer are only read: nothing is written to a sysfs line";
 
 /// Checks the directory of a sysfs line.
-pub(super) fn root(at: &At<'_>, address: Option<&String>) -> Option<String> {
+pub(super) fn root(at: &KeyContext<'_>, address: Option<&String>) -> Option<String> {
     let Some(address) = address else { return Some(ROOT.to_owned()) };
     if !address.starts_with('/') {
         let help = "remove it (default \"/sys\"); in a container, write the directory where the host's /sys \
                     is mounted: \"/host/sys\"";
-        at.key("address").wrong(format!("`{address}` is no absolute path of a directory"), help);
+        at.key("address").invalid(format!("`{address}` is no absolute path of a directory"), help);
         return None;
     }
     if let Some(inside) = ["/class", "/bus/"].iter().find_map(|inside| address.find(inside)) {
@@ -32,14 +32,15 @@ pub(super) fn root(at: &At<'_>, address: Option<&String>) -> Option<String> {
             "write the directory above: \"{}\"; the sensor is named at its signal",
             &address[..inside]
         );
-        at.key("address").wrong(format!("`{address}` is a directory inside of the kernel's directory"), help);
+        at.key("address")
+            .invalid(format!("`{address}` is a directory inside of the kernel's directory"), help);
         return None;
     }
     Some(address.clone())
 }
 
 /// Parses the sensor at this key of a signal.
-pub(super) fn sensor(signal: &At<'_>, text: Option<&String>) -> Option<PcSensor> {
+pub(super) fn sensor(signal: &KeyContext<'_>, text: Option<&String>) -> Option<PcSensor> {
     let at = signal.key("sensor");
     let Some(text) = text else {
         let is_elsewhere =
@@ -53,21 +54,21 @@ pub(super) fn sensor(signal: &At<'_>, text: Option<&String>) -> Option<PcSensor>
     };
     let report = |why: String| {
         let (message, help) = why.split_once("; ").unwrap_or((&why, "write it as `isotherm scan` does"));
-        at.wrong(message, format!("{help}; `isotherm scan --bus /sys` lists what this computer has"));
+        at.invalid(message, format!("{help}; `isotherm scan --bus /sys` lists what this computer has"));
     };
     text.parse().map_err(report).ok()
 }
 
 /// Checks the unit of a sensor, which the kernel fixes.
-pub(super) fn unit(at: &At<'_>, unit: Option<&str>) {
+pub(super) fn unit(at: &KeyContext<'_>, unit: Option<&str>) {
     if let Some(unit) = unit.filter(|unit| *unit != "degC") {
-        at.wrong(format!("a sensor of this computer is read in °C, not in \"{unit}\""), "leave `unit` out");
+        at.invalid(format!("a sensor of this computer is read in °C, not in \"{unit}\""), "leave `unit` out");
     }
 }
 
 /// Warns about 1-Wire sensors whose timeout or period is too short for a measurement.
 pub(super) fn too_quick(check: &Check<'_>) {
-    for signal in check.signals.right() {
+    for signal in check.signals.valid() {
         let Some(PcSensor::OneWire(id)) = signal.address.sensor() else { continue };
         let Some(device) = check.devices.get(signal.device.0) else { continue };
         let Some(bus) = check.bus_of(device).filter(|bus| bus.transport == Transport::Sysfs) else {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::At;
+use super::KeyContext;
 use crate::host_port::{host_and_port, is_loopback};
 
 /// Page, API and metrics.
@@ -133,7 +133,7 @@ pub const PLAIN: &str = "every computer on this network can read the token: writ
                          other computer is on the network";
 
 impl RawWeb {
-    pub(super) fn resolve(&self, at: &At<'_>) -> Web {
+    pub(super) fn resolve(&self, at: &KeyContext<'_>) -> Web {
         let listen = self.listen.clone().unwrap_or_else(|| format!("127.0.0.1:{USUAL}"));
         let tokens = ["token_file", "viewer_token_file", "scrape_token_file"];
         let has_token = tokens.iter().any(|key| at.key(key).is_written());
@@ -142,12 +142,12 @@ impl RawWeb {
             None => {
                 let help = place.err().and_then(|why| why.help(USUAL, str::to_owned));
                 let help = help.unwrap_or_else(|| LISTEN.to_owned());
-                at.key("listen").wrong(format!("`{listen}` is no host and port"), help);
+                at.key("listen").invalid(format!("`{listen}` is no host and port"), help);
             }
             Some(host) if !is_loopback(host) && !has_token => {
                 let help =
                     "listen on 127.0.0.1, or give `token_file`, a file with the token that clients must send";
-                at.key("listen").wrong(format!("`{listen}` is open to the network without a token"), help);
+                at.key("listen").invalid(format!("`{listen}` is open to the network without a token"), help);
             }
             Some(host) if !is_loopback(host) && !at.key("tls").is_written() => self.without_tls(at, &listen),
             Some(_) => {}
@@ -157,7 +157,7 @@ impl RawWeb {
         for (place, host) in self.hosts.iter().enumerate() {
             if !is_name(host) {
                 let help = "write the name alone, as \"gw7.plant.example\": no scheme, no port, no path";
-                at.key("hosts").item(place).wrong(format!("`{host}` is no host name"), help);
+                at.key("hosts").item(place).invalid(format!("`{host}` is no host name"), help);
             }
         }
         Web {
@@ -173,23 +173,23 @@ impl RawWeb {
         }
     }
 
-    fn without_tls(&self, at: &At<'_>, listen: &str) {
+    fn without_tls(&self, at: &KeyContext<'_>, listen: &str) {
         let what = format!("`{listen}` is open to the network in plain text");
         match self.plain {
             Some(true) => at.key("plain").warn(format!("{what}, because of `plain`"), PLAIN),
-            _ => at.key("listen").wrong(what, PLAIN),
+            _ => at.key("listen").invalid(what, PLAIN),
         }
     }
 
-    fn check_tokens(&self, at: &At<'_>) {
+    fn check_tokens(&self, at: &KeyContext<'_>) {
         if self.token_file.is_some() && self.token_file == self.viewer_token_file {
             let help = "use two files: otherwise every viewer could give commands";
-            at.key("viewer_token_file").wrong("this is the operator's token file", help);
+            at.key("viewer_token_file").invalid("this is the operator's token file", help);
         }
         for (other, whose) in [(&self.token_file, "operator's"), (&self.viewer_token_file, "viewer's")] {
             if self.scrape_token_file.is_some() && self.scrape_token_file == *other {
                 let help = "use two files: a collector should only read /metrics";
-                at.key("scrape_token_file").wrong(format!("this is the {whose} token file"), help);
+                at.key("scrape_token_file").invalid(format!("this is the {whose} token file"), help);
             }
         }
         if self.commands == Some(Commands::Local) {
@@ -202,7 +202,7 @@ impl RawWeb {
 }
 
 impl RawWebTls {
-    fn resolve(&self, at: &At<'_>) -> Option<WebTls> {
+    fn resolve(&self, at: &KeyContext<'_>) -> Option<WebTls> {
         let file = |key: &str, name: Option<&String>, what: &str| {
             if name.is_none() {
                 let help = format!(

@@ -6,7 +6,7 @@ use super::channels::{Channel, OF_GROUP, of_member, shifted};
 use super::fill::Filling;
 use super::text;
 use crate::error::allowed;
-use crate::span::{child, element};
+use crate::source_map::{child, element};
 
 impl Filling<'_> {
     /// Adds the checks of the template to those of the profile.
@@ -71,7 +71,7 @@ impl Filling<'_> {
                 match moved {
                     Ok(moved) => entry.insert(key.to_owned(), Value::from(moved)),
                     Err(why) => {
-                        return self.wrong(
+                        return self.invalid(
                             &child(&path, "template"),
                             why,
                             "correct the file of the template",

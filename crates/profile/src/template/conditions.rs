@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::Use;
 use super::channels::Channel;
 use super::fill::Filling;
-use crate::span::child;
+use crate::source_map::child;
 
 impl Filling<'_> {
     /// Converts a condition on channels into one on signals. If no signal reads a channel, a signal is added.

@@ -8,16 +8,16 @@ use serde_json::{Map, Value, json};
 use super::channels::Channel;
 use super::find::{Definition, Written, Wrong, find};
 use super::{Template, Templates, Use, in_order, text};
-use crate::error::{Found, allowed};
+use crate::error::{Findings, allowed};
 use crate::files::Files;
 use crate::sha256;
-use crate::span::{Spans, child, element};
+use crate::source_map::{SourceMap, child, element};
 
 pub(super) struct Filling<'a> {
     pub(super) profile: &'a mut Map<String, Value>,
     files: &'a Files<'a>,
-    pub(super) spans: &'a mut Spans,
-    pub(super) errors: &'a mut Found,
+    pub(super) spans: &'a mut SourceMap,
+    pub(super) errors: &'a mut Findings,
     pub(super) known: BTreeMap<String, Definition>,
     pub(super) templates: Templates,
     /// Devices whose template cannot be used. That has been reported.
@@ -28,8 +28,8 @@ impl<'a> Filling<'a> {
     pub(super) fn new(
         profile: &'a mut Map<String, Value>,
         files: &'a Files<'a>,
-        spans: &'a mut Spans,
-        errors: &'a mut Found,
+        spans: &'a mut SourceMap,
+        errors: &'a mut Findings,
     ) -> Filling<'a> {
         let (known, templates, broken) = (BTreeMap::new(), Templates::new(), Vec::new());
         Filling { profile, files, spans, errors, known, templates, broken }
@@ -71,7 +71,7 @@ impl<'a> Filling<'a> {
             Ok(None) => return self.broken.push(name.to_owned()),
             Err((key, message, help)) => {
                 self.broken.push(name.to_owned());
-                return self.wrong(&child(&path, key), message, help);
+                return self.invalid(&child(&path, key), message, help);
             }
         };
         let note = format!("this value comes from template `{template}`");
@@ -161,7 +161,7 @@ impl<'a> Filling<'a> {
             if self.table("device", &device).is_some() {
                 let help =
                     format!("write template = \"…\" at device `{device}`, or `register` and `type` here");
-                self.wrong(&at, format!("device `{device}` has no template, and so no channels"), help);
+                self.invalid(&at, format!("device `{device}` has no template, and so no channels"), help);
             }
             return self.nothing_missing(table, name, &at);
         };
@@ -183,7 +183,7 @@ impl<'a> Filling<'a> {
                 }
                 _ => allowed(&channel, list.iter().map(|known| known.name.as_str())),
             };
-            self.wrong(&at, format!("template `{template}` has no channel `{channel}`"), help);
+            self.invalid(&at, format!("template `{template}` has no channel `{channel}`"), help);
             return self.nothing_missing(table, name, &at);
         };
         self.ask(table, name, &device, &found);
@@ -322,7 +322,7 @@ impl<'a> Filling<'a> {
                  detect a failed gateway"
             );
             let help = format!("add [heartbeat] with device = \"{name}\" and every = \"500ms\"");
-            self.wrong(&child(&child("device", &name), "template"), message, help);
+            self.invalid(&child(&child("device", &name), "template"), message, help);
         }
     }
 
@@ -344,7 +344,7 @@ impl<'a> Filling<'a> {
         self.spans.fill_in(&child(&child(table, name), key), at, note);
     }
 
-    pub(super) fn wrong(&mut self, path: &str, message: impl Into<String>, help: impl Into<String>) {
+    pub(super) fn invalid(&mut self, path: &str, message: impl Into<String>, help: impl Into<String>) {
         self.errors.push(self.spans.at_value(path, message, Some(help.into())));
     }
 }

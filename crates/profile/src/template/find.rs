@@ -7,11 +7,11 @@ use serde_json::{Map, Value, json};
 
 use super::channels::{Channel, of_group};
 use super::{Group, schema, shipped, text, texts};
-use crate::error::{Found, allowed};
+use crate::error::{Findings, allowed};
 use crate::files::Files;
-use crate::span::Spans;
+use crate::schema_check::SchemaCheck;
+use crate::source_map::SourceMap;
 use crate::tables::signal::unit::Scaling;
-use crate::walk::Walk;
 
 /// Directory of the user's own templates, next to the profile.
 const DIRECTORY: &str = "devices";
@@ -52,7 +52,7 @@ pub(super) struct Written {
 }
 
 /// Finds the template with this name.
-pub(super) fn find(name: &str, files: &Files<'_>, errors: &mut Found) -> Result<Written, Wrong> {
+pub(super) fn find(name: &str, files: &Files<'_>, errors: &mut Findings) -> Result<Written, Wrong> {
     let plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
     let file = format!("{DIRECTORY}/{name}.toml");
     let own = if name.bytes().all(plain) { files.text(&file) } else { Ok(None) };
@@ -93,12 +93,12 @@ fn nearest_names(name: &str, known: &[String]) -> String {
     }
 }
 
-fn read(shown: &str, written: &str, errors: &mut Found) -> Option<Group> {
+fn read(shown: &str, written: &str, errors: &mut Findings) -> Option<Group> {
     let schema = schema::schema();
-    let mut spans = Spans::default();
+    let mut spans = SourceMap::default();
     let layer = spans.add_layer(shown, Some(written));
     let before = errors.len();
-    let mut walk = Walk { schema, layer, spans: &mut spans, errors, beside: Scaling::default() };
+    let mut walk = SchemaCheck { schema, layer, spans: &mut spans, errors, beside: Scaling::default() };
     let (table, _) = walk.parsed(written);
     let value = walk.table(schema, "", table);
     // Keys that a group omits may be set by the profile.

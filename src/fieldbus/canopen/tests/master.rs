@@ -1,4 +1,4 @@
-use super::super::master::{Care, Master, NodeEvent, Output, Start};
+use super::super::master::{Master, NodeEvent, Output, Start, Supervision};
 use super::*;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::Sync;
@@ -10,7 +10,7 @@ fn at(seconds: u32) -> Moment {
 }
 
 pub(super) fn of_three_nodes() -> Master {
-    let care = |heartbeat, start| Care { heartbeat, start };
+    let care = |heartbeat, start| Supervision { heartbeat, start };
     let nodes = [
         (node(1), care(Some(SECOND * 2), Start::AtOnce)),
         (node(2), care(Some(SECOND * 5), Start::WhenSetUp)),
@@ -32,7 +32,7 @@ impl Led {
         led
     }
 
-    fn hear(&mut self, raw: u16, data: &[u8], seconds: u32) -> Vec<Output> {
+    fn receive(&mut self, raw: u16, data: &[u8], seconds: u32) -> Vec<Output> {
         self.master.take(&frame(raw, data), at(seconds), &mut self.outputs);
         std::mem::take(&mut self.outputs)
     }
@@ -64,42 +64,46 @@ fn nodes_are_started_at_the_beginning_and_after_every_boot_up() {
         "not the one that is set up first, and not the one that is left alone"
     );
     led.outputs.clear();
-    assert_eq!(led.hear(0x701, UP, 1), [reported(1, NodeEvent::BootedUp { again: false }), started(1)]);
-    assert_eq!(led.hear(0x701, OPERATIONAL, 1), []);
-    assert_eq!(led.hear(0x701, UP, 2), [reported(1, NodeEvent::BootedUp { again: true }), started(1)]);
-    assert_eq!(led.hear(0x703, UP, 2), [reported(3, NodeEvent::BootedUp { again: false })]);
-    assert_eq!(led.hear(0x704, UP, 2), [], "no node of ours");
+    assert_eq!(led.receive(0x701, UP, 1), [reported(1, NodeEvent::BootedUp { again: false }), started(1)]);
+    assert_eq!(led.receive(0x701, OPERATIONAL, 1), []);
+    assert_eq!(led.receive(0x701, UP, 2), [reported(1, NodeEvent::BootedUp { again: true }), started(1)]);
+    assert_eq!(led.receive(0x703, UP, 2), [reported(3, NodeEvent::BootedUp { again: false })]);
+    assert_eq!(led.receive(0x704, UP, 2), [], "no node of ours");
 }
 
 #[test]
 fn a_node_with_a_setup_list_is_started_when_it_is_written() {
     let mut led = Led::new();
     led.outputs.clear();
-    assert_eq!(led.hear(0x702, UP, 1), [reported(2, NodeEvent::BootedUp { again: false })]);
-    assert_eq!(led.hear(0x702, PRE, 1), [], "it waits");
+    assert_eq!(led.receive(0x702, UP, 1), [reported(2, NodeEvent::BootedUp { again: false })]);
+    assert_eq!(led.receive(0x702, PRE, 1), [], "it waits");
     led.master.set_up(node(2), &mut led.outputs);
     assert_eq!(std::mem::take(&mut led.outputs), [started(2)]);
-    assert_eq!(led.hear(0x702, OPERATIONAL, 2), []);
-    assert_eq!(led.hear(0x702, PRE, 3), [reported(2, NodeEvent::FellBack)], "it waits for its setup again");
-    assert_eq!(led.hear(0x702, PRE, 4), [], "told once");
+    assert_eq!(led.receive(0x702, OPERATIONAL, 2), []);
+    assert_eq!(
+        led.receive(0x702, PRE, 3),
+        [reported(2, NodeEvent::FellBack)],
+        "it waits for its setup again"
+    );
+    assert_eq!(led.receive(0x702, PRE, 4), [], "told once");
 }
 
 #[test]
 fn a_start_that_was_lost_is_sent_again_with_the_next_heartbeat() {
     let mut led = Led::new();
     led.outputs.clear();
-    assert_eq!(led.hear(0x701, PRE, 1), [started(1)]);
-    assert_eq!(led.hear(0x701, PRE, 2), [started(1)]);
-    assert_eq!(led.hear(0x701, OPERATIONAL, 3), []);
+    assert_eq!(led.receive(0x701, PRE, 1), [started(1)]);
+    assert_eq!(led.receive(0x701, PRE, 2), [started(1)]);
+    assert_eq!(led.receive(0x701, OPERATIONAL, 3), []);
 }
 
 #[test]
 fn a_node_that_somebody_stopped_is_reported_once_and_not_fought_for() {
     let mut led = Led::new();
     led.outputs.clear();
-    led.hear(0x701, OPERATIONAL, 1);
-    assert_eq!(led.hear(0x701, &[0x04], 2), [reported(1, NodeEvent::Stopped)]);
-    assert_eq!(led.hear(0x701, &[0x04], 3), []);
+    led.receive(0x701, OPERATIONAL, 1);
+    assert_eq!(led.receive(0x701, &[0x04], 2), [reported(1, NodeEvent::Stopped)]);
+    assert_eq!(led.receive(0x701, &[0x04], 3), []);
     assert_eq!(led.tick(3), []);
 }
 
@@ -107,7 +111,7 @@ fn a_node_that_somebody_stopped_is_reported_once_and_not_fought_for() {
 fn a_missed_heartbeat_and_one_that_never_came_are_reported_once() {
     let mut led = Led::new();
     led.outputs.clear();
-    led.hear(0x701, OPERATIONAL, 1);
+    led.receive(0x701, OPERATIONAL, 1);
     assert_eq!(led.master.due(), Some(at(3)));
     assert_eq!(led.tick(2), []);
     let lost = NodeEvent::Lost { never_seen: false, after: SECOND * 2 };
@@ -117,7 +121,7 @@ fn a_missed_heartbeat_and_one_that_never_came_are_reported_once() {
     let never = NodeEvent::Lost { never_seen: true, after: SECOND * 5 };
     assert_eq!(led.tick(9), [reported(2, never)]);
     assert_eq!(led.master.due(), None, "there is nobody left to be missed");
-    assert_eq!(led.hear(0x701, OPERATIONAL, 11), [reported(1, NodeEvent::Back { after: SECOND * 10 })]);
+    assert_eq!(led.receive(0x701, OPERATIONAL, 11), [reported(1, NodeEvent::Back { after: SECOND * 10 })]);
     assert_eq!(never.to_string(), "was never seen: no heartbeat for 5s");
     assert_eq!(lost.to_string(), "is silent: no heartbeat for 2s");
 }
@@ -127,14 +131,17 @@ fn an_emergency_is_handed_on_with_its_node() {
     let mut led = Led::new();
     led.outputs.clear();
     let emergency = Emergency { code: 0x5030, register: ErrorRegister(0x81), detail: [1, 0, 0, 0, 0] };
-    assert_eq!(led.hear(0x083, &[0x30, 0x50, 0x81, 1, 0], 1), [reported(3, NodeEvent::Emergency(emergency))]);
-    assert_eq!(led.hear(0x084, &[0x30, 0x50, 0x81, 1, 0], 1), []);
+    assert_eq!(
+        led.receive(0x083, &[0x30, 0x50, 0x81, 1, 0], 1),
+        [reported(3, NodeEvent::Emergency(emergency))]
+    );
+    assert_eq!(led.receive(0x084, &[0x30, 0x50, 0x81, 1, 0], 1), []);
 }
 
 #[test]
 fn it_hears_what_its_nodes_say_and_nothing_else() {
-    let heard: Vec<_> = of_three_nodes().identifiers().map(CanId::raw).collect();
-    assert_eq!(heard, [0x081, 0x701, 0x082, 0x702, 0x083, 0x703]);
+    let received: Vec<_> = of_three_nodes().identifiers().map(CanId::raw).collect();
+    assert_eq!(received, [0x081, 0x701, 0x082, 0x702, 0x083, 0x703]);
 }
 
 #[test]

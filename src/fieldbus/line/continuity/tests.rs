@@ -8,10 +8,10 @@ use socket2::SockRef;
 
 use super::*;
 use crate::clock::Clock;
-use crate::fieldbus::departure::Leave;
 use crate::fieldbus::dial;
 use crate::fieldbus::error::PeerFault;
-use crate::fieldbus::line::{Answered, Witness};
+use crate::fieldbus::line::{CheckedAnswer, RequestObserver};
+use crate::fieldbus::send_guard::SendDeadline;
 use crate::fieldbus::wire::Request;
 use isotherm_core::codec::{Register, Table};
 use isotherm_profile::{DeviceId, Profile, parse};
@@ -21,7 +21,7 @@ fn at(seconds: u64) -> Moment {
 }
 
 /// Returns the result for a connection with this number of answers and an orderly close at this second.
-fn closes(line: &mut Evidence, answers: u32, second: u64) -> Broken {
+fn closes(line: &mut Evidence, answers: u32, second: u64) -> BrokenContact {
     line.connected();
     (0..answers).for_each(|_| line.answered());
     line.ends(Fault::CLOSED, Ending::Closed, at(second), at(second))
@@ -32,39 +32,39 @@ fn a_connection_that_is_reset_is_a_possible_exchange_and_one_that_the_server_kee
     let mut line = Evidence::default();
     line.answered();
     for fault in [Fault::BROKEN, Fault::CLOSED] {
-        assert_eq!(line.ends(fault, Ending::Lost, at(9), at(9)), Broken::All);
-        assert_eq!(line.ends(fault, Ending::Kept, at(9), at(9)), Broken::None);
+        assert_eq!(line.ends(fault, Ending::Lost, at(9), at(9)), BrokenContact::All);
+        assert_eq!(line.ends(fault, Ending::Kept, at(9), at(9)), BrokenContact::None);
     }
 }
 
 #[test]
 fn a_server_that_closes_after_each_answer_is_never_exchanged_by_that() {
     let mut line = Evidence::default();
-    assert!((0..99).all(|hour| closes(&mut line, 1, hour * 7200) == Broken::None));
+    assert!((0..99).all(|hour| closes(&mut line, 1, hour * 7200) == BrokenContact::None));
 }
 
 #[test]
 fn a_server_that_closes_idle_connections_is_a_possible_exchange_once_and_one_that_rarely_closes_each_time() {
     let mut often = Evidence::default();
     let found: Vec<_> = (0..4).map(|minute| closes(&mut often, 5, minute * 60)).collect();
-    assert_eq!(found, [Broken::All, Broken::None, Broken::None, Broken::None]);
+    assert_eq!(found, [BrokenContact::All, BrokenContact::None, BrokenContact::None, BrokenContact::None]);
     let mut rarely = Evidence::default();
-    assert!((0..4).all(|day| closes(&mut rarely, 5, day * 86_400) == Broken::All));
+    assert!((0..4).all(|day| closes(&mut rarely, 5, day * 86_400) == BrokenContact::All));
 }
 
 #[test]
 fn a_connection_that_is_closed_before_its_first_answer_is_a_possible_exchange() {
     let mut line = Evidence::default();
-    assert!((0..4).all(|second| closes(&mut line, 0, second) == Broken::All));
+    assert!((0..4).all(|second| closes(&mut line, 0, second) == BrokenContact::All));
 }
 
 #[test]
 fn one_lost_answer_is_no_exchange_and_a_long_silence_is() {
     let mut line = Evidence::default();
-    assert_eq!(line.ends(Fault::Timeout, Ending::Lost, at(10), at(12)), Broken::None);
-    assert_eq!(line.ends(Fault::Timeout, Ending::Lost, at(10), at(20)), Broken::Unit);
+    assert_eq!(line.ends(Fault::Timeout, Ending::Lost, at(10), at(12)), BrokenContact::None);
+    assert_eq!(line.ends(Fault::Timeout, Ending::Lost, at(10), at(20)), BrokenContact::Unit);
     let wrong = Fault::Peer(PeerFault::Foreign);
-    assert_eq!(line.ends(wrong, Ending::Lost, at(10), at(20)), Broken::None, "it answers");
+    assert_eq!(line.ends(wrong, Ending::Lost, at(10), at(20)), BrokenContact::None, "it answers");
 }
 
 /// Reaction of a device to one request. [`serve`] answers the requests after the end of a connection's list.
@@ -127,7 +127,7 @@ struct Seen {
 #[derive(Clone, Default)]
 struct Sees(Arc<Mutex<Seen>>);
 
-impl Witness for Sees {
+impl RequestObserver for Sees {
     fn note(&self, _: DeviceId, _: Request<'_>, _: Result<(), Fault>, _: (u32, Fault)) {}
 
     fn breaks(&self, device: Option<DeviceId>, _: Break) {
@@ -200,9 +200,9 @@ impl Rig {
         Rig { line: line.witnessed(Arc::new(sees.clone())), sees }
     }
 
-    async fn reads(&mut self) -> Result<Answered, Fault> {
+    async fn reads(&mut self) -> Result<CheckedAnswer, Fault> {
         settles().await;
-        self.line.request(DeviceId(0), READ, Leave::Whenever).await
+        self.line.request(DeviceId(0), READ, SendDeadline::None).await
     }
 
     /// Returns the reports since the last call.
@@ -236,7 +236,7 @@ async fn each_end_of_a_connection_but_an_orderly_one_is_a_possible_exchange_and_
         assert_eq!(rig.reads().await, Err(Fault::UNVERIFIED), "{way:?}");
         assert!(rig.line.request_unverified(DeviceId(0), READ).await.is_ok(), "{way:?}");
         assert!(
-            rig.line.request(DeviceId(1), READ, Leave::Whenever).await.is_ok(),
+            rig.line.request(DeviceId(1), READ, SendDeadline::None).await.is_ok(),
             "{way:?}: without checks"
         );
         rig.passes();
@@ -269,8 +269,8 @@ async fn a_write_whose_connection_was_reset_while_idle_does_not_go_to_whoever_an
     let mut rig = Rig::new(&[&[Does::Answers, Does::AnswersAndResets], &[]]);
     assert!(rig.reads().await.is_ok() && rig.reads().await.is_ok());
     settles().await;
-    let now = rig.line.look();
-    let leave = Leave::By(now.after(Duration::from_secs(60)));
+    let now = rig.line.sample();
+    let leave = SendDeadline::By(now.after(Duration::from_secs(60)));
     assert_eq!(rig.line.request(DeviceId(0), WRITE, leave).await.map(drop), Err(Fault::CLOSED));
     assert_eq!(rig.said(), [None]);
     assert_eq!(rig.line.request(DeviceId(0), WRITE, leave).await.map(drop), Err(Fault::UNVERIFIED));

@@ -67,7 +67,7 @@ impl Keeper {
 /// Connection to the gateway. Each register holds its own number.
 struct Kept {
     keeper: Arc<Mutex<Keeper>>,
-    form: Option<Mark>,
+    form: Option<ReplySignature>,
 }
 
 impl Dial for Kept {
@@ -82,22 +82,22 @@ impl Wire for Kept {
         &'a mut self,
         _: u8,
         request: Request<'a>,
-        departure: &'a mut Departure,
+        send_guard: &'a mut SendGuard,
     ) -> Boxed<'a, Result<Answer, Fault>> {
         Box::pin(async move {
-            departure.leave()?;
+            send_guard.leave()?;
             let Request::Read { from, count } = request else { return Ok(Answer::Done) };
             self.form = None;
             let passed = self.keeper.lock().unwrap().pass((from.offset, count));
             let Some(answer) = passed else { return std::future::pending().await };
             let (offset, received) = answer?;
             let of = Request::Read { from: Register { table: from.table, offset }, count: received };
-            self.form = Some(Mark::of(of));
+            self.form = Some(ReplySignature::of(of));
             if received == count { data(of) } else { Err(Fault::Peer(PeerFault::Length)) }
         })
     }
 
-    fn received_form(&self) -> Option<Mark> {
+    fn received_form(&self) -> Option<ReplySignature> {
         self.form
     }
 }
@@ -137,7 +137,7 @@ async fn a_gateway_that_is_one_answer_behind_is_found_before_a_read_that_it_coul
         react(&keeper, &[reaction]);
         assert_eq!(line.ask(0, OIL, 5000).await, OUT_OF_ORDER, "{reaction:?}");
         assert_eq!(asked(&keeper), [(100, 2)], "only the control question");
-        assert!(line.is_resting(0, 5700));
+        assert!(line.is_backing_off(0, 5700));
         // The gateway was restarted.
         keeper.lock().unwrap().kept = None;
         assert_eq!(line.ask(0, OIL, 60_000).await, data(OIL));
@@ -195,7 +195,7 @@ async fn a_prompt_unit_gets_a_control_question_too() {
 #[derive(Default)]
 struct Counted(Mutex<Vec<(u16, Option<Fault>)>>);
 
-impl Witness for Counted {
+impl RequestObserver for Counted {
     fn note(&self, _: DeviceId, request: Request<'_>, outcome: Result<(), Fault>, _: (u32, Fault)) {
         if let Request::Read { count, .. } = request {
             self.0.lock().unwrap().push((count, outcome.err()));
@@ -207,8 +207,8 @@ impl Witness for Counted {
 async fn each_request_that_was_sent_is_counted_control_questions_too() {
     let (mut line, keeper) = missed(Reaction::Silent, Fault::Timeout).await;
     let counted = Arc::new(Counted::default());
-    let witness: Arc<dyn Witness> = counted.clone();
-    line.line.witness = Some(witness);
+    let observer: Arc<dyn RequestObserver> = counted.clone();
+    line.line.observer = Some(observer);
     let taken = || std::mem::take(&mut *counted.0.lock().unwrap());
     react(&keeper, &[Reaction::Silent]);
     assert_eq!(line.ask(0, OIL, 5000).await, Err(Fault::Timeout));
@@ -249,7 +249,7 @@ async fn sent_together() -> Rig {
     line.line.pipeline = Pipeline::new(true);
     // Two different echoes show that order is kept.
     for (value, behind) in [(9, None), (10, Some((DeviceId(0), READ)))] {
-        line.line.ask_behind(behind);
+        line.line.set_follow_up(behind);
         let write = Request::WriteSingle { at: 1, value };
         assert_eq!(line.ask(0, write, 0).await, Ok(Answer::Done));
     }
@@ -268,20 +268,20 @@ async fn a_unit_without_a_control_question_may_be_read_together_with_another_req
     for _ in 0..3 {
         assert_eq!(line.ask(0, READ, 0).await, data(READ));
     }
-    assert!(line.line.units.owed.get(1).unwrap().order.is_in_doubt());
-    line.line.ask_behind(Some((DeviceId(0), READ)));
+    assert!(line.line.units.pending.get(1).unwrap().order.is_in_doubt());
+    line.line.set_follow_up(Some((DeviceId(0), READ)));
     assert!(line.line.pipeline.take().is_some());
     assert_eq!(line.ask(0, LONG, 0).await, data(LONG));
     assert_eq!(line.ask(0, READ, 0).await, data(READ));
-    line.line.units.owed(0).order.suspect(Mark::of(READ));
-    line.line.ask_behind(Some((DeviceId(0), READ)));
+    line.line.units.pending(0).order.suspect(ReplySignature::of(READ));
+    line.line.set_follow_up(Some((DeviceId(0), READ)));
     assert!(line.line.pipeline.take().is_none(), "the control question comes first");
 }
 
 /// Returns whether a late answer of the first unit is awaited, and whether its order is in doubt.
 fn doubts(line: &Rig) -> (bool, bool) {
-    let owed = line.line.units.owed.get(1).unwrap();
-    (owed.is_owing(), owed.order.is_in_doubt())
+    let pending = line.line.units.pending.get(1).unwrap();
+    (pending.has_pending(), pending.order.is_in_doubt())
 }
 
 #[tokio::test(start_paused = true)]
@@ -290,7 +290,7 @@ async fn a_missing_answer_to_a_read_that_was_sent_together_with_another_request_
     assert_eq!(doubts(&line), (false, false));
     assert_eq!(line.ask(0, READ, 0).await, Err(Fault::Timeout));
     assert_eq!(doubts(&line), (true, true));
-    assert!(line.is_resting(0, 4 * 300 - 1));
+    assert!(line.is_backing_off(0, 4 * 300 - 1));
 }
 
 #[tokio::test(start_paused = true)]

@@ -38,7 +38,7 @@ fn accepted(bytes: &[u8], digest: Option<&str>, process: &Process) -> Result<Han
     let directory = tempfile::tempdir().unwrap();
     let path = digest_path(directory.path(), "mill");
     digest.into_iter().for_each(|digest| std::fs::write(&path, digest).unwrap());
-    let arrival = Arrival { found: Some(Found::read(&sealed(bytes), process)) };
+    let arrival = Arrival { found: Some(ReceivedHandover::read(&sealed(bytes), process)) };
     assert_eq!(
         arrival.is_announced(&path),
         digest == Some(&sha256(bytes)) && arrival.found.as_ref().unwrap().is_ok()
@@ -65,7 +65,7 @@ fn what_is_sealed_is_read_back_and_its_digest_lies_in_the_state_directory() {
     for kept in [None, Some(profile(directory.path()))] {
         let sealed = handover().seal(Prepared::with(kept.as_ref()).unwrap(), &path).unwrap();
         let mut through = again(&sealed);
-        let arrival = || Arrival { found: Some(Found::read(&again(&sealed), &this)) };
+        let arrival = || Arrival { found: Some(ReceivedHandover::read(&again(&sealed), &this)) };
         for _ in 0..2 {
             assert!(arrival().is_announced(&path), "the digest is still there");
         }
@@ -117,8 +117,8 @@ fn a_profile_that_was_changed_cut_or_exchanged_is_refused() {
     let memory = handover().seal(Prepared::with(Some(&kept)).unwrap(), &path).unwrap();
     let mut whole = Vec::new();
     again(&memory).read_to_end(&mut whole).unwrap();
-    assert!(Found::read(&sealed(&whole), &this).is_ok());
-    let refused = |bytes: &[u8]| Found::read(&sealed(bytes), &this).err().unwrap_or_default();
+    assert!(ReceivedHandover::read(&sealed(&whole), &this).is_ok());
+    let refused = |bytes: &[u8]| ReceivedHandover::read(&sealed(bytes), &this).err().unwrap_or_default();
     for place in 0..usize::try_from(kept.seal.length).unwrap() {
         let mut bytes = whole.clone();
         bytes[place] ^= 1;
@@ -252,6 +252,6 @@ fn thousands_of_axes_fit() {
     let handover = Handover { off, ..Handover::default() };
     let sealed = handover.seal(Prepared::with(None).unwrap(), &path).unwrap();
     assert!(sealed.metadata().unwrap().len() > 2_000_000);
-    let found = Found::read(&again(&sealed), &Process::this().unwrap());
+    let found = ReceivedHandover::read(&again(&sealed), &Process::this().unwrap());
     assert_eq!(Arrival { found: Some(found) }.accept(&path), Ok(Some(handover)));
 }

@@ -6,14 +6,14 @@ use std::io::Read;
 use csv::StringRecord;
 
 use super::{
-    BEGIN, Beginning, CLOCK, ControllerSnapshot, DemandDetail, EARLIER, FAILURES, FAULT, HEADER, Towards,
+    BEGIN, CLOCK, ControllerSnapshot, DemandDetail, EARLIER, FAILURES, FAULT, HEADER, ResumeState, Towards,
     Turn, WRITES, action, input,
 };
 use crate::gateway::log::LogError;
 use crate::gateway::log::reader::unreadable;
 use isotherm_core::output::{Action, Fact, Input};
 use isotherm_core::quantity::{Counts, Moment, time};
-use isotherm_profile::regular::{self, Lines};
+use isotherm_profile::safe_file::{self, Lines};
 
 /// Row of the log.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,7 +32,7 @@ pub struct OutputRow {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Entry {
     /// State from which the output resumes.
-    Begins(Box<Beginning>),
+    Begins(Box<ResumeState>),
     /// Input of its controller, and the action.
     Step {
         /// Input of the controller.
@@ -80,7 +80,7 @@ impl<R: Read> OutputLogReader<R> {
     /// The header is not that of a log of outputs.
     pub fn open(input: R, file: &str) -> Result<OutputLogReader<R>, LogError> {
         let (_, input) =
-            regular::first_line(input).map_err(|cause| unreadable(file, 1, &csv::Error::from(cause)))?;
+            safe_file::first_line(input).map_err(|cause| unreadable(file, 1, &csv::Error::from(cause)))?;
         let mut csv = csv::ReaderBuilder::new().flexible(true).from_reader(input);
         let header = csv.headers().map_err(|cause| unreadable(file, 1, &cause))?;
         if !header.iter().eq(names()) {

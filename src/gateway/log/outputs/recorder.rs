@@ -4,7 +4,7 @@ use std::fmt::Display;
 use std::io::Write;
 
 use super::{
-    BEGIN, Beginning, CLOCK, ControllerSnapshot, Detail, FAILURES, FAULT, Turn, WRITES, cells_of_action,
+    BEGIN, CLOCK, ControllerSnapshot, Detail, FAILURES, FAULT, ResumeState, Turn, WRITES, cells_of_action,
     cells_of_input,
 };
 use crate::clock::Correction;
@@ -22,10 +22,10 @@ pub struct OutputRecorder {
 
 impl OutputRecorder {
     /// Formats the state from which an output resumes.
-    pub fn begin(&mut self, now: Moment, output: &str, beginning: &Beginning) -> &[u8] {
+    pub fn begin(&mut self, now: Moment, output: &str, beginning: &ResumeState) -> &[u8] {
         // Numbers, names and lists of them always have a JSON form.
         let (state, policy) = (beginning.state.shifted(self.shift), beginning.policy.shifted(self.shift));
-        let detail = serde_json::to_string(&Beginning { state, policy, ..*beginning }).unwrap_or_default();
+        let detail = serde_json::to_string(&ResumeState { state, policy, ..*beginning }).unwrap_or_default();
         self.begins(now, output, BEGIN);
         self.ends(",,,,,,", &cell(&detail))
     }

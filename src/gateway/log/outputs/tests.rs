@@ -29,8 +29,9 @@ fn settings(is_shared: bool) -> Settings {
 
 fn inputs() -> Vec<Input> {
     let demand = |at: Moment, value: i64, armed| {
-        let decision =
-            |target, mode| Some(Demanded { offset: Counts(value), target, at: NOON, not_after: at, mode });
+        let decision = |target, mode| {
+            Some(OutputDecision { offset: Counts(value), target, at: NOON, not_after: at, mode })
+        };
         let of = |interlock, decision| {
             Input::Demand(Demand { armed, interlock, decision, restarts: 7, pauses: 0 })
         };
@@ -48,8 +49,8 @@ fn inputs() -> Vec<Input> {
                 Fact::Decided { offset: Counts(value), target: None, not_after: at },
                 Fact::Decided { offset: Counts(value), target: towards, not_after: at },
                 Fact::Read { found: Counts(value), asked: at },
-                Fact::WentAlong { value: Counts(value), left: at, is_done: true },
-                Fact::WentAlong { value: Counts(value), left: at, is_done: false },
+                Fact::Piggybacked { value: Counts(value), left: at, is_done: true },
+                Fact::Piggybacked { value: Counts(value), left: at, is_done: false },
             ];
             let armed = [None, Some(Who::Person), Some(Who::Policy)];
             let demands = armed.into_iter().flat_map(move |armed| demand(at, value, armed));
@@ -105,7 +106,7 @@ fn log_of(chances: &[u8]) -> (String, [Controller; 2]) {
         let now = NOON.after(Duration::from_millis(37 * u64::try_from(place).unwrap()));
         let before = running[which];
         let found = before.state().kept().stood.unwrap_or_default() + Counts(i64::from(*chance == 7));
-        let decision = Demanded {
+        let decision = OutputDecision {
             offset: Counts(i64::from(*chance) / 8),
             target: chance.is_multiple_of(3).then_some(Counts(i64::from(*chance) / 4)),
             at: now,
@@ -140,7 +141,7 @@ fn log_of(chances: &[u8]) -> (String, [Controller; 2]) {
         let name = ["cnc_z", "the plc's, \"z\""][which];
         if known[which] != Some(before) && (known[which].is_none() || *chance == 9) {
             let (state, policy) = (*before.state(), *before.policy());
-            let beginning = Beginning { settings: settings[which], state, policy };
+            let beginning = ResumeState { settings: settings[which], state, policy };
             log.extend_from_slice(recorder.begin(now, name, &beginning));
         }
         known[which] = Some(running[which]);

@@ -39,7 +39,7 @@ impl Bench {
     }
 
     /// Runs one turn of 100 ms with random faults.
-    fn goes_on(&mut self, chance: u16) {
+    fn continues(&mut self, chance: u16) {
         self.now = self.now.after(Duration::from_millis(100));
         if chance.is_multiple_of(8) {
             let cz = |value: u16| micron(f64::from(value % 3));
@@ -73,9 +73,9 @@ impl Bench {
         self.turns += u64::from(!ended.turn.is_idle() || !ended.before.is_like(&ended.after));
         let snapshot =
             || ControllerSnapshot::Position(PositionSnapshot { step: micron(1.0), position: before });
-        self.log.turned(Steady::Position(OutputId(0)), ended, snapshot, self.now);
+        self.log.turned(CountedWrite::Position(OutputId(0)), ended, snapshot, self.now);
         if result == Some(PositionResult::Written) {
-            self.log.wrote(Steady::Position(OutputId(0)), self.now);
+            self.log.wrote(CountedWrite::Position(OutputId(0)), self.now);
         }
         self.beats([Beat::Silent, Beat::Stands, Beat::Counts, Beat::Counts][usize::from(chance >> 14)]);
     }
@@ -88,12 +88,12 @@ impl Bench {
         let (turn, after) = (Turn::Heartbeat(turn), state(self.heartbeat));
         let snapshot = || ControllerSnapshot::Heartbeat(HeartbeatSnapshot { highest: 9, heartbeat: before });
         self.log.turned(
-            Steady::Heartbeat,
+            CountedWrite::Heartbeat,
             TurnRecord { before: state(before), turn, after },
             snapshot,
             self.now,
         );
-        self.log.wrote(Steady::Heartbeat, self.now);
+        self.log.wrote(CountedWrite::Heartbeat, self.now);
     }
 
     fn rows(mut self) -> String {
@@ -124,8 +124,8 @@ fn replayed(text: &str) -> u64 {
 #[test]
 fn a_readout_that_shows_the_same_cz_for_an_hour_has_a_row_a_minute() {
     let mut bench = Bench::new(noon());
-    bench.goes_on(0xc808);
-    (0..36_000).for_each(|_| bench.goes_on(65_021));
+    bench.continues(0xc808);
+    (0..36_000).for_each(|_| bench.continues(65_021));
     assert!(bench.turns > 36_000, "{}", bench.turns);
     let turns = bench.turns;
     let text = bench.rows();
@@ -137,9 +137,9 @@ fn a_readout_that_shows_the_same_cz_for_an_hour_has_a_row_a_minute() {
 #[test]
 fn turns_that_write_nothing_are_recorded_after_a_minute_too() {
     let mut bench = Bench::new(noon());
-    bench.goes_on(0xc808);
+    bench.continues(0xc808);
     // The interlock is open.
-    (0..3600 * 10).for_each(|_| bench.goes_on(0xc801));
+    (0..3600 * 10).for_each(|_| bench.continues(0xc801));
     let turns = bench.turns;
     let text = bench.rows();
     assert_eq!(replayed(&text), turns);
@@ -149,18 +149,18 @@ fn turns_that_write_nothing_are_recorded_after_a_minute_too() {
 #[test]
 fn a_turn_that_began_before_midnight_begins_the_controller_again_in_the_new_file() {
     let mut bench = Bench::new(noon().after(DAY / 2).before(Duration::from_millis(150)));
-    bench.goes_on(0xc808);
+    bench.continues(0xc808);
     let before = bench.now;
-    (0..5).for_each(|_| bench.goes_on(65_021));
+    (0..5).for_each(|_| bench.continues(65_021));
     bench.now = before;
-    bench.goes_on(0xc810);
-    bench.goes_on(0xc801);
+    bench.continues(0xc810);
+    bench.continues(0xc801);
     let turns = bench.turns;
     let days: Vec<_> = bench
         .jobs
         .try_iter()
         .map(|job| match job {
-            Job::OutputRow { at, .. } => keeping::day(at),
+            Job::OutputRow { at, .. } => retention::day(at),
             job => panic!("{job:?}"),
         })
         .collect();
@@ -171,8 +171,8 @@ fn a_turn_that_began_before_midnight_begins_the_controller_again_in_the_new_file
 #[test]
 fn a_difference_is_reported_and_the_rows_behind_it_are_compared_too() {
     let mut bench = Bench::new(noon());
-    bench.goes_on(0xc808);
-    (0..150).for_each(|_| bench.goes_on(65_021));
+    bench.continues(0xc808);
+    (0..150).for_each(|_| bench.continues(65_021));
     let text = bench.rows();
     // The heartbeat now has another highest count.
     let text = text.replacen(r#"""highest"":9"#, r#"""highest"":7"#, 1);
@@ -193,7 +193,7 @@ proptest! {
     ) {
         let mut bench = Bench::new(noon().after(DAY / 2).before(Duration::from_secs(1) * before_midnight));
         for (chance, times) in chances {
-            (0..times).for_each(|_| bench.goes_on(chance));
+            (0..times).for_each(|_| bench.continues(chance));
         }
         let turns = bench.turns;
         prop_assert_eq!(replayed(&bench.rows()), turns);

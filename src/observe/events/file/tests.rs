@@ -28,8 +28,8 @@ fn spoilt(count: u64, spoil: impl FnOnce(&mut Vec<String>)) -> (Vec<String>, Vec
 fn read_all(path: &Path) -> (Vec<String>, Vec<String>) {
     let (mut texts, mut damage) = (Vec::new(), Vec::new());
     read(path, |found| match found {
-        Found::Event(entry) => texts.push(entry.text),
-        Found::Damage(what) => damage.push(what.rsplit_once(DAY).unwrap().1.to_owned()),
+        FileItem::Event(entry) => texts.push(entry.text),
+        FileItem::Damage(what) => damage.push(what.rsplit_once(DAY).unwrap().1.to_owned()),
     })
     .unwrap();
     (texts, damage)
@@ -126,7 +126,7 @@ fn what_is_no_file_is_not_waited_for() {
         true
     })
     .unwrap();
-    assert!(matches!(&found[..], [Found::Damage(what)] if what.contains("cannot be read")), "{found:?}");
+    assert!(matches!(&found[..], [FileItem::Damage(what)] if what.contains("cannot be read")), "{found:?}");
 }
 
 #[test]

@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use super::*;
-use crate::clock::{Passing, TimeOfDay};
-use crate::observe::asker::Asker;
-use crate::observe::events::file::Found;
+use crate::clock::{BootClock, TimeOfDay};
+use crate::observe::events::file::FileItem;
 use crate::observe::events::{Entry, Level};
-use crate::observe::status::{Answer, BrokerStatus, Command, Status, Wish};
+use crate::observe::requester::Requester;
+use crate::observe::status::{Answer, BrokerStatus, Command, ReleaseRequest, Status};
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_plant::{Json, JsonSettings, Subscription};
 
@@ -51,7 +51,7 @@ impl Machine {
     }
 }
 
-impl Source for Machine {
+impl GatewayApi for Machine {
     fn status(&self) -> Status {
         *self.looks.lock().unwrap() += 1;
         let mut happened = self.happened.lock().unwrap();
@@ -93,7 +93,7 @@ impl Source for Machine {
         }
     }
 
-    fn command(&self, _: Command, _: Option<&str>, _: &Arc<Asker>) -> Result<Answer, String> {
+    fn command(&self, _: Command, _: Option<&str>, _: &Arc<Requester>) -> Result<Answer, String> {
         panic!("nobody commands over the broker")
     }
 
@@ -105,20 +105,20 @@ impl Source for Machine {
         panic!("nobody moves over the broker")
     }
 
-    fn measured(&self, _: &str, report: Option<MeasuredReport>, _: &Asker) -> Result<Answer, String> {
+    fn measured(&self, _: &str, report: Option<MeasuredReport>, _: &Requester) -> Result<Answer, String> {
         self.measured.lock().unwrap().extend(report);
         Ok(Answer::Done(String::new()))
     }
 
-    fn acknowledge(&self, _: Option<&str>, _: &Asker) -> Result<Answer, String> {
+    fn acknowledge(&self, _: Option<&str>, _: &Requester) -> Result<Answer, String> {
         panic!("nobody acknowledges over the broker")
     }
 
-    fn confirm(&self, _: &str, _: &Asker) -> Result<Answer, String> {
+    fn confirm(&self, _: &str, _: &Requester) -> Result<Answer, String> {
         panic!("no device is confirmed over the broker")
     }
 
-    fn release(&self, _: &str, _: Wish<'_>, _: &Asker) -> Result<Answer, String> {
+    fn release(&self, _: &str, _: ReleaseRequest<'_>, _: &Requester) -> Result<Answer, String> {
         panic!("no register is released over the broker")
     }
 
@@ -126,13 +126,13 @@ impl Source for Machine {
         None
     }
 
-    fn turned_away(&self, _: &str, _: &Asker, _: &str) {}
+    fn turned_away(&self, _: &str, _: &Requester, _: &str) {}
 
     fn report(&self, event: &Event) {
         self.reported.lock().unwrap().push(event.clone());
     }
 
-    fn events(&self, _: Moment, _: &mut dyn FnMut(Found) -> bool) -> std::io::Result<()> {
+    fn events(&self, _: Moment, _: &mut dyn FnMut(FileItem) -> bool) -> std::io::Result<()> {
         Ok(())
     }
 }
@@ -151,8 +151,8 @@ struct State {
     attempts: u64,
     taken: Vec<Message>,
     /// Time up to which all messages have arrived; `None` if all have.
-    last_heard: Option<Moment>,
-    arrives: VecDeque<Arrived>,
+    last_received: Option<Moment>,
+    arrives: VecDeque<ReceivedMessage>,
 }
 
 impl Fake {
@@ -167,7 +167,8 @@ impl Fake {
     }
 
     fn delivers(&self, topic: &str, payload: &[u8], redelivered: bool) {
-        let arrived = Arrived { topic: topic.into(), payload: payload.into(), retained: false, redelivered };
+        let arrived =
+            ReceivedMessage { topic: topic.into(), payload: payload.into(), retained: false, redelivered };
         self.0.lock().unwrap().arrives.push_back(arrived);
     }
 }
@@ -201,23 +202,23 @@ impl Connection for Fake {
         Ok(())
     }
 
-    async fn next(&mut self) -> Heard {
+    async fn next(&mut self) -> BrokerReport {
         loop {
             {
                 let mut state = self.0.lock().unwrap();
                 if state.is_away {
-                    return Heard::Lost(Fault::Broken);
+                    return BrokerReport::Lost(Fault::Broken);
                 }
                 if let Some(arrived) = state.arrives.pop_front() {
-                    return Heard::Arrived(arrived);
+                    return BrokerReport::Arrived(arrived);
                 }
             }
             tokio::time::sleep(Duration::from_millis(100)).await;
         }
     }
 
-    fn last_heard(&self) -> Moment {
-        self.0.lock().unwrap().last_heard.unwrap_or(Moment::END)
+    fn last_received(&self) -> Moment {
+        self.0.lock().unwrap().last_received.unwrap_or(Moment::END)
     }
 
     fn is_done(&self) -> bool {
@@ -229,17 +230,17 @@ impl Connection for Fake {
 
 /// Runs the publisher with a broker until `day` is over. Returns the publishing status at that time.
 async fn run(machine: &Arc<Machine>, broker: &Fake, day: impl Future<Output = ()>) -> BrokerStatus {
-    run_as((json(false), Kept::in_memory()), machine, broker, day).await
+    run_as((json(false), RecordQueue::in_memory()), machine, broker, day).await
 }
 
 /// Runs this publisher in the same way.
 async fn run_as(
-    (publisher, kept): (Box<dyn Publisher>, Kept),
+    (publisher, kept): (Box<dyn Publisher>, RecordQueue),
     machine: &Arc<Machine>,
     broker: &Fake,
     day: impl Future<Output = ()>,
 ) -> BrokerStatus {
-    let source: Arc<dyn Source> = machine.clone();
+    let source: Arc<dyn GatewayApi> = machine.clone();
     let figures = Arc::new(BrokerFigures::of("mqtt://here".into()));
     #[allow(clippy::disallowed_types, reason = "the paused clock of the test itself")]
     let begun = tokio::time::Instant::now();
@@ -250,12 +251,12 @@ async fn run_as(
         source,
         figures: figures.clone(),
         // Clock that follows the runtime's paused time.
-        clock: Clock::wall_by(Passing::by(move || begun.elapsed()), TimeOfDay::default()),
+        clock: Clock::wall_by(BootClock::by(move || begun.elapsed()), TimeOfDay::default()),
         commands: Commands::from("mqtt://here"),
         address: "mqtt://here".into(),
         every: Duration::from_secs(1),
         resolutions: Vec::new(),
-        happenings: Happenings::default(),
+        happenings: EventQueue::default(),
         seen: Default::default(),
         kept,
         outbox: VecDeque::new(),
@@ -349,7 +350,7 @@ async fn what_was_told_in_vain_is_told_again_before_what_waits_behind_it() {
         }
         {
             let mut state = broker.0.lock().unwrap();
-            (state.is_away, state.last_heard) = (true, Some(Moment::default()));
+            (state.is_away, state.last_received) = (true, Some(Moment::default()));
         }
         passes(5).await;
         *before.lock().unwrap() = events_of(&broker).len();

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
 use super::*;
-use crate::observe::events::{Change, Event, Happened};
+use crate::observe::events::{Change, Event, ReportedEvent};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Notify, Url};
 
@@ -57,7 +57,11 @@ fn outbox() -> Outbox {
 fn lay(outbox: &Outbox, messages: usize) {
     for _ in 0..messages {
         let (event, change) = (Event::Zeroed, Change::default());
-        outbox.hear(Happened { event: &event, entry: &event.entry(Moment::default()), change: &change });
+        outbox.receive(ReportedEvent {
+            event: &event,
+            entry: &event.entry(Moment::default()),
+            change: &change,
+        });
     }
 }
 

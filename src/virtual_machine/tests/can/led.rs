@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::fieldbus::canopen::NodeId;
-use crate::fieldbus::canopen::master::{Care, Master, NodeEvent, Output, Start};
+use crate::fieldbus::canopen::master::{Master, NodeEvent, Output, Start, Supervision};
 use crate::fieldbus::canopen::sdo::{Client, Progress};
 use isotherm_core::codec::Entry;
 
@@ -16,7 +16,7 @@ struct Bus {
 
 impl Bus {
     fn new(faults: &str, start: Start) -> Bus {
-        let care = Care { heartbeat: Some(Duration::from_secs(3)), start };
+        let care = Supervision { heartbeat: Some(Duration::from_secs(3)), start };
         let master = Master::new([(NodeId::new(AXTC).unwrap(), care)], None, at(0));
         Bus { rig: Rig::new(faults), master, events: Vec::new() }
     }

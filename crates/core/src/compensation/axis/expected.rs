@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::{Axis, Chosen};
+use super::{Axis, ModelChoice};
 use crate::compensation::model::Model;
 use crate::compensation::reference::Machine;
 use crate::quantity::{Micron, Moment};
@@ -10,7 +10,7 @@ use crate::quantity::{Micron, Moment};
 impl Axis {
     /// Returns the expected residual error: one standard deviation. `None` outside the envelope, while a sensor has a
     /// stand-in, or if the profile gives no expected error. Stand-ins were not part of the identification.
-    pub(super) fn expected(&self, chosen: &Chosen, now: Moment, machine: &Machine) -> Option<Micron> {
+    pub(super) fn expected(&self, chosen: &ModelChoice, now: Moment, machine: &Machine) -> Option<Micron> {
         let is_outside = chosen.coverage.is_some_and(|coverage| coverage.extrapolating.is_some());
         let is_tried = !is_outside && chosen.stood_in.is_none();
         let expected = self.settings.models.get(chosen.model)?.expected.filter(|_| is_tried)?;

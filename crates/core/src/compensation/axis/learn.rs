@@ -48,13 +48,13 @@ impl Axis {
     /// Applies the control's demands: forgetting, and learning from a measured error.
     pub(super) fn be_taught(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, control: Control) {
         let Some(settings) = self.settings.probe else { return };
-        self.begin_anew(snapshot, machine, &settings);
+        self.restart(snapshot, machine, &settings);
         if control.forget {
             self.probe.clear();
             self.decision.worse = None;
         }
         let Some(measured) = control.measured else { return };
-        let probed = self.judge(snapshot, machine, measured);
+        let probed = self.assess(snapshot, machine, measured);
         self.compare(&probed, snapshot, machine, &settings);
         if matches!(probed.refused, None | Some(Refused::Doubted(_))) {
             self.learn(&probed, snapshot, machine, &settings);
@@ -63,7 +63,7 @@ impl Axis {
     }
 
     /// Resets the correction of each model whose datum or references are complete now.
-    fn begin_anew(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, settings: &ProbeSettings) {
+    fn restart(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, settings: &ProbeSettings) {
         if self.zeroing.is_open() {
             return;
         }
@@ -78,7 +78,7 @@ impl Axis {
     }
 
     /// Judges a measured error with the model in use.
-    pub(in crate::compensation) fn judge(
+    pub(in crate::compensation) fn assess(
         &self,
         snapshot: &Snapshot<'_>,
         machine: &Machine,
@@ -110,7 +110,7 @@ impl Axis {
         let (model, inputs) = self.model(place, snapshot, machine)?;
         let missing = self.missing(place, cz, snapshot, machine)?;
         let occasion = self.occasion(place, snapshot.now, machine);
-        learned.judge(missing, model.parts(inputs), &settings, occasion).err().map(Refused::Doubted)
+        learned.assess(missing, model.parts(inputs), &settings, occasion).err().map(Refused::Doubted)
     }
 
     /// Compares the error with and without compensation for each model that has a value now and is followed.
@@ -154,8 +154,8 @@ impl Axis {
         let without = probed.error - probed.acting;
         let is_plausible = (without + chosen.raw).abs() <= settings.max_error;
         let cz = probed.acting - probed.error;
-        let is_believed = self.doubts(place, cz, snapshot, machine).is_none();
-        let credit = if is_plausible && is_believed { Credit::Accepted } else { Credit::Doubted };
+        let is_accepted = self.doubts(place, cz, snapshot, machine).is_none();
+        let credit = if is_plausible && is_accepted { Credit::Accepted } else { Credit::Doubted };
         let with = without + chosen.raw.clamp_to(self.settings.guard.limit);
         Some((Touch { at: snapshot.now, without: without.get(), with: with.get() }, credit))
     }

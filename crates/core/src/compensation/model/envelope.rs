@@ -196,7 +196,7 @@ impl Envelope {
         for (rise, identified) in rises.iter_mut().zip(&self.inputs) {
             *rise = identified.input.rise(inputs, &Lag::NONE)?.get();
         }
-        Ok(self.judge(&rises))
+        Ok(self.assess(&rises))
     }
 
     /// Returns by which share of its range the worst input of this signal is beyond it; negative inside. `None` if the
@@ -219,7 +219,7 @@ impl Envelope {
         self.inputs.iter().filter(is_same).map(|known| known.beyond(rise)).reduce(f64::max)
     }
 
-    fn judge(&self, rises: &[f64; MOST]) -> Coverage {
+    fn assess(&self, rises: &[f64; MOST]) -> Coverage {
         let mut share = f64::NEG_INFINITY;
         let mut farthest = None;
         for (known, rise) in self.inputs.iter().zip(rises) {

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use super::{Inputs, Lag, Term, TimeConstant, Unusable};
 use crate::compensation::Snapshot;
-use crate::compensation::instead::{Instead, Says};
-use crate::compensation::reference::{Captured, Machine, Reference};
+use crate::compensation::reference::{CapturedReference, Machine, Reference};
+use crate::compensation::substitution::{SubstituteSource, Substitution};
 use crate::quantity::{Celsius, MicronPerMillimetreCelsius, Moment};
 use crate::reading::SignalId;
 
@@ -65,9 +65,9 @@ impl Input {
         &self,
         snapshot: &Snapshot<'_>,
         machine: &Machine,
-    ) -> Result<(f64, Captured), Unusable> {
+    ) -> Result<(f64, CapturedReference), Unusable> {
         let (value, reference) = match snapshot.instead_of(self.signal) {
-            Some(instead) => self.level_of(instead, machine).ok_or(Unusable::from(instead))?,
+            Some(substitution) => self.level_of(substitution, machine).ok_or(Unusable::from(substitution))?,
             None => {
                 let value = snapshot.reading(self.signal).ok_or(Unusable::Signal(self.signal))?;
                 (value, machine.captured(self.reference, self.signal).ok_or_else(|| self.misses(machine))?)
@@ -77,20 +77,21 @@ impl Input {
     }
 
     /// Returns the value and reference from a substitute; `None` if the substitute has no value.
-    fn level_of(&self, instead: &Instead, machine: &Machine) -> Option<(f64, Captured)> {
-        let Says::Others { value, rise } = instead.says else { return None };
+    fn level_of(&self, substitution: &Substitution, machine: &Machine) -> Option<(f64, CapturedReference)> {
+        let SubstituteSource::Predictors { value, rise } = substitution.source else { return None };
         let captured = machine.captured(self.reference, self.signal);
         match self.reference {
             // A predicted rise needs no captured reference. The square of a value does.
             Reference::Start => {
-                let unread = Captured { value: Celsius::ZERO, at: Moment::default() };
+                let unread = CapturedReference { value: Celsius::ZERO, at: Moment::default() };
                 let start = if self.squared { captured? } else { captured.unwrap_or(unread) };
                 Some((start.value.get() + rise, start))
             }
             // A zero that was captured since then is unknown.
             Reference::Zero => {
-                let is_known =
-                    |zero: &Captured| zero.at <= instead.since && !machine.is_zeroed_anew(self.signal);
+                let is_known = |zero: &CapturedReference| {
+                    zero.at <= substitution.since && !machine.is_zeroed_again(self.signal)
+                };
                 Some((value?, captured.filter(is_known)?))
             }
             Reference::Fixed(_) => Some((value?, captured?)),
@@ -112,11 +113,11 @@ impl Input {
     /// finite.
     #[inline]
     pub fn rise(&self, inputs: &Inputs<'_>, lag: &Lag) -> Result<Celsius, Unusable> {
-        lag.risen(&inputs.snapshot).map_or_else(|| self.rise_anew(inputs, lag), Ok)
+        lag.risen(&inputs.snapshot).map_or_else(|| self.compute_rise(inputs, lag), Ok)
     }
 
     #[inline(never)]
-    fn rise_anew(&self, inputs: &Inputs<'_>, lag: &Lag) -> Result<Celsius, Unusable> {
+    fn compute_rise(&self, inputs: &Inputs<'_>, lag: &Lag) -> Result<Celsius, Unusable> {
         let (value, reference) = self.level(&inputs.snapshot, inputs.machine)?;
         let rise = match self.lag {
             Some(_) => lag.rise(self, inputs),
@@ -126,8 +127,8 @@ impl Input {
     }
 }
 
-fn squared(value: f64, reference: Captured) -> Result<(f64, Captured), Unusable> {
+fn squared(value: f64, reference: CapturedReference) -> Result<(f64, CapturedReference), Unusable> {
     let square = |value: f64| Celsius::new(value * value).ok_or(Unusable::NotANumber);
     let from = square(reference.value.get())?;
-    Ok((square(value)?.get(), Captured { value: from, ..reference }))
+    Ok((square(value)?.get(), CapturedReference { value: from, ..reference }))
 }

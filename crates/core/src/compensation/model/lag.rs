@@ -25,7 +25,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Input, Inputs};
 use crate::compensation::Snapshot;
-use crate::compensation::reference::{Captured, Machine, Reference};
+use crate::compensation::reference::{CapturedReference, Machine, Reference};
 use crate::quantity::{Celsius, Moment, shifted};
 
 /// Time constant C of a lag, above zero.
@@ -128,7 +128,7 @@ impl Lag {
         {
             lagged.advance(value, snapshot.now, constant);
         } else {
-            self.follow_anew(input, constant, snapshot, machine);
+            self.restart_following(input, constant, snapshot, machine);
         }
     }
 
@@ -137,12 +137,12 @@ impl Lag {
     fn is_measured_as_before(&self, input: &Input, snapshot: &Snapshot<'_>, machine: &Machine) -> bool {
         self.is_abreast
             && self.captures == machine.captures()
-            && snapshot.instead.is_empty()
+            && snapshot.substitutions.is_empty()
             && !input.squared
     }
 
     #[inline(never)]
-    fn follow_anew(
+    fn restart_following(
         &mut self,
         input: &Input,
         constant: TimeConstant,
@@ -155,7 +155,7 @@ impl Lag {
         lagged.begin_from(input.reference, reference);
         lagged.advance(value, snapshot.now, constant);
         lagged.measure_from(input.reference, reference);
-        self.is_abreast = snapshot.instead.is_empty() && value.abs() < LARGE;
+        self.is_abreast = snapshot.substitutions.is_empty() && value.abs() < LARGE;
         self.captures = machine.captures();
         // A profile without ranges may accept a reading of 1e308. Its effect must not stay for ever.
         if !lagged.follower.is_finite() {
@@ -190,7 +190,7 @@ impl Lagged {
         Lagged { at: self.at.before(span), ..self }
     }
 
-    fn begin(input: f64, reference: Captured, at: Moment) -> Lagged {
+    fn begin(input: f64, reference: CapturedReference, at: Moment) -> Lagged {
         let (from, captured) = (reference.value.get(), reference.at);
         Lagged { at, input, follower: from, from, captured }
     }
@@ -215,7 +215,7 @@ impl Lagged {
 
     /// Takes over a machine-start reference that became known, or better known, later. The present rise does not
     /// change.
-    fn begin_from(&mut self, kind: Reference, reference: Captured) {
+    fn begin_from(&mut self, kind: Reference, reference: CapturedReference) {
         let is_belated = self.captured == Moment::default() || self.captured == reference.at;
         let by = reference.value.get() - self.from;
         if kind == Reference::Start && is_belated && by.abs() > 0.0 {
@@ -224,7 +224,7 @@ impl Lagged {
         }
     }
 
-    fn measure_from(&mut self, kind: Reference, reference: Captured) {
+    fn measure_from(&mut self, kind: Reference, reference: CapturedReference) {
         let anew = reference.at != self.captured;
         self.captured = reference.at;
         match kind {

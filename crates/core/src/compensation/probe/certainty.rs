@@ -82,7 +82,7 @@ impl Certainty {
     ///
     /// # Errors
     /// Returns the largest residual that would be accepted at once.
-    pub(super) fn judge(&self, residual: f64, filter: Filter, occasion: Occasion) -> Result<(), Micron> {
+    pub(super) fn assess(&self, residual: f64, filter: Filter, occasion: Occasion) -> Result<(), Micron> {
         let Filter::Weighed { repeat, walk } = filter else { return Ok(()) };
         let most = BELIEVED * (self.variance(walk, occasion) + repeat * repeat).sqrt();
         let agrees = |first: f64| (residual - first).abs() <= BELIEVED * std::f64::consts::SQRT_2 * repeat;

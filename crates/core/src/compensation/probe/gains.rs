@@ -54,7 +54,7 @@ impl Gains {
 
     /// Returns the kept estimate, inside the bounds of `fresh`. Returns `fresh` itself if the shape differs or a number
     /// is not finite.
-    pub(super) fn recalled(self, fresh: Gains) -> Gains {
+    pub(super) fn restored(self, fresh: Gains) -> Gains {
         let size = fresh.bounds.len();
         let finite = self.estimate.iter().chain(&self.covariance).all(|number| number.is_finite());
         if (self.estimate.len(), self.covariance.len()) != (size, size * size) || !finite {

@@ -51,7 +51,7 @@ impl Learned {
         self.renews = kept.renews;
         self.comparison.recall(&kept.comparison);
         if let (Some(gains), Some(kept)) = (self.gains.take(), kept.gains.clone()) {
-            self.gains = Some(kept.recalled(gains));
+            self.gains = Some(kept.restored(gains));
         }
     }
 
@@ -72,14 +72,14 @@ impl Learned {
     ///
     /// # Errors
     /// Returns the largest deviation that would be accepted at once.
-    pub(in crate::compensation) fn judge(
+    pub(in crate::compensation) fn assess(
         &self,
         wanted: f64,
         parts: impl Iterator<Item = f64>,
         settings: &ProbeSettings,
         occasion: Occasion,
     ) -> Result<(), Micron> {
-        self.certainty.judge(wanted - self.correction(parts, settings), settings.filter, occasion)
+        self.certainty.assess(wanted - self.correction(parts, settings), settings.filter, occasion)
     }
 
     /// Learns that the correction should have been `wanted` µm, or doubts it.
@@ -91,7 +91,7 @@ impl Learned {
         occasion: Occasion,
     ) {
         let residual = wanted - self.correction(parts.clone(), settings);
-        if self.certainty.judge(residual, settings.filter, occasion).is_err() {
+        if self.certainty.assess(residual, settings.filter, occasion).is_err() {
             return self.certainty.doubt(residual);
         }
         let share = self.certainty.learn(residual, settings.filter, occasion);

@@ -22,7 +22,7 @@ pub(super) const FAR: f64 = 0.10;
 
 /// State of one input of the bank.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Gathered {
+pub(super) struct BankInput {
     #[serde(rename = "lagged")]
     pub(super) lag: Lag,
     /// Time at which the lag is settled. Before it the lag is not used, because it began on a running machine.
@@ -39,7 +39,7 @@ pub(super) struct Gathered {
     pub(super) beyond: bool,
 }
 
-shifted!(Gathered: lag, ready);
+shifted!(BankInput: lag, ready);
 
 /// Mean of the values so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -63,7 +63,7 @@ impl Mean {
     }
 }
 
-impl Gathered {
+impl BankInput {
     /// Updates lag and means with the readings as the model uses them. An unknown reading changes nothing.
     pub(super) fn follow(&mut self, predictor: &Predictor, seen: &Snapshot<'_>, machine: &Machine) {
         let input = &predictor.input;
@@ -84,7 +84,12 @@ impl Gathered {
 
     /// Checks whether the input is beyond the range in the model's envelope, or its rise in this minute far beyond.
     /// That state ends when both are inside.
-    pub(super) fn look_at_range(&mut self, predictor: &Predictor, envelope: &Envelope, inputs: &Inputs<'_>) {
+    pub(super) fn check_bank_range(
+        &mut self,
+        predictor: &Predictor,
+        envelope: &Envelope,
+        inputs: &Inputs<'_>,
+    ) {
         let (now, late) = self.beyond_range(predictor, envelope, inputs);
         let edge = if self.beyond { 0.0 } else { EDGE };
         let is_beyond = now.map_or(self.beyond, |now| now > edge);

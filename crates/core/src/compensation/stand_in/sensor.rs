@@ -40,7 +40,7 @@ pub(super) struct Sensor {
     outside: bool,
     /// Last x̂ that could be used as a stand-in.
     #[serde(default)]
-    last: Option<Said>,
+    last: Option<TimedPrediction>,
     #[serde(flatten)]
     recovery: Recovery,
     /// Number of minutes in a row with a predicted motion that the reading lacks.
@@ -99,7 +99,7 @@ pub(super) enum Prediction {
 
 /// Prediction that could be used as a stand-in, and its time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-struct Said {
+struct TimedPrediction {
     rise: f64,
     at: Moment,
 }
@@ -125,18 +125,18 @@ pub(super) enum Verdict {
     /// The state has not changed.
     AsBefore,
     /// The sensor is accepted again.
-    Believed(Option<Beginning>),
+    Accepted(Option<StartEstimate>),
 }
 
 /// Estimated reading of a sensor at machine start, when it could not be read.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(in crate::compensation) struct Beginning {
+pub(in crate::compensation) struct StartEstimate {
     pub(in crate::compensation) value: f64,
     /// References that were captured since this time are invalid.
-    pub(in crate::compensation) distrusted_since: Moment,
+    pub(in crate::compensation) rejected_since: Moment,
 }
 
-shifted!(Said: at);
+shifted!(TimedPrediction: at);
 shifted!(Recovery: agrees, unproven);
 shifted!(Sensor: standing, read, changed, last, recovery);
 
@@ -155,7 +155,7 @@ impl Sensor {
 
     /// Returns since when the sensor is rejected, and whether it is suspected or frozen (`true`) or lost (`false`).
     /// `None` if it is accepted.
-    pub(super) fn distrusted(&self) -> Option<(Moment, bool)> {
+    pub(super) fn rejected(&self) -> Option<(Moment, bool)> {
         match self.standing {
             SensorState::Live => None,
             SensorState::Suspected(since) | SensorState::Frozen(since) => Some((since, true)),
@@ -198,7 +198,7 @@ impl Sensor {
         self.outside
     }
 
-    /// Returns whether the sensor has a good reading at this moment. The reading must have been passed to `look`
+    /// Returns whether the sensor has a good reading at this moment. The reading must have been passed to `check`
     /// before.
     pub(super) fn reads(&self, now: Moment) -> bool {
         self.reading.is_some() && self.read == now
@@ -212,7 +212,8 @@ impl Sensor {
     /// Returns the rise of the stand-in; `None` if there is no stand-in. For a frozen sensor, the last prediction is
     /// used while a sensor is beyond its range. It is also used for some minutes while a predictor is missing.
     pub(super) fn stand_in(&self, now: Moment) -> Option<f64> {
-        let serves = |last: &Said| self.is_frozen() && (self.outside || now.since(last.at) < BRIDGED);
+        let serves =
+            |last: &TimedPrediction| self.is_frozen() && (self.outside || now.since(last.at) < BRIDGED);
         self.said().or_else(|| Some(self.last.filter(serves)?.rise))
     }
 
@@ -247,7 +248,7 @@ impl Sensor {
         self.last = None;
     }
 
-    pub(super) fn look(&mut self, reading: Option<f64>, now: Moment) {
+    pub(super) fn check(&mut self, reading: Option<f64>, now: Moment) {
         let Some(value) = reading else {
             if self.is_live() || self.is_suspected() {
                 let since = if self.reading.is_some() { self.read } else { now };
@@ -295,7 +296,7 @@ impl Sensor {
     }
 
     /// Takes the prediction of the last minute, and returns whether the sensor is accepted again.
-    pub(super) fn judge(
+    pub(super) fn assess(
         &mut self,
         prediction: Prediction,
         reading: Option<f64>,
@@ -314,10 +315,10 @@ impl Sensor {
             {
                 self.base.get_or_insert(rise);
             }
-            return self.judge_unpredicted(reading, now);
+            return self.assess_unpredicted(reading, now);
         };
         self.predicted = Some(predicted);
-        self.last = predicted.fit().map(|rise| Said { rise, at: now }).or(self.last);
+        self.last = predicted.fit().map(|rise| TimedPrediction { rise, at: now }).or(self.last);
         self.recovery.unproven = None;
         if self.is_suspected() {
             return Verdict::AsBefore;
@@ -351,13 +352,13 @@ impl Sensor {
         } else if now.since(*self.recovery.agrees.get_or_insert(now)) >= AGREES_FOR
             && let Some(reading) = reading
         {
-            return Verdict::Believed(self.believe(reading, now));
+            return Verdict::Accepted(self.accept(reading, now));
         }
         Verdict::AsBefore
     }
 
     /// Judges a sensor without a prediction. A lost sensor is accepted after it has been back for an hour.
-    fn judge_unpredicted(&mut self, reading: Option<f64>, now: Moment) -> Verdict {
+    fn assess_unpredicted(&mut self, reading: Option<f64>, now: Moment) -> Verdict {
         let back = reading.filter(|_| self.is_lost() && self.recovery.moved);
         let Some(reading) = back else {
             self.recovery.unproven = None;
@@ -366,34 +367,34 @@ impl Sensor {
         if now.since(*self.recovery.unproven.get_or_insert(now)) < AGREES_FOR {
             return Verdict::AsBefore;
         }
-        Verdict::Believed(self.believe(reading, now))
+        Verdict::Accepted(self.accept(reading, now))
     }
 
     /// Accepts the sensor because the operator has checked it. `None` if it was accepted already, or has no reading
     /// now.
     pub(super) fn trust(&mut self, now: Moment) -> Option<Verdict> {
         let reading = self.reading.filter(|_| !self.is_live() && self.reads(now))?;
-        Some(Verdict::Believed(self.believe(reading, now)))
+        Some(Verdict::Accepted(self.accept(reading, now)))
     }
 
     /// Accepts the sensor again. Returns its predicted beginning; `None` if its reading has been constant or is not
     /// predicted.
-    fn believe(&mut self, reading: f64, now: Moment) -> Option<Beginning> {
-        let (since, _) = self.distrusted()?;
+    fn accept(&mut self, reading: f64, now: Moment) -> Option<StartEstimate> {
+        let (since, _) = self.rejected()?;
         let rise = self.said().filter(|_| self.recovery.moved);
         self.begin(reading, now);
-        Some(Beginning { value: reading - rise?, distrusted_since: since })
+        Some(StartEstimate { value: reading - rise?, rejected_since: since })
     }
 
     /// Counts rises from zero after a machine start. The beginning of a rejected sensor is unknown.
     pub(super) fn started(&mut self, now: Moment) {
-        let is_believed = match self.standing {
+        let is_accepted = match self.standing {
             SensorState::Live | SensorState::Suspected(_) => true,
             SensorState::Frozen(_) => self.recovery.moved,
             SensorState::Lost(_) => self.reads(now),
         };
         (self.predicted, self.last) = (None, None);
-        match self.reading.filter(|_| is_believed) {
+        match self.reading.filter(|_| is_accepted) {
             Some(reading) => self.begin(reading, now),
             None => (self.from, self.base, self.tentative, self.recovery.agrees) = (None, None, false, None),
         }

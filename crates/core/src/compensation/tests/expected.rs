@@ -138,7 +138,7 @@ fn a_pause_counts_also_where_hours_count_from_the_start() {
         let kept: Remembered = serde_json::from_str(&kept).unwrap();
         let stop = Stop { by_the_clock: Some(seconds(2.0 * HOUR)) };
         let now = Moment::from_nanos(1_000_000_000_000_000_000);
-        let kept = kept.going_on(rig.now, now, stop);
+        let kept = kept.resumed(rig.now, now, stop);
         rig.compensation =
             Compensation::new(rig.compensation.settings.clone(), vec![axis(vec![rise(reference)])], kept);
         rig.now = now;

@@ -3,7 +3,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::compensation::model::Lag;
-use crate::compensation::stand_in::Beginning;
+use crate::compensation::stand_in::StartEstimate;
 
 fn any_value() -> impl Strategy<Value = f64> {
     prop_oneof![
@@ -188,7 +188,7 @@ proptest! {
                 prop_assert!(knows.kept().is_none_or(|kept| kept.is_finite()));
             }
             if begins {
-                machine.begins(BED, Beginning { value: bed, distrusted_since: Moment::default() });
+                machine.begins(BED, StartEstimate { value: bed, rejected_since: Moment::default() });
             }
         }
     }

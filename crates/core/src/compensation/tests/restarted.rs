@@ -22,9 +22,9 @@ fn after(settings: &AxisSettings, (before, since): (i64, i64), off: f64) -> (f64
     // The second run counts time from another start.
     let now = Moment::from_nanos(0).after(seconds(3e9));
     let by_the_clock = rig.now.after(seconds(off)).shifted(second);
-    let going_on = kept.going_on(stopped, now, Stop::between(stopped, by_the_clock));
+    let resumed = kept.resumed(stopped, now, Stop::between(stopped, by_the_clock));
     let settings = vec![settings.clone()];
-    rig.compensation = Compensation::new(rig.compensation.settings.clone(), settings, going_on);
+    rig.compensation = Compensation::new(rig.compensation.settings.clone(), settings, resumed);
     rig.now = now;
     let raw = rig.show(30.0, 24.0).step().raw.unwrap().get();
     (raw, rig.compensation.machine().on_time(now))
@@ -64,8 +64,8 @@ fn a_reference_that_settles_needs_what_was_left_of_its_time() {
     let kept = rig.compensation.remembered().counted_until(rig.now).shifted(back);
     for stop in [Stop::between(rig.now, rig.now.after(seconds(10.0))), Stop::default()] {
         let now = Moment::from_nanos(0).after(seconds(1.6e9));
-        let going_on = kept.clone().going_on(rig.now.shifted(back), now, stop);
-        rig.compensation = Compensation::new(machine.clone(), vec![lagging()], going_on);
+        let resumed = kept.clone().resumed(rig.now.shifted(back), now, stop);
+        rig.compensation = Compensation::new(machine.clone(), vec![lagging()], resumed);
         let clock = std::mem::replace(&mut rig.now, now);
         let complete =
             rig.show(20.0, 24.0).run(200.0).iter().filter(|decision| decision.raw.is_some()).count();

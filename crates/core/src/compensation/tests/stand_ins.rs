@@ -67,7 +67,7 @@ impl Twins {
     }
 
     /// The operator disarms the failing axis and arms it again.
-    pub(super) fn look(&mut self) {
+    pub(super) fn check(&mut self) {
         self.failing.control.trust = true;
         self.failing.permit(Permit::Off);
         self.run(0.1);
@@ -158,7 +158,7 @@ fn a_frozen_sensor_that_moves_and_does_not_agree_is_not_believed_until_a_person_
         twins.run(1.0).1.stood_in.is_some(),
         "it was switched off by the gateway itself: nobody has looked"
     );
-    twins.look();
+    twins.check();
     twins.frozen[0] = None;
     let (_, decision) = twins.run(1.0);
     assert_eq!((decision.state, decision.stood_in), (AxisState::Active, None));
@@ -193,7 +193,7 @@ fn a_stand_in_is_never_an_input_of_another() {
     assert_eq!((decision.model, decision.lacks), (None, Some(Unusable::Signal(BED))));
     // When the bed is back and the operator has checked it, the wheelhead has its stand-in.
     twins.lost[0] = false;
-    twins.look();
+    twins.check();
     let (apart, decision) = twins.run(5.0);
     assert_eq!(decision.stood_in.map(|found| found.signal), Some(WHEELHEAD));
     assert!(apart < 1.0, "{apart}");
@@ -217,11 +217,11 @@ fn a_frozen_sensor_that_nobody_stands_in_for_is_reported_and_its_reading_is_used
     assert_eq!((decision.model, decision.lacks), (Some(0), None));
     assert_eq!((decision.state, decision.stood_in), (AxisState::Active, None));
     assert!(apart > 0.9 && apart < 1.1, "its gain is 1, and it has missed 1 °C: {apart}");
-    let found: Vec<Distrusted> = twins.failing.compensation.distrusted(0).collect();
+    let found: Vec<RejectedSensor> = twins.failing.compensation.rejected(0).collect();
     assert_eq!((found.len(), found[0].signal, found[0].frozen, found[0].others), (1, WHEELHEAD, true, None));
     twins.frozen[1] = None;
     let (_, decision) = twins.run(0.1);
-    assert_eq!((decision.state, twins.failing.compensation.distrusted(0).count()), (AxisState::Active, 0));
+    assert_eq!((decision.state, twins.failing.compensation.rejected(0).count()), (AxisState::Active, 0));
 }
 
 #[test]
@@ -260,7 +260,7 @@ fn one_other_sensor_stands_in_for_none_and_still_finds_a_frozen_one() {
     twins.run(60.0);
     twins.freeze(COLUMN);
     assert_eq!(twins.run(20.0).1.stood_in, None);
-    let found: Vec<Distrusted> = twins.failing.compensation.distrusted(0).collect();
+    let found: Vec<RejectedSensor> = twins.failing.compensation.rejected(0).collect();
     assert_eq!((found.len(), found[0].signal, found[0].others), (1, COLUMN, None));
 }
 
@@ -283,11 +283,7 @@ fn a_substitution_that_moves_the_target_by_more_than_a_step_is_not_made() {
         }
         let decision = *twins.failing.compensation.decision(0).unwrap();
         assert_eq!(decision.stood_in.is_some(), is_made, "{step}");
-        assert_eq!(
-            (decision.model, twins.failing.compensation.distrusted(0).count()),
-            (Some(0), 1),
-            "{step}"
-        );
+        assert_eq!((decision.model, twins.failing.compensation.rejected(0).count()), (Some(0), 1), "{step}");
     }
 }
 
@@ -311,7 +307,7 @@ fn what_the_envelope_fades_counts_in_what_a_substitution_moves() {
         twins.freeze(BED);
         let (_, decision) = twins.run(30.0);
         assert_eq!((decision.model, decision.stood_in.is_some()), (Some(0), is_made), "{outside:?}");
-        assert_eq!(twins.failing.compensation.distrusted(0).count(), 1, "{outside:?}");
+        assert_eq!(twins.failing.compensation.rejected(0).count(), 1, "{outside:?}");
     }
 }
 

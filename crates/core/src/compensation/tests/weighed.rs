@@ -188,8 +188,8 @@ fn a_pause_makes_a_correction_less_certain_also_where_the_clock_cannot_say_how_l
             let now = Moment::from_nanos(1_000_000_000_000_000_000);
             let kept = serde_json::to_string(&rig.compensation.remembered()).unwrap();
             let kept: Remembered = serde_json::from_str(&kept).unwrap();
-            let going_on = kept.going_on(rig.now, now, stop);
-            rig.compensation = Compensation::new(rig.compensation.settings.clone(), vec![rise()], going_on);
+            let resumed = kept.resumed(rig.now, now, stop);
+            rig.compensation = Compensation::new(rig.compensation.settings.clone(), vec![rise()], resumed);
             rig.now = now;
             let start = correction(rig.after(0.0));
             let p = before + 4.0 * hours;

@@ -20,7 +20,7 @@ const WINDOW: usize = 1 << 20;
 
 /// Result of the check of a column.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Looked {
+pub(super) struct CheckedPages {
     /// Whether texts are delta-encoded. This reader does not support that.
     pub(super) has_deltas_of_texts: bool,
 }
@@ -44,7 +44,11 @@ const DELTAS_OF_TEXTS: [i64; 2] = [6, 7];
 ///
 /// # Errors
 /// Message if a page is outside the file, or larger than allowed.
-pub(super) fn look(file: &File, length: u64, chunk: &ColumnChunkMetaData) -> Result<Looked, String> {
+pub(super) fn check_pages(
+    file: &File,
+    length: u64,
+    chunk: &ColumnChunkMetaData,
+) -> Result<CheckedPages, String> {
     let begin = chunk
         .dictionary_page_offset()
         .map_or(chunk.data_page_offset(), |dictionary| dictionary.min(chunk.data_page_offset()));
@@ -65,7 +69,7 @@ pub(super) fn look(file: &File, length: u64, chunk: &ColumnChunkMetaData) -> Res
         );
     }
     let mut window = Window { file, at: begin, end, bytes: Vec::new() };
-    let mut looked = Looked::default();
+    let mut looked = CheckedPages::default();
     while window.at < end {
         let head = window.head()?;
         head.check()?;

@@ -66,7 +66,7 @@ fn births_that_are_asked_for_too_often_are_told_once_a_second_and_no_data_before
     let texts = values.iter().filter(|metric| matches!(metric.value, Some(Raw::String(_)))).count();
     assert_eq!(texts, values.len(), "between births stand events only");
     assert_eq!(texts, 300, "no event is lost");
-    assert_eq!(node.left_out(), LeftOut::default());
+    assert_eq!(node.left_out(), LostValues::default());
 }
 
 #[test]
@@ -100,12 +100,12 @@ fn a_measured_error_is_of_now_by_a_clock_that_was_set() {
     let state = Snapshot { shift, ..snapshot(Some(21.5), true, at(0)) };
     let (mut node, birth) = connected(at(0), &state);
     assert_eq!((birth.timestamp, find(&birth, "bdSeq").timestamp), (ms(hour), ms(hour)));
-    let mut hear = |sent| {
+    let mut receive = |sent| {
         let payload = command(&[named("axis/z/measured_error_um", Raw::Double(3.2))], ms(sent));
         node.received(at(5_000), &state, NCMD, &payload).outcome
     };
-    assert_eq!(hear(hour + 4_000), measured(3.2));
-    let Some(Outcome::Refused { why, .. }) = hear(4_000) else { panic!("it was sent an hour ago") };
+    assert_eq!(receive(hour + 4_000), measured(3.2));
+    let Some(Outcome::Refused { why, .. }) = receive(4_000) else { panic!("it was sent an hour ago") };
     assert!(why.starts_with("the message was sent 3601 s ago"), "{why}");
 }
 
@@ -113,16 +113,16 @@ fn a_measured_error_is_of_now_by_a_clock_that_was_set() {
 fn a_measured_error_that_a_broker_brings_twice_is_taken_once() {
     let state = snapshot(Some(21.5), true, at(0));
     let (mut node, _) = connected(at(0), &state);
-    let mut hear = |error_um, sent| {
+    let mut receive = |error_um, sent| {
         let payload = command(&[named("axis/z/measured_error_um", Raw::Double(error_um))], ms(sent));
         node.received(at(5_000), &state, NCMD, &payload).outcome
     };
-    assert_eq!(hear(3.2, 10), measured(3.2));
+    assert_eq!(receive(3.2, 10), measured(3.2));
     let why = "the message arrived twice, and was accepted the first time".to_owned();
     let refused = Outcome::Refused { command: "axis/z/measured_error_um".to_owned(), why };
-    assert_eq!(hear(3.2, 10), Some(refused));
-    assert_eq!(hear(3.2, 20), measured(3.2));
-    assert_eq!(hear(3.3, 20), measured(3.3));
+    assert_eq!(receive(3.2, 10), Some(refused));
+    assert_eq!(receive(3.2, 20), measured(3.2));
+    assert_eq!(receive(3.3, 20), measured(3.3));
 }
 
 fn with(metric: Metric, properties: &[(&str, PropertyRaw)]) -> Metric {
@@ -240,10 +240,10 @@ fn everything_else_is_refused_with_its_reason() {
 
 #[test]
 fn a_measured_error_that_the_profile_does_not_take_is_refused_with_the_key_that_would() {
-    let (told, outcome) =
+    let (published, outcome) =
         outcome_of(&command(&[named("axis/z/measured_error_um", Raw::Double(1.0))], ms(0)), false);
     let Some(Outcome::Refused { command, why }) = outcome else { panic!("{outcome:?}") };
-    assert_eq!((told, command.as_str()), (0, "axis/z/measured_error_um"));
+    assert_eq!((published, command.as_str()), (0, "axis/z/measured_error_um"));
     assert_eq!(why, "the profile does not accept measured errors: write `[mqtt] commands = [\"measured\"]`");
 }
 

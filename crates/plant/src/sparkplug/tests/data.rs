@@ -8,10 +8,10 @@ use super::*;
 fn only_what_has_changed_by_its_resolution_is_told_under_its_alias() {
     let (mut node, birth) = connected(at(0), &snapshot(Some(21.5), true, at(0)));
     let (bed, armed) = (alias(&birth, "signal/bed/value"), alias(&birth, "axis/z/is_armed"));
-    let mut told = Vec::new();
+    let mut published = Vec::new();
     let states = [(21.5, true), (21.505, true), (21.51, true), (21.51, false), (21.53, true)];
     for (time, (value, is_armed)) in (100..).step_by(100).zip(states) {
-        told.extend(rows(&node.publish(at(time), &snapshot(Some(value), is_armed, at(time - 1)))));
+        published.extend(rows(&node.publish(at(time), &snapshot(Some(value), is_armed, at(time - 1)))));
     }
     let expected = [
         (1, bed, 299, Some(Raw::Double(21.51))),
@@ -19,8 +19,8 @@ fn only_what_has_changed_by_its_resolution_is_told_under_its_alias() {
         (3, bed, 499, Some(Raw::Double(21.53))),
         (3, armed, 499, Some(Raw::Boolean(true))),
     ];
-    assert_eq!(told, expected);
-    assert_eq!(node.left_out(), LeftOut::default());
+    assert_eq!(published, expected);
+    assert_eq!(node.left_out(), LostValues::default());
 }
 
 #[test]
@@ -49,7 +49,7 @@ fn what_an_axis_has_not_is_null_and_says_nothing_of_quality() {
     let with = |correction: Option<f64>, time| {
         let mut state = snapshot(Some(1.0), true, at(time));
         let (subject, value) = (Subject::Axis("z".to_owned()), correction.map(Value::Real));
-        state.metrics.push(seam::Metric {
+        state.metrics.push(interface::Metric {
             subject,
             name: "correction_um",
             value,
@@ -103,7 +103,7 @@ fn events_are_told_in_the_order_of_time_among_the_values_with_kind_and_importanc
 #[test]
 fn much_at_once_becomes_several_messages_of_one_sequence() {
     let many = |value: u64| {
-        let metric = |number: usize| seam::Metric {
+        let metric = |number: usize| interface::Metric {
             subject: Subject::Signal(format!("signal-{number}")),
             name: "value",
             value: Some(Value::Count(value)),

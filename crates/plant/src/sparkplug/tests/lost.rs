@@ -82,13 +82,15 @@ fn what_the_birth_does_not_promise_any_more_is_left_out_and_counted() {
     let mut state = snapshot(Some(1.0), true, at(5));
     state.metrics[1].kind = Value::Text(String::new());
     state.metrics[1].value = Some(Value::Text("armed".to_owned()));
-    state.metrics.push(seam::Metric { subject: Subject::Bus("gone".to_owned()), ..state.metrics[0].clone() });
+    state
+        .metrics
+        .push(interface::Metric { subject: Subject::Bus("gone".to_owned()), ..state.metrics[0].clone() });
     let records = before.absent(at(10), &state);
     let (mut node, _) = connected(at(20), &snapshot(Some(2.0), true, at(15)));
     let spoiled = Record(vec![0xff; 9]);
     let messages = node.forward(at(30), &[spoiled, records[0].clone()]);
     assert_eq!(rows(&messages), [(1, 1, 5, Some(Raw::Double(1.0)))]);
-    let expected = LeftOut { unreadable_records: 1, unknown_values: 2, ..LeftOut::default() };
+    let expected = LostValues { unreadable_records: 1, unknown_values: 2, ..LostValues::default() };
     assert_eq!(node.left_out(), expected);
 }
 
@@ -118,7 +120,7 @@ proptest! {
         let mut node = node();
         let (mut is_connected, mut sent, mut history) = (false, Vec::new(), Vec::new());
         // Records on disk, and records that were published but may be undelivered.
-        let (mut kept, mut told): (Vec<Record>, Vec<(u64, Vec<Record>)>) = (Vec::new(), Vec::new());
+        let (mut kept, mut published): (Vec<Record>, Vec<(u64, Vec<Record>)>) = (Vec::new(), Vec::new());
         let mut changes = Vec::new();
         for (second, (what, back)) in (1u64..).zip(steps.into_iter().chain([(0, 0), (9, 0)])) {
             let now = at(second * 1000);
@@ -127,7 +129,7 @@ proptest! {
             match (is_connected, what) {
                 (true, 0..3) => {
                     let heard = second.saturating_sub(back);
-                    let lost = told.drain(..).filter(|(at, _)| *at > heard).flat_map(|(_, records)| records);
+                    let lost = published.drain(..).filter(|(at, _)| *at > heard).flat_map(|(_, records)| records);
                     kept = lost.chain(kept).collect();
                     kept.extend(node.disconnected(at(heard * 1000)));
                     kept.extend(node.absent(now, &state));
@@ -137,7 +139,7 @@ proptest! {
                 (true, _) => {
                     let mut messages = node.publish(now, &state);
                     messages.extend(node.forward(now, &kept));
-                    told.push((second, std::mem::take(&mut kept)));
+                    published.push((second, std::mem::take(&mut kept)));
                     sent.push((second, times(&messages)));
                 }
                 (false, 0..6) => kept.extend(node.absent(now, &state)),

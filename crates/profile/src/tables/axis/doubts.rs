@@ -1,6 +1,6 @@
 //! Warnings about settings that are allowed but probably wrong. Each contains the suspicious figure.
 
-use super::model::all_over::{AllOver, signed};
+use super::model::uniform_temperature::{UniformTemperature, signed};
 use crate::Profile;
 use crate::document;
 use crate::tables::Check;
@@ -12,7 +12,7 @@ const LARGE_LIMIT: f64 = 500.0;
 const WORKSHOP: f64 = 20.0;
 
 pub(in crate::tables) fn warn(check: &Check<'_>, profile: &Profile) {
-    let all_over = AllOver::at(WORKSHOP, &profile.signals);
+    let all_over = UniformTemperature::at(WORKSHOP, &profile.signals);
     let mut from_start = Vec::new();
     for axis in &profile.axes {
         let (settings, at) = (&axis.settings, check.at("axis").key(&axis.settings.name));

@@ -3,7 +3,7 @@
 use super::Axis;
 use crate::tables::output::Output;
 use crate::tables::output::writes::Writes;
-use crate::tables::{At, Check};
+use crate::tables::{Check, KeyContext};
 use isotherm_core::compensation::model::{Kind, Slope};
 use isotherm_core::compensation::settings::InterceptSlope;
 use isotherm_core::quantity::Millimetre;
@@ -11,7 +11,7 @@ use isotherm_core::quantity::Millimetre;
 /// Sets the reach of the slope at each axis whose outputs write the parts of a line.
 pub(in crate::tables) fn resolve(check: &mut Check<'_>) {
     let line = |(place, axis): (usize, &Option<Axis>)| {
-        let of_axis: Vec<&Output> = check.outputs.right().filter(|output| output.axis.0 == place).collect();
+        let of_axis: Vec<&Output> = check.outputs.valid().filter(|output| output.axis.0 == place).collect();
         let is_apart = of_axis.iter().any(|output| output.writes.is_apart());
         axis.as_ref().filter(|_| is_apart).and_then(|axis| of_control(check, axis, &of_axis))
     };
@@ -35,7 +35,7 @@ fn of_control(check: &Check<'_>, axis: &Axis, outputs: &[&Output]) -> Option<Int
     for output in outputs.iter().filter(|output| !output.writes.is_apart()) {
         let message = "the slope would act twice: in this value and in the control";
         let help = format!("give axis `{name}` either intercept, slope and reference, or this output");
-        check.at("output").key(&output.name).key("writes").wrong(message, help);
+        check.at("output").key(&output.name).key("writes").invalid(message, help);
     }
     for (writes, what) in [(Writes::Intercept, "K0"), (Writes::Slope, "tanβ"), (Writes::Reference, "P0")] {
         if !outputs.iter().any(|output| output.writes == writes) {
@@ -51,7 +51,7 @@ fn of_control(check: &Check<'_>, axis: &Axis, outputs: &[&Output]) -> Option<Int
 }
 
 /// Returns the common reference position of all slopes, and the largest distance from it within the travel.
-fn reach(axis: &Axis, list: &At<'_>) -> Option<InterceptSlope> {
+fn reach(axis: &Axis, list: &KeyContext<'_>) -> Option<InterceptSlope> {
     let mut line: Option<InterceptSlope> = None;
     for (place, model) in axis.settings.models.iter().enumerate() {
         let Kind::Linear(linear) = &model.kind else { continue };
@@ -70,14 +70,14 @@ fn reach(axis: &Axis, list: &At<'_>) -> Option<InterceptSlope> {
                     format!("the slope of another model has the reference {} mm", first.reference.get());
                 let help =
                     "the control has one reference position: write the same `reference` in both slopes";
-                at.key("reference").wrong(message, help);
+                at.key("reference").invalid(message, help);
             }
             Some(first) => first.reach = longer(first.reach, reach),
         }
     }
     if line.is_none() && !axis.settings.models.is_empty() {
         let help = "write slope = { … } in a model, or writes = \"offset\" at the output";
-        list.wrong(format!("no model of `{}` has a slope", axis.settings.name), help);
+        list.invalid(format!("no model of `{}` has a slope", axis.settings.name), help);
     }
     line
 }

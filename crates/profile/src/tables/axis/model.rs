@@ -7,8 +7,7 @@ use serde::Deserialize;
 
 use crate::Profile;
 use crate::document::{Section, entries};
-use crate::tables::At;
-use all_over::AllOver;
+use crate::tables::KeyContext;
 use envelope::OutsideWord;
 use expected::RawExpected;
 use identified_with::RawIdentifiedWith;
@@ -18,14 +17,14 @@ use isotherm_core::reading::SignalId;
 use linear::{RawSlope, RawTerm};
 use matrix::{Carries, Component};
 use seals::RawSeals;
+use uniform_temperature::UniformTemperature;
 
-pub(crate) mod all_over;
 mod effect;
 mod envelope;
 mod expected;
 mod file;
 mod formula;
-mod halves;
+mod half_models;
 mod identified_with;
 mod inputs;
 mod linear;
@@ -33,6 +32,7 @@ mod matrix;
 pub mod network;
 pub(crate) mod seals;
 mod stand_ins;
+pub(crate) mod uniform_temperature;
 
 /// All kinds of models. A new kind is a file next to the others and a line here.
 const KINDS: [&KindOfModel; 4] = [&linear::KIND, &formula::KIND, &matrix::KIND, &network::KIND];
@@ -45,7 +45,7 @@ struct KindOfModel {
     one: &'static str,
     /// Keys of this kind, in addition to those of every model.
     keys: &'static [&'static str],
-    resolve: fn(&RawModel, &At<'_>) -> Option<Kind>,
+    resolve: fn(&RawModel, &KeyContext<'_>) -> Option<Kind>,
     /// Preview of a model. `None` for a model of another kind.
     preview: fn(&Profile, &Kind) -> Option<Computation>,
     /// Positions at which the model is evaluated. `None` for a model without a position, or of another kind.
@@ -124,13 +124,13 @@ fn kinds(_: &mut SchemaGenerator) -> Schema {
 }
 
 impl RawModel {
-    pub(super) fn resolve(&self, at: &At<'_>) -> Option<Model> {
+    pub(super) fn resolve(&self, at: &KeyContext<'_>) -> Option<Model> {
         let own = KINDS.into_iter().find(|known| Some(known.word) == self.kind.as_deref())?;
         for kind in KINDS {
             for key in kind.keys.iter().filter(|key| !own.keys.contains(key)) {
                 // If several kinds have the key, the first one reports it.
                 if owners(key).next().is_some_and(|first| first.word == kind.word) {
-                    at.foreign(&[key], &listed(key), "remove it, or change `kind`");
+                    at.not_applicable(&[key], &listed(key), "remove it, or change `kind`");
                 }
             }
         }
@@ -185,14 +185,19 @@ impl RawModel {
 }
 
 /// Preview of a model at this index of the axis's list: its calculation, and where it is valid.
-pub(super) fn preview(profile: &Profile, place: usize, model: &Model, all_over: &[AllOver]) -> Section {
+pub(super) fn preview(
+    profile: &Profile,
+    place: usize,
+    model: &Model,
+    all_over: &[UniformTemperature],
+) -> Section {
     let kind = KINDS.into_iter().find_map(|kind| (kind.preview)(profile, &model.kind));
     let Computation { formula, effects } = kind.unwrap_or_default();
     let mut section = Section::default();
     section.line(format!("  {}. {}: {formula}", place + 1, model.name));
     section.lines("     ", &effects);
     entries!(section, name = &model.name, formula, effects);
-    all_over::preview(&mut section, profile, model, all_over);
+    uniform_temperature::preview(&mut section, profile, model, all_over);
     if let Some(envelope) = &model.envelope {
         let envelope = envelope::preview(profile, envelope);
         section.line(format!("     {envelope}"));

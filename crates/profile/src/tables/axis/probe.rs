@@ -5,7 +5,7 @@ use serde::Deserialize;
 
 use super::{Axis, RawAxis, level};
 use crate::Profile;
-use crate::tables::At;
+use crate::tables::KeyContext;
 use isotherm_core::compensation::settings::{Filter, GainSettings, OnWorse, ProbeSettings};
 use isotherm_core::quantity::Micron;
 use isotherm_core::reading::SignalId;
@@ -77,12 +77,16 @@ pub struct ProbeInput {
 
 impl RawProbe {
     /// Returns the settings of the probe, and its source if it is a signal. Reports every error.
-    pub(super) fn resolve(&self, at: &At<'_>, axis: &RawAxis) -> Option<(ProbeSettings, Option<ProbeInput>)> {
+    pub(super) fn resolve(
+        &self,
+        at: &KeyContext<'_>,
+        axis: &RawAxis,
+    ) -> Option<(ProbeSettings, Option<ProbeInput>)> {
         let limit = at.key("limit").positive(self.limit);
         let most = axis.limit.filter(|most| *most > 0.0);
         if let Some((limit, most)) = limit.zip(most).filter(|(limit, most)| limit > most) {
             let message = format!("a correction of {limit} µm is larger than the axis's limit of {most} µm");
-            at.key("limit").wrong(
+            at.key("limit").invalid(
                 message,
                 "make `limit` smaller: probing trims the model, it does not replace the model",
             );
@@ -92,7 +96,7 @@ impl RawProbe {
         let warn = level(&at.key("warn"), self.warn);
         if let Some((warn, most)) = self.warn.zip(max_error).filter(|(warn, most)| warn > most) {
             let message = format!("warn at {warn} µm lies beyond the max_error of {most} µm");
-            at.key("warn").wrong(message, "a probing beyond `max_error` is refused: make `warn` smaller");
+            at.key("warn").invalid(message, "a probing beyond `max_error` is refused: make `warn` smaller");
         }
         let gains = match &self.gains {
             Some(gains) => gains.resolve(&at.key("gains"), axis).map(Some),
@@ -114,7 +118,7 @@ impl RawProbe {
     }
 
     /// Returns how much of a residual one probing adds to the correction.
-    fn filter(&self, at: &At<'_>) -> Option<Filter> {
+    fn filter(&self, at: &KeyContext<'_>) -> Option<Filter> {
         let own = [("repeat", self.repeat), ("q", self.q)];
         if let Some(filter) = self.filter {
             for (key, _) in own.iter().filter(|(_, number)| number.is_some()) {
@@ -135,7 +139,7 @@ impl RawProbe {
     }
 
     /// Returns the source of the error; `Some(None)` if errors come by command.
-    fn input(&self, at: &At<'_>, diameter: bool) -> Option<Option<ProbeInput>> {
+    fn input(&self, at: &KeyContext<'_>, diameter: bool) -> Option<Option<ProbeInput>> {
         let signal = at.key("signal").signal(self.signal.as_ref());
         let trigger = at.key("trigger").signal(self.trigger.as_ref());
         let Some(name) = &self.signal else {
@@ -150,7 +154,7 @@ impl RawProbe {
         if self.trigger.is_some() && trigger? == signal {
             let help =
                 "remove `trigger`: then each change of the error is a probing; or name a flag or a counter";
-            at.key("trigger").wrong("the error cannot be its own trigger", help);
+            at.key("trigger").invalid("the error cannot be its own trigger", help);
         }
         let of_unit = match at.check.signals.get(signal.0)?.unit.0 {
             "um" => 1.0,
@@ -158,7 +162,7 @@ impl RawProbe {
             unit => {
                 let help =
                     format!("write unit = \"um\" or \"mm\", and the `scale` for this unit, at signal.{name}");
-                at.key("signal").wrong(format!("`{name}` is in {unit}, not in um or mm"), help);
+                at.key("signal").invalid(format!("`{name}` is in {unit}, not in um or mm"), help);
                 return None;
             }
         };
@@ -168,7 +172,7 @@ impl RawProbe {
 }
 
 impl RawGains {
-    fn resolve(&self, at: &At<'_>, axis: &RawAxis) -> Option<GainSettings> {
+    fn resolve(&self, at: &KeyContext<'_>, axis: &RawAxis) -> Option<GainSettings> {
         let models = axis.model.as_deref().unwrap_or_default();
         if !models.is_empty() && !models.iter().any(|model| model.may_be_linear()) {
             let help = "remove `gains`: only the gains of linear models learn";
@@ -177,7 +181,7 @@ impl RawGains {
         let limit = at.key("limit").positive(self.limit);
         if let Some(limit) = limit.filter(|limit| *limit >= 1.0) {
             let help = "write a number below 1, as 0.2: a gain never changes its sign";
-            at.key("limit").wrong(format!("with {limit} a gain could become zero"), help);
+            at.key("limit").invalid(format!("with {limit} a gain could become zero"), help);
         }
         let forgetting = share(&at.key("forgetting"), self.forgetting);
         Some(GainSettings { forgetting: forgetting?, limit: limit? })
@@ -225,11 +229,11 @@ pub(super) fn preview(profile: &Profile, axis: &Axis, settings: &ProbeSettings) 
 }
 
 /// Returns a number above 0 and up to 1; reports any other number.
-fn share(at: &At<'_>, number: Option<f64>) -> Option<f64> {
+fn share(at: &KeyContext<'_>, number: Option<f64>) -> Option<f64> {
     let number = number?;
     if number > 0.0 && number <= 1.0 {
         return Some(number);
     }
-    at.wrong(format!("{number} is outside of the allowed range"), "write a number above 0 and up to 1");
+    at.invalid(format!("{number} is outside of the allowed range"), "write a number above 0 and up to 1");
     None
 }

@@ -13,7 +13,7 @@ use super::tls::{NamedFile, file};
 use crate::document::{Section, entries};
 use crate::error::ProfileError;
 use crate::host_port::host_and_port;
-use crate::tables::At;
+use crate::tables::KeyContext;
 
 /// Port registered for OPC UA by the OPC Foundation.
 const PORT: u16 = 4840;
@@ -142,14 +142,14 @@ impl OpcUa {
 }
 
 /// Returns the URL of the server of an opcua line.
-pub(super) fn address(raw: &RawBus, at: &At<'_>) -> Option<String> {
+pub(super) fn address(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
     let at = at.key("address");
     let Some(address) = &raw.address else {
         let help = format!("write the URL of the server, as \"{SCHEME}192.168.214.241:{PORT}\"");
         at.missing("`address` is missing: where is the server?", help);
         return None;
     };
-    server_url(address).map_err(|(message, help)| at.wrong(message, help)).ok()
+    server_url(address).map_err(|(message, help)| at.invalid(message, help)).ok()
 }
 
 /// Parses the URL of a server, and adds the default port.
@@ -195,7 +195,7 @@ fn is_host(host: &str) -> bool {
 }
 
 /// Resolves the OPC UA settings of a line.
-pub(super) fn resolve(raw: &RawBus, at: &At<'_>) -> Option<OpcUa> {
+pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>) -> Option<OpcUa> {
     if raw.security.is_none() {
         let help = "write \"sign-and-encrypt\", or \"sign\", or \"none\" on a network of this machine only";
         at.key("security").missing("`security` is missing: what protects the messages?", help);
@@ -208,7 +208,7 @@ pub(super) fn resolve(raw: &RawBus, at: &At<'_>) -> Option<OpcUa> {
     let type_at = at.check.spans.at_value(&at.key("type").path, "", None);
     if security == Security::None {
         let help = "remove it, or write security = \"sign-and-encrypt\"";
-        at.foreign(&["cert", "key", "trusted"], "a secured line", help);
+        at.not_applicable(&["cert", "key", "trusted"], "a secured line", help);
         if let Some(User::Named { .. }) = user {
             let message = "nothing is encrypted: every computer on the network can read the password, and \
                            change the messages of this user";
@@ -228,7 +228,7 @@ pub(super) fn resolve(raw: &RawBus, at: &At<'_>) -> Option<OpcUa> {
 }
 
 impl RawUser {
-    fn resolve(&self, at: &At<'_>) -> Option<User> {
+    fn resolve(&self, at: &KeyContext<'_>) -> Option<User> {
         let by_password = self.name.is_some() || self.password_file.is_some();
         if by_password && (self.cert.is_some() || self.key.is_some()) {
             let help = "keep `name` and `password_file`, or `cert` and `key`";
@@ -253,7 +253,7 @@ impl RawUser {
 }
 
 /// Reads the certificates in the named directory.
-fn trusted(at: &At<'_>, directory: Option<&String>) -> Option<Vec<NamedFile>> {
+fn trusted(at: &KeyContext<'_>, directory: Option<&String>) -> Option<Vec<NamedFile>> {
     let at = at.key("trusted");
     let help = "name a directory with the certificates of the trusted servers, one in each file, with the \
                 ending .der, .crt or .pem";

@@ -8,7 +8,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::RawBus;
-use crate::tables::At;
+use crate::tables::KeyContext;
 
 /// Highest baud rate at which the silence between frames is measured in characters. Above, it is a fixed time.
 const FASTEST_BY_CHARACTERS: u32 = 19_200;
@@ -101,7 +101,7 @@ impl fmt::Display for Serial {
 }
 
 /// Resolves the settings of a modbus-rtu line.
-pub(super) fn settings(raw: &RawBus, at: &At<'_>) -> Option<Serial> {
+pub(super) fn settings(raw: &RawBus, at: &KeyContext<'_>) -> Option<Serial> {
     if raw.baud.is_none() {
         let help = "write the baud rate that is set at the devices: 9600 and 19200 are usual";
         at.key("baud").missing("`baud` is missing: how fast is the line?", help);
@@ -111,7 +111,7 @@ pub(super) fn settings(raw: &RawBus, at: &At<'_>) -> Option<Serial> {
 }
 
 /// Checks the serial port of a modbus-rtu line.
-pub(super) fn port(raw: &RawBus, at: &At<'_>) -> Option<String> {
+pub(super) fn port(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
     let at = at.key("port");
     let Some(port) = &raw.port else {
         let help = "write the port's path; `ls /dev/serial/by-id` shows the names that do not change when an \
@@ -121,7 +121,7 @@ pub(super) fn port(raw: &RawBus, at: &At<'_>) -> Option<String> {
     };
     if !port.starts_with('/') {
         let help = format!("write the whole path, as \"/dev/{port}\" or one of /dev/serial/by-id");
-        at.wrong(format!("`{port}` is no path of a port"), help);
+        at.invalid(format!("`{port}` is no path of a port"), help);
         return None;
     }
     if ["/dev/ttyUSB", "/dev/ttyACM"].iter().any(|numbered| port.starts_with(numbered)) {

@@ -11,7 +11,7 @@ use serde::Deserialize;
 
 use crate::document::{Section, entries};
 use crate::error::ProfileError;
-use crate::tables::At;
+use crate::tables::KeyContext;
 
 /// Certificate files of Modbus/TCP Security, in PEM form.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -81,7 +81,7 @@ impl Tls {
 
 impl NamedFile {
     /// Reads the file that this key names.
-    pub(in crate::tables) fn read(at: &At<'_>, name: &str, help: &str) -> Option<NamedFile> {
+    pub(in crate::tables) fn read(at: &KeyContext<'_>, name: &str, help: &str) -> Option<NamedFile> {
         let bytes = match at.check.files.is_to_be_made(name) {
             true => Vec::new(),
             false => at.file(name, help)?,
@@ -91,7 +91,7 @@ impl NamedFile {
     }
 
     /// Creates an error about this file.
-    pub fn wrong(&self, why: &str) -> ProfileError {
+    pub fn invalid(&self, why: &str) -> ProfileError {
         ProfileError { message: format!("{}: {why}", self.name), ..(*self.named_at).clone() }
     }
 }
@@ -105,7 +105,7 @@ impl fmt::Debug for NamedFile {
 
 impl RawTls {
     /// Resolves the security of a line to this host.
-    pub(super) fn resolve(&self, at: &At<'_>, host: &str) -> Option<Tls> {
+    pub(super) fn resolve(&self, at: &KeyContext<'_>, host: &str) -> Option<Tls> {
         let host = host.trim_start_matches('[').trim_end_matches(']');
         let (name, key) = match &self.name {
             Some(name) => (name.as_str(), "name"),
@@ -140,7 +140,7 @@ impl RawTls {
 
 /// Reads the file that a required key names.
 pub(in crate::tables) fn file(
-    at: &At<'_>,
+    at: &KeyContext<'_>,
     key: &str,
     name: Option<&String>,
     help: &str,

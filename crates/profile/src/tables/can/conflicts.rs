@@ -33,7 +33,7 @@ fn nodes(check: &Check<'_>, bus: usize) -> Vec<Node> {
             let key = |device: &str| check.at("device").key(device).key("node");
             let there = key(&first.device).line();
             let message = format!("`{}` is node {number} of this line already ({there})", first.device);
-            key(&device.name).wrong(message, "each node of a line has its own number, set at the device");
+            key(&device.name).invalid(message, "each node of a line has its own number, set at the device");
         }
         nodes.push(Node { number, device: device.name.clone(), index });
     }
@@ -48,12 +48,12 @@ fn sync_identifier(check: &Check<'_>, bus: usize, nodes: &[Node]) {
     let Some((bus, id)) = check.buses.get(bus).zip(sync(check, bus)) else { return };
     if let Some((what, _)) = taken(id, None, nodes, true).or_else(|| sent_by_a_node(id, nodes)) {
         let help = "remove it: SYNC is 0x80 unless the nodes are set otherwise";
-        check.at("bus").key(&bus.name).key("sync").key("cob_id").wrong(format!("{id} is {what}"), help);
+        check.at("bus").key(&bus.name).key("sync").key("cob_id").invalid(format!("{id} is {what}"), help);
     }
 }
 
 fn read_identifiers(check: &Check<'_>, bus: usize, nodes: &[Node]) {
-    for signal in check.signals.right() {
+    for signal in check.signals.valid() {
         let Address::Frame(field) = &signal.address else { continue };
         let device = check.devices.get(signal.device.0).filter(|device| device.bus.0 == bus);
         let Some(device) = device.filter(|_| field.frames.is_exact()) else { continue };
@@ -67,7 +67,7 @@ fn read_identifiers(check: &Check<'_>, bus: usize, nodes: &[Node]) {
         let blame = taken(id, sync(check, bus), nodes, is_pdo)
             .or_else(|| sent_by_another(id, nodes, signal.device.0, &device.name));
         if let Some((what, help)) = blame {
-            at.wrong(format!("{id} is {what}"), help);
+            at.invalid(format!("{id} is {what}"), help);
         }
     }
 }
@@ -83,7 +83,7 @@ fn written_identifiers(check: &Check<'_>, bus: usize, nodes: &[Node]) {
             .or_else(|| sent_by_a_node(id, nodes))
             .or_else(|| received_by_another(id, nodes, one.device));
         if let Some((what, help)) = blame {
-            at.wrong(format!("{id} is {what}"), help);
+            at.invalid(format!("{id} is {what}"), help);
         }
         let other = written[..place].iter().find(|other| other.id() == id && other.device != one.device);
         if let Some(other) = other {
@@ -92,13 +92,13 @@ fn written_identifiers(check: &Check<'_>, bus: usize, nodes: &[Node]) {
                 format!("output `{}` of another device at {there} writes {id} already", other.output);
             let help = "a frame must be written by one device: write the same `device` at both outputs, or \
                         correct the identifier";
-            at.wrong(message, help);
+            at.invalid(message, help);
         }
-        for signal in check.signals.right().filter(|signal| here(signal.device.0)) {
+        for signal in check.signals.valid().filter(|signal| here(signal.device.0)) {
             if matches!(&signal.address, Address::Frame(field) if field.frames.takes(id)) {
                 let message =
                     format!("signal `{}` is read from {id}, which this output would send", signal.name);
-                at.wrong(message, "a frame has one sender: read another identifier, or write another");
+                at.invalid(message, "a frame has one sender: read another identifier, or write another");
             }
         }
     }
@@ -108,19 +108,19 @@ fn written_identifiers(check: &Check<'_>, bus: usize, nodes: &[Node]) {
 fn objects_written(check: &Check<'_>) {
     let mut known: Vec<((DeviceId, Entry), &str)> = Vec::new();
     let sdo = |output: &str| check.at("output").key(output).key("sdo");
-    for output in check.outputs.right() {
+    for output in check.outputs.valid() {
         let Address::Object(Object { entry, .. }) = output.address else { continue };
         let own = (output.device, entry);
         let at = sdo(&output.name);
         if let Some((_, first)) = known.iter().find(|(other, _)| *other == own) {
             let message = format!("output `{first}` at {} writes the same object", sdo(first).line());
-            at.wrong(message, "an object must have one writer: give each output its own object");
+            at.invalid(message, "an object must have one writer: give each output its own object");
         }
         known.push((own, &output.name));
         let can = check.devices.get(output.device.0).and_then(|device| device.can.as_ref());
         if can.is_some_and(|can| can.setup.iter().any(|setup| setup.object.entry == entry)) {
             let message = "`setup` of its device writes this object before each start";
-            at.wrong(
+            at.invalid(
                 message,
                 "remove the object from `setup`: the value would jump at each restart of the node",
             );
@@ -133,7 +133,7 @@ fn objects_written(check: &Check<'_>) {
                 "the corrected position would overwrite signal `{}`, from which it is computed",
                 signal.name
             );
-            at.wrong(message, "read the object of the encoder, and write another object");
+            at.invalid(message, "read the object of the encoder, and write another object");
         }
     }
 }

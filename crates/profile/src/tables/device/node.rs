@@ -10,7 +10,7 @@ use super::emergency::Emergency;
 use crate::document::{Section, grouped};
 use crate::duration::shown;
 use crate::tables::register::TypeWord;
-use crate::tables::{At, can};
+use crate::tables::{KeyContext, can};
 use crate::{DeviceId, Profile};
 use isotherm_core::codec::{Address, CanId, Frame, Object};
 
@@ -175,18 +175,18 @@ impl Setup {
 }
 
 impl RawSetup {
-    fn resolve(&self, at: &At<'_>) -> Option<Setup> {
+    fn resolve(&self, at: &KeyContext<'_>) -> Option<Setup> {
         let entry = can::entry(&at.key("sdo"), self.sdo.as_ref()?);
         let data_type = can::object_type(&at.key("type"), self.kind?);
         let (entry, data_type, value) = (entry?, data_type?, self.value?);
         let Some((low, high)) = data_type.integer_range() else {
             let help = "use an integer type: u8, u16, i16, u32, i32, …";
-            at.key("type").wrong("`setup` cannot write a floating-point object", help);
+            at.key("type").invalid("`setup` cannot write a floating-point object", help);
             return None;
         };
         if !(low..=high).contains(&i128::from(value)) {
             let message = format!("{} cannot contain {value}", data_type.name());
-            at.key("value").wrong(message, format!("allowed: {low} to {high}"));
+            at.key("value").invalid(message, format!("allowed: {low} to {high}"));
         }
         Some(Setup {
             object: Object { entry, data_type },
@@ -197,15 +197,15 @@ impl RawSetup {
 }
 
 /// Resolves the settings of a device on a CAN line. `None` on any other line.
-pub(super) fn resolve(raw: &RawDevice, at: &At<'_>, on_can: Option<bool>) -> Option<CanDevice> {
+pub(super) fn resolve(raw: &RawDevice, at: &KeyContext<'_>, on_can: Option<bool>) -> Option<CanDevice> {
     if on_can? {
         let help =
             "remove it; a CANopen device has a `node`, and other devices are identified by their frames";
-        at.foreign(&["unit", "functions", "quirks"], "a Modbus device", help);
+        at.not_applicable(&["unit", "functions", "quirks"], "a Modbus device", help);
     } else {
         let keys = ["dbc", "source_address", "node", "start", "heartbeat", "setup", "emergency"];
         let help = "remove it, or put the device on a bus of type \"can\"";
-        at.foreign(&keys, "a device on a CAN line", help);
+        at.not_applicable(&keys, "a device on a CAN line", help);
         if raw.verify.iter().flatten().any(|verify| verify.sdo.is_some()) {
             let help = "write `register`, as \"coil:268\" or \"holding:256\"";
             at.key("verify").wrong_key("a Modbus device has no CANopen objects", help);
@@ -216,7 +216,7 @@ pub(super) fn resolve(raw: &RawDevice, at: &At<'_>, on_can: Option<bool>) -> Opt
         let of_node = ["start", "heartbeat", "setup", "emergency", "verify"];
         for key in of_node.into_iter().filter(|key| at.has(key)) {
             let help = "write node = 5, the node number set at the device, 1 to 127";
-            at.key(key).wrong(format!("`{key}` needs a CANopen node"), help);
+            at.key(key).invalid(format!("`{key}` needs a CANopen node"), help);
         }
     }
     if raw.source_address.is_some() && raw.dbc.is_none() {
@@ -241,7 +241,7 @@ pub(super) fn resolve(raw: &RawDevice, at: &At<'_>, on_can: Option<bool>) -> Opt
 }
 
 /// Reports a heartbeat that the node sends too rarely for its timeout, if both are known.
-pub(super) fn heartbeat_produced(at: &At<'_>, can: &CanDevice) {
+pub(super) fn heartbeat_produced(at: &KeyContext<'_>, can: &CanDevice) {
     let produced = can.setup.iter().find(|setup| setup.object.entry.index == 0x1017);
     let Some((heartbeat, produced)) = can.heartbeat.zip(produced) else { return };
     let every = Duration::from_millis(u64::try_from(produced.value).unwrap_or(0));
@@ -252,7 +252,7 @@ pub(super) fn heartbeat_produced(at: &At<'_>, can: &CanDevice) {
             format!("`heartbeat` is {heartbeat}, but with 1017:00 in `setup` the node sends {pace}");
         let help =
             "let the node send at least two heartbeats in this time, so that one lost heartbeat is no fault";
-        at.key("heartbeat").wrong(message, help);
+        at.key("heartbeat").invalid(message, help);
     }
 }
 

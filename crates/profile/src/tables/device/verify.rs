@@ -10,9 +10,9 @@ use super::functions::Functions;
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
 use crate::tables::register::{TypeWord, WordOrderWord, cell, fits, plain, word_order};
-use crate::tables::{At, can, opcua};
+use crate::tables::{KeyContext, can, opcua};
 use isotherm_core::codec::{Address, DataType, Encoding, Object};
-use isotherm_core::continuity::{Difference, Found};
+use isotherm_core::continuity::{CheckFailure, Difference};
 use isotherm_core::reading::Reason;
 
 /// Default period of a check.
@@ -81,22 +81,22 @@ impl Expected {
     pub fn mismatch(&self, registers: &[u16]) -> Option<Difference> {
         match self.encoding.counts(registers) {
             Some(counts) if counts.0 == self.equals => None,
-            Some(counts) => Some(self.differs(Found::Value(counts.to_string()))),
-            None => Some(self.differs(Found::Value(Reason::BadReply.to_string()))),
+            Some(counts) => Some(self.differs(CheckFailure::Value(counts.to_string()))),
+            None => Some(self.differs(CheckFailure::Value(Reason::BadReply.to_string()))),
         }
     }
 
     /// Creates the difference for a missing register: the device answered that it does not have it.
     pub fn absent(&self, why: impl fmt::Display) -> Difference {
-        self.differs(Found::Absent(why.to_string()))
+        self.differs(CheckFailure::Absent(why.to_string()))
     }
 
     /// Creates the difference for a value that cannot be read, for this reason.
     pub fn unreadable(&self, why: impl fmt::Display) -> Difference {
-        self.differs(Found::Unreadable(why.to_string()))
+        self.differs(CheckFailure::Unreadable(why.to_string()))
     }
 
-    fn differs(&self, is: Found) -> Difference {
+    fn differs(&self, is: CheckFailure) -> Difference {
         let (meaning, remedy) = (self.what.clone(), self.remedy.clone());
         Difference { what: self.to_string(), was: self.equals.to_string(), is, meaning, remedy }
     }
@@ -116,7 +116,7 @@ impl fmt::Display for Expected {
 
 impl RawVerify {
     /// Resolves a check of a Modbus device.
-    pub(super) fn register(&self, at: &At<'_>, functions: Functions) -> Option<Expected> {
+    pub(super) fn register(&self, at: &KeyContext<'_>, functions: Functions) -> Option<Expected> {
         if self.sdo.is_some() {
             return None;
         }
@@ -134,7 +134,7 @@ impl RawVerify {
                 cell.address,
                 table.name()
             );
-            place.wrong(message, "add this function, if the device supports it, or remove the check");
+            place.invalid(message, "add this function, if the device supports it, or remove the check");
         }
         let data_type = match (self.kind, cell.bit) {
             (_, Some(bit)) => DataType::Bit(bit),
@@ -149,8 +149,12 @@ impl RawVerify {
     }
 
     /// Resolves a check of a CANopen node.
-    pub(super) fn object(&self, at: &At<'_>) -> Option<Expected> {
-        at.foreign(&["register", "word_order"], "a Modbus device", "remove it, and write sdo = \"6110:01\"");
+    pub(super) fn object(&self, at: &KeyContext<'_>) -> Option<Expected> {
+        at.not_applicable(
+            &["register", "word_order"],
+            "a Modbus device",
+            "remove it, and write sdo = \"6110:01\"",
+        );
         let Some(sdo) = &self.sdo else {
             if self.register.is_none() {
                 at.key("sdo").missing("`sdo` is missing: what is to be read?", "write `sdo`, as \"6110:01\"");
@@ -166,9 +170,9 @@ impl RawVerify {
     }
 
     /// Resolves a check of an OPC UA server.
-    pub(super) fn node(&self, at: &At<'_>) -> Option<Expected> {
+    pub(super) fn node(&self, at: &KeyContext<'_>) -> Option<Expected> {
         let help = "remove it, and write node = \"ns=2;s=…\"";
-        at.foreign(&["register", "word_order", "sdo"], "a device on another kind of line", help);
+        at.not_applicable(&["register", "word_order", "sdo"], "a device on another kind of line", help);
         let node = opcua::compared(at, self.node.as_ref(), self.kind)?;
         let data_type = node.taken_as();
         let equals = self.equal(at, data_type)?;
@@ -176,21 +180,21 @@ impl RawVerify {
     }
 
     /// Returns the expected value, after checking that the type can hold it.
-    fn equal(&self, at: &At<'_>, data_type: DataType) -> Option<i64> {
+    fn equal(&self, at: &KeyContext<'_>, data_type: DataType) -> Option<i64> {
         let Some((low, high)) = data_type.integer_range() else {
             let help = "use an integer type: u16, i16, u32, i32, …";
-            at.key("type").wrong("a check cannot compare floating-point values exactly", help);
+            at.key("type").invalid("a check cannot compare floating-point values exactly", help);
             return None;
         };
         let equals = self.equals?;
         if !(low..=high).contains(&i128::from(equals)) {
             let message = format!("{} cannot contain {equals}", data_type.name());
-            at.key("equals").wrong(message, format!("allowed: {low} to {high}"));
+            at.key("equals").invalid(message, format!("allowed: {low} to {high}"));
         }
         Some(equals)
     }
 
-    fn expected(&self, at: &At<'_>, address: Address, encoding: Encoding, equals: i64) -> Expected {
+    fn expected(&self, at: &KeyContext<'_>, address: Address, encoding: Encoding, equals: i64) -> Expected {
         let what = self.what.clone().unwrap_or_else(|| "as the profile expects it".to_owned());
         let every = at.key("every").period(self.every).unwrap_or(EVERY);
         Expected { address, encoding, equals, what, remedy: self.remedy.clone().unwrap_or_default(), every }

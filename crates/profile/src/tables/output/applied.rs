@@ -8,7 +8,7 @@ use serde::Deserialize;
 use super::RawOutput;
 use super::share::Share;
 use crate::duration::Timespan;
-use crate::tables::At;
+use crate::tables::KeyContext;
 use crate::tables::register::{self, TypeWord, WordOrderWord, plain};
 use isotherm_core::codec::{Encoding, Register, Scale};
 
@@ -65,7 +65,7 @@ pub struct Applied {
 /// Resolves the applied value. `written` is the register of the output, with its encoding.
 pub(super) fn resolve(
     raw: &RawOutput,
-    at: &At<'_>,
+    at: &KeyContext<'_>,
     share: Share,
     written: (Register, &Encoding),
     device: Option<usize>,
@@ -77,18 +77,18 @@ pub(super) fn resolve(
             let help = "write read_back = { register = \"input:12\" }, or remove it: the gateway reads back \
                         the register that it writes";
             let device = raw.device.as_deref().unwrap_or_default();
-            at.wrong(format!("`{device}` is on a Modbus line, but an object is only for CAN"), help);
+            at.invalid(format!("`{device}` is on a Modbus line, but an object is only for CAN"), help);
             return None;
         }
     };
     if share == Share::Ledger {
         let message =
             "the control applies the sum: the gateway share of a shared register cannot be read there";
-        at.wrong(message, "remove `read_back`, or write share = \"whole\"");
+        at.invalid(message, "remove `read_back`, or write share = \"whole\"");
     }
     if raw.is_no_offset() {
         let message = "`read_back` is only for an offset";
-        at.wrong(message, "remove `read_back`, or write writes = \"offset\"");
+        at.invalid(message, "remove `read_back`, or write writes = \"offset\"");
     }
     let place = at.key("register");
     if table.register.is_none() {
@@ -98,12 +98,12 @@ pub(super) fn resolve(
     let address = register::register(&place, table.register.as_ref())?;
     let (own, encoding) = written;
     if address.table.is_bits() {
-        place.wrong("a bit cannot hold an offset", "name an input or a holding register");
+        place.invalid("a bit cannot hold an offset", "name an input or a holding register");
         return None;
     }
     if address == own {
         let message = "this is the register that is written: the gateway reads it back in any case";
-        place.wrong(message, "remove `read_back`, or name the register of the applied value");
+        place.invalid(message, "remove `read_back`, or name the register of the applied value");
     }
     let data_type = table.kind.map_or(encoding.data_type, |TypeWord(kind)| kind);
     let word_order = match (table.kind, table.word_order) {
@@ -116,7 +116,7 @@ pub(super) fn resolve(
     }
     let scale = match table.scale {
         Some(scale) if scale == 0.0 || !scale.is_finite() => {
-            at.key("scale").wrong("a scale of zero is not allowed", "write µm per count, as 0.1");
+            at.key("scale").invalid("a scale of zero is not allowed", "write µm per count, as 0.1");
             return None;
         }
         Some(scale) => Scale::of(scale),
@@ -124,7 +124,7 @@ pub(super) fn resolve(
     };
     let tolerance = match table.tolerance {
         Some(tolerance) if !(tolerance.is_finite() && tolerance > 0.0) => {
-            at.key("tolerance").wrong("a tolerance must be more than zero", "write µm, as 0.2");
+            at.key("tolerance").invalid("a tolerance must be more than zero", "write µm, as 0.2");
             return None;
         }
         given => given.unwrap_or_else(|| encoding.scale.get().abs().max(scale.get().abs())),

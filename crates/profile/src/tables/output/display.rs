@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::RawOutput;
-use crate::tables::At;
+use crate::tables::KeyContext;
 use crate::tables::register::{Notation, TypeWord, holding};
 use isotherm_core::codec::{DataType, Register, Table};
 
@@ -51,14 +51,14 @@ pub(super) struct RawStale {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Display {
     /// Words that are written with each value.
-    pub beside: Vec<Beside>,
+    pub beside: Vec<ExtraWord>,
     /// Text that is written if there is no position to correct, or the axis is off.
     pub stale: Option<Stale>,
 }
 
 /// Further word of a display.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Beside {
+pub struct ExtraWord {
     /// Holding register of the word.
     pub register: u16,
     /// Word while the axis follows its first model.
@@ -91,7 +91,7 @@ pub enum Shown {
     Fault,
 }
 
-impl Beside {
+impl ExtraWord {
     /// Returns the word for this state.
     pub fn word(self, shown: Shown) -> u16 {
         match shown {
@@ -119,7 +119,7 @@ impl Display {
     pub(super) fn preview(&self) -> Vec<String> {
         let at = |offset| Notation::from(Register { table: Table::Holding, offset });
         let beside = self.beside.iter().map(|word| {
-            let Beside { register, good, degraded, fault } = word;
+            let ExtraWord { register, good, degraded, fault } = word;
             let register = at(*register);
             if good == fault {
                 return format!("also {register}: always {good:#06x}");
@@ -145,7 +145,7 @@ impl Display {
 }
 
 /// Resolves the further words and the text of a display.
-pub(super) fn resolve(raw: &RawOutput, at: &At<'_>, device: Option<usize>) -> Display {
+pub(super) fn resolve(raw: &RawOutput, at: &KeyContext<'_>, device: Option<usize>) -> Display {
     for key in ["beside", "stale"].into_iter().filter(|key| at.has(key) && raw.is_written_as_cz()) {
         let help = "remove it, or write writes = \"corrected\"";
         at.key(key).wrong_key("this key is only for a display of a corrected position", help);
@@ -160,7 +160,7 @@ pub(super) fn resolve(raw: &RawOutput, at: &At<'_>, device: Option<usize>) -> Di
 }
 
 /// Returns the type of an output at the key `type`. The type of a digit display has the number of decimals of `scale`.
-pub(super) fn digits(raw: &RawOutput, at: &At<'_>) -> Option<DataType> {
+pub(super) fn digits(raw: &RawOutput, at: &KeyContext<'_>) -> Option<DataType> {
     let TypeWord(kind) = raw.kind?;
     match (kind, raw.scale) {
         (DataType::Decimal24(_), Some(scale)) => decimals(&at.key("scale"), scale).map(DataType::Decimal24),
@@ -168,18 +168,18 @@ pub(super) fn digits(raw: &RawOutput, at: &At<'_>) -> Option<DataType> {
     }
 }
 
-fn decimals(at: &At<'_>, scale: f64) -> Option<u8> {
+fn decimals(at: &KeyContext<'_>, scale: f64) -> Option<u8> {
     let is_near = |decimals: &u8| (scale * 10f64.powi(i32::from(*decimals)) - 1.0).abs() < 1e-9;
     let found = (0..=MOST_DECIMALS).find(is_near);
     if found.is_none() {
         let help = "write `scale` as 1.0, 0.1, 0.01, 0.001, 0.0001 or 0.00001 mm";
-        at.wrong(format!("{scale} is not the value of a digit of a display"), help);
+        at.invalid(format!("{scale} is not the value of a digit of a display"), help);
     }
     found
 }
 
 impl RawBeside {
-    fn resolve(&self, at: &At<'_>, scale: Option<f64>, device: Option<usize>) -> Option<Beside> {
+    fn resolve(&self, at: &KeyContext<'_>, scale: Option<f64>, device: Option<usize>) -> Option<ExtraWord> {
         let register = holding(&at.key("register"), self.register.as_ref())?.offset;
         if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
             device.must_write(&at.key("register"), 1);
@@ -192,23 +192,23 @@ impl RawBeside {
             return None;
         }
         if let Some((good, fault)) = by_state {
-            return Some(Beside { register, good, degraded: self.degraded.unwrap_or(good), fault });
+            return Some(ExtraWord { register, good, degraded: self.degraded.unwrap_or(good), fault });
         }
         let word = match (self.value, self.decimals) {
             (Some(value), _) => value,
             (None, times) => u16::from(decimals(at, scale?)?).saturating_mul(times.unwrap_or(1)),
         };
-        Some(Beside { register, good: word, degraded: word, fault: word })
+        Some(ExtraWord { register, good: word, degraded: word, fault: word })
     }
 }
 
 impl RawStale {
-    fn resolve(&self, at: &At<'_>, device: Option<usize>) -> Option<Stale> {
+    fn resolve(&self, at: &KeyContext<'_>, device: Option<usize>) -> Option<Stale> {
         let register = holding(&at.key("register"), self.register.as_ref())?.offset;
         let text = self.text.clone()?;
         if text.is_empty() || !text.bytes().all(|byte| (0x20..0x7f).contains(&byte)) {
             let help = "write characters that a display has, as \"----\"";
-            at.key("text").wrong(format!("`{text}` cannot be shown"), help);
+            at.key("text").invalid(format!("`{text}` cannot be shown"), help);
             return None;
         }
         let words = Stale::words(&text, self.characters.unwrap_or(2));

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::RawOutput;
-use crate::tables::At;
+use crate::tables::KeyContext;
 use isotherm_core::codec::{DataType, Table};
 
 /// Ownership of an output's register.
@@ -31,28 +31,33 @@ impl Share {
 }
 
 /// Checks the requirements of a shared register.
-pub(super) fn resolve(raw: &RawOutput, at: &At<'_>, data_type: DataType, device: Option<usize>) -> Share {
+pub(super) fn resolve(
+    raw: &RawOutput,
+    at: &KeyContext<'_>,
+    data_type: DataType,
+    device: Option<usize>,
+) -> Share {
     let share = raw.share.unwrap_or_default();
     if share == Share::Whole {
         return share;
     }
     let place = at.key("share");
-    if raw.is_believed_by_its_echo() {
+    if raw.is_accepted_by_echo() {
         let message = "the gateway share is known only if the register is read: verify = \"echo\" is not \
                        enough for share = \"ledger\"";
-        at.key("verify").wrong(message, "remove `verify`, or write verify = \"read-back\"");
+        at.key("verify").invalid(message, "remove `verify`, or write verify = \"read-back\"");
         // Otherwise the check of the read-back reports it.
         let device = device.and_then(|device| at.check.devices.get(device));
         if device.is_some_and(|device| !device.functions.reads(Table::Holding)) {
             let message = "the gateway share is known only if the register is read, and `functions` of the \
                            device does not allow this";
             let help = "add \"read-holding\" to `functions` of the device, if the device supports it";
-            place.wrong(message, help);
+            place.invalid(message, help);
         }
     }
     if raw.is_no_offset() {
         let message = "only an offset can share its register with an operator";
-        place.wrong(message, "write writes = \"offset\", or share = \"whole\"");
+        place.invalid(message, "write writes = \"offset\", or share = \"whole\"");
     }
     if !matches!(data_type, DataType::I16 | DataType::U16 | DataType::I32 | DataType::U32) {
         let message = format!(
@@ -60,7 +65,7 @@ pub(super) fn resolve(raw: &RawOutput, at: &At<'_>, data_type: DataType, device:
             data_type.name()
         );
         let help = "use type = \"i16\", \"u16\", \"i32\" or \"u32\", or share = \"whole\"";
-        place.wrong(message, help);
+        place.invalid(message, help);
     }
     share
 }

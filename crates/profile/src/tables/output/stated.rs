@@ -5,8 +5,8 @@ use serde_json::Value;
 use super::Output;
 use super::writes::{MICRONS, Writes};
 use crate::Profile;
-use crate::guarded::allowed;
-use crate::span::child;
+use crate::protected_keys::allowed;
+use crate::source_map::child;
 use isotherm_core::codec::{ControlView, Encoding, Scale};
 use isotherm_core::quantity::Micron;
 

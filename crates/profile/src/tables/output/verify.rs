@@ -8,7 +8,7 @@ use super::{Output, RawOutput};
 use crate::duration::shown;
 use crate::tables::device::Device;
 use crate::tables::register::Notation;
-use crate::tables::{At, can};
+use crate::tables::{KeyContext, can};
 use isotherm_core::codec::{Address, DataType, Object};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -40,7 +40,12 @@ impl Verify {
 
 /// Resolves the verification of a frame, which has no answer. The value is read in another object, or only shown on a
 /// display.
-pub(super) fn of_a_frame(raw: &RawOutput, at: &At<'_>, data_type: DataType, owner: &str) -> Option<Verify> {
+pub(super) fn of_a_frame(
+    raw: &RawOutput,
+    at: &KeyContext<'_>,
+    data_type: DataType,
+    owner: &str,
+) -> Option<Verify> {
     let place = at.key("read_back");
     let kept = |verify: &VerifyWord| *verify == VerifyWord::ReadBack && raw.read_back.is_some();
     if let Some(verify) = raw.verify.filter(|verify| !kept(verify)) {
@@ -48,13 +53,13 @@ pub(super) fn of_a_frame(raw: &RawOutput, at: &At<'_>, data_type: DataType, owne
         let message = format!("a frame has no answer: verify = \"{word}\" is not possible");
         let help =
             "remove it, and write read_back = \"6004:00\", the CANopen object that returns the written value";
-        at.key("verify").wrong(message, help);
+        at.key("verify").invalid(message, help);
     }
     let text = match &raw.read_back {
         Some(ReadBackValue::Object(text)) => text,
         Some(ReadBackValue::Register(_)) => {
             let help = "write read_back = \"6004:00\", the CANopen object that returns the written value";
-            place.wrong("registers are only for Modbus: on CAN an object is read back", help);
+            place.invalid("registers are only for Modbus: on CAN an object is read back", help);
             return None;
         }
         None if raw.is_written_as_cz() => {
@@ -70,7 +75,7 @@ pub(super) fn of_a_frame(raw: &RawOutput, at: &At<'_>, data_type: DataType, owne
     let entry = can::entry(&place, text);
     if !data_type.width().is_multiple_of(8) {
         let message = format!("an object has whole bytes, and {} bits are written", data_type.width());
-        place.wrong(message, "write 8, 16, 24, 32 or 64 bits, as the object has them");
+        place.invalid(message, "write 8, 16, 24, 32 or 64 bits, as the object has them");
         return None;
     }
     Some(Verify::ReadBackAt(Object { entry: entry?, data_type }))
@@ -87,7 +92,7 @@ pub(super) fn preview(output: &Output, device: &Device) -> String {
              written register is also compared"
         );
     }
-    let believed = match output.verify {
+    let accepted = match output.verify {
         Verify::Echo if output.is_single_offset() && device.functions.reads_at(&output.reads_at()) => {
             "once the value is read back: the register is read before and after each write, whatever the \
              answer is"
@@ -101,5 +106,5 @@ pub(super) fn preview(output: &Output, device: &Device) -> String {
         Verify::ReadBackAt(object) => return format!("once object {object} reads back what was written"),
         Verify::Shown => "as soon as the value is sent: it is only displayed, and not verified",
     };
-    believed.to_owned()
+    accepted.to_owned()
 }

@@ -11,7 +11,7 @@ use super::share::Share;
 use super::{Output, RawOutput};
 use crate::Profile;
 use crate::document::figure;
-use crate::tables::At;
+use crate::tables::KeyContext;
 use crate::tables::axis::Axis;
 use isotherm_core::quantity::Micron;
 use isotherm_core::reading::SignalId;
@@ -94,7 +94,7 @@ impl Writes {
 }
 
 /// Resolves the key `writes`, with the position that is corrected.
-pub(super) fn resolve(raw: &RawOutput, at: &At<'_>) -> Option<Writes> {
+pub(super) fn resolve(raw: &RawOutput, at: &KeyContext<'_>) -> Option<Writes> {
     let place = at.key("position");
     let writes = match raw.writes? {
         WritesWord::Offset => Writes::Offset,
@@ -180,7 +180,7 @@ fn reach(output: &Output, axis: &Axis, range: Option<(f64, f64)>) -> Option<(f64
 }
 
 /// Reports a register that cannot hold every value of the axis, or a step that is smaller than one count.
-pub(super) fn can_move(at: &At<'_>, output: &Output, axis: &Axis) {
+pub(super) fn can_move(at: &KeyContext<'_>, output: &Output, axis: &Axis) {
     let encoding = &output.encoding;
     let Some((low, high)) = encoding.data_type.integer_range() else { return };
     let position = output.writes.position().and_then(|position| at.check.signals.get(position.0));
@@ -195,7 +195,7 @@ pub(super) fn can_move(at: &At<'_>, output: &Output, axis: &Axis) {
             encoding.bias
         );
         let help = "use a wider type, a coarser `scale`, a `bias`, or a smaller `limit`";
-        at.key("type").wrong(message, help);
+        at.key("type").invalid(message, help);
     }
     let count = encoding.scale.get().abs();
     let count = match (output.writes, axis.settings.intercept_slope) {
@@ -213,7 +213,7 @@ pub(super) fn can_move(at: &At<'_>, output: &Output, axis: &Axis) {
             }
         };
         let message = format!("one count is {count} µm, one step of axis `{axis}` is {step} µm: {follows}");
-        at.key("scale").wrong(message, format!("make `step` of axis `{axis}` at least {at_least}"));
+        at.key("scale").invalid(message, format!("make `step` of axis `{axis}` at least {at_least}"));
     }
 }
 

@@ -14,7 +14,7 @@ pub(super) fn has_time(check: &Check<'_>, set: &OutputSet) {
         let message = format!(
             "the bus `{name}` waits {timeout} for an answer: there is no time to read the acknowledge"
         );
-        at.wrong(message, "write a duration longer than `timeout` of the bus");
+        at.invalid(message, "write a duration longer than `timeout` of the bus");
     }
     let whole = handshake.timeout * 2;
     for output in set.outputs.iter().filter_map(|id| check.outputs.get(id.0)) {
@@ -28,7 +28,7 @@ pub(super) fn has_time(check: &Check<'_>, set: &OutputSet) {
                 shown(handshake.timeout),
                 shown(every)
             );
-            at.wrong(message, "shorten this timeout, or lengthen the period");
+            at.invalid(message, "shorten this timeout, or lengthen the period");
         }
     }
 }
@@ -44,7 +44,7 @@ pub(super) fn acknowledges_apart(check: &Check<'_>, sets: &[Option<OutputSet>]) 
         if let Some(other) = sets.iter().take(place).flatten().find(is_same) {
             let message = format!("{} uses the same acknowledge", other.label());
             let help = "use another acknowledge for each, or put the outputs into one set";
-            set.at(check).key("handshake").key("acknowledge").wrong(message, help);
+            set.at(check).key("handshake").key("acknowledge").invalid(message, help);
         }
     }
 }

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::tables::At;
+use crate::tables::KeyContext;
 use crate::tables::opcua::{holds, written};
 use crate::tables::register::{TypeWord, holding};
 use isotherm_core::codec::Address;
@@ -31,14 +31,18 @@ pub(super) struct RawVersion {
 }
 
 impl RawVersion {
-    pub(super) fn resolve(&self, at: &At<'_>, is_in_nodes: bool) -> Option<(Address, u16)> {
+    pub(super) fn resolve(&self, at: &KeyContext<'_>, is_in_nodes: bool) -> Option<(Address, u16)> {
         if is_in_nodes {
-            at.foreign(&["register"], "a Modbus device", "remove it, and write node = \"ns=2;s=…\"");
+            at.not_applicable(&["register"], "a Modbus device", "remove it, and write node = \"ns=2;s=…\"");
             let (node, number) = (written(at, self.node.as_ref(), self.kind)?, self.value?);
             holds(at, &node, number)?;
             return Some((Address::Node(node), number));
         }
-        at.foreign(&["node", "type"], "an OPC UA server", "remove it, and write register = \"holding:100\"");
+        at.not_applicable(
+            &["node", "type"],
+            "an OPC UA server",
+            "remove it, and write register = \"holding:100\"",
+        );
         let place = at.key("register");
         if self.register.is_none() {
             place.missing(
@@ -52,7 +56,7 @@ impl RawVersion {
 
 /// Reports keys that a set in nodes cannot have. The specification leaves the order of the writes in a call to the
 /// server, so no word is last.
-pub(super) fn foreign_to_nodes(at: &At<'_>) {
+pub(super) fn foreign_to_nodes(at: &KeyContext<'_>) {
     for key in ["sequence", "complement"].into_iter().filter(|key| at.has(key)) {
         let message = format!(
             "`{key}` has no meaning over OPC UA: a server may write the nodes of a call in any order"
@@ -60,5 +64,5 @@ pub(super) fn foreign_to_nodes(at: &At<'_>) {
         let help = "use a `handshake`: its strobe is set after the whole set was read back";
         at.key(key).wrong_key(message, help);
     }
-    at.foreign(&["zeros"], "registers", "remove it: there are no unused registers between nodes");
+    at.not_applicable(&["zeros"], "registers", "remove it: there are no unused registers between nodes");
 }

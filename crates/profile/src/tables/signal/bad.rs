@@ -3,7 +3,7 @@
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
-use crate::tables::At;
+use crate::tables::KeyContext;
 use isotherm_core::codec::{Encoding, Sentinel};
 use isotherm_core::reading::Reason;
 
@@ -45,7 +45,7 @@ fn meanings(_: &mut SchemaGenerator) -> Schema {
 }
 
 /// Resolves the raw values that mean "no measurement", with their meanings.
-pub(super) fn sentinels(bad: Option<&Vec<BadValue>>, at: &At<'_>) -> Vec<Sentinel> {
+pub(super) fn sentinels(bad: Option<&Vec<BadValue>>, at: &KeyContext<'_>) -> Vec<Sentinel> {
     let mut sentinels = Vec::new();
     for (place, bad) in bad.into_iter().flatten().enumerate() {
         match bad {
@@ -65,10 +65,10 @@ pub(super) fn sentinels(bad: Option<&Vec<BadValue>>, at: &At<'_>) -> Vec<Sentine
 }
 
 /// Reports sentinels that the type cannot hold. They would never be detected, and a broken sensor would be accepted.
-pub(super) fn sentinels_fit(at: &At<'_>, encoding: &Encoding) {
+pub(super) fn sentinels_fit(at: &KeyContext<'_>, encoding: &Encoding) {
     let Some((low, high)) = encoding.data_type.integer_range() else { return };
     for bad in encoding.bad.iter().filter(|bad| !(low..=high).contains(&i128::from(bad.raw))) {
         let help = format!("allowed: {low} to {high}, as the raw count reads in this type");
-        at.wrong(format!("{} cannot contain {}", encoding.data_type.name(), bad.raw), help);
+        at.invalid(format!("{} cannot contain {}", encoding.data_type.name(), bad.raw), help);
     }
 }

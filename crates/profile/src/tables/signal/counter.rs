@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::duration::shown;
-use crate::tables::At;
+use crate::tables::KeyContext;
 use crate::tables::register::register;
 use isotherm_core::codec::{Counter, Encoding, Register, Table};
 
@@ -47,7 +47,7 @@ impl RawCounter {
     /// Resolves the counter of a value with this poll period, and the command that captures its count.
     pub(super) fn resolve(
         &self,
-        at: &At<'_>,
+        at: &KeyContext<'_>,
         encoding: &Encoding,
         device: Option<usize>,
         every: Duration,
@@ -74,14 +74,14 @@ impl RawCounter {
                 shown(every)
             );
             let help = "read the counter at least twice in that time, or use its 32-bit registers";
-            at.key("max_speed").wrong(message, help);
+            at.key("max_speed").invalid(message, help);
         }
         (Some(counter), capture)
     }
 }
 
 impl RawCapture {
-    fn resolve(&self, at: &At<'_>, device: Option<usize>) -> Option<Capture> {
+    fn resolve(&self, at: &KeyContext<'_>, device: Option<usize>) -> Option<Capture> {
         let at = at.key("register");
         let address = register(&at, self.register.as_ref())?;
         if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
@@ -94,7 +94,7 @@ impl RawCapture {
                 }
                 Table::Coil | Table::Holding => {}
                 Table::Input | Table::Discrete => {
-                    at.wrong(format!("{address} is read-only"), "write \"holding:132\" or \"coil:3\"");
+                    at.invalid(format!("{address} is read-only"), "write \"holding:132\" or \"coil:3\"");
                 }
             }
         }

@@ -23,7 +23,7 @@ async fn no_message_that_arrives_takes_an_event_with_it() {
     for (publisher, topic, payload) in cases {
         let (machine, broker) = (Arc::new(Machine::default()), Fake::default());
         machine.is_busy(1);
-        let went = run_as((publisher, Kept::in_memory()), &machine, &broker, async {
+        let went = run_as((publisher, RecordQueue::in_memory()), &machine, &broker, async {
             for _ in 0..30 {
                 broker.brings(topic, &payload);
                 tokio::time::sleep(Duration::from_millis(1700)).await;
@@ -42,7 +42,7 @@ async fn no_message_that_arrives_takes_an_event_with_it() {
 async fn a_message_that_the_broker_delivers_again_is_marked_as_that() {
     let (machine, broker) = (Arc::new(Machine::default()), Fake::default());
     let topic = "g/press/command/measured";
-    run_as((json(true), Kept::in_memory()), &machine, &broker, async {
+    run_as((json(true), RecordQueue::in_memory()), &machine, &broker, async {
         broker.brings(topic, br#"{"axis":"z","error_um":3.5,"id":"a"}"#);
         passes(2).await;
         broker.brings_again(topic, br#"{"axis":"z","error_um":3.5,"id":"a"}"#);
@@ -57,7 +57,7 @@ async fn a_message_that_the_broker_delivers_again_is_marked_as_that() {
 #[tokio::test(start_paused = true)]
 async fn a_flood_of_messages_has_the_state_looked_at_once_a_second() {
     let (machine, broker) = (Arc::new(Machine::default()), Fake::default());
-    run_as((json(true), Kept::in_memory()), &machine, &broker, async {
+    run_as((json(true), RecordQueue::in_memory()), &machine, &broker, async {
         for _ in 0..300 {
             (0..20).for_each(|_| broker.brings("g/press/command/measured", b"garbage"));
             tokio::time::sleep(Duration::from_millis(100)).await;

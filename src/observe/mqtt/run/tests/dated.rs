@@ -13,7 +13,7 @@ async fn births_data_and_what_is_kept_have_the_time_that_the_gateway_has() {
     let (machine, broker) = (Arc::new(Machine::default()), Fake::default());
     let node = Sparkplug::new(Address::new("g", "press").unwrap(), 0, true);
     machine.is_busy(1);
-    run_as((Box::new(node), Kept::in_memory()), &machine, &broker, async {
+    run_as((Box::new(node), RecordQueue::in_memory()), &machine, &broker, async {
         passes(5).await;
         broker.0.lock().unwrap().is_away = true;
         passes(5).await;

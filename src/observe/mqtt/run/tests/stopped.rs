@@ -4,13 +4,13 @@ use super::*;
 use isotherm_plant::sparkplug::{Address, Sparkplug};
 
 /// A Sparkplug node and its queue, in this directory.
-fn node(directory: &std::path::Path) -> (Box<dyn Publisher>, Kept) {
+fn node(directory: &std::path::Path) -> (Box<dyn Publisher>, RecordQueue) {
     let node = Sparkplug::new(Address::new("g", "press").unwrap(), 0, false);
     (Box::new(node), kept(directory))
 }
 
-fn kept(directory: &std::path::Path) -> Kept {
-    Kept::on_disk(directory, 1 << 20).unwrap()
+fn kept(directory: &std::path::Path) -> RecordQueue {
+    RecordQueue::on_disk(directory, 1 << 20).unwrap()
 }
 
 /// Numbers of the events in the queue on disk.
@@ -46,7 +46,7 @@ async fn what_has_not_arrived_when_the_gateway_stops_is_kept() {
             passes(3).await;
             {
                 let mut state = broker.0.lock().unwrap();
-                (state.is_cut_off, state.last_heard) = (true, Some(Moment::default()));
+                (state.is_cut_off, state.last_received) = (true, Some(Moment::default()));
             }
             machine.has(1);
             passes(3).await;

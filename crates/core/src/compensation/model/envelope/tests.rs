@@ -18,17 +18,17 @@ fn two(covariance: [[f64; 2]; 2], outside: Outside) -> Result<Envelope, BadEnvel
 /// Standard deviations 2 and 1, correlated by 0.6.
 const COVARIANCE: [[f64; 2]; 2] = [[4.0, 1.2], [1.2, 1.0]];
 
-fn judge(envelope: &Envelope, values: &[f64]) -> Option<Extrapolation> {
+fn assess(envelope: &Envelope, values: &[f64]) -> Option<Extrapolation> {
     let mut rises = [0.0; MOST];
     rises[..values.len()].copy_from_slice(values);
-    envelope.judge(&rises).extrapolating
+    envelope.assess(&rises).extrapolating
 }
 
 #[test]
 fn the_distance_is_that_of_mahalanobis_by_hand() {
     let envelope = two(COVARIANCE, Outside::Warn).unwrap();
     // x − m = (8, 1); S⁻¹ = [1, −1.2; −1.2, 4] / 2.56; d² = (64 − 19.2 + 4) / 2.56.
-    let found = judge(&envelope, &[32.0, 23.0]).unwrap();
+    let found = assess(&envelope, &[32.0, 23.0]).unwrap();
     let (distance, reach) = found.distance.unwrap();
     assert!((distance - (48.8_f64 / 2.56).sqrt()).abs() < 1e-12);
     assert_eq!(reach.to_bits(), 3.0_f64.to_bits());
@@ -40,17 +40,17 @@ fn the_distance_is_that_of_mahalanobis_by_hand() {
 #[test]
 fn a_combination_that_never_was_is_outside_although_each_input_is_inside() {
     let envelope = two(COVARIANCE, Outside::Warn).unwrap();
-    let found = judge(&envelope, &[29.0, 20.5]).unwrap();
+    let found = assess(&envelope, &[29.0, 20.5]).unwrap();
     assert_eq!(found.farthest, None);
     assert!(found.distance.unwrap().0 > 3.0);
-    assert_eq!(judge(&envelope, &[26.0, 23.0]), None);
-    assert_eq!(judge(&envelope, &[24.0, 22.0]), None);
+    assert_eq!(assess(&envelope, &[26.0, 23.0]), None);
+    assert_eq!(assess(&envelope, &[24.0, 22.0]), None);
 }
 
 #[test]
 fn shrinking_is_a_half_where_the_excess_is_one() {
     let far = Envelope::new(vec![known(0.0, -1.0, 1.0)], &[vec![1e9]], None, Outside::Shrink).unwrap();
-    let gain = |x| judge(&far, &[x]).map_or(1.0, |found| found.gain);
+    let gain = |x| assess(&far, &[x]).map_or(1.0, |found| found.gain);
     assert!((gain(3.0) - 0.5).abs() < 1e-3, "2 beyond a range of 2: {}", gain(3.0));
     assert!((gain(1.0) - 1.0).abs() < 1e-12);
     assert!(gain(1.0 + 1e-6) > 1.0 - 1e-9, "no jump at the edge");
@@ -62,7 +62,7 @@ fn inside_the_excess_says_how_far_the_nearest_edge_is() {
     let excess = |values: [f64; 2]| {
         let mut rises = [0.0; MOST];
         rises[..2].copy_from_slice(&values);
-        two(COVARIANCE, Outside::Warn).unwrap().judge(&rises).excess
+        two(COVARIANCE, Outside::Warn).unwrap().assess(&rises).excess
     };
     assert!(
         (excess([24.0, 22.0]) - -0.4).abs() < 1e-12,
@@ -110,7 +110,7 @@ proptest! {
     #[test]
     fn nothing_is_ever_not_a_number(a in any::<f64>(), b in any::<f64>()) {
         prop_assume!(a.is_finite() && b.is_finite());
-        let found = judge(&two(COVARIANCE, Outside::Shrink).unwrap(), &[a, b]);
+        let found = assess(&two(COVARIANCE, Outside::Shrink).unwrap(), &[a, b]);
         if let Some(found) = found {
             prop_assert!((0.0..=1.0).contains(&found.gain));
             prop_assert!(found.distance.is_some_and(|(distance, _)| distance.is_finite()));
@@ -125,7 +125,7 @@ proptest! {
         more in 0.0..5.0_f64,
     ) {
         let envelope = two(COVARIANCE, Outside::Shrink).unwrap();
-        let gain = |far: f64| judge(&envelope, &[24.0 + far * a, 22.0 + far * b]).map_or(1.0, |found| found.gain);
+        let gain = |far: f64| assess(&envelope, &[24.0 + far * a, 22.0 + far * b]).map_or(1.0, |found| found.gain);
         prop_assert!(gain(near + more) <= gain(near) + 1e-12);
     }
 }

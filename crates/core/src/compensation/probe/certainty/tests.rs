@@ -15,8 +15,8 @@ fn how_much_is_believed_grows_with_the_time_since_it_was_certain() {
     for (hours, most) in [(0, 2.0), (1, 4.0 * 4.25_f64.sqrt()), (24, 4.0 * 96.25_f64.sqrt())] {
         let occasion = Occasion { now: Moment::from_nanos(1), since_datum: hours * HOUR };
         let certainty = Certainty::default();
-        assert_eq!(certainty.judge(0.999 * most, filter, occasion), Ok(()), "{hours}");
-        let refused = certainty.judge(-1.001 * most, filter, occasion).unwrap_err();
+        assert_eq!(certainty.assess(0.999 * most, filter, occasion), Ok(()), "{hours}");
+        let refused = certainty.assess(-1.001 * most, filter, occasion).unwrap_err();
         assert!((refused.get() - most).abs() < 1e-9, "{hours}");
     }
 }
@@ -25,7 +25,7 @@ fn how_much_is_believed_grows_with_the_time_since_it_was_certain() {
 fn a_fixed_share_believes_everything_and_is_always_the_same() {
     let mut certainty = Certainty::default();
     for seconds in [0, 1, 100_000] {
-        assert_eq!(certainty.judge(1e9, Filter::Share(0.3), occasion(seconds)), Ok(()));
+        assert_eq!(certainty.assess(1e9, Filter::Share(0.3), occasion(seconds)), Ok(()));
         let share = certainty.learn(1e9, Filter::Share(0.3), occasion(seconds));
         assert!((share - 0.3).abs() < 1e-12);
         assert_eq!(certainty.touched, Some(occasion(seconds).now));
@@ -51,9 +51,9 @@ proptest! {
         }
         for (residual, seconds, lost) in touches {
             let occasion = occasion(seconds);
-            if certainty.judge(residual, filter, occasion).is_err() {
+            if certainty.assess(residual, filter, occasion).is_err() {
                 certainty.doubt(residual);
-                prop_assert_eq!(certainty.judge(residual, filter, occasion), Ok(()), "the same again agrees");
+                prop_assert_eq!(certainty.assess(residual, filter, occasion), Ok(()), "the same again agrees");
                 if lost {
                     continue;
                 }

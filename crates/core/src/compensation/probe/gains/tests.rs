@@ -72,13 +72,13 @@ fn a_machine_that_stands_cold_for_long_forgets_no_more_than_it_ever_knew() {
 fn what_was_kept_of_another_shape_is_not_taken_up() {
     let gains = taught(10, |_, [one, _]| 0.1 * one);
     let fresh = |terms| Gains::new(terms, LIMIT, OFFSET);
-    assert_eq!(gains.clone().recalled(fresh(2)), gains);
-    assert_eq!(gains.clone().recalled(fresh(3)), fresh(3));
-    let narrower = gains.clone().recalled(Gains::new(2, 0.05, OFFSET));
+    assert_eq!(gains.clone().restored(fresh(2)), gains);
+    assert_eq!(gains.clone().restored(fresh(3)), fresh(3));
+    let narrower = gains.clone().restored(Gains::new(2, 0.05, OFFSET));
     assert!((narrower.factors()[0] - 0.05).abs() < 1e-12, "{:?}", narrower.factors());
     let mut broken = gains;
     broken.covariance[0] = f64::NAN;
-    assert_eq!(broken.recalled(fresh(2)), fresh(2));
+    assert_eq!(broken.restored(fresh(2)), fresh(2));
 }
 
 proptest! {

@@ -1,4 +1,4 @@
-//! `envelope`, `outside` and `halves` of a model: the region of inputs on which it was identified.
+//! `envelope`, `outside` and `half_models` of a model: the region of inputs on which it was identified.
 //!
 //! ```json
 //! { "format": "isotherm-envelope", "version": 1, "reach": 3.4, "covariance": [[4.0, 1.2], [1.2, 2.5]],
@@ -14,11 +14,11 @@ use serde::de::IgnoredAny;
 use super::RawModel;
 use super::effect::{figure, rise};
 use super::file::{bytes, read, taken};
-use super::halves;
+use super::half_models;
 use super::inputs::ReferenceValue;
 use crate::Profile;
 use crate::error::allowed;
-use crate::tables::At;
+use crate::tables::KeyContext;
 use isotherm_core::compensation::model::envelope::{BadEnvelope, Identified, MOST};
 use isotherm_core::compensation::model::{Envelope, Input, Model, Outside, Reference};
 use isotherm_core::quantity::Celsius;
@@ -89,7 +89,11 @@ impl EnvelopeFile {
 }
 
 /// Resolves the envelope of a model. `Some(None)` if it has none. `model` is the rest of the model, if it is valid.
-pub(super) fn resolve(raw: &RawModel, at: &At<'_>, model: Option<&Model>) -> Option<Option<Envelope>> {
+pub(super) fn resolve(
+    raw: &RawModel,
+    at: &KeyContext<'_>,
+    model: Option<&Model>,
+) -> Option<Option<Envelope>> {
     let place = at.key("envelope");
     let Some(name) = raw.envelope.as_deref() else {
         let of_it = [("outside", raw.outside.is_some()), ("halves", raw.halves.is_some())];
@@ -100,7 +104,7 @@ pub(super) fn resolve(raw: &RawModel, at: &At<'_>, model: Option<&Model>) -> Opt
         return Some(None);
     };
     let halves = at.key("halves");
-    let apart = raw.halves.as_deref().map(|name| halves::resolve(raw, &halves, name, model?));
+    let apart = raw.halves.as_deref().map(|name| half_models::resolve(raw, &halves, name, model?));
     let bytes = bytes(raw, "envelope", &place, name)?;
     let file: EnvelopeFile = taken(&place, name, read(&bytes, "isotherm-envelope"))?;
     let signals = model?.signals();
@@ -109,7 +113,7 @@ pub(super) fn resolve(raw: &RawModel, at: &At<'_>, model: Option<&Model>) -> Opt
     for input in &file.inputs {
         let Some(signal) = signals.iter().copied().find(|id| names[id.0] == input.signal) else {
             let help = allowed(&input.signal, signals.iter().map(|id| names[id.0].as_str()));
-            place.wrong(
+            place.invalid(
                 format!("{name}: input `{}` of this file is not a signal of the model", input.signal),
                 help,
             );

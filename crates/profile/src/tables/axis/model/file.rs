@@ -5,7 +5,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 use super::RawModel;
-use crate::tables::At;
+use crate::tables::KeyContext;
 
 /// Common first keys of every file.
 #[derive(Deserialize)]
@@ -65,13 +65,13 @@ pub(super) fn fit(what: &str, own: &[String], given: &[&str]) -> Result<(), Stri
 }
 
 /// Reads the file that this key of the model names, and checks its SHA-256. `at` is the key.
-pub(super) fn bytes(raw: &RawModel, key: &str, at: &At<'_>, name: &str) -> Option<Vec<u8>> {
+pub(super) fn bytes(raw: &RawModel, key: &str, at: &KeyContext<'_>, name: &str) -> Option<Vec<u8>> {
     let bytes = at.file(name, "a relative path begins in the directory of the profile")?;
     raw.seals().is_none_or(|seals| seals.fits(key, at, name, &bytes)).then_some(bytes)
 }
 
 /// Returns the content of a named file, or reports why there is none.
-pub(super) fn taken<T>(at: &At<'_>, name: &str, result: Result<T, String>) -> Option<T> {
+pub(super) fn taken<T>(at: &KeyContext<'_>, name: &str, result: Result<T, String>) -> Option<T> {
     let report = |why| at.error(at.check.spans.at_value(&at.path, format!("{name}: {why}"), None));
     result.map_err(report).ok()
 }

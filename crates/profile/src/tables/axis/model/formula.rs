@@ -6,7 +6,7 @@ use super::effect::{effect, figure, middle};
 use super::inputs::Inputs;
 use super::{Computation, KindOfModel, RawModel};
 use crate::Profile;
-use crate::tables::{At, expression};
+use crate::tables::{KeyContext, expression};
 use isotherm_core::compensation::model::{Formula, Kind};
 use isotherm_core::reading::SignalId;
 
@@ -19,13 +19,13 @@ pub(super) const KIND: KindOfModel = KindOfModel {
     places: |_| None,
 };
 
-fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
+fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
     let none = (BTreeMap::new(), BTreeMap::new());
     let inputs = match &raw.inputs {
         Some(Inputs::ByName(inputs)) => inputs,
         Some(Inputs::InOrder(_)) => {
             let help = "write inputs = { A = \"bed\" }: a formula uses its signals by name";
-            at.key("inputs").wrong("a list of signals has no names", help);
+            at.key("inputs").invalid("a list of signals has no names", help);
             return None;
         }
         None => &none.0,

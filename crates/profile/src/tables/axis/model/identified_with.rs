@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::duration::{Timespan, shown};
-use crate::tables::At;
+use crate::tables::KeyContext;
 
 /// Settings of the identification.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -16,7 +16,7 @@ pub(super) struct RawIdentifiedWith {
 }
 
 impl RawIdentifiedWith {
-    pub(super) fn doubt(&self, at: &At<'_>) {
+    pub(super) fn doubt(&self, at: &KeyContext<'_>) {
         let Some(Timespan(own)) = self.settle else { return };
         let machine = at.check.raw.machine.as_ref().and_then(|machine| machine.settle);
         let of_machine = machine.map(|Timespan(span)| span);

@@ -9,7 +9,7 @@ use serde::Deserialize;
 use super::RawModel;
 use crate::duration::{Timespan, shown};
 use crate::schema_of::schema_of;
-use crate::tables::At;
+use crate::tables::KeyContext;
 use isotherm_core::compensation::model::{Input, Reference};
 use isotherm_core::quantity::Celsius;
 
@@ -97,7 +97,7 @@ impl Inputs {
 /// Returns the inputs in their order, with their names. Without a default, each input needs a reference.
 pub(super) fn in_order<'r>(
     raw: &'r RawModel,
-    at: &At<'_>,
+    at: &KeyContext<'_>,
     default: Option<Reference>,
 ) -> Option<(Vec<Input>, Vec<&'r str>)> {
     let list = at.key("inputs");
@@ -105,12 +105,12 @@ pub(super) fn in_order<'r>(
         Inputs::InOrder(inputs) => inputs,
         Inputs::ByName(_) => {
             let help = "write inputs = [ \"bed\", \"column\" ], in the order of the file";
-            list.wrong("signals by name have no order, which this model needs", help);
+            list.invalid("signals by name have no order, which this model needs", help);
             return None;
         }
     };
     if inputs.is_empty() {
-        list.wrong("a model without inputs follows no temperature", "name at least one signal");
+        list.invalid("a model without inputs follows no temperature", "name at least one signal");
         return None;
     }
     let of_model = raw.reference.map(Reference::from).or(default);
@@ -143,7 +143,11 @@ pub(super) fn in_order<'r>(
 }
 
 /// Resolves the lag of a term or an input, which must have a reference. `Some(None)` if there is no lag.
-pub(super) fn lag(at: &At<'_>, raw: Option<Timespan>, has_reference: bool) -> Option<Option<Duration>> {
+pub(super) fn lag(
+    at: &KeyContext<'_>,
+    raw: Option<Timespan>,
+    has_reference: bool,
+) -> Option<Option<Duration>> {
     if raw.is_none() {
         return Some(None);
     }
@@ -157,7 +161,7 @@ pub(super) fn lag(at: &At<'_>, raw: Option<Timespan>, has_reference: bool) -> Op
     if lag > LONGEST_LAG {
         let help =
             "a structure with this lag does not move in a shift: leave the term out, or check the unit";
-        at.key("lag").wrong(format!("{} is longer than a week", shown(lag)), help);
+        at.key("lag").invalid(format!("{} is longer than a week", shown(lag)), help);
     }
     Some(Some(lag))
 }

@@ -3,14 +3,14 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::all_over::signed;
 use super::effect::{effect_of, figure, lagged, late, reference as written};
 use super::inputs::{ReferenceValue, lag};
+use super::uniform_temperature::signed;
 use super::{Computation, KindOfModel, Places, RawModel};
 use crate::Profile;
 use crate::document::grouped;
 use crate::duration::Timespan;
-use crate::tables::At;
+use crate::tables::KeyContext;
 use isotherm_core::compensation::model::{Input, Kind, Linear, Reference, Slope, Term};
 use isotherm_core::quantity::{Micron, MicronPerCelsius, MicronPerMillimetreCelsius, Millimetre};
 
@@ -78,7 +78,7 @@ pub(super) struct RawSlope {
     terms: Option<Vec<RawTerm>>,
 }
 
-fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
+fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
     let list = at.key("terms");
     let Some(own) = &raw.terms else {
         let help = "write terms = [ { signal = \"…\", gain = …, reference = … } ]";
@@ -86,7 +86,7 @@ fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
         return None;
     };
     if own.is_empty() && raw.slope.is_none() {
-        list.wrong("a model without terms follows no temperature", "write at least one term");
+        list.invalid("a model without terms follows no temperature", "write at least one term");
     }
     let terms = terms(&list, own, (RawTerm::gain, LARGE_GAIN, "µm/°C"), MicronPerCelsius::new);
     let slope = raw.slope.as_ref().map(|slope| slope.resolve(&at.key("slope")));
@@ -100,9 +100,9 @@ fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
 
 /// Resolves all terms, even after one with an error.
 fn terms<Gain>(
-    list: &At<'_>,
+    list: &KeyContext<'_>,
     terms: &[RawTerm],
-    (gain, large, per): (impl Fn(&RawTerm, &At<'_>) -> Option<f64>, f64, &str),
+    (gain, large, per): (impl Fn(&RawTerm, &KeyContext<'_>) -> Option<f64>, f64, &str),
     unit: impl Fn(f64) -> Option<Gain>,
 ) -> Option<Vec<Term<Gain>>> {
     let one = |(index, raw): (usize, &RawTerm)| {
@@ -128,12 +128,12 @@ impl RawSlope {
         self.terms.iter().flatten()
     }
 
-    fn resolve(&self, at: &At<'_>) -> Option<Slope> {
+    fn resolve(&self, at: &KeyContext<'_>) -> Option<Slope> {
         let position = at.key("position").position(self.position.as_ref());
         let list = at.key("terms");
         if self.terms.as_ref().is_some_and(Vec::is_empty) {
             let help = "write at least one term, or remove `slope`";
-            list.wrong("a slope without terms follows no temperature", help);
+            list.invalid("a slope without terms follows no temperature", help);
         }
         let terms = (self.terms.as_ref()).and_then(|own| {
             let gain = (RawTerm::gain_of_slope, LARGE_SLOPE, "µm/mm per °C");
@@ -141,7 +141,7 @@ impl RawSlope {
         });
         if let Some([from, to]) = self.travel.filter(|[from, to]| from >= to) {
             let message = format!("a travel from {from} to {to} mm has no length");
-            at.key("travel").wrong(message, "write the smaller end first, as [-300.0, 0.0]");
+            at.key("travel").invalid(message, "write the smaller end first, as [-300.0, 0.0]");
         }
         let travel = self.travel.and_then(|[from, to]| Millimetre::new(from).zip(Millimetre::new(to)));
         let reference = Millimetre::new(self.reference?)?;
@@ -154,19 +154,19 @@ impl RawTerm {
         self.reference.is_some_and(ReferenceValue::is_zero)
     }
 
-    fn is_squared(&self, at: &At<'_>) -> Option<bool> {
+    fn is_squared(&self, at: &KeyContext<'_>) -> Option<bool> {
         match self.power {
             None | Some(1) => Some(false),
             Some(2) => Some(true),
             Some(other) => {
                 let help = "write power = 2 for the square of the value, or leave it out";
-                at.key("power").wrong(format!("a term cannot have the power {other}"), help);
+                at.key("power").invalid(format!("a term cannot have the power {other}"), help);
                 None
             }
         }
     }
 
-    fn doubt(&self, at: &At<'_>, gain: f64, per: &str) {
+    fn doubt(&self, at: &KeyContext<'_>, gain: f64, per: &str) {
         let key = if self.gain.is_some() { "gain" } else { "expansion" };
         let message = format!("a gain of {} {per} is implausible for a machine", signed(gain));
         at.key(key).warn(
@@ -176,7 +176,7 @@ impl RawTerm {
     }
 
     /// Returns the gain of a slope, µm/mm per unit of the signal.
-    fn gain_of_slope(&self, at: &At<'_>) -> Option<f64> {
+    fn gain_of_slope(&self, at: &KeyContext<'_>) -> Option<f64> {
         if self.expansion.is_some() || self.length.is_some() {
             let key = if self.expansion.is_some() { "expansion" } else { "length" };
             let help = "write `gain` in µm/mm per unit of the signal";
@@ -187,7 +187,7 @@ impl RawTerm {
     }
 
     /// Returns the gain, µm per unit of the signal.
-    fn gain(&self, at: &At<'_>) -> Option<f64> {
+    fn gain(&self, at: &KeyContext<'_>) -> Option<f64> {
         match (self.gain, self.expansion, self.length) {
             (Some(gain), None, None) => return Some(gain),
             (None, Some(expansion), Some(length)) => return Some(expansion * length * MICRONS),

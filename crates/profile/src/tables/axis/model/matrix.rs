@@ -16,7 +16,7 @@ use super::file::{bytes, fit, read, taken};
 use super::inputs::in_order;
 use super::{Computation, KindOfModel, Places, RawModel};
 use crate::Profile;
-use crate::tables::At;
+use crate::tables::KeyContext;
 use isotherm_core::compensation::model::{Kind, Matrix};
 use isotherm_core::quantity::Millimetre;
 
@@ -98,7 +98,7 @@ impl MatrixFile {
     }
 }
 
-fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
+fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
     let needs = [
         ("inputs", "write inputs = [ … ], the signal of each block in the file's order"),
         ("file", "write file = \"column.json\", a matrix beside the profile"),

@@ -17,7 +17,7 @@ use super::file::{bytes, fit, read, taken};
 use super::inputs::in_order;
 use super::{Computation, KindOfModel, RawModel};
 use crate::Profile;
-use crate::tables::At;
+use crate::tables::KeyContext;
 use isotherm_core::compensation::model::network::{Activation, Layer, Layers, Net, Node, Radial, Scaling};
 use isotherm_core::compensation::model::{Input, Kind, Network, Reference};
 use isotherm_core::quantity::Celsius;
@@ -154,7 +154,7 @@ fn radial(file: RadialFile) -> Result<(Net, Option<Vec<String>>), String> {
     Ok((Net::Radial(Radial::new(scaling, nodes, file.bias, output)?), names))
 }
 
-fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
+fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
     if raw.inputs.is_none() {
         let help = "write inputs = [ … ], the signals in the network's order";
         at.key("inputs").missing("`inputs` is missing: a network needs them", help);

@@ -14,7 +14,7 @@ use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
 use super::RawModel;
-use crate::tables::At;
+use crate::tables::KeyContext;
 
 /// Number of hex digits of a SHA-256.
 const DIGITS: usize = 64;
@@ -73,7 +73,7 @@ impl RawSeals {
 
     /// Reports a seal that is invalid or has no file, and a file without a seal next to others with one. `at` is the
     /// model.
-    pub(super) fn check(&self, raw: &RawModel, at: &At<'_>) {
+    pub(super) fn check(&self, raw: &RawModel, at: &KeyContext<'_>) {
         let place = at.key("sha256");
         for (key, seal) in self.each() {
             let named = raw.file_of(key);
@@ -82,7 +82,7 @@ impl RawSeals {
                     let help = format!("name the file with `{key}`, or remove it");
                     place.key(key).wrong_key(format!("the model has no `{key}` for this SHA-256"), help);
                 }
-                (Some(seal), Some(name)) if !is_sha256(seal) => place.key(key).wrong(
+                (Some(seal), Some(name)) if !is_sha256(seal) => place.key(key).invalid(
                     format!("a SHA-256 has {DIGITS} hex digits"),
                     format!("write what `sha256sum {name}` prints"),
                 ),
@@ -100,7 +100,7 @@ impl RawSeals {
     }
 
     /// Returns whether the bytes have the stated SHA-256. If not, reports it at the key that names the file.
-    pub(super) fn fits(&self, key: &str, at: &At<'_>, name: &str, bytes: &[u8]) -> bool {
+    pub(super) fn fits(&self, key: &str, at: &KeyContext<'_>, name: &str, bytes: &[u8]) -> bool {
         let seal = self.each().into_iter().find(|(own, _)| *own == key).and_then(|(_, seal)| seal);
         // An invalid seal has been reported.
         let Some(seal) = seal.filter(|seal| is_sha256(seal)) else { return true };
@@ -108,7 +108,7 @@ impl RawSeals {
         if found.eq_ignore_ascii_case(seal) {
             return true;
         }
-        at.wrong(
+        at.invalid(
             format!(
                 "{name}: the file was changed, or is of another model: the SHA-256 of the file is not \
                  `sha256.{key}`"

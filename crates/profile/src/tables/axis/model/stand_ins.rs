@@ -18,7 +18,7 @@ use super::file::{bytes, read, taken};
 use super::inputs::LONGEST_LAG;
 use crate::Profile;
 use crate::error::allowed;
-use crate::tables::At;
+use crate::tables::KeyContext;
 use isotherm_core::compensation::model::StandIns;
 use isotherm_core::compensation::model::stand_ins::{Described, Replaces};
 use isotherm_core::reading::SignalId;
@@ -55,7 +55,7 @@ struct TermOfFile {
 }
 
 /// Resolves the relations in the file with this name.
-pub(super) fn resolve(raw: &RawModel, at: &At<'_>, name: &str) -> Option<StandIns> {
+pub(super) fn resolve(raw: &RawModel, at: &KeyContext<'_>, name: &str) -> Option<StandIns> {
     let bytes = bytes(raw, "stand_ins", at, name)?;
     let file: StandInsFile = taken(at, name, read(&bytes, "isotherm-stand-ins"))?;
     let described = taken(at, name, file.described(&at.check.signals.names))?;
@@ -68,7 +68,7 @@ pub(super) fn resolve(raw: &RawModel, at: &At<'_>, name: &str) -> Option<StandIn
 }
 
 /// Warns about a sensor that is not a temperature. For other quantities a constant reading has no meaning.
-fn doubt(at: &At<'_>, file: &str, id: SignalId) {
+fn doubt(at: &KeyContext<'_>, file: &str, id: SignalId) {
     let Some(signal) = at.check.signals.get(id.0) else { return };
     if !matches!(signal.unit.0, "degC" | "K") {
         let (name, unit) = (&signal.name, &signal.unit);

@@ -1,0 +1,150 @@
+//! Selection of the model that an axis follows, and the value that the axis takes from it.
+
+use super::Axis;
+use crate::compensation::model::envelope::agreed;
+use crate::compensation::model::{
+    CLEARLY_INSIDE, Coverage, Evaluated, Inputs, Model, Outputs, Outside, Unusable,
+};
+use crate::compensation::reference::Machine;
+use crate::compensation::{Snapshot, SubstitutedSensor};
+use crate::quantity::Micron;
+
+/// Request of the first usable model.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::compensation) struct ModelChoice {
+    /// Index of the model in the profile's list.
+    pub(in crate::compensation) model: usize,
+    /// Requested Cz. It is K0 if the slope is split off.
+    pub(in crate::compensation) raw: Micron,
+    /// Correction from probings. `raw` contains it.
+    pub(super) correction: Micron,
+    /// Effect of the slope at the reach.
+    pub(super) slope: Micron,
+    /// Position of the machine inside or outside the range on which the model was identified.
+    pub(super) coverage: Option<Coverage>,
+    /// Sensor of the model that has a stand-in; `None` if there is none.
+    pub(super) stood_in: Option<SubstitutedSensor>,
+}
+
+/// Values that a model requests, counted from its datum, µm and µm/mm.
+pub(super) struct ModelRequest {
+    pub(super) cz: f64,
+    slope: f64,
+    /// Factor by which the value with its correction is multiplied.
+    gain: f64,
+    coverage: Option<Coverage>,
+}
+
+impl Axis {
+    pub(super) fn evaluate(
+        &self,
+        place: usize,
+        snapshot: &Snapshot<'_>,
+        machine: &Machine,
+    ) -> Result<Evaluated, Unusable> {
+        if let Some(unknown) = self.unknown_in(place) {
+            return Err(unknown.into());
+        }
+        let (model, inputs) = self.model(place, snapshot, machine).ok_or(Unusable::NotANumber)?;
+        model.evaluate(&inputs)
+    }
+
+    /// Returns a model and its inputs; `None` if there is no such model.
+    pub(super) fn model<'a>(
+        &'a self,
+        place: usize,
+        snapshot: &'a Snapshot<'a>,
+        machine: &'a Machine,
+    ) -> Option<(&'a Model, Inputs<'a>)> {
+        let lags = self.lags.get(place).map(Vec::as_slice).unwrap_or_default();
+        let snapshot = self.watched.get(place)?.seen(snapshot);
+        let inputs =
+            Inputs { snapshot, machine, lags, splits_slope: self.settings.intercept_slope.is_some() };
+        Some((self.settings.models.get(place)?, inputs))
+    }
+
+    /// Returns the first model whose signals are all good, with its value. Also returns why the preferred model cannot
+    /// be used, and the first fallback model outside its own envelope. Such a fallback model is not used. If a model
+    /// only waits for a reference or for the machine start, no fallback model is used. Fallback models replace a model
+    /// with a failed sensor.
+    pub(in crate::compensation) fn choose(
+        &self,
+        snapshot: &Snapshot<'_>,
+        machine: &Machine,
+    ) -> (Option<ModelChoice>, Option<Unusable>, Option<usize>) {
+        let (mut lacks, mut outside) = (None, None);
+        for place in 0..self.settings.models.len() {
+            match self.evaluate(place, snapshot, machine) {
+                Ok(evaluated) if self.is_fallback_outside(place, &evaluated) => {
+                    outside = outside.or(Some(place));
+                }
+                Ok(evaluated) => {
+                    let correction = self.correction(place, snapshot, machine);
+                    return (self.chosen(place, evaluated, correction), lacks, outside);
+                }
+                Err(reason @ (Unusable::Reference(_) | Unusable::MachineOff)) => {
+                    return (None, lacks.or(Some(reason)), outside);
+                }
+                Err(reason) => lacks = lacks.or(Some(reason)),
+            }
+        }
+        (None, lacks, outside)
+    }
+
+    /// Returns true if this is a fallback model, and its inputs are outside its own envelope. A fallback model that was
+    /// outside stays so until its inputs are clearly inside.
+    fn is_fallback_outside(&self, place: usize, evaluated: &Evaluated) -> bool {
+        let has_envelope = self.settings.models.get(place).is_some_and(|model| model.envelope.is_some());
+        let edge = if self.fallback_outside == Some(place) { CLEARLY_INSIDE } else { 0.0 };
+        place > 0 && has_envelope && evaluated.coverage.is_some_and(|coverage| coverage.excess > edge)
+    }
+
+    /// Returns what a model requests, counted from its datum. With `Outside::Shrink`, the envelope reduces datum and
+    /// correction together with the value: far outside, Cz goes to zero. With `Outside::Agree`, it reduces only the
+    /// value of the model, because the correction was measured.
+    pub(super) fn chosen(&self, model: usize, evaluated: Evaluated, correction: f64) -> Option<ModelChoice> {
+        let asked = self.asked(model, evaluated);
+        let reach = self.settings.intercept_slope.map_or(0.0, |line| line.reach.get());
+        let (raw, slope) = asked.target(correction, reach)?;
+        Some(ModelChoice {
+            model,
+            raw,
+            correction: Micron::new(correction * asked.gain)?,
+            slope,
+            coverage: asked.coverage,
+            stood_in: self.substituted(model),
+        })
+    }
+
+    /// Returns what a model requests, counted from its datum. With `Outside::Agree`, a difference between the model's
+    /// two halves reduces the value.
+    pub(super) fn asked(&self, model: usize, evaluated: Evaluated) -> ModelRequest {
+        ModelRequest::of(evaluated, self.zeroing.of(model))
+    }
+}
+
+impl ModelRequest {
+    /// Returns what a model requests, counted from `datum`. With `Outside::Agree`, a difference between the model's two
+    /// halves reduces the value.
+    pub(super) fn of(evaluated: Evaluated, datum: Outputs) -> ModelRequest {
+        let Evaluated { outputs, mut coverage } = evaluated;
+        let cz = outputs.cz.get() - datum.cz.get();
+        let slope = outputs.slope.get() - datum.slope.get();
+        let Some(Coverage { excess, extrapolating: Some(found) }) = &mut coverage else {
+            return ModelRequest { cz, slope, gain: 1.0, coverage };
+        };
+        if found.outside != Outside::Agree {
+            return ModelRequest { cz, slope, gain: found.gain, coverage };
+        }
+        let apart = outputs.apart - datum.apart;
+        found.gain = agreed(*excess, cz, apart.get());
+        found.apart = Some(apart);
+        ModelRequest { cz: cz * found.gain, slope: slope * found.gain, gain: 1.0, coverage }
+    }
+
+    /// Returns Cz with this correction, and the effect of the slope at `reach`, mm. `None` if a result is not finite.
+    pub(super) fn target(&self, correction: f64, reach: f64) -> Option<(Micron, Micron)> {
+        let cz = Micron::new((self.cz + correction) * self.gain)?;
+        Some((cz, Micron::new(self.slope * self.gain * reach)?))
+    }
+}

@@ -1,0 +1,200 @@
+//! Stand-ins of an axis's models, and sensors that cannot be used.
+
+use super::Axis;
+use super::model_choice::ModelRequest;
+use crate::compensation::model::{Inputs, Model, StandIns};
+use crate::compensation::stand_in::{Bounds, StartEstimate, Watch};
+use crate::compensation::substitution::{SubstituteSource, Substitution};
+use crate::compensation::{RejectedSensor, SubstitutedSensor};
+use crate::compensation::{Snapshot, reference::Machine};
+use crate::quantity::Moment;
+use crate::reading::SignalId;
+
+/// Watch of one model. A model without stand-ins has none.
+#[derive(Clone, Debug)]
+pub(in crate::compensation) struct ModelWatch {
+    /// Signals that the model reads.
+    reads: Vec<SignalId>,
+    pub(in crate::compensation) watch: Option<Watch>,
+    /// Substitutes for readings: those of the model's own watch, and sensors that another watch of the axis knows to be
+    /// lost. There are never more than sensors of all watches.
+    substitutions: Vec<Substitution>,
+}
+
+impl ModelWatch {
+    pub(super) fn all(models: &[Model]) -> Vec<ModelWatch> {
+        let sensors = models.iter().filter_map(|model| model.stand_ins.as_ref()).flat_map(StandIns::watched);
+        let sensors = sensors.count();
+        let one = |model: &Model| ModelWatch {
+            reads: model.signals(),
+            watch: model.stand_ins.as_ref().map(|settings| Watch::new(model, settings)),
+            substitutions: Vec::with_capacity(sensors),
+        };
+        models.iter().map(one).collect()
+    }
+
+    /// Returns the readings as the model uses them.
+    pub(super) fn seen<'a>(&'a self, snapshot: &Snapshot<'a>) -> Snapshot<'a> {
+        let is_followed = snapshot.is_followed && self.substitutions.is_empty();
+        Snapshot { substitutions: &self.substitutions, is_followed, ..*snapshot }
+    }
+}
+
+impl Axis {
+    /// Checks the readings before lags and references use them.
+    pub(in crate::compensation) fn check(&mut self, snapshot: &Snapshot<'_>, machine: &Machine) {
+        let every = self.settings.every;
+        for (settings, model, watch) in self.watches_mut() {
+            watch.check((model, settings), snapshot, machine, every);
+        }
+        self.present();
+    }
+
+    /// Updates the lags with this snapshot, even if the axis is not due or not armed: the temperature of its structure
+    /// changes anyway.
+    pub(in crate::compensation) fn follow(&mut self, snapshot: &Snapshot<'_>, machine: &Machine) {
+        let line = self.settings.intercept_slope;
+        let reach = line.map_or(0.0, |line| line.reach.get());
+        let (zeroing, taught, probe) = (&self.zeroing, &self.probe.models, self.settings.probe.as_ref());
+        let models = self.settings.models.iter().enumerate();
+        for (((place, model), lags), watched) in models.zip(&mut self.lags).zip(&mut self.watched) {
+            let seen = Snapshot { substitutions: &watched.substitutions, ..*snapshot };
+            // `for_each` handles the parts of a chain one after the other. This loop takes most of the time of a step.
+            let mut all = lags.iter_mut();
+            model.rises().for_each(|input| {
+                all.next().into_iter().for_each(|lag| lag.follow(input, &seen, machine));
+            });
+            if let (Some(settings), Some(watch)) = (&model.stand_ins, &mut watched.watch) {
+                let target = |inputs: &Inputs<'_>| {
+                    let evaluated = model.evaluate(inputs).ok()?;
+                    let correction = taught.get(place).zip(probe).map_or(0.0, |(learned, settings)| {
+                        learned.correction(model.parts(*inputs), settings)
+                    });
+                    ModelRequest::of(evaluated, zeroing.of(place)).target(correction, reach)
+                };
+                let (step, splits_slope) = (self.settings.guard.step, line.is_some());
+                let bounds = Bounds { step, splits_slope, target: &target };
+                watch.follow((model, settings, bounds), lags, &seen, machine);
+            }
+        }
+        self.present();
+    }
+
+    /// Collects the substitutes of each model: those of its own watch, and no value for sensors that another watch of
+    /// the axis knows to be lost. Each watch decides about a frozen sensor for its own model only.
+    fn present(&mut self) {
+        for place in 0..self.watched.len() {
+            let mut substitution = std::mem::take(&mut self.watched[place].substitutions);
+            substitution.clear();
+            substitution.extend(self.watched[place].watch.iter().flat_map(Watch::substitutions));
+            for watch in self.watched.iter().filter_map(|watched| watched.watch.as_ref()) {
+                for other in watch.substitutions().iter().filter(|other| !other.frozen) {
+                    if !substitution.iter().any(|known| known.signal == other.signal) {
+                        substitution.push(Substitution { source: SubstituteSource::None, ..*other });
+                    }
+                }
+            }
+            self.watched[place].substitutions = substitution;
+        }
+    }
+
+    fn watches_mut(&mut self) -> impl Iterator<Item = (&StandIns, &Model, &mut Watch)> {
+        let models = self.settings.models.iter().zip(&mut self.watched);
+        models
+            .filter_map(|(model, watched)| Some((model.stand_ins.as_ref()?, model, watched.watch.as_mut()?)))
+    }
+
+    /// Returns each watch with its settings.
+    fn watches(&self) -> impl Iterator<Item = (&StandIns, &Watch)> {
+        let models = self.settings.models.iter().zip(&self.watched);
+        models.filter_map(|(model, watched)| model.stand_ins.as_ref().zip(watched.watch.as_ref()))
+    }
+
+    /// Returns a sensor that the model cannot do without, `None` if there is none. A watch of the axis rejects its
+    /// reading, and this model has no stand-in for it.
+    pub(super) fn unknown_in(&self, place: usize) -> Option<&Substitution> {
+        let watched = self.watched.get(place)?;
+        let mut unknown = watched.substitutions.iter().filter(|substitution| !substitution.has_source());
+        unknown.find(|substitution| watched.reads.contains(&substitution.signal))
+    }
+
+    /// Returns a sensor of the model that has a stand-in; `None` if there is none.
+    pub(super) fn substituted(&self, place: usize) -> Option<SubstitutedSensor> {
+        let reads = &self.watched.get(place)?.reads;
+        let mut found = self.rejected_in(place).filter(|found| reads.contains(&found.signal));
+        found.find_map(|RejectedSensor { signal, since, frozen, others }| {
+            Some(SubstitutedSensor { signal, since, frozen, others: others? })
+        })
+    }
+
+    /// Returns the sensors that the watch of a model rejects.
+    fn rejected_in(&self, place: usize) -> impl Iterator<Item = RejectedSensor> {
+        let watch = self.watched.get(place).and_then(|watched| watched.watch.as_ref());
+        let settings = self.settings.models.get(place).and_then(|model| model.stand_ins.as_ref());
+        settings.zip(watch).into_iter().flat_map(|(settings, watch)| watch.rejected(settings))
+    }
+
+    /// Returns the rejected sensors of the axis, each once. The model in use comes first, then the other models in
+    /// order. If the model in use has no stand-in for a sensor, none is reported.
+    pub(in crate::compensation) fn rejected(&self) -> impl Iterator<Item = RejectedSensor> {
+        let used = self.decision.model;
+        let places =
+            move || used.into_iter().chain((0..self.watched.len()).filter(move |place| Some(*place) != used));
+        places().enumerate().flat_map(move |(turn, place)| {
+            let is_new = move |found: &RejectedSensor| {
+                let before = places().take(turn).flat_map(|place| self.rejected_in(place));
+                !before.map(|known| known.signal).any(|signal| signal == found.signal)
+            };
+            let others = move |found: RejectedSensor| {
+                let others = found.others.filter(|_| used.is_none_or(|used| used == place));
+                RejectedSensor { others, ..found }
+            };
+            self.rejected_in(place).filter(is_new).map(others)
+        })
+    }
+
+    /// Returns whether a watch of the axis replaces the reading of this signal.
+    pub(in crate::compensation) fn rejects(&self, signal: SignalId) -> bool {
+        self.watches()
+            .any(|(_, watch)| watch.substitutions().iter().any(|substitution| substitution.signal == signal))
+    }
+
+    /// Returns the predictors of a model's value for this signal; `None` if the value is its own reading.
+    pub(in crate::compensation) fn predictors(
+        &self,
+        place: usize,
+        signal: SignalId,
+    ) -> Option<impl Iterator<Item = SignalId>> {
+        let watched = self.watched.get(place)?;
+        let is_it = |substitution: &Substitution| substitution.signal == signal && substitution.has_source();
+        watched.substitutions.iter().any(is_it).then_some(())?;
+        Some(self.settings.models.get(place)?.stand_ins.as_ref()?.predictors(signal))
+    }
+
+    /// Resets lags and watches after a machine start.
+    pub(super) fn restart_watches(&mut self, now: Moment) {
+        for (model, lags) in self.settings.models.iter().zip(&mut self.lags) {
+            model.rises().zip(lags).for_each(|(input, lag)| lag.started(input));
+        }
+        for (settings, model, watch) in self.watches_mut() {
+            watch.started(model, settings, now);
+        }
+        self.present();
+    }
+
+    /// Accepts every sensor that has a reading, because the operator has checked them.
+    pub(in crate::compensation) fn trust(&mut self, machine: &Machine, now: Moment) {
+        for (settings, model, watch) in self.watches_mut() {
+            watch.trust((model, settings), machine, now);
+        }
+        self.present();
+    }
+
+    /// Calls `take` with the estimated start reading of each sensor that was accepted again since the last call, and
+    /// clears these readings.
+    pub(in crate::compensation) fn take_beginnings(&mut self, mut take: impl FnMut(SignalId, StartEstimate)) {
+        for (settings, _, watch) in self.watches_mut() {
+            watch.take_beginnings(settings, &mut take);
+        }
+    }
+}

@@ -1,0 +1,243 @@
+//! Values that were sent and may still arrive, and the values that may be sent meanwhile.
+//!
+//! A sent value is **under way** until one of these events:
+//!
+//! | | event |
+//! |---|---|
+//! | a | the write was answered as done, and a read requested after that answer shows the value |
+//! | b | the write was refused or not sent: it is not added at all |
+//! | c | one read showed another value, and a later one shows this value. In between, this was the only copy of its value that could arrive. Not for zero, which a restarted CNC shows too, for an expired value, or for a pinned copy |
+//! | d | a read was requested when the copy could no longer arrive. If the output cannot be read: a write begun after that time was acknowledged |
+//!
+//! A copy that ends by (d) without an answer is **expired**. It is still recognised for a while, in case a device on
+//! the way was slower than the configured time.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::slots::Slots;
+use crate::quantity::{Counts, Moment, shifted};
+
+/// A write is sent only if fewer copies than this are under way.
+pub const MOST_UNDER_WAY: usize = 8;
+/// A write is sent only if fewer copies than this are under way or expired. Otherwise it waits.
+pub const MOST_REMEMBERED: usize = 24;
+
+/// Copy of a value on its way to the register.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct InFlightWrite {
+    /// Register value of the write, including the operator offset of a shared register.
+    pub value: Counts,
+    /// Time of sending, for messages.
+    pub at: Moment,
+    /// Time after the last byte was sent. The copy arrives within `late` of this time, or never.
+    pub left: Moment,
+    /// Time of the answer as done.
+    pub answered: Option<Moment>,
+    /// Time of the first read that showed another value, if this has been the only copy of its value since.
+    pub other_seen: Option<Moment>,
+    /// Whether only time ends the copy. It was found on disk at the start, or was under way when the operator armed.
+    pub is_pinned: bool,
+}
+
+/// Value without an answer, whose time to arrive is over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct ExpiredWrite {
+    /// Register value of the write, including the operator offset of a shared register.
+    pub value: Counts,
+    /// Time of sending, for messages.
+    pub at: Moment,
+    /// Time when the value is forgotten.
+    pub until: Moment,
+}
+
+/// All values of the gateway that may still appear in one register.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct InFlightWrites {
+    /// Copies that may still arrive. There is room for two more than are ever sent: a promise and the register value,
+    /// both found on disk at a start.
+    under_way: Slots<InFlightWrite, { MOST_UNDER_WAY + 2 }>,
+    #[serde(rename = "lately")]
+    expired: Slots<ExpiredWrite, { MOST_REMEMBERED + 2 }>,
+}
+
+shifted!(InFlightWrites: under_way, expired);
+shifted!(InFlightWrite: at, left, answered, other_seen);
+shifted!(ExpiredWrite: at, until);
+
+/// Result of a read, as far as it concerns copies.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ReadResult {
+    pub(super) found: Counts,
+    pub(super) asked: Moment,
+    pub(super) late: Duration,
+    pub(super) remembered: Duration,
+    /// Earliest time for the first read of a pair. Before it, values from before the start may still arrive.
+    pub(super) pairs_from: Moment,
+    /// Value, other than zero, that a restarted CNC may show.
+    pub(super) bias: Counts,
+}
+
+impl InFlightWrites {
+    /// Returns whether another value may be sent without forgetting one.
+    pub fn has_room(&self) -> bool {
+        self.under_way.len() < MOST_UNDER_WAY && self.under_way.len() + self.expired.len() < MOST_REMEMBERED
+    }
+
+    /// Returns the copies that may still arrive in the register.
+    pub fn under_way(&self) -> impl Iterator<Item = &InFlightWrite> {
+        self.under_way.iter()
+    }
+
+    /// Returns the values whose time to arrive is over, and that are still recognised.
+    pub fn expired(&self) -> impl Iterator<Item = &ExpiredWrite> {
+        self.expired.iter()
+    }
+
+    /// Newest copy of this value that is under way.
+    pub fn of(&self, value: Counts) -> Option<&InFlightWrite> {
+        self.under_way.iter().filter(|sent| sent.value == value).last()
+    }
+
+    /// Expired entry of this value.
+    pub fn expired_of(&self, value: Counts) -> Option<&ExpiredWrite> {
+        self.expired.iter().find(|sent| sent.value == value)
+    }
+
+    /// Returns the range of values that may be sent. They are at most one `step` from the register value, and at most
+    /// `reach` from everything that may still arrive.
+    pub fn room(&self, current: Counts, step: Counts, reach: Counts) -> SendRange {
+        let around = SendRange { low: current - step, high: current + step };
+        self.under_way.iter().fold(around, |room, sent| SendRange {
+            low: room.low.max(sent.value - reach),
+            high: room.high.min(sent.value + reach),
+        })
+    }
+
+    /// Adds a copy that was sent directly after a read at `other_seen` had shown another value. Returns false if the
+    /// list was full; the copy is then not added.
+    #[must_use]
+    pub(super) fn add(&mut self, mut sent: InFlightWrite) -> bool {
+        if sent.answered.is_some()
+            && let Some(before) =
+                self.under_way.iter_mut().find(|one| one.value == sent.value && one.answered.is_some())
+        {
+            // Both were carried out. Only the last answer is still compared with.
+            (before.left, before.answered) = (sent.left, sent.answered);
+            return true;
+        }
+        if sent.answered.is_none()
+            && let Some(before) =
+                self.under_way.iter_mut().find(|one| one.value == sent.value && one.answered.is_none())
+        {
+            // Two copies of one value cannot be distinguished when one arrives, so only time ends them.
+            (before.left, before.at, before.other_seen, before.is_pinned) = (sent.left, sent.at, None, true);
+            return true;
+        }
+        for same in self.under_way.iter_mut().filter(|one| one.value == sent.value) {
+            (same.other_seen, sent.other_seen) = (None, None);
+        }
+        self.under_way.push(sent)
+    }
+
+    /// Adds an expired value. Returns false if the list was full; the value is then not added.
+    #[must_use]
+    pub(super) fn add_expired(&mut self, sent: ExpiredWrite) -> bool {
+        if let Some(same) = self.expired.iter_mut().find(|one| one.value == sent.value) {
+            (same.at, same.until) = (same.at.max(sent.at), same.until.max(sent.until));
+            return true;
+        }
+        self.expired.push(sent)
+    }
+
+    /// Ends the copies that a read ends. Returns true if the list of copies under way has changed.
+    pub(super) fn apply_read(&mut self, result: ReadResult) -> bool {
+        let before = *self;
+        self.under_way.retain(|sent| {
+            let was_done = sent.answered.is_some_and(|answered| result.asked >= answered);
+            let may_pair = sent.value != Counts::ZERO
+                && sent.value != result.bias
+                && !sent.is_pinned
+                && before.expired_of(sent.value).is_none();
+            let is_paired = may_pair && sent.other_seen.is_some();
+            !(sent.value == result.found && (was_done || is_paired))
+        });
+        self.end_late(result.asked, result.late, result.remembered);
+        let after = *self;
+        let is_sole = |value: Counts| after.under_way.iter().filter(|one| one.value == value).count() == 1;
+        for sent in self.under_way.iter_mut().filter(|sent| sent.value != result.found) {
+            if result.asked > result.pairs_from && is_sole(sent.value) {
+                sent.other_seen.get_or_insert(result.asked);
+            }
+        }
+        self.under_way != before.under_way
+    }
+
+    /// Ends the copies that could no longer arrive when a request was made at this time.
+    pub(super) fn end_late(&mut self, asked: Moment, late: Duration, remembered: Duration) {
+        let before = self.under_way;
+        for sent in before.iter().filter(|sent| asked > sent.left.after(late) && sent.answered.is_none()) {
+            let until = asked.after(remembered);
+            // Sent and expired values together fit the capacity.
+            let _ = self.add_expired(ExpiredWrite { value: sent.value, at: sent.at, until });
+        }
+        self.under_way.retain(|sent| asked <= sent.left.after(late));
+    }
+
+    /// Forgets expired values whose time is over. Returns true if at least one was forgotten.
+    pub(super) fn expire(&mut self, now: Moment) -> bool {
+        let before = self.expired.len();
+        self.expired.retain(|sent| sent.until > now);
+        self.expired.len() != before
+    }
+
+    /// Pins all copies: only time ends them.
+    pub(super) fn pin(&mut self) {
+        self.under_way.iter_mut().for_each(|sent| sent.is_pinned = true);
+    }
+
+    /// Time when the last copy can no longer arrive. `None` if nothing is under way.
+    pub fn all_over(&self, late: Duration) -> Option<Moment> {
+        self.under_way.iter().map(|sent| sent.left.after(late)).max()
+    }
+
+    /// Time when the first copy can no longer arrive. `None` if nothing is under way.
+    pub fn first_over(&self, late: Duration) -> Option<Moment> {
+        self.under_way.iter().map(|sent| sent.left.after(late)).min()
+    }
+
+    /// Maps every moment that affects decisions, and clears the others.
+    pub(super) fn moved(&self, to: impl Fn(Moment) -> Moment) -> InFlightWrites {
+        let mut copies = *self;
+        for sent in copies.under_way.iter_mut() {
+            sent.at = Moment::default();
+            sent.left = to(sent.left);
+            sent.answered = sent.answered.map(|_| Moment::default());
+            sent.other_seen = sent.other_seen.map(|_| Moment::default());
+        }
+        for sent in copies.expired.iter_mut() {
+            (sent.at, sent.until) = (Moment::default(), to(sent.until));
+        }
+        copies
+    }
+}
+
+/// Range of the values that may be sent now. Empty if the lowest is above the highest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SendRange {
+    low: Counts,
+    high: Counts,
+}
+
+impl SendRange {
+    /// Returns true if this value is in the range of the values that may be sent.
+    pub fn contains(self, value: Counts) -> bool {
+        (self.low..=self.high).contains(&value)
+    }
+
+    /// Returns the allowed value nearest to this one. `None` if the range is empty.
+    pub fn nearest(self, value: Counts) -> Option<Counts> {
+        (self.low <= self.high).then(|| value.clamp(self.low, self.high))
+    }
+}

@@ -1,0 +1,89 @@
+//! State of an output that must survive the process.
+
+use serde::{Deserialize, Serialize};
+
+use super::event::Doubt;
+use super::in_flight::{ExpiredWrite, InFlightWrite, InFlightWrites, MOST_REMEMBERED};
+use super::settings::Settings;
+use super::slots::Slots;
+use crate::quantity::{Counts, Moment, shifted};
+
+/// State of an output on disk. Values are absolute register values, so a changed operator offset does not change them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SavedOutput {
+    /// Whether the process ended with nothing under way, and nothing has been written since.
+    pub in_order: bool,
+    /// Operator offset and gateway share of a shared register.
+    pub account: Option<Account>,
+    /// Last register value. For an output that cannot be read, the last acknowledged value.
+    pub stood: Option<Counts>,
+    /// Values that may still appear in the register.
+    pub promises: Slots<Promise, { MOST_REMEMBERED + 4 }>,
+}
+
+/// Account of a register that the operator also writes to. The register value is base + share.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Account {
+    /// Operator offset: the part of the register value that the operator has entered.
+    pub base: Counts,
+    /// Gateway share: the part of the register value that the gateway has written.
+    pub share: Counts,
+    /// Reason why the account is not accepted. Only the operator ends a doubt.
+    pub doubt: Option<Doubt>,
+}
+
+/// Value of the gateway that may appear in the register.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Promise {
+    /// Absolute register value.
+    pub value: Counts,
+    /// Time of sending, for messages.
+    pub at: Moment,
+    /// Whether it is under way, or about to be sent. If not, it has expired.
+    pub is_under_way: bool,
+}
+
+shifted!(SavedOutput: promises);
+shifted!(Promise: at);
+
+impl SavedOutput {
+    /// Creates the state for a missing or unreadable account. It assumes no share in the register, and the operator
+    /// decides.
+    pub fn in_question(doubt: Doubt) -> SavedOutput {
+        SavedOutput {
+            account: Some(Account { doubt: Some(doubt), ..Account::default() }),
+            ..SavedOutput::default()
+        }
+    }
+
+    /// Returns the copies that may still appear, from the state on disk at the start.
+    pub(super) fn copies(&self, settings: &Settings, now: Moment) -> InFlightWrites {
+        let mut copies = InFlightWrites::default();
+        // A whole register waits until nothing from before the start can arrive. Then the values are sufficient.
+        let waits = !settings.promises();
+        let until = now.after(settings.late).after(settings.remembered);
+        for promise in self.promises.iter() {
+            if promise.is_under_way && !waits {
+                add(&mut copies, promise.value, promise.at, now);
+            } else {
+                let _ = copies.add_expired(ExpiredWrite { value: promise.value, at: promise.at, until });
+            }
+        }
+        if !self.in_order && !waits {
+            let sum = |account: Account| Some(account.base + account.share);
+            let stood = self.account.map_or(self.stood, sum);
+            stood.into_iter().for_each(|value| add(&mut copies, value, now, now));
+        }
+        copies
+    }
+}
+
+/// Adds a copy that was sent at an unknown time before the start.
+fn add(copies: &mut InFlightWrites, value: Counts, at: Moment, start: Moment) {
+    let sent = InFlightWrite { value, at, left: start, answered: None, other_seen: None, is_pinned: true };
+    // The capacity is sufficient for all promises and the last register value.
+    let _ = copies.of(value).is_some() || copies.add(sent);
+}

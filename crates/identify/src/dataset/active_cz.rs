@@ -1,0 +1,77 @@
+//! Active Cz during logging. The log of the gateway contains every decision, and a measured error contains Cz.
+
+use super::table::{Cells, Table};
+
+/// Columns of an axis in a log of the gateway, besides `cz_um` and `slope_um`. They are not used for identification.
+const DECIDED: [&str; 9] =
+    ["permit", "from_um", "raw_um", "model", "state", "acted", "sign_um", "slope_from_um", "correction_um"];
+/// Columns of the machine in such a log. The last one occurs in the log of a dry run, which writes nothing.
+const MACHINE: [&str; 3] = ["machine_memory", "machine_zero", DRY_RUN];
+const DRY_RUN: &str = "machine_dry_run";
+
+/// Returns whether the texts of this column are necessary to determine the active Cz.
+pub(super) fn names_model_by_words(column: &str) -> bool {
+    column.ends_with("_permit")
+}
+
+/// Returns whether this column is necessary to determine the active Cz.
+pub(super) fn needs(column: &str) -> bool {
+    ["_permit", "_cz_um", "_slope_um", "_from_um"].iter().any(|end| column.ends_with(end))
+}
+
+/// Replaces the decisions of the gateway by the active values: `<axis>_cz_um`, and `<axis>_slope_um` if the control
+/// receives the slope. Each value is the register value when the row was read. The table stores the names of these
+/// columns. Returns the `_permit` column of each axis without a known active value.
+pub(super) fn keep_what_acted(table: &mut Table) -> Vec<String> {
+    let mut unknown = Vec::new();
+    let axes: Vec<String> = (table.columns.iter())
+        .filter_map(|(name, _)| name.strip_suffix("_permit").map(str::to_owned))
+        .filter(|axis| table.numbers(&format!("{axis}_cz_um")).is_some())
+        .collect();
+    let was_dry = table.cells(DRY_RUN).is_some();
+    for axis in &axes {
+        let acted = acted(table, axis);
+        if !acted.iter().any(|cz| cz.is_finite()) && !was_dry {
+            unknown.push(format!("{axis}_permit"));
+        }
+        for (what, values) in [("cz_um", acted), ("slope_um", before(table, &format!("{axis}_slope_um")))] {
+            let name = format!("{axis}_{what}");
+            if was_dry {
+                table.columns.retain(|(known, _)| *known != name);
+            } else if let Some((_, cells)) = table.columns.iter_mut().find(|(known, _)| *known == name) {
+                *cells = Cells::Numbers(values);
+                table.acted.push(name);
+            }
+        }
+        table.columns.retain(|(name, _)| !DECIDED.iter().any(|what| *name == format!("{axis}_{what}")));
+    }
+    if !axes.is_empty() {
+        table.columns.retain(|(name, _)| !MACHINE.contains(&name.as_str()));
+    }
+    unknown
+}
+
+/// Active Cz of each row. The readings of a row are older than its decision, so the decision of the row before was
+/// active. Before the first take-over, it is the register value found at the take-over. While the register was not
+/// verified, it is NaN.
+fn acted(table: &Table, axis: &str) -> Vec<f64> {
+    let mut acted = before(table, &format!("{axis}_cz_um"));
+    let found = table.numbers(&format!("{axis}_from_um")).unwrap_or_default();
+    if let Some(first) = found.iter().position(|from| from.is_finite()) {
+        acted[..=first].fill(found[first]);
+    }
+    for (cz, from) in acted.iter_mut().zip(found).filter(|(_, from)| from.is_finite()) {
+        *cz = *from;
+    }
+    if let Some(Cells::Text(permits)) = table.cells(&format!("{axis}_permit")) {
+        for (cz, _) in acted.iter_mut().zip(permits.iter()).filter(|(_, permit)| *permit == "unverified") {
+            *cz = f64::NAN;
+        }
+    }
+    acted
+}
+
+fn before(table: &Table, name: &str) -> Vec<f64> {
+    let decided = table.numbers(name).unwrap_or_default();
+    decided.first().into_iter().chain(decided).take(decided.len()).copied().collect()
+}

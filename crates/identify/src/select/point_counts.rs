@@ -1,0 +1,137 @@
+//! Residual error on held-out runs by the number of points.
+//!
+//! For each run, the points are selected again from all other runs, one after the other. The model with each number of
+//! points is that of `whitened`. Therefore no result depends on the run on which it is validated.
+
+use nalgebra::DVector;
+use serde::Serialize;
+
+use super::{Grouped, Recommended};
+use crate::bank::Bank;
+use crate::campaign::Campaign;
+use crate::method::whitened::fit;
+use crate::products::Products;
+use crate::sensors::Forward;
+use crate::statistics::smallest;
+use crate::validate::{Means, Progress, RunScore, hold_out_each};
+
+/// Held-out result with one number of points.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Counted {
+    /// Number of points in the model.
+    pub k: usize,
+    /// Points, selected on all runs.
+    pub points: Vec<String>,
+    /// Means of the held-out results.
+    #[serde(flatten)]
+    pub means: Means,
+}
+
+/// Maximum ratio to the best result. Smaller differences are not significant with few runs.
+const AS_GOOD: f64 = 1.1;
+
+/// Results of all held-out runs.
+pub(crate) struct Counts {
+    /// Order in which the search adds points, over all runs.
+    path: Vec<usize>,
+    /// For each held-out run: the order in which the search over the other runs adds points, and the scores by number
+    /// of points. The last score is with all points.
+    held_out: Vec<(Vec<usize>, Vec<RunScore>)>,
+    /// One row for each number of points, from zero on.
+    pub(crate) table: Vec<Counted>,
+    /// Result with all points.
+    pub(crate) all_points: Counted,
+}
+
+/// Validates the model with 0 to `most` of these points, and with all of them.
+pub(crate) fn point_counts(
+    campaign: &Campaign<'_>,
+    bank: &Bank,
+    points: &[usize],
+    most: usize,
+    progress: Progress<'_>,
+) -> Counts {
+    let name = |point: usize| campaign.inputs[point].name.clone();
+    let (forward, products) = (Forward::new(campaign), Products::of(bank));
+    let left_out: Vec<usize> = (0..campaign.inputs.len()).filter(|input| !points.contains(input)).collect();
+    let most = most.min(points.len());
+    let held_out = hold_out_each(bank.runs.len(), progress, |out, others| {
+        let path = forward.path(others, &left_out, most);
+        let score = |points: &[usize]| score(bank, &products, others, out, points);
+        let scores: Vec<RunScore> = (0..=most).map(|k| score(&path[..k])).chain([score(points)]).collect();
+        (path, scores)
+    });
+    let runs: Vec<usize> = (0..bank.runs.len()).collect();
+    let path = forward.path(&runs, &left_out, most);
+    let row = |place: usize, points: &[usize]| Counted {
+        k: points.len(),
+        points: points.iter().map(|point| name(*point)).collect(),
+        means: Means::of(held_out.iter().filter_map(|(_, scores)| scores.get(place))),
+    };
+    let table = (0..=path.len()).map(|k| row(k, &path[..k])).collect();
+    let all_points = row(path.len() + 1, points);
+    Counts { path, held_out, table, all_points }
+}
+
+/// Score of the run `out` with these points. Speeds of the spindle are always used, because they do not count as
+/// points.
+fn score(bank: &Bank, products: &Products, others: &[usize], out: usize, points: &[usize]) -> RunScore {
+    let run = &bank.runs[out];
+    let may = |input: usize| points.contains(&input) || bank.is_speed[input];
+    let candidates = bank.candidates.iter().enumerate().filter(|(_, candidate)| may(candidate.input));
+    let columns: Vec<usize> = candidates.map(|(column, _)| column).collect();
+    let mut cz = DVector::zeros(run.target.len());
+    for (column, gain) in columns.iter().zip(fit(products, others, &columns, bank).gains) {
+        cz.axpy(gain, &run.rises.column(*column), 1.0);
+    }
+    RunScore::new(&run.name, &run.error(), (cz - &run.target).as_slice())
+}
+
+impl Counts {
+    /// Scores of each held-out run with this number of points.
+    pub(super) fn scores(&self, k: usize) -> Vec<RunScore> {
+        self.held_out.iter().filter_map(|(_, scores)| scores.get(k).cloned()).collect()
+    }
+
+    /// Smallest number of points whose result is not clearly worse than the best.
+    pub(super) fn recommended(&self, groups: &[Grouped], name: &dyn Fn(usize) -> String) -> Recommended {
+        let size = |row: &Counted| (row.means.mean_range_um * row.means.mean_rmse_um).sqrt();
+        let sizes: Vec<f64> = self.table.iter().map(size).collect();
+        let best = smallest(&sizes);
+        let k = sizes.iter().position(|size| *size <= AS_GOOD * sizes[best]).unwrap_or(0);
+        let range = |row: usize| self.table[row].means.mean_range_um;
+        let most = self.path.len();
+        let why = if k == 0 {
+            format!(
+                "no choice of up to {most} points is clearly better than no compensation on held-out runs. \
+                 The smallest mean range is {:.2} µm; without compensation it is {:.2} µm. Record more runs, \
+                 or points nearer to the heat sources",
+                range(best),
+                range(0)
+            )
+        } else {
+            let points = if k == 1 { "1 point leaves".to_owned() } else { format!("{k} points leave") };
+            format!(
+                "{points} a mean range of {:.2} µm on held-out runs, {:.2} µm without compensation. Up to \
+                 {most} points improve this by a tenth at most, which is not significant with few runs",
+                range(k),
+                range(0)
+            )
+        };
+        let chosen_in =
+            |point: usize| self.held_out.iter().filter(|(path, _)| path[..k].contains(&point)).count();
+        let alike = |own: &String| {
+            let group =
+                groups.first().and_then(|first| first.groups.iter().find(|group| group.contains(own)));
+            group.into_iter().flatten().filter(|other| *other != own).cloned().collect()
+        };
+        let points = &self.table[k].points;
+        Recommended {
+            k,
+            points: points.clone(),
+            chosen_in: self.path[..k].iter().map(|point| (name(*point), chosen_in(*point))).collect(),
+            alike: points.iter().map(|point| (point.clone(), alike(point))).collect(),
+            why,
+        }
+    }
+}

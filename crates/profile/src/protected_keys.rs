@@ -1,0 +1,315 @@
+//! Keys that a layer above the profile must not change, unless the profile allows it by `[machine] allow_override`.
+//!
+//! The schema states for each key or table, as `x-layers`, what a layer may do:
+//!
+//! | `x-layers` | meaning |
+//! |---|---|
+//! | `less` | A guard: a layer may reduce the number |
+//! | `same` | A guard: only the profile sets it |
+//! | `arrives` | The key changes what arrives at the machine: only the profile sets it |
+//! | `free` | A layer may set it, although its table says otherwise |
+//!
+//! The rule for keys of a device applies only if the gateway writes to that device. The rule for keys of a signal
+//! applies to the position of an output, and if a register is written before the signal is read. All other devices and
+//! signals are only read.
+
+use serde_json::{Map, Value};
+
+use crate::error::ProfileError;
+use crate::overridden_keys::short;
+use crate::schema_check::resolved;
+use crate::source_map::{SourceMap, child};
+use crate::wording::allowing_line;
+
+/// Name of the rule in the schema.
+const MARK: &str = "x-layers";
+/// Models of an axis. Some of their keys are applied by the control itself.
+const MODELS: &str = "model";
+const ARM: &str = "machine.arm";
+
+/// Rule for a key that a layer above the profile sets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Rule {
+    Less,
+    Same,
+    Arrives,
+}
+
+/// Key that a layer sets although its rule forbids it.
+#[derive(Debug)]
+pub(crate) struct Refusal {
+    kind: String,
+    name: String,
+    key: String,
+    error: ProfileError,
+}
+
+/// Returns the rule of a key or table in the schema. `Some(None)` means that the schema frees it of any rule. `None`
+/// means that the schema says nothing about it.
+fn rule(schema: &Value) -> Option<Option<Rule>> {
+    match schema.get(MARK)?.as_str()? {
+        "less" => Some(Some(Rule::Less)),
+        "same" => Some(Some(Rule::Same)),
+        "arrives" => Some(Some(Rule::Arrives)),
+        _ => Some(None),
+    }
+}
+
+/// Iterates over the keys of a table, each with its schema and its rule.
+fn keys<'a>(
+    root: &'a Value,
+    table: &'a Value,
+) -> impl Iterator<Item = (&'a String, &'a Value, Option<Rule>)> {
+    let table = resolved(root, table);
+    let default = rule(table).flatten();
+    let keys = table.get("properties").and_then(Value::as_object).into_iter().flatten();
+    keys.map(move |(key, schema)| (key, schema, rule(schema).unwrap_or(default)))
+}
+
+/// Returns the schema of one table of this kind, and whether such tables have names.
+fn table_of<'a>(root: &'a Value, kind: &str) -> Option<(&'a Value, bool)> {
+    let schema = resolved(root, root.get("properties")?.get(kind)?);
+    let named = schema.get("additionalProperties").filter(|named| named.is_object());
+    Some((named.unwrap_or(schema), named.is_some()))
+}
+
+/// Returns the parts of a value whose keys have rules. `None` if there are none.
+fn marked(root: &Value, schema: &Value, value: &Value) -> Option<Value> {
+    match value {
+        Value::Object(table) => {
+            let known = keys(root, schema).filter_map(|(key, schema, rule)| {
+                let value = table.get(key)?;
+                let part = if rule.is_some() { Some(value.clone()) } else { marked(root, schema, value) };
+                Some((key.clone(), part?))
+            });
+            Some(Value::Object(known.collect())).filter(|parts| parts != &Value::Object(Map::new()))
+        }
+        Value::Array(items) => {
+            let schema = resolved(root, schema).get("items")?;
+            let parts: Vec<Value> = items.iter().filter_map(|item| marked(root, schema, item)).collect();
+            (!parts.is_empty()).then_some(Value::Array(parts))
+        }
+        _ => None,
+    }
+}
+
+/// Returns every key that `allow_override` may name, for tables with these names.
+pub(crate) fn guarded_keys(names: &[(&str, &[String])]) -> Vec<String> {
+    let root = crate::schema();
+    let mut found = Vec::new();
+    for (kind, names) in names {
+        let Some((schema, has_names)) = table_of(root, kind) else { continue };
+        let tables = names.iter().map(|name| child(kind, name));
+        for table in tables.chain((!has_names).then(|| (*kind).to_owned())) {
+            let guarded = keys(root, schema).filter(|(key, _, rule)| rule.is_some() || *key == MODELS);
+            found.extend(guarded.map(|(key, ..)| child(&table, key)));
+        }
+    }
+    found.push(ARM.to_owned());
+    found
+}
+
+/// Returns the keys that the profile names in `allow_override`.
+pub(crate) fn allowed(profile: &Value) -> Vec<String> {
+    let list = profile.pointer("/machine/allow_override").and_then(Value::as_array);
+    list.into_iter().flatten().filter_map(Value::as_str).map(str::to_owned).collect()
+}
+
+/// Returns the keys that a layer sets although their rules forbid it.
+pub(crate) fn refused(profile: &Value, layer: &Value, spans: &SourceMap) -> Vec<Refusal> {
+    let root = crate::schema();
+    let mut guards = Guards {
+        root,
+        spans,
+        allowed: allowed(profile),
+        kind: String::new(),
+        name: String::new(),
+        refused: Vec::new(),
+    };
+    for (kind, tables) in layer.as_object().into_iter().flatten() {
+        let Some((schema, has_names)) = table_of(root, kind) else { continue };
+        let own = profile.get(kind);
+        kind.clone_into(&mut guards.kind);
+        guards.name.clear();
+        if !has_names {
+            guards.table(schema, kind, own, tables);
+            continue;
+        }
+        for (name, table) in tables.as_object().into_iter().flatten() {
+            name.clone_into(&mut guards.name);
+            guards.table(schema, &child(kind, name), own.and_then(|own| own.get(name)), table);
+        }
+    }
+    guards.machine(profile.get("machine"), layer.get("machine"));
+    guards.refused
+}
+
+/// Returns the refusals that concern this machine, as errors. `merged`: all layers merged, with the keys of templates.
+pub(crate) fn that_count(refused: Vec<Refusal>, profile: &Value, merged: &Value) -> Vec<ProfileError> {
+    let counts = |one: &Refusal| [profile, merged].into_iter().any(|machine| one.counts(machine));
+    refused.into_iter().filter(counts).map(|one| one.error).collect()
+}
+
+impl Refusal {
+    /// Returns whether the key influences what arrives at the machine.
+    fn counts(&self, machine: &Value) -> bool {
+        let of = |table: &Value, key: &str, name: &str| table.get(key).is_some_and(|value| value == name);
+        match (self.kind.as_str(), self.key.as_str()) {
+            ("device", _) => is_written(machine, &self.name),
+            ("signal", _) => is_sent(machine, &self.name),
+            ("axis", MODELS) => tables(machine, "output").any(|(_, output)| {
+                let applies = ["intercept", "slope", "reference"].map(|word| of(output, "writes", word));
+                of(output, "axis", &self.name) && applies.contains(&true)
+            }),
+            _ => true,
+        }
+    }
+}
+
+fn tables<'a>(machine: &'a Value, kind: &str) -> impl Iterator<Item = (&'a String, &'a Value)> {
+    machine.get(kind).and_then(Value::as_object).into_iter().flatten()
+}
+
+/// Returns whether the gateway writes to this device, or writes a position that it reads from there.
+fn is_written(machine: &Value, device: &str) -> bool {
+    let is_its = |table: &Value| table.get("device").is_some_and(|of| of == device);
+    let has_setup = machine.get("device").and_then(|all| all.get(device)?.get("setup")).is_some();
+    has_setup
+        || tables(machine, "output").any(|(_, output)| is_its(output))
+        || machine.get("heartbeat").is_some_and(is_its)
+        || tables(machine, "signal").any(|(name, signal)| is_its(signal) && is_sent(machine, name))
+}
+
+/// Returns true if a read of the signal may change the data sent to a device. Either an output corrects this position,
+/// or a register is written before each read.
+fn is_sent(machine: &Value, signal: &str) -> bool {
+    let has_capture = machine.get("signal").and_then(|all| all.get(signal)?.pointer("/counter/capture"));
+    has_capture.is_some()
+        || tables(machine, "output").any(|(_, output)| output.get("position").is_some_and(|of| of == signal))
+}
+
+struct Guards<'a> {
+    root: &'a Value,
+    spans: &'a SourceMap,
+    allowed: Vec<String>,
+    /// Kind of the table that is checked.
+    kind: String,
+    name: String,
+    refused: Vec<Refusal>,
+}
+
+impl Guards<'_> {
+    fn table(&mut self, schema: &Value, path: &str, own: Option<&Value>, layer: &Value) {
+        for (key, schema, rule) in keys(self.root, schema) {
+            let Some(value) = layer.get(key) else { continue };
+            let (path, own) = (child(path, key), own.and_then(|own| own.get(key)));
+            match rule {
+                Some(Rule::Less) => self.smaller(&path, key, own, value),
+                Some(rule) => self.same(rule, (&path, key), &path, own, value),
+                None if key == MODELS => {
+                    // A list is replaced as a whole. Only its parts with rules are compared.
+                    let Some(value) = marked(self.root, schema, value) else { continue };
+                    let own = own.and_then(|own| marked(self.root, schema, own));
+                    self.same(Rule::Arrives, (&path, key), &path, own.as_ref(), &value);
+                }
+                None => {}
+            }
+        }
+    }
+
+    fn smaller(&mut self, path: &str, key: &str, profile: Option<&Value>, value: &Value) {
+        let Some(own) = profile else { return self.absent(Rule::Less, (path, key), path) };
+        let is_smaller = own.as_f64().zip(value.as_f64()).is_some_and(|(own, new)| new <= own);
+        if !is_smaller {
+            let why =
+                format!("{value} is more than the {own} of the profile; a layer may only reduce this value");
+            self.refuse((path, key), path, why, &format!("write at most {own}"));
+        }
+    }
+
+    /// Refuses a value, or each key of a table, that differs from the profile.
+    fn same(&mut self, rule: Rule, guard: (&str, &str), path: &str, profile: Option<&Value>, value: &Value) {
+        match (profile, value) {
+            (own, Value::Object(table)) if own.is_none_or(Value::is_object) && !table.is_empty() => {
+                for (key, value) in table {
+                    let own = own.and_then(|own| own.get(key));
+                    self.same(rule, guard, &child(path, key), own, value);
+                }
+            }
+            (Some(own), value) if is_same(own, value) => {}
+            (Some(own), value) => {
+                let why = match rule {
+                    Rule::Arrives => "and this key changes what arrives at the machine",
+                    _ => "and only the profile may set the action on a fault",
+                };
+                let why = format!("{} is not the {} of the profile, {why}", short(value), short(own));
+                self.refuse(guard, path, why, "remove it here");
+            }
+            (None, _) => self.absent(rule, guard, path),
+        }
+    }
+
+    fn machine(&mut self, profile: Option<&Value>, layer: Option<&Value>) {
+        let Some(layer) = layer else { return };
+        let is = |machine: &Value, word: &str| machine.get("arm").is_some_and(|arm| arm == word);
+        "machine".clone_into(&mut self.kind);
+        self.name.clear();
+        if is(layer, "auto") && profile.is_some_and(|profile| is(profile, "manual")) {
+            let why = "the profile has arm = \"manual\": a layer above it must not write \"auto\"".to_owned();
+            self.refuse((ARM, "arm"), ARM, why, "remove it here");
+        }
+        if layer.get("allow_override").is_some() {
+            let why = "only the profile itself names the keys that a layer may change";
+            let help = "write this key into the profile, or remove it here".to_owned();
+            let error = self.spans.at_key("machine.allow_override", why, Some(help));
+            self.push("allow_override", error, Vec::new());
+        }
+    }
+
+    fn absent(&mut self, rule: Rule, guard: (&str, &str), path: &str) {
+        // If the profile has the key with a wrong value, that has been reported.
+        if self.spans.rank(path).0 > 0 {
+            let why = match rule {
+                Rule::Arrives => "and this key changes what arrives at the machine",
+                _ => "and a layer can only tighten a guard that the profile has",
+            };
+            let why = format!("the profile has no `{path}`, {why}");
+            self.refuse(guard, path, why, "write it into the profile");
+        }
+    }
+
+    fn refuse(&mut self, (guard, key): (&str, &str), path: &str, why: String, remedy: &str) {
+        if !self.allowed.iter().any(|allowed| allowed == guard) {
+            let allow = [self.allowed.as_slice(), &[guard.to_owned()]].concat();
+            let help =
+                format!("{remedy}; or allow this key in the profile: [machine] {}", allowing_line(&allow));
+            let error = self.spans.at_value(path, why, Some(help));
+            self.push(key, error, allow);
+        }
+    }
+
+    fn push(&mut self, key: &str, error: ProfileError, allow: Vec<String>) {
+        let error = ProfileError { allow_override: Some(allow), ..error };
+        let (kind, name) = (self.kind.clone(), self.name.clone());
+        self.refused.push(Refusal { kind, name, key: key.to_owned(), error });
+    }
+}
+
+/// Returns whether two values are equal. 1 equals 1.0.
+fn is_same(one: &Value, other: &Value) -> bool {
+    match (one, other) {
+        (Value::Number(one), Value::Number(other)) if one != other => {
+            let (one, other) = (one.as_f64(), other.as_f64());
+            one.zip(other).is_some_and(|(one, other)| one.total_cmp(&other).is_eq())
+        }
+        (Value::Array(one), Value::Array(other)) => {
+            one.len() == other.len() && one.iter().zip(other).all(|(one, other)| is_same(one, other))
+        }
+        (Value::Object(one), Value::Object(other)) => {
+            let is_in =
+                |(key, one): (&String, &Value)| other.get(key).is_some_and(|other| is_same(one, other));
+            one.len() == other.len() && one.iter().all(is_in)
+        }
+        _ => one == other,
+    }
+}

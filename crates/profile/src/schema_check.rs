@@ -1,0 +1,378 @@
+//! Check of one layer against the JSON schema: unknown keys, wrong types, unknown words, invalid numbers. Values are
+//! never converted. Mistakes are reported and left out, so that the rest can still be checked.
+
+use serde_json::{Map, Value};
+use toml::Spanned;
+use toml::de::{DeArray, DeTable, DeValue};
+
+use crate::control_chars::is_unseen;
+use crate::duration::Timespan;
+use crate::error::{Findings, allowed};
+use crate::source_map::{SourceMap, child, element};
+use crate::tables::signal::unit::{Scaling, Unit};
+
+/// Largest number of entries in a list. Every term of a model is computed in every step.
+const MOST_ITEMS: usize = 10_000;
+
+/// Checker of one layer.
+pub(crate) struct SchemaCheck<'a> {
+    pub(crate) schema: &'a Value,
+    pub(crate) layer: usize,
+    pub(crate) spans: &'a mut SourceMap,
+    pub(crate) errors: &'a mut Findings,
+    /// Scale and offset next to the unit that is checked.
+    pub(crate) beside: Scaling,
+}
+
+/// Resolves a `$ref` of the schema.
+pub(crate) fn resolved<'a>(root: &'a Value, schema: &'a Value) -> &'a Value {
+    let target =
+        schema.get("$ref").and_then(Value::as_str).and_then(|name| root.pointer(name.strip_prefix('#')?));
+    target.unwrap_or(schema)
+}
+
+/// Returns the types that a value may have.
+pub(crate) fn types<'a>(root: &'a Value, schema: &'a Value) -> Vec<&'a str> {
+    let schema = resolved(root, schema);
+    match schema.get("anyOf").and_then(Value::as_array) {
+        Some(choices) => choices.iter().flat_map(|choice| types(root, choice)).collect(),
+        None => schema.get("type").and_then(Value::as_str).into_iter().collect(),
+    }
+}
+
+impl SchemaCheck<'_> {
+    /// Parses a file. Returns its table, and whether all of it is TOML. Mistakes are reported.
+    pub(crate) fn parsed<'t>(&mut self, text: &'t str) -> (DeTable<'t>, bool) {
+        let (table, problems) = DeTable::parse_recoverable(text);
+        for problem in &problems {
+            if self.errors.is_full() {
+                self.errors.count();
+                continue;
+            }
+            let at = problem.span().map_or(0, |span| span.start);
+            self.error(at, "", problem.message(), decimal_comma(text, at));
+        }
+        (table.into_inner(), problems.is_empty())
+    }
+
+    /// Returns the valid part of a table. The table is consumed, so that a large machine is not in memory twice.
+    pub(crate) fn table(&mut self, schema: &Value, path: &str, table: DeTable<'_>) -> Value {
+        let schema = resolved(self.schema, schema);
+        let known = schema.get("properties").and_then(Value::as_object);
+        let free = schema.get("additionalProperties").filter(|free| free.is_object());
+        let mut entries: Vec<_> = table.into_iter().collect();
+        entries.sort_by_key(|(key, _)| key.span().start);
+        let mut right = Map::new();
+        let beside = Scaling::among(&entries, self.layer);
+        for (key, value) in entries {
+            self.beside = beside;
+            let name: &str = key.get_ref();
+            let inner = known.and_then(|known| known.get(name)).or(free);
+            if inner.is_none() && self.errors.is_full() {
+                self.errors.count();
+                continue;
+            }
+            let path = child(path, name);
+            self.spans.record(self.layer, &path, key.span(), value.span());
+            let Some(inner) = inner else {
+                let words = known.into_iter().flat_map(Map::keys).map(String::as_str);
+                self.error(
+                    key.span().start,
+                    &path,
+                    format!("unknown key `{name}`"),
+                    Some(allowed(name, words)),
+                );
+                continue;
+            };
+            if name.contains(is_unseen) {
+                self.error(
+                    key.span().start,
+                    &path,
+                    format!("the name `{name}` {UNSEEN}"),
+                    Some(SEEN.to_owned()),
+                );
+                continue;
+            }
+            if let Some(value) = self.value(inner, &path, value) {
+                right.insert(name.to_owned(), value);
+            }
+        }
+        Value::Object(right)
+    }
+
+    /// Returns the value if the schema allows it. Otherwise reports the mistake.
+    pub(crate) fn value(&mut self, schema: &Value, path: &str, value: Spanned<DeValue<'_>>) -> Option<Value> {
+        let described = schema;
+        let at = value.span().start;
+        let value = value.into_inner();
+        let schema = Self::choice(resolved(self.schema, schema), &value);
+        let kind = schema.get("type").and_then(Value::as_str).unwrap_or_default();
+        let is_duration = schema.get("pattern").is_some_and(|pattern| pattern == Timespan::PATTERN);
+        let wrong = match (value, kind) {
+            (DeValue::Table(table), "object") => return Some(self.table(schema, path, table)),
+            (DeValue::Array(items), "array") => return self.list(schema, path, at, items),
+            (DeValue::Boolean(yes), "boolean") => return Some(Value::Bool(yes)),
+            (DeValue::String(text), "string") => match wrong_text(schema, is_duration, &text, self.beside) {
+                None => return Some(Value::from(text)),
+                Some((message, help)) => (message, Some(help)),
+            },
+            (DeValue::Integer(number), "integer" | "number") => {
+                match i64::from_str_radix(number.as_str(), number.radix()) {
+                    Err(_) => (format!("{number} is too large"), None),
+                    Ok(number) => match bounds(schema, number) {
+                        None => return Some(Value::from(number)),
+                        Some(bounds) => (
+                            format!("{number} is outside what is allowed"),
+                            Some(format!("allowed: {bounds}")),
+                        ),
+                    },
+                }
+            }
+            (DeValue::Float(number), "number") => {
+                match number.as_str().parse::<f64>().ok().filter(|number| number.is_finite()) {
+                    Some(number) => return Some(Value::from(number)),
+                    None => (format!("`{number}` is no number"), Some("write a finite number".to_owned())),
+                }
+            }
+            (found, _) => {
+                let help = described.get("description").or(schema.get("description")).and_then(Value::as_str);
+                let written = written(self.schema, schema, path, &found);
+                let help = written
+                    .into_iter()
+                    .chain(help.map(|help| help.replace('\n', " ")))
+                    .collect::<Vec<_>>()
+                    .join("; ");
+                let help = Some(help).filter(|help| !help.is_empty());
+                (wrong_type(&types(self.schema, schema), &found, is_duration), help)
+            }
+        };
+        self.error(at, path, wrong.0, wrong.1);
+        None
+    }
+
+    /// Returns the list if all its entries are valid.
+    fn list(&mut self, schema: &Value, path: &str, at: usize, items: DeArray<'_>) -> Option<Value> {
+        self.spans.forget_inside(path);
+        if items.len() > MOST_ITEMS {
+            self.error(
+                at,
+                path,
+                format!("{} entries: at most {MOST_ITEMS} are allowed here", items.len()),
+                None,
+            );
+            return None;
+        }
+        let item_schema = schema.get("items").unwrap_or(&Value::Null);
+        let mut right = Vec::new();
+        let written = items.len();
+        for (index, item) in items.into_iter().enumerate() {
+            let path = element(path, index);
+            self.spans.record(self.layer, &path, item.span(), item.span());
+            right.extend(self.value(item_schema, &path, item));
+        }
+        let exact = schema.get("maxItems").and_then(Value::as_u64);
+        match exact.filter(|exact| usize::try_from(*exact) != Ok(right.len())) {
+            _ if right.len() < written => None,
+            Some(exact) => {
+                self.error(at, path, format!("expected {exact} values, but found {}", right.len()), None);
+                None
+            }
+            None => Some(Value::Array(right)),
+        }
+    }
+
+    /// Selects the alternative for the type of a value.
+    fn choice<'s>(schema: &'s Value, value: &DeValue<'_>) -> &'s Value {
+        let Some(choices) = schema.get("anyOf").and_then(Value::as_array) else { return schema };
+        let fits = |choice: &&Value| {
+            let kind = choice.get("type").and_then(Value::as_str);
+            match value {
+                DeValue::Integer(_) => matches!(kind, Some("integer" | "number")),
+                DeValue::Float(_) => kind == Some("number"),
+                DeValue::String(_) => kind == Some("string"),
+                DeValue::Table(_) => kind == Some("object"),
+                DeValue::Array(_) => kind == Some("array"),
+                DeValue::Boolean(_) | DeValue::Datetime(_) => false,
+            }
+        };
+        choices.iter().find(fits).unwrap_or(schema)
+    }
+
+    /// Reports the keys that the merged profile lacks. A key with a wrong value has been reported already.
+    pub(crate) fn missing(&mut self, schema: &Value, path: &str, value: &Value) {
+        let schema = resolved(self.schema, schema);
+        let property = |key: &str| schema.get("properties").and_then(|known| known.get(key));
+        match value {
+            Value::Object(table) => {
+                let required = schema.get("required").and_then(Value::as_array).into_iter().flatten();
+                for key in required.filter_map(Value::as_str) {
+                    let path = child(path, key);
+                    if !table.contains_key(key) && !self.spans.contains(&path) {
+                        let described =
+                            |schema: &Value| Some(schema.get("description")?.as_str()?.replace('\n', " "));
+                        let what = property(key)
+                            .and_then(|what| described(resolved(self.schema, what)).or(described(what)));
+                        let help = what.map(|what| format!("`{key}`: {what}"));
+                        self.errors.push(self.spans.at_key(&path, format!("`{key}` is missing"), help));
+                    }
+                }
+                for (key, value) in table {
+                    if let Some(inner) = property(key).or_else(|| schema.get("additionalProperties")) {
+                        self.missing(inner, &child(path, key), value);
+                    }
+                }
+            }
+            Value::Array(items) => {
+                let Some(inner) = schema.get("items") else { return };
+                for (index, item) in items.iter().enumerate() {
+                    self.missing(inner, &element(path, index), item);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn error(&mut self, at: usize, path: &str, message: impl Into<String>, help: Option<String>) {
+        if self.errors.is_full() {
+            return self.errors.count();
+        }
+        self.errors.push(self.spans.at_byte(self.layer, at, path, message, help));
+    }
+}
+
+/// Invisible characters could control a terminal or end a line, and so falsify what follows on a screen or in a log.
+const UNSEEN: &str = "has invisible characters, or a line break";
+const SEEN: &str = "write it in one line, with visible characters only";
+
+/// Returns the mistake in a text and its remedy. `None` if the text is allowed.
+fn wrong_text(schema: &Value, is_duration: bool, text: &str, beside: Scaling) -> Option<(String, String)> {
+    if text.contains(is_unseen) {
+        return Some((format!("the text `{text}` {UNSEEN}"), SEEN.to_owned()));
+    }
+    let words = schema.get("enum").and_then(Value::as_array);
+    let words: Option<Vec<&str>> = words.map(|words| words.iter().filter_map(Value::as_str).collect());
+    if let Some(words) = words.filter(|words| !words.contains(&text)) {
+        let help = match words == Unit::WORDS {
+            true => Unit::help(text, beside),
+            false => meant(text, &words).unwrap_or_else(|| allowed(text, words)),
+        };
+        return Some((format!("`{text}` is not allowed here"), help));
+    }
+    let why = humantime::parse_duration(text).err().filter(|_| is_duration)?;
+    let help = "write a number with its unit, as \"300ms\", \"10s\", \"3min\", \"2h\" or \"90d\"";
+    Some((format!("`{text}` is no duration: {why}"), help.to_owned()))
+}
+
+/// Suggests a word for a name from OPC UA and its tools.
+fn meant(text: &str, words: &[&str]) -> Option<String> {
+    const TYPES: [(&str, &str); 11] = [
+        ("Boolean", "bool"),
+        ("SByte", "i8"),
+        ("Byte", "u8"),
+        ("Int16", "i16"),
+        ("UInt16", "u16"),
+        ("Int32", "i32"),
+        ("UInt32", "u32"),
+        ("Int64", "i64"),
+        ("UInt64", "u64"),
+        ("Float", "f32"),
+        ("Double", "f64"),
+    ];
+    const POLICIES: [&str; 5] =
+        ["Basic128Rsa15", "Basic256", "Basic256Sha256", "Aes128_Sha256_RsaOaep", "Aes256_Sha256_RsaPss"];
+    let known = |word: &&str| words.contains(word);
+    if let Some((theirs, ours)) = TYPES.into_iter().find(|(theirs, _)| theirs.eq_ignore_ascii_case(text)) {
+        return Some(ours).filter(known).map(|ours| format!("write \"{ours}\": OPC UA's {theirs}"));
+    }
+    let name = text.rsplit('#').next().unwrap_or(text);
+    let is_policy = POLICIES.iter().any(|policy| policy.eq_ignore_ascii_case(name));
+    Some("sign-and-encrypt").filter(|_| is_policy).filter(known).map(|word| {
+        format!("this is a policy: write \"{word}\"; the strongest policy that both ends support is used")
+    })
+}
+
+/// Suggests how to write a table if another value was found. The suggestion contains the required keys, and the value
+/// found if it is an allowed word of a key.
+fn written(root: &Value, schema: &Value, path: &str, found: &DeValue<'_>) -> Option<String> {
+    if types(root, schema) != ["object"] {
+        return None;
+    }
+    let word = found.as_str();
+    let properties = schema.get("properties").and_then(Value::as_object)?;
+    let required = schema.get("required").and_then(Value::as_array).into_iter().flatten();
+    let required: Vec<&str> = required.filter_map(Value::as_str).collect();
+    let one = |(name, of): (&String, &Value)| {
+        let of = resolved(root, of);
+        let words = of.get("enum").and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str);
+        let meant = words.clone().find(|known| Some(*known) == word);
+        if meant.is_none() && !required.contains(&name.as_str()) {
+            return None;
+        }
+        let kind = types(root, of).first().copied().unwrap_or_default();
+        let value = match (meant.or(words.clone().next()), kind) {
+            (Some(word), _) => format!("\"{word}\""),
+            (None, _) if of.get("pattern").is_some_and(|pattern| pattern == Timespan::PATTERN) => {
+                "\"10s\"".to_owned()
+            }
+            (None, "string") => "\"…\"".to_owned(),
+            (None, "boolean") => "true".to_owned(),
+            (None, "integer") => "1".to_owned(),
+            (None, "number") => "1.0".to_owned(),
+            (None, "array") => "[ … ]".to_owned(),
+            _ => "{ … }".to_owned(),
+        };
+        Some(format!("{name} = {value}"))
+    };
+    let keys: Vec<String> = properties.iter().filter_map(one).collect();
+    let name = path.rsplit('.').next().unwrap_or(path);
+    Some(match keys.as_slice() {
+        [] => format!("write a table: [{path}], and its keys below"),
+        keys => format!("write {name} = {{ {} }}", keys.join(", ")),
+    })
+}
+
+/// Suggests a decimal point if the line contains a decimal comma: `limit = 40,0`.
+fn decimal_comma(text: &str, at: usize) -> Option<String> {
+    let begin = text.get(..at)?.rfind('\n').map_or(0, |end| end + 1);
+    let line = text.get(begin..)?.lines().next()?;
+    let (_, value) = line.split_once('=')?;
+    let value = value.split('#').next().unwrap_or_default().trim();
+    let (whole, fraction) = value.split_once(',')?;
+    let is_digits = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    let is_number = is_digits(whole.trim_start_matches(['-', '+'])) && is_digits(fraction);
+    is_number.then(|| format!("write a decimal point: {whole}.{fraction}"))
+}
+
+/// Returns the allowed range if a number is outside of it.
+fn bounds(schema: &Value, number: i64) -> Option<String> {
+    let bound = |name| schema.get(name).and_then(Value::as_i64);
+    let (least, most) = (bound("minimum"), bound("maximum"));
+    let is_outside = least.is_some_and(|least| number < least) || most.is_some_and(|most| number > most);
+    is_outside.then(|| match (least, most) {
+        (Some(least), Some(most)) => format!("{least} to {most}"),
+        (Some(least), None) => format!("{least} and more"),
+        (_, most) => format!("up to {}", most.unwrap_or(i64::MAX)),
+    })
+}
+
+fn wrong_type(wanted: &[&str], found: &DeValue<'_>, is_duration: bool) -> String {
+    let found = match found {
+        DeValue::String(text) => format!("the text \"{text}\""),
+        DeValue::Integer(number) => format!("the number {number}"),
+        DeValue::Float(number) => format!("the number {number}"),
+        DeValue::Boolean(yes) => yes.to_string(),
+        DeValue::Datetime(date) => format!("the date {date}"),
+        DeValue::Array(_) => "a list".to_owned(),
+        DeValue::Table(_) => "a table".to_owned(),
+    };
+    let wanted = wanted.iter().map(|kind| match *kind {
+        "string" if is_duration => "a duration in quotes, as \"10s\"",
+        "string" => "a text in quotes",
+        "integer" => "a whole number",
+        "number" => "a number",
+        "boolean" => "true or false",
+        "array" => "a list in [ ]",
+        _ => "a table",
+    });
+    format!("expected {}, but found {found}", wanted.collect::<Vec<_>>().join(" or "))
+}

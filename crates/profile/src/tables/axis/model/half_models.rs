@@ -1,0 +1,92 @@
+//! `halves` of a model: two sums whose mean is the model. Their difference shows its uncertainty outside of the
+//! envelope.
+//!
+//! ```json
+//! { "format": "isotherm-halves", "version": 1,
+//!   "terms": [{ "signal": "bed", "lag_s": 360, "ridge": 1.9, "net": 2.3 }, …] }
+//! ```
+//! The terms have the order of the model's terms. The mean of `ridge` and `net` is the gain of the model. Halves of
+//! another model are detected by that.
+
+use serde::Deserialize;
+use serde::de::IgnoredAny;
+
+use super::RawModel;
+use super::effect::figure;
+use super::file::{bytes, read, taken};
+use crate::duration::shown;
+use crate::tables::KeyContext;
+use isotherm_core::compensation::model::{Model, Term};
+
+/// Largest difference between the mean of two halves and the gain, relative to the larger half.
+const NEAR: f64 = 1e-6;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct HalvesFile {
+    #[serde(rename = "format")]
+    _format: IgnoredAny,
+    #[serde(rename = "version")]
+    _version: IgnoredAny,
+    terms: Vec<HalfTerm>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct HalfTerm {
+    signal: String,
+    lag_s: f64,
+    ridge: f64,
+    net: f64,
+}
+
+/// Returns the difference between the gains of the two halves, for each term of the model.
+pub(super) fn resolve(raw: &RawModel, at: &KeyContext<'_>, name: &str, model: &Model) -> Option<Vec<f64>> {
+    let bytes = bytes(raw, "halves", at, name)?;
+    let file: HalvesFile = taken(at, name, read(&bytes, "isotherm-halves"))?;
+    let apart = file.of(model.sum(), &at.check.signals.names);
+    taken(at, name, apart)
+}
+
+impl HalvesFile {
+    fn of(&self, terms: &[Term], names: &[String]) -> Result<Vec<f64>, String> {
+        if terms.is_empty() {
+            return Err("only a linear model without a slope has halves: remove `halves`".to_owned());
+        }
+        if self.terms.len() != terms.len() {
+            let (own, of_model) = (self.terms.len(), terms.len());
+            return Err(format!(
+                "these halves are of another model: they have {own} terms, but the model has {of_model}"
+            ));
+        }
+        let one = |((place, half), term): ((usize, &HalfTerm), &Term)| {
+            half.of(term, &names[term.input.signal.0]).map_err(|why| {
+                format!("these halves are of another model: term {} of the model is {why}", place + 1)
+            })
+        };
+        self.terms.iter().enumerate().zip(terms).map(one).collect()
+    }
+}
+
+impl HalfTerm {
+    fn of(&self, term: &Term, name: &str) -> Result<f64, String> {
+        let lag = term.input.time_constant().unwrap_or_default();
+        if self.signal != name || (self.lag_s - lag.as_secs_f64()).abs() > 1e-3 {
+            let (signal, lag_s) = (&self.signal, figure(self.lag_s));
+            return Err(format!(
+                "{name} with a lag of {}, but the file has {signal} with a lag of {lag_s} s",
+                shown(lag)
+            ));
+        }
+        let (mean, gain) = (f64::midpoint(self.ridge, self.net), term.gain.get());
+        if (mean - gain).abs() > NEAR * self.ridge.abs().max(self.net.abs()) {
+            let (gain, mean) = (figure(gain), figure(mean));
+            return Err(format!("{name} with a gain of {gain}, but the mean of the halves is {mean}"));
+        }
+        let apart = self.ridge - self.net;
+        apart
+            .is_finite()
+            .then_some(apart)
+            .ok_or_else(|| format!("{name}, but the two halves of this term differ too much"))
+    }
+}

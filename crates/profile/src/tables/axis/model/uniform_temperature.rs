@@ -1,0 +1,144 @@
+//! Value of a model at one temperature everywhere. It reveals a missing reference, a wrong offset or a wrong unit
+//! before the machine moves.
+
+use std::time::Duration;
+
+use super::{KINDS, effect::figure};
+use crate::Profile;
+use crate::document::Section;
+use crate::tables::signal::Signal;
+use isotherm_core::compensation::Snapshot;
+use isotherm_core::compensation::model::{Inputs, Lag, Model, Reference, Unusable};
+use isotherm_core::compensation::reference::Machine;
+use isotherm_core::compensation::settings::MachineSettings;
+use isotherm_core::quantity::Moment;
+use isotherm_core::reading::{Reading, SignalId};
+
+/// 0 °C in K.
+const FREEZING: f64 = 273.15;
+/// Time after which every lag has settled.
+const SETTLED: Duration = Duration::from_hours(100 * 7 * 24);
+/// Temperatures in the preview, °C.
+const SHOWN: [f64; 3] = [15.0, 20.0, 25.0];
+
+/// Machine that was switched on at one temperature everywhere, and has not moved since.
+pub(crate) struct UniformTemperature {
+    celsius: f64,
+    readings: Vec<Reading>,
+    machine: Machine,
+}
+
+/// Value of a model at this temperature.
+pub(crate) struct UniformValue {
+    /// Cz that the model requests, µm.
+    pub(crate) cz: f64,
+    /// Position signal, and the position at which the absolute value is largest. `None` if the value is the same
+    /// everywhere.
+    pub(crate) position: Option<(SignalId, f64)>,
+}
+
+impl UniformTemperature {
+    /// Creates a machine with these signals. Signals other than temperatures are 0. All values are limited to the range
+    /// of their signal.
+    pub(crate) fn at(celsius: f64, signals: &[Signal]) -> UniformTemperature {
+        let reading = |signal: &Signal| {
+            let value = match signal.unit.0 {
+                "degC" => celsius,
+                "K" => celsius + FREEZING,
+                _ => 0.0,
+            };
+            let accepted = signal.range.map_or(value, |(low, high)| value.max(low).min(high));
+            Reading::good(accepted, Moment::default())
+        };
+        let readings: Vec<Reading> = signals.iter().map(reading).collect();
+        let mut machine = Machine::default();
+        let settings = MachineSettings { signals: signals.len(), ..MachineSettings::default() };
+        machine.observe(&settings, &Snapshot::new(Moment::default(), &readings));
+        UniformTemperature { celsius, readings, machine }
+    }
+
+    /// Machines at the temperatures of the preview.
+    pub(crate) fn shown(profile: &Profile) -> Vec<UniformTemperature> {
+        SHOWN.into_iter().map(|celsius| UniformTemperature::at(celsius, &profile.signals)).collect()
+    }
+
+    /// Returns the model's value at the position where its absolute value is largest. `None` if there is no value.
+    pub(crate) fn asked(&self, model: &Model) -> Option<UniformValue> {
+        let places = KINDS.into_iter().find_map(|kind| (kind.places)(&model.kind));
+        let Some((signal, mut places)) = places else {
+            return Some(UniformValue { cz: self.cz(model, &self.readings)?, position: None });
+        };
+        if places.is_empty() {
+            places.push(self.readings.get(signal.0)?.usable()?);
+        }
+        let mut readings = self.readings.clone();
+        let mut found: Vec<UniformValue> = Vec::new();
+        for place in places {
+            *readings.get_mut(signal.0)? = Reading::good(place, Moment::default());
+            found.push(UniformValue { cz: self.cz(model, &readings)?, position: Some((signal, place)) });
+        }
+        let is_everywhere = found.iter().all(|other| (other.cz - found[0].cz).abs() < f64::EPSILON);
+        let most = found.into_iter().max_by(|one, other| one.cz.abs().total_cmp(&other.cz.abs()))?;
+        Some(UniformValue { position: most.position.filter(|_| !is_everywhere), ..most })
+    }
+
+    fn cz(&self, model: &Model, readings: &[Reading]) -> Option<f64> {
+        let (begin, machine) = (Moment::default(), &self.machine);
+        let follows = |input| {
+            let mut lag = Lag::default();
+            for now in [begin, begin.after(SETTLED)] {
+                lag.follow(input, &Snapshot::new(now, readings), machine);
+            }
+            lag
+        };
+        let lags: Vec<Lag> = model.rises().map(follows).collect();
+        // A formula has no lag. It is evaluated at machine start.
+        let is_late = model.rises().any(|input| input.lag.is_some());
+        let now = if is_late { begin.after(SETTLED) } else { begin };
+        let snapshot = Snapshot::new(now, readings);
+        let inputs = Inputs { snapshot, machine, lags: &lags, splits_slope: false };
+        model.outputs(&inputs).ok().map(|outputs| outputs.cz.get())
+    }
+
+    /// Returns whether the model's value depends on the time of machine start.
+    pub(crate) fn counts_from_start(&self, model: &Model) -> bool {
+        let snapshot = Snapshot::new(Moment::default(), &self.readings);
+        let machine = &Machine::default();
+        let inputs = Inputs { snapshot, machine, lags: &[], splits_slope: false };
+        model.references().any(|reference| reference == Reference::Start)
+            || model.outputs(&inputs) == Err(Unusable::MachineOff)
+    }
+}
+
+/// Formats µm with their sign, and with at most three decimals.
+pub(crate) fn signed(cz: f64) -> String {
+    let rounded = (cz * 1000.0).round() / 1000.0;
+    let sign = if rounded < 0.0 { "−" } else { "+" };
+    if rounded.abs() > 0.0 { format!("{sign}{}", figure(rounded.abs())) } else { "0".to_owned() }
+}
+
+/// Preview of the values: `everything at 15, 20, 25 °C: Cz = −12, 0, +12 µm`, with the same as JSON.
+pub(super) fn preview(section: &mut Section, profile: &Profile, model: &Model, shown: &[UniformTemperature]) {
+    let asked: Vec<Option<UniformValue>> = shown.iter().map(|all_over| all_over.asked(model)).collect();
+    let temperatures: Vec<String> = shown.iter().map(|all_over| figure(all_over.celsius)).collect();
+    let figures = asked
+        .iter()
+        .map(|asked| asked.as_ref().map_or_else(|| "no value".to_owned(), |asked| signed(asked.cz)));
+    let figures = figures.collect::<Vec<String>>().join(", ");
+    let position = asked.iter().flatten().find_map(|asked| asked.position);
+    let position = position.map(|(signal, _)| {
+        format!(", at the value of {} with the largest |Cz|", profile.signal(signal).name)
+    });
+    let position = position.unwrap_or_default();
+    section.line(format!("     everything at {} °C: Cz = {figures} µm{position}", temperatures.join(", ")));
+    let document = shown.iter().zip(&asked).map(|(all_over, asked)| {
+        let cz = asked.as_ref().map(|asked| (asked.cz * 1000.0).round() / 1000.0);
+        let position = asked.as_ref().and_then(|asked| asked.position).map(|(_, place)| place);
+        let mut entry = serde_json::json!({ "temperature_c": all_over.celsius, "cz_um": cz });
+        if let Some(position) = position {
+            entry["position_mm"] = position.into();
+        }
+        entry
+    });
+    section.entry("all_over", document.collect::<Vec<_>>());
+}

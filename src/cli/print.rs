@@ -1,0 +1,134 @@
+//! Output of the verbs. A failed write, for example because the reader is gone or the disk is full, is an error of the
+//! verb, never a panic. Control characters in quoted text are escaped.
+
+use std::fmt::Arguments;
+use std::io::{Error, Result, Write, stdout};
+
+use super::journal_stream;
+use isotherm_profile::lines;
+
+/// Standard output. Its errors name it as the file that cannot be written.
+pub(crate) struct Out;
+
+/// Standard output without escaping, for control sequences of a redrawn terminal.
+pub(crate) struct Screen;
+
+impl Write for Out {
+    fn write(&mut self, text: &[u8]) -> Result<usize> {
+        let Ok(readable) = std::str::from_utf8(text) else { return Screen.write(text) };
+        Screen.write_all(lines(readable).as_bytes()).map(|()| text.len())
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        Screen.flush()
+    }
+}
+
+impl Write for Screen {
+    fn write(&mut self, text: &[u8]) -> Result<usize> {
+        stdout().write(text).map_err(not_taken)
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        stdout().flush().map_err(not_taken)
+    }
+}
+
+/// Prints a line of the result.
+///
+/// # Errors
+/// Standard output cannot be written.
+pub(crate) fn line(text: Arguments<'_>) -> Result<()> {
+    all(format_args!("{text}\n"))
+}
+
+/// Prints text of the result, without a line break.
+///
+/// # Errors
+/// Standard output cannot be written.
+pub(crate) fn all(text: Arguments<'_>) -> Result<()> {
+    Out.write_fmt(text).and_then(|()| Out.flush())
+}
+
+/// Clears the terminal.
+///
+/// # Errors
+/// Standard output cannot be written.
+pub(crate) fn clear() -> Result<()> {
+    Screen.write_all(b"\x1b[H\x1b[2J")
+}
+
+fn not_taken(error: Error) -> Error {
+    Error::new(error.kind(), format!("what is printed (standard output) cannot be written: {error}"))
+}
+
+/// Longest line of a diagnostic, in characters. A longer one is cut, because it quotes a file or a device.
+const LONGEST_LINE: usize = 2000;
+/// Longest diagnostic, in bytes.
+const MOST_SAID: usize = 64_000;
+
+/// Prints a diagnostic on stderr, for example a warning or a progress line. Errors are ignored.
+pub(crate) fn beside(text: Arguments<'_>) {
+    let text = readable(&lines(&text.to_string()));
+    let text = if journal_stream::is_stderr() { journal_stream::prioritised(&text) } else { text };
+    let _ = std::io::stderr().write_all(format!("{text}\n").as_bytes());
+}
+
+/// Shortens a text to a length that a person can read.
+fn readable(text: &str) -> String {
+    let mut said = String::new();
+    let mut lines = text.split('\n');
+    while let Some(line) = lines.next() {
+        let end = line.char_indices().nth(LONGEST_LINE).map_or(line.len(), |(end, _)| end);
+        if said.len() + end > MOST_SAID {
+            let more = 1 + lines.count();
+            said.push_str(&format!("\n… and {more} more lines"));
+            break;
+        }
+        if !said.is_empty() {
+            said.push('\n');
+        }
+        said.push_str(&line[..end]);
+        if end < line.len() {
+            said.push('…');
+        }
+    }
+    said
+}
+
+/// Prints text without a line break on stderr. The next text overwrites it.
+pub(crate) fn progress(text: Arguments<'_>) {
+    let mut err = std::io::stderr();
+    let _ = err.write_fmt(text).and_then(|()| err.flush());
+}
+
+/// `println!` that returns an error instead of panicking.
+macro_rules! say {
+    ($($text:tt)*) => { $crate::cli::print::line(format_args!($($text)*)) };
+}
+/// `print!` that returns an error instead of panicking.
+macro_rules! say_all {
+    ($($text:tt)*) => { $crate::cli::print::all(format_args!($($text)*)) };
+}
+/// Prints a diagnostic on stderr, and ignores errors.
+macro_rules! say_beside {
+    ($($text:tt)*) => { $crate::cli::print::beside(format_args!($($text)*)) };
+}
+/// Prints text on stderr that the next text overwrites.
+macro_rules! say_progress {
+    ($($text:tt)*) => { $crate::cli::print::progress(format_args!($($text)*)) };
+}
+pub(crate) use {say, say_all, say_beside, say_progress};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nobody_is_told_more_than_can_be_read() {
+        assert_eq!(readable("a line\n\n  and another"), "a line\n\n  and another");
+        assert_eq!(readable(&"µ".repeat(3000)), format!("{}…", "µ".repeat(LONGEST_LINE)));
+        let many = readable(&"sixteen letters.\n".repeat(100_000));
+        assert!(many.len() < MOST_SAID + 100 && many.ends_with("more lines"), "{}", &many[many.len() - 60..]);
+    }
+}

@@ -1,0 +1,119 @@
+//! One reading of every device: the gateway in a dry run, until each signal has been read or has failed.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use anyhow::Context;
+
+use crate::clock::Clock;
+use crate::gateway::{Gateway, Options};
+use crate::observe::status::{GatewayApi, Status};
+use isotherm_profile::Profile;
+use isotherm_profile::counted;
+
+/// Longest wait for a frame that a node sends by itself.
+const LONGEST_PERIOD: Duration = Duration::from_secs(10);
+
+/// Reads every device once, and returns the state. `directory` is the state directory of the machine's gateway. It
+/// contains the known OPC UA namespaces.
+pub(super) fn once(profile: Profile, directory: PathBuf) -> anyhow::Result<Status> {
+    let mut last = None;
+    watch(profile, directory, |status| {
+        last = Some(status);
+        false
+    })?;
+    last.context("the devices could not be read")
+}
+
+/// Reads every device continuously. Calls `look` when all signals are read or their time is over, and then each second
+/// until it returns `false`.
+pub(super) fn watch(
+    profile: Profile,
+    directory: PathBuf,
+    mut look: impl FnMut(Status) -> bool,
+) -> anyhow::Result<()> {
+    let patience = profile.buses.iter().map(|bus| bus.timeout * 3).max().unwrap_or_default();
+    let devices = u32::try_from(profile.devices.len()).unwrap_or(u32::MAX);
+    let patience = patience * devices.max(1) + Duration::from_millis(500);
+    // The gateway cannot request these frames: it waits for the next one.
+    let comes = profile.signals.iter().filter(|signal| signal.address.is_in_frames());
+    let patience = comes.map(|signal| signal.max_age.min(LONGEST_PERIOD)).fold(patience, Duration::max);
+    super::runtime()?.block_on(async {
+        let clock = Clock::wall();
+        let options = Options { dry_run: true, remembered_in: Some(directory), ..Options::default() };
+        let gateway = Gateway::new(profile, &clock, options);
+        let source = gateway.source();
+        let mut sleeper = clock.join();
+        let looking = async {
+            let deadline = clock.now().after(patience);
+            while !is_complete(&source) && clock.now() < deadline {
+                sleeper.sleep(Duration::from_millis(20)).await;
+            }
+            while look(source.status()) {
+                sleeper.sleep(Duration::from_secs(1)).await;
+            }
+        };
+        gateway.run(looking, std::future::ready(())).await;
+    });
+    Ok(())
+}
+
+/// Returns whether every signal has a value or a reason, and every requested device and offset register has been tried.
+fn is_complete(source: &Arc<dyn GatewayApi>) -> bool {
+    let status = source.status();
+    status.signals.iter().all(|signal| signal.quality != "never-read")
+        && status.devices.iter().all(|device| device.state != "never-answered" || device.requests == 0)
+        && status.outputs.iter().all(|output| output.writes != "offset" || output.value.is_some())
+}
+
+/// Fails if a signal cannot be used. The error lists the signals by reason.
+pub(super) fn assess(status: &Status) -> anyhow::Result<()> {
+    let bad = status.signals.iter().filter(|signal| signal.quality != "good");
+    let mut of_reason: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    bad.for_each(|signal| of_reason.entry(&signal.reason).or_default().push(&signal.name));
+    let (count, all) = (of_reason.values().map(Vec::len).sum::<usize>(), status.signals.len());
+    let bad = of_reason.iter().map(|(reason, names)| format!("{} ({reason})", names.join(", ")));
+    anyhow::ensure!(
+        count == 0,
+        "{count} of {} cannot be used: {}",
+        counted(all, "signal"),
+        bad.collect::<Vec<_>>().join("; ")
+    );
+    Ok(())
+}
+
+/// Formats the signals, one line each.
+pub(super) fn signals(status: &Status) -> String {
+    let width = status.signals.iter().map(|signal| signal.name.len()).max().unwrap_or(0).max(6);
+    let lines = status.signals.iter().map(|signal| {
+        let value = signal.value.map_or("—".to_owned(), |value| format!("{value:.4}"));
+        let quality = if signal.quality == "good" { "good" } else { &signal.reason };
+        format!("  {:<width$}  {value:>14} {:<6}  {quality}\n", signal.name, signal.unit)
+    });
+    lines.collect()
+}
+
+/// Formats the buses, devices and offset registers, one line each.
+pub(super) fn fieldbus(status: &Status) -> String {
+    let buses = status.buses.iter().map(|bus| {
+        // `connected` is set at the end of a turn, which may not have come yet.
+        let answers = status.devices.iter().any(|device| device.bus == bus.name && device.state == "ok");
+        let link = if bus.connected || answers { "connected" } else { "not connected" };
+        format!("  bus {} ({}): {link}\n", bus.name, bus.address)
+    });
+    let devices = status.devices.iter().map(|device| {
+        let state = match (device.state, device.requests) {
+            ("never-answered", 0) => "no signal is read from it",
+            (state, _) => state,
+        };
+        let fault = if device.fault.is_empty() { String::new() } else { format!(": {}", device.fault) };
+        format!("  device {}{}: {state}{fault}\n", device.name, device.at)
+    });
+    let offsets = status.outputs.iter().filter(|output| output.writes == "offset").map(|output| {
+        let value = output.value.map_or("not read".to_owned(), |value| format!("{value:.4} µm"));
+        format!("  output {} at {}: holds {value}\n", output.name, output.register)
+    });
+    buses.chain(devices).chain(offsets).collect()
+}

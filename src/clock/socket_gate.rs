@@ -1,0 +1,74 @@
+//! Sockets whose messages get no reply: virtual time waits until the reader has read them.
+//!
+//! The sender of such a message may go to sleep at once. The message is then in the receive queue of the kernel, and no
+//! task of the program knows of it. Without this module, the clock would advance before the message is read. The clock
+//! therefore checks the queue before it advances.
+
+use std::io;
+use std::os::fd::{AsFd, OwnedFd};
+use std::sync::Arc;
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+use super::simulated::Simulated;
+use super::{Clock, Source};
+
+/// Registration of the receiving socket with a virtual clock. With a wall clock it has no effect.
+///
+/// ```text
+/// loop { wait until readable; let taking = gate.taking(); read until there is no more, act; drop(taking) }
+/// ```
+#[derive(Debug)]
+pub struct SocketGate(Option<(Arc<Simulated>, u64)>);
+
+/// Guard of a reader at work: virtual time does not advance until it is dropped. Create it before the first read of a
+/// message. Drop it after everything that follows from the last message, wakeups included.
+#[derive(Debug)]
+pub struct ReadGuard<'a>(&'a SocketGate);
+
+impl Clock {
+    /// Registers a socket with the clock. Keep the result as long as a task reads from the socket. A virtual clock
+    /// never advances while the socket has a message that no task reads.
+    ///
+    /// # Errors
+    /// The process has no descriptor left.
+    pub fn gate(&self, socket: &impl AsFd) -> io::Result<SocketGate> {
+        let Source::Simulated(clock) = &self.source else { return Ok(SocketGate(None)) };
+        let from = socket.as_fd().try_clone_to_owned()?;
+        Ok(SocketGate(Some((clock.clone(), clock.watch(from)))))
+    }
+}
+
+impl SocketGate {
+    /// Stops virtual time until the returned guard is dropped.
+    pub fn taking(&self) -> ReadGuard<'_> {
+        self.tell(true);
+        ReadGuard(self)
+    }
+
+    fn tell(&self, is_taken: bool) {
+        if let Some((clock, number)) = &self.0 {
+            clock.take_from(*number, is_taken);
+        }
+    }
+}
+
+impl Drop for ReadGuard<'_> {
+    fn drop(&mut self) {
+        self.0.tell(false);
+    }
+}
+
+impl Drop for SocketGate {
+    fn drop(&mut self) {
+        if let Some((clock, number)) = &self.0 {
+            clock.forget(*number);
+        }
+    }
+}
+
+/// Returns whether the socket has data or an error to read; `false` if the kernel cannot say.
+pub(super) fn has_come(socket: &OwnedFd) -> bool {
+    let mut polled = [PollFd::new(socket, PollFlags::IN)];
+    poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })).is_ok_and(|ready| ready > 0)
+}

@@ -1,0 +1,92 @@
+//! Search for the registers of a unit. It reads in steps of limited size, and divides a refused step into halves.
+
+use serde::Serialize;
+
+use crate::discovery::unit_reader::UnitReader;
+use crate::fieldbus::error::Fault;
+use crate::fieldbus::wire::Answer;
+use isotherm_core::codec::Register;
+
+/// Number of consecutive timeouts after which a walk gives up: the unit is gone.
+const SILENCES: u32 = 3;
+/// Registers or bits in one step.
+pub const STEP: u16 = 16;
+
+/// Range of registers of a unit, and the result of reading it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RegisterRange {
+    /// First register.
+    pub register: String,
+    /// One-based number of the first register.
+    pub modicon: String,
+    /// Number of registers.
+    pub count: u16,
+    /// Values; `None` if the range cannot be read.
+    pub values: Option<Vec<u16>>,
+    /// Reason why the range cannot be read; empty if it can.
+    pub why: String,
+}
+
+impl RegisterRange {
+    fn new(first: Register, count: u16, read: Result<Vec<u16>, Fault>) -> RegisterRange {
+        let why = read.as_ref().err().map_or(String::new(), Fault::to_string);
+        RegisterRange { register: first.to_string(), modicon: first.modicon(), count, values: read.ok(), why }
+    }
+}
+
+/// Reads `count` registers from `from`. Calls `take` with each range that can or cannot be read, in ascending order.
+///
+/// # Errors
+/// The fault that ended the walk.
+pub async fn walk(
+    asker: &mut UnitReader,
+    unit: u8,
+    from: Register,
+    count: u16,
+    mut take: impl FnMut(RegisterRange),
+) -> Result<(), Fault> {
+    let mut silences = 0;
+    let end = (u32::from(from.offset) + u32::from(count)).min(65_536);
+    // Ranges still to read, the nearest last: start and length.
+    let starts = (u32::from(from.offset)..end).step_by(usize::from(STEP)).rev();
+    let mut left: Vec<(u32, u32)> = starts.map(|start| (start, u32::from(STEP).min(end - start))).collect();
+    let mut missing: Option<RegisterRange> = None;
+    while let Some((start, count)) = left.pop() {
+        let (Ok(offset), Ok(length)) = (u16::try_from(start), u16::try_from(count)) else { continue };
+        let first = Register { offset, ..from };
+        let answer = asker.read(unit, first, length).await;
+        if count > 1 && matches!(answer, Err(Fault::Exception(2 | 3))) {
+            let half = count / 2;
+            left.push((start + half, count - half));
+            left.push((start, half));
+            continue;
+        }
+        silences = if answer == Err(Fault::Timeout) { silences + 1 } else { 0 };
+        match answer {
+            Ok(answer) => {
+                missing.take().into_iter().for_each(&mut take);
+                take(RegisterRange::new(first, length, Ok(registers(answer))));
+            }
+            Err(fault) if silences >= SILENCES || !matches!(fault, Fault::Timeout | Fault::Exception(_)) => {
+                return Err(fault);
+            }
+            Err(fault) => match &mut missing {
+                Some(before) if before.why == fault.to_string() => before.count += length,
+                _ => {
+                    let next = RegisterRange::new(first, length, Err(fault));
+                    missing.replace(next).into_iter().for_each(&mut take);
+                }
+            },
+        }
+    }
+    missing.into_iter().for_each(take);
+    Ok(())
+}
+
+fn registers(answer: Answer) -> Vec<u16> {
+    match answer {
+        Answer::Registers(registers) => registers,
+        Answer::Bits(bits) => bits.into_iter().map(u16::from).collect(),
+        Answer::Done | Answer::Nodes(_) => Vec::new(),
+    }
+}

@@ -1,0 +1,103 @@
+//! Opening and closing of a connection, and back-off in favour of another client of the device.
+
+use std::time::Duration;
+
+use super::{ConnectionHistory, DeviceLine};
+use crate::fieldbus::error::{Fault, LinkFault};
+use crate::fieldbus::pending_replies::PendingReplies;
+use crate::fieldbus::reply_signature::ReplySignature;
+use crate::fieldbus::wire::Request;
+use isotherm_core::continuity::Break;
+use isotherm_core::quantity::Moment;
+
+/// Shortest normal life of a connection. A shorter one was probably closed in favour of another client.
+const SHORT_LIFE: Duration = Duration::from_secs(5);
+/// Number of short connections in a row after which the line backs off. A device that accepts one client drops the
+/// first for the second. Two masters that reconnect at once would interrupt each other for ever.
+const SHORT_LIVES: u32 = 3;
+
+impl DeviceLine {
+    /// Closes the connection after an answer, if the device accepts one client at a time.
+    pub(super) fn put_down(&mut self, place: usize) {
+        if self.units.at(place).quirks.close_after_each {
+            self.wire = None;
+            self.is_put_down = true;
+        }
+    }
+
+    /// Drops the connection: data that is still on its way belongs to an earlier time.
+    pub fn hang_up(&mut self) {
+        self.drop_connection();
+        self.units.pending.each().for_each(PendingReplies::anything);
+    }
+
+    /// Drops the connection. Returns the unit of a read that was sent after another request and gets no answer any
+    /// more, the read, and its time of sending.
+    pub(super) fn drop_connection(&mut self) -> Option<(u8, Request<'static>, Moment)> {
+        let mut connection = self.wire.take()?;
+        let (number, read, asked) = connection.wire().unanswered_behind()?;
+        self.units.pending.of(number).order.suspect(ReplySignature::of(read));
+        Some((number, read, asked))
+    }
+
+    /// Closes the connection properly. It waits for the other end at most for the timeout of an answer.
+    pub async fn close(&mut self) {
+        let Some(mut connection) = self.wire.take() else { return };
+        self.send_guard.away_for(self.timeout);
+        let _ = self.patience.within(self.timeout, connection.wire().close()).await;
+    }
+
+    /// Records that the other end closed the connection. Returns true if this happens too often to reconnect at once.
+    pub(super) fn is_contested(&mut self, now: Moment) -> bool {
+        if now.since(self.history.opened_at) >= SHORT_LIFE {
+            self.short_lives = 0;
+            self.yielding.succeed();
+            return false;
+        }
+        self.short_lives += 1;
+        let is_contested = self.short_lives >= SHORT_LIVES;
+        if is_contested {
+            self.yielding.fail(now);
+        }
+        is_contested
+    }
+
+    pub(super) async fn connect(&mut self, now: Moment) -> Result<(), Fault> {
+        if !self.yielding.allows(now) {
+            return Err(Fault::Link(LinkFault::Contested));
+        }
+        if !self.redial.allows(now) {
+            return Err(Fault::Link(LinkFault::Down));
+        }
+        let span = self.timeout + self.dial.takes();
+        self.send_guard.away_for(span);
+        let dialled = self.patience.within(span, self.dial.dial(&self.tap)).await;
+        self.send_guard.sample();
+        match dialled.unwrap_or(Err(Fault::Link(LinkFault::Unreachable))) {
+            Ok(wire) => {
+                if !self.pause_after_connect.is_zero() {
+                    self.send_guard.away_for(self.pause_after_connect);
+                    tokio::time::sleep(self.pause_after_connect).await;
+                    self.send_guard.sample();
+                }
+                self.wire = Some(wire);
+                self.history =
+                    ConnectionHistory { opened_at: now, needs_pause: self.is_put_down, has_answered: false };
+                self.is_put_down = false;
+                self.redial.succeed();
+                self.evidence.connected();
+                if !self.dial.resumes() {
+                    self.all_break(Break::NewConnection);
+                }
+                Ok(())
+            }
+            Err(fault) => {
+                self.is_put_down = false;
+                self.redial.fail(now);
+                self.refused = fault;
+                self.all_break(Break::Refused);
+                Err(fault)
+            }
+        }
+    }
+}

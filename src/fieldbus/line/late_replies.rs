@@ -1,0 +1,82 @@
+//! Waiting for late answers of units whose answers have no reliable transaction number.
+//!
+//! On an RTU line the wire receives a late answer and discards it. A gateway from Modbus TCP to a serial line may send
+//! a late answer with the transaction number of a later request. The line cannot distinguish it from the answer to that
+//! request. After a missing answer, the line therefore sends no request of the same form to that unit while the late
+//! answer may arrive. A late answer then finds no open request.
+//!
+//! A gateway may also keep a late answer until the next request. Waiting does not help then: see `control.rs`.
+
+use std::time::Duration;
+
+use super::DeviceLine;
+use crate::fieldbus::error::{Fault, LinkFault};
+use crate::fieldbus::wire::Request;
+use isotherm_core::quantity::Moment;
+
+impl DeviceLine {
+    /// Waits until no late answer of the unit could be taken for the answer to this request.
+    pub(super) async fn wait_for_late(&mut self, place: usize, request: Request<'_>) -> Result<(), Fault> {
+        let spans = self.spans();
+        let (number, is_behind_gateway) =
+            (self.units.at(place).number, self.units.at(place).is_behind_gateway);
+        let Some(connection) = &mut self.wire else { return Err(Fault::Link(LinkFault::Down)) };
+        let pending = self.units.pending.of(number);
+        loop {
+            // On a new connection, unsolicited input has not had time to arrive yet. A gateway sends no such input.
+            let least =
+                if self.history.has_answered || is_behind_gateway { Duration::ZERO } else { self.timeout };
+            let anything = pending.remaining_for_any(spans).map(|left| left.max(least));
+            let left = anything.unwrap_or_else(|| pending.left(request, spans));
+            if anything.is_none() && left.is_zero() {
+                break;
+            }
+            self.send_guard.away_for(left + self.timeout);
+            let received = if is_behind_gateway {
+                tokio::time::sleep(left).await;
+                Ok(())
+            } else {
+                connection.wire().listen(number, left, self.timeout).await
+            };
+            self.send_guard.sample();
+            if connection.wire().received_late().contains(&number) {
+                pending.reset_timing();
+            }
+            received?;
+            if anything.is_some() {
+                pending.is_quiet();
+            }
+        }
+        let has_ids = connection.wire().has_transaction_id();
+        if !has_ids {
+            connection.wire().pass_over(self.units.pending.marks().collect());
+        }
+        if !has_ids || is_behind_gateway {
+            self.units.pending.each().for_each(|pending| pending.forget(spans));
+        }
+        Ok(())
+    }
+
+    /// Records that the unit has not answered in time. Its answer may still arrive.
+    pub(super) fn note_miss(&mut self, place: usize, request: Request<'_>, fault: Fault, now: Moment) {
+        let asked = self.send_guard.asked().unwrap_or(now);
+        // The gateway has its own timeout. The late answer may arrive for some time after that.
+        let missed =
+            if fault.is_of_a_gateway() { self.send_guard.last_sample() } else { now.after(self.timeout) };
+        self.units.misses(place, (request, asked, missed), fault, now, self.spans());
+    }
+
+    /// Records that a connection was lost with an unanswered read, which was sent after another request. Its answer may
+    /// arrive late.
+    pub(super) fn note_lost_read(
+        &mut self,
+        (number, read, asked): (u8, Request<'static>, Moment),
+        now: Moment,
+    ) {
+        let place = self.units.place_of(number).filter(|place| self.units.at(*place).is_behind_gateway);
+        if let Some(place) = place {
+            let missed = now.after(self.timeout);
+            self.units.misses(place, (read, asked, missed), Fault::Timeout, now, self.spans());
+        }
+    }
+}

@@ -1,0 +1,190 @@
+//! Order of requests and answers of a unit behind a gateway from Modbus TCP to a serial line.
+//!
+//! Some gateways keep a late answer until the next request, and send it as the answer to that. From then on, each
+//! request gets the answer to the one before it. Waiting does not help, and an answer of the correct length does not
+//! show it.
+//!
+//! After a missing answer, order is in doubt. The gateway may keep the missing answer, and the answers to the reads
+//! since then. A good answer whose form differs from all of these is in order, and shows that the gateway keeps
+//! nothing. A good answer of one of these forms may itself be old. Then its own answer is the one that is kept.
+//!
+//! A read whose answer could be confused with a kept one is therefore sent after a control question. That is another
+//! read that the unit has answered before, whose answer has another form. If its answer has the form of a kept one
+//! instead, order is lost. The line then does not send the first read, closes the connection, and the unit backs off.
+//! If the control question is refused, the first read is sent: a kept answer to the control question has another form.
+//! If it is not answered, the unit may be dead. The next read of another form is sent without a control question.
+//!
+//! Limits. A gateway that keeps two answers or more is not always detected, nor is one that keeps an answer although no
+//! answer to this unit was missing. A unit is not protected before it has answered reads of two forms, if only reads of
+//! one form are sent to it, or with a connection for each request. The same applies after a control question that
+//! failed twice in a row, until the unit has answered that as an ordinary read. The answer to a write has no control
+//! question.
+
+use super::error::{Fault, PeerFault};
+use super::reply_signature::ReplySignature;
+use super::request::Request;
+
+/// Maximum number of doublings of the pause that follows an answer to an earlier request.
+const LONGEST_PAUSE: u8 = 5;
+
+/// State of the order check of one unit. The check detects a gateway that answers each request with the answer to an
+/// earlier one.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct OrderCheck {
+    doubt: AnswerUse,
+    /// Last two reads with data, whose answers have different forms.
+    answered: [Option<Request<'static>>; 2],
+    /// Control question that was not answered with data, until the next request.
+    failed: Option<Request<'static>>,
+    /// Control question that has failed once since it was last answered.
+    unsure: Option<Request<'static>>,
+    /// Number of consecutive answers that belonged to an earlier request.
+    pub(super) lost: u8,
+}
+
+/// Answers that the gateway may keep.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum AnswerUse {
+    /// The gateway may keep an answer to an earlier process. No request has ended yet.
+    Unknown,
+    /// The gateway may keep answers of these forms. The list is not empty.
+    Kept(Vec<ReplySignature>),
+    /// The gateway keeps no answer.
+    Closed,
+}
+
+impl OrderCheck {
+    /// Returns the state of a unit without requests so far.
+    pub(super) fn unknown() -> OrderCheck {
+        OrderCheck { doubt: AnswerUse::Unknown, answered: [None; 2], failed: None, unsure: None, lost: 0 }
+    }
+
+    /// Returns whether the gateway may keep an answer.
+    pub(super) fn is_in_doubt(&self) -> bool {
+        self.doubt != AnswerUse::Closed
+    }
+
+    /// Records that the gateway may keep an answer of this form.
+    pub(super) fn suspect(&mut self, form: ReplySignature) {
+        if let AnswerUse::Kept(forms) = &mut self.doubt {
+            if !forms.contains(&form) {
+                forms.push(form);
+            }
+        } else {
+            self.doubt = AnswerUse::Kept(vec![form]);
+        }
+    }
+
+    /// Returns the control question to send before this read. Its answer has another form than that of the read, and
+    /// than every kept answer if possible. `None` if the answer to the read cannot be confused with a kept one, or if
+    /// the unit has answered no such read that `is_allowed`.
+    pub(super) fn control(
+        &self,
+        request: Request<'_>,
+        is_allowed: impl Fn(Request<'static>) -> bool,
+    ) -> Option<Request<'static>> {
+        let form = ReplySignature::of(request);
+        // The answer to the failed control question may be kept, and has another form.
+        let follows_failed = self.failed.is_some_and(|failed| ReplySignature::of(failed) != form);
+        if !matches!(request, Request::Read { .. }) || !self.may_be_kept(form) || follows_failed {
+            return None;
+        }
+        let others = self.answered.iter().flatten().copied();
+        let others = others.filter(|read| ReplySignature::of(*read) != form && is_allowed(*read));
+        others.min_by_key(|read| self.may_be_kept(ReplySignature::of(*read)))
+    }
+
+    /// Records the result of a request that was sent. `received`: form of its answer, if it is that of a read.
+    /// `may_be_late`: a late answer may still arrive. Returns true if the answer belongs to an earlier request.
+    pub(super) fn assess(
+        &mut self,
+        request: Request<'_>,
+        outcome: Result<(), Fault>,
+        received: Option<ReplySignature>,
+        may_be_late: bool,
+    ) -> bool {
+        let form = ReplySignature::of(request);
+        let failed = self.failed.take();
+        match outcome {
+            Ok(()) => {
+                // A single lost answer is chance. After two, the unit is silent only for the control question, or
+                // refuses only that.
+                let is_dead = failed.is_some() && self.unsure == failed;
+                if is_dead {
+                    self.answered
+                        .iter_mut()
+                        .for_each(|read| *read = read.filter(|read| Some(*read) != failed));
+                }
+                self.unsure = match failed {
+                    Some(_) => failed.filter(|_| !is_dead),
+                    None => self.unsure.filter(|read| *read != request),
+                };
+                self.record_answer(request);
+                self.confirm(form);
+                false
+            }
+            Err(Fault::Peer(PeerFault::Length | PeerFault::Function))
+                if received.is_some_and(|received| self.may_be_kept(received)) && self.has_answered(form) =>
+            {
+                self.suspect(form);
+                if !may_be_late {
+                    self.lost = LONGEST_PAUSE.min(self.lost + 1);
+                }
+                true
+            }
+            Err(fault) => {
+                let is_missing = fault.spoils_connection() || fault.is_of_a_gateway();
+                let is_in_doubt = self.is_in_doubt();
+                // The echo of a write is not taken for the answer to a read. One such form shows the doubt.
+                let is_kept =
+                    if request.is_read() { is_missing || is_in_doubt } else { is_missing && !is_in_doubt };
+                if is_kept {
+                    self.suspect(form);
+                }
+                false
+            }
+        }
+    }
+
+    /// Records the fault of a control question. Unless it shows lost order, the next read of another form is sent
+    /// without one. If this happens twice in a row, and the reads are answered, the control question is not sent again
+    /// until it was answered as an ordinary read.
+    pub(super) fn record_failed_control(&mut self, control: Request<'static>, fault: Fault) {
+        if !matches!(fault, Fault::Caller(_) | Fault::Peer(PeerFault::OutOfOrder)) {
+            self.failed = Some(control);
+        }
+    }
+
+    /// Records a good answer of this form.
+    fn confirm(&mut self, form: ReplySignature) {
+        match &mut self.doubt {
+            AnswerUse::Closed => {}
+            // The answer may be an old one. Then its own answer is kept.
+            AnswerUse::Kept(forms) if forms.contains(&form) => forms.retain(|kept| *kept == form),
+            AnswerUse::Kept(_) => (self.doubt, self.lost) = (AnswerUse::Closed, 0),
+            AnswerUse::Unknown => self.doubt = AnswerUse::Kept(vec![form]),
+        }
+    }
+
+    /// Records that a read was answered with data. It becomes a candidate for control questions.
+    fn record_answer(&mut self, request: Request<'_>) {
+        let Request::Read { from, count } = request else { return };
+        let read = Some(Request::Read { from, count });
+        let [last, before] = self.answered;
+        self.answered = match last {
+            Some(last) if ReplySignature::of(last) != ReplySignature::of(request) => [read, Some(last)],
+            _ => [read, before.filter(|before| ReplySignature::of(*before) != ReplySignature::of(request))],
+        };
+    }
+
+    fn may_be_kept(&self, form: ReplySignature) -> bool {
+        matches!(&self.doubt, AnswerUse::Kept(forms) if forms.contains(&form))
+    }
+
+    fn has_answered(&self, form: ReplySignature) -> bool {
+        self.answered.iter().flatten().any(|read| ReplySignature::of(*read) == form)
+    }
+}
+
+#[cfg(test)]
+mod tests;

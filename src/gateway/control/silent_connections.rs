@@ -1,0 +1,87 @@
+//! Connections that have not sent a line yet. If the limit of connections is reached, the one that has been silent
+//! longest is closed. Therefore no number of silent connections keeps a command waiting.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::oneshot;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+
+use crate::clock::BootClock;
+
+/// Time that a connection may stay silent, per possible connection. A client sends its line as soon as it is connected.
+/// It connects again if its connection was closed before that. The more silent connections are closed per second, the
+/// shorter a command waits.
+const GRACE_OF_A_PLACE: Duration = Duration::from_micros(250);
+/// Time in which a closed connection returns its permit.
+const RETURNED: Duration = Duration::from_millis(10);
+
+/// Silent connections, the oldest first.
+#[derive(Clone)]
+pub(super) struct SilentConnections {
+    entries: Arc<Mutex<VecDeque<Entry>>>,
+    grace: Duration,
+    clock: BootClock,
+}
+
+struct Entry {
+    since: Duration,
+    close: oneshot::Sender<()>,
+}
+
+/// Completes when the connection must be closed. The owner drops it when a line was received.
+pub(super) type Closed = oneshot::Receiver<()>;
+
+impl SilentConnections {
+    /// Creates the list for this number of possible connections.
+    pub(super) fn of(places: usize) -> SilentConnections {
+        let grace = GRACE_OF_A_PLACE.saturating_mul(u32::try_from(places).unwrap_or(u32::MAX));
+        SilentConnections { entries: Arc::default(), grace, clock: BootClock::default() }
+    }
+
+    /// Records a new connection, which is silent until the returned receiver is dropped.
+    pub(super) fn enter(&self) -> Closed {
+        let (close, closed) = oneshot::channel();
+        let since = self.clock.passed();
+        self.with(|entries| entries.push_back(Entry { since, close }));
+        closed
+    }
+
+    /// Returns a permit. If none is free, closes the oldest silent connection. Waits while no connection is silent.
+    /// Returns `None` if the semaphore is closed, which does not happen while connections are served.
+    pub(super) async fn place(&self, places: &Arc<Semaphore>) -> Option<OwnedSemaphorePermit> {
+        loop {
+            if let Ok(place) = places.clone().try_acquire_owned() {
+                return Some(place);
+            }
+            let wait = self.close_oldest();
+            if let Ok(place) = tokio::time::timeout(wait, places.clone().acquire_owned()).await {
+                return place.ok();
+            }
+        }
+    }
+
+    /// Closes the oldest connection that may be closed. Returns how long to wait for a permit before the next attempt.
+    fn close_oldest(&self) -> Duration {
+        let now = self.clock.passed();
+        self.with(|entries| {
+            let Some(oldest) = entries.front() else { return self.grace };
+            let left = (oldest.since + self.grace).saturating_sub(now);
+            if !left.is_zero() {
+                return left;
+            }
+            if let Some(entry) = entries.pop_front() {
+                let _ = entry.close.send(());
+            }
+            RETURNED
+        })
+    }
+
+    /// Removes connections that have sent their line, then calls `act`.
+    fn with<T>(&self, act: impl FnOnce(&mut VecDeque<Entry>) -> T) -> T {
+        let mut entries = self.entries.lock().unwrap_or_else(PoisonError::into_inner);
+        entries.retain(|entry| !entry.close.is_closed());
+        act(&mut entries)
+    }
+}

@@ -1,0 +1,240 @@
+use std::time::Duration;
+
+use super::*;
+
+const PROFILE: &str = r#"
+[machine]
+name = "m"
+[bus.b]
+type = "modbus-tcp"
+address = "127.0.0.1:1"
+timeout = "100ms"
+[device.d]
+bus = "b"
+unit = 1
+[signal.bed]
+device = "d"
+register = "input:0"
+type = "i16"
+scale = 0.1
+unit = "degC"
+range = [-10.0, 80.0]
+max_rate = 2.0
+max_age = "5s"
+fault_when = "open == 1"
+[signal.open]
+device = "d"
+register = "discrete:0"
+type = "bool"
+unit = "bool"
+max_age = "5s"
+[axis.z]
+limit = 40.0
+step = 1.0
+rate = 0.5
+deadband = 0.1
+every = "10s"
+on_fault = { action = "hold" }
+[[axis.z.model]]
+name = "one"
+kind = "linear"
+terms = [{ signal = "bed", gain = 1.0, reference = 0.0 }]
+"#;
+
+const BED: SignalId = SignalId(0);
+const OPEN: SignalId = SignalId(1);
+
+fn profile() -> Profile {
+    let parsed = isotherm_profile::parse(std::path::Path::new("m.toml"), PROFILE, &[], &[]);
+    parsed.unwrap_or_else(|errors| panic!("{errors}")).profile
+}
+
+fn at(seconds: u64) -> Moment {
+    Moment::default().after(Duration::from_secs(1000 + seconds))
+}
+
+/// Board on which both signals were good at 0 s.
+fn board(profile: &Profile) -> SignalTable {
+    let mut board = SignalTable::new(&profile.clone().into());
+    board.store(BED, Ok(20.0), at(0), 0);
+    board.store(OPEN, Ok(0.0), at(0), 0);
+    board
+}
+
+fn quality(board: &mut SignalTable, now: Moment) -> Quality {
+    board.check(now)[BED.0].quality
+}
+
+#[test]
+fn a_value_outside_its_range_is_no_value() {
+    let profile = profile();
+    let mut board = board(&profile);
+    board.store(BED, Ok(80.1), at(3600), 0);
+    board.store(OPEN, Ok(0.0), at(3600), 0);
+    assert_eq!(quality(&mut board, at(3600)), Quality::Bad(Reason::OutOfRange));
+    assert_eq!(board.value(BED, at(3600)), None);
+}
+
+#[test]
+fn a_value_that_changes_too_fast_is_believed_once_time_has_caught_up() {
+    let profile = profile();
+    let mut board = board(&profile);
+    board.store(BED, Ok(23.0), at(1), 0);
+    assert_eq!(quality(&mut board, at(1)), Quality::Bad(Reason::TooFast));
+    board.store(BED, Ok(23.0), at(2), 0);
+    assert_eq!(quality(&mut board, at(2)), Quality::Good);
+}
+
+#[test]
+fn a_status_bit_condemns_it_and_so_does_one_that_is_not_known() {
+    let profile = profile();
+    let mut board = board(&profile);
+    assert_eq!(quality(&mut board, at(1)), Quality::Good);
+    board.store(OPEN, Ok(1.0), at(1), 0);
+    assert_eq!(quality(&mut board, at(1)), Quality::Bad(Reason::FaultBit));
+    board.store(OPEN, Ok(0.0), at(2), 0);
+    board.store(BED, Ok(20.0), at(8), 0);
+    assert_eq!(quality(&mut board, at(8)), Quality::Bad(Reason::FaultBit), "the bit is stale");
+}
+
+#[test]
+fn what_a_status_bit_condemns_is_no_position_to_be_corrected() {
+    let profile = profile();
+    let mut board = board(&profile);
+    board.store(OPEN, Ok(1.0), at(1), 0);
+    assert_eq!(board.value(BED, at(1)), None);
+}
+
+#[test]
+fn one_lost_answer_leaves_the_value_until_it_is_stale_and_then_says_why() {
+    let profile = profile();
+    let mut board = board(&profile);
+    board.fail(BED, Reason::Timeout);
+    assert_eq!(quality(&mut board, at(5)), Quality::Good);
+    assert_eq!(quality(&mut board, at(6)), Quality::Bad(Reason::Timeout));
+    let mut fresh = SignalTable::new(&profile.clone().into());
+    fresh.fail(BED, Reason::LinkDown);
+    assert_eq!(quality(&mut fresh, at(0)), Quality::Bad(Reason::LinkDown));
+}
+
+#[test]
+fn a_change_is_reported_once_each_way_with_its_reason() {
+    let profile = profile();
+    let mut board = board(&profile);
+    board.store(BED, Err(Reason::Sentinel), at(1), 0);
+    for now in [at(1), at(2)] {
+        board.check(now);
+        let reported = board.changes(now);
+        let expected: &[QualityChange] =
+            if now == at(1) { &[QualityChange::Lost(BED, Reason::Sentinel)] } else { &[] };
+        assert_eq!(reported, expected);
+    }
+    board.store(BED, Ok(20.5), at(3), 0);
+    board.check(at(3));
+    assert_eq!(board.changes(at(3)), [QualityChange::Back(BED, at(1))]);
+    board.check(at(4));
+    assert_eq!(board.changes(at(4)), []);
+}
+
+/// A new reason is reported if it is found twice in a row, but not if it comes and goes.
+#[test]
+fn another_reason_is_reported_once_it_lasts_and_the_end_comes_with_the_first_begin() {
+    let profile = profile();
+    let mut board = board(&profile);
+    let mut look = |second: u64, found: Result<f64, Reason>| {
+        board.store(BED, found, at(second), 0);
+        board.store(OPEN, Ok(0.0), at(second), 0);
+        board.check(at(second));
+        board.changes(at(second))
+    };
+    assert_eq!(look(1, Err(Reason::OpenCircuit)), [QualityChange::Lost(BED, Reason::OpenCircuit)]);
+    assert_eq!(look(2, Err(Reason::LinkDown)), []);
+    assert_eq!(look(3, Err(Reason::OpenCircuit)), []);
+    assert_eq!(look(4, Err(Reason::LinkDown)), []);
+    assert_eq!(look(5, Err(Reason::LinkDown)), [QualityChange::Lost(BED, Reason::LinkDown)]);
+    assert_eq!(look(6, Err(Reason::LinkDown)), []);
+    assert_eq!(look(7, Ok(20.5)), [QualityChange::Back(BED, at(1))]);
+}
+
+/// The loss of a device or a line is reported separately. A signal that is still bad after its device has returned is
+/// reported itself.
+#[test]
+fn a_reason_after_a_silent_device_is_reported_and_so_is_its_end() {
+    let profile = profile();
+    let mut board = board(&profile);
+    let mut look = |second: u64, found: Result<f64, Reason>| {
+        board.store(BED, found, at(second), 0);
+        board.store(OPEN, Ok(0.0), at(second), 0);
+        board.check(at(second));
+        board.changes(at(second))
+    };
+    assert_eq!(look(1, Err(Reason::Timeout)), []);
+    assert_eq!(look(2, Ok(20.0)), []);
+    assert_eq!(look(3, Err(Reason::Timeout)), []);
+    assert_eq!(look(4, Err(Reason::OpenCircuit)), []);
+    assert_eq!(look(5, Err(Reason::OpenCircuit)), [QualityChange::Lost(BED, Reason::OpenCircuit)]);
+    assert_eq!(look(6, Ok(20.0)), [QualityChange::Back(BED, at(3))]);
+}
+
+#[test]
+fn an_ambiguous_value_is_used_only_if_the_one_before_it_agrees() {
+    let profile = profile();
+    let mut board = board(&profile);
+    let value = |board: &SignalTable, seconds| board.value(BED, at(seconds));
+    board.store(OPEN, Ok(0.0), at(30), 0);
+    board.store_ambiguous(BED, Ok(21.0), at(1), 0);
+    assert_eq!(value(&board, 1), Some(21.0), "within max_rate of the one before");
+    board.store_ambiguous(BED, Ok(41.2), at(2), 0);
+    assert_eq!(value(&board, 2), Some(21.0), "the last good one serves meanwhile");
+    board.store_ambiguous(BED, Ok(21.1), at(3), 0);
+    assert_eq!(value(&board, 3), Some(21.0), "the one before it was another");
+    board.store_ambiguous(BED, Ok(21.2), at(4), 0);
+    assert_eq!(value(&board, 4), Some(21.2));
+    for second in 5..12 {
+        board.store_ambiguous(BED, Ok(if second % 2 == 0 { 21.2 } else { 41.2 }), at(second), 0);
+    }
+    assert_eq!(quality(&mut board, at(12)), Quality::Bad(Reason::BadReply), "none agreed until it was stale");
+    // Contested answers are discarded. The next answer then has no predecessor to agree with.
+    board.store(BED, Ok(21.0), at(15), 0);
+    board.store_contested(BED);
+    assert_eq!(value(&board, 15), Some(21.0));
+    board.store_ambiguous(BED, Ok(21.1), at(16), 0);
+    assert_eq!(value(&board, 16), Some(21.0));
+    board.store_ambiguous(BED, Ok(21.1), at(17), 0);
+    assert_eq!(value(&board, 17), Some(21.1));
+    // Two foreign values in a row change too fast compared with the last used value, as long as that value is young.
+    board.store(BED, Ok(21.0), at(20), 0);
+    board.store_ambiguous(BED, Ok(41.2), at(21), 0);
+    board.store_ambiguous(BED, Ok(41.2), at(22), 0);
+    assert_eq!(quality(&mut board, at(22)), Quality::Bad(Reason::TooFast));
+}
+
+#[test]
+fn without_max_rate_two_values_agree_if_they_are_the_same() {
+    let profile = profile();
+    let mut board = board(&profile);
+    let value = |board: &SignalTable, seconds| board.value(OPEN, at(seconds));
+    for (second, read, used) in [(1, 1.0, 0.0), (2, 1.0, 1.0), (3, 0.0, 1.0), (4, 1.0, 1.0), (5, 1.0, 1.0)] {
+        board.store_ambiguous(OPEN, Ok(read), at(second), 0);
+        assert_eq!(value(&board, second), Some(used), "second {second}");
+    }
+    board.store_ambiguous(OPEN, Err(Reason::NotANumber), at(6), 0);
+    assert_eq!(value(&board, 6), Some(1.0));
+    board.store_ambiguous(OPEN, Err(Reason::NotANumber), at(7), 0);
+    assert_eq!(value(&board, 7), None);
+}
+
+#[test]
+fn a_reading_before_another_master_was_noticed_serves_on_only_if_its_rate_was_checked() {
+    let profile = profile();
+    let mut board = board(&profile);
+    board.doubt(BED);
+    assert_eq!(board.latest().taken(BED), at(0));
+    assert_eq!(board.value(BED, at(1)), Some(20.0), "it has max_rate");
+    board.doubt(OPEN);
+    assert_eq!(board.value(OPEN, at(1)), None);
+    board.store_ambiguous(OPEN, Ok(0.0), at(2), 0);
+    assert_eq!(board.value(OPEN, at(2)), None, "the one before it may have been another's");
+    board.store_ambiguous(OPEN, Ok(0.0), at(3), 0);
+    assert_eq!(board.value(OPEN, at(3)), Some(0.0));
+}

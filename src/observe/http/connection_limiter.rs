@@ -1,0 +1,145 @@
+//! Limits on simultaneous connections of the page, in total and for each address.
+
+use std::collections::HashMap;
+use std::net::{IpAddr, Ipv6Addr};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+/// Limits on connections, and their timeouts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Maximum number of simultaneous connections.
+    pub connections: usize,
+    /// Maximum number of them from one IPv4 address, or from one IPv6 network of 64 bits.
+    pub of_one_address: usize,
+    /// Maximum number of simultaneous status streams (`/api/live`).
+    pub streams: usize,
+    /// Timeout of the head of a request, from the connection on. It includes the TLS handshake.
+    pub head: Duration,
+    /// Timeout of the body of a request.
+    pub body: Duration,
+    /// Timeout between two requests.
+    pub idle: Duration,
+    /// Timeout of an answer of which the client accepts no byte.
+    pub stall: Duration,
+}
+
+impl Default for Limits {
+    fn default() -> Limits {
+        Limits::of(64)
+    }
+}
+
+impl Limits {
+    /// Limits for this number of simultaneous connections.
+    pub fn of(connections: usize) -> Limits {
+        Limits {
+            connections,
+            of_one_address: (connections - connections.div_ceil(4)).clamp(1, 16),
+            streams: connections.div_ceil(2),
+            head: Duration::from_secs(10),
+            body: Duration::from_secs(10),
+            idle: Duration::from_secs(60),
+            stall: Duration::from_secs(120),
+        }
+    }
+}
+
+/// Number of open connections of each address.
+#[derive(Debug)]
+pub(super) struct ConnectionLimiter {
+    limits: Limits,
+    inside: Mutex<HashMap<IpAddr, usize>>,
+}
+
+/// Permit for a connection, which is released when it is dropped.
+#[derive(Debug)]
+pub(super) struct Permit {
+    limiter: Arc<ConnectionLimiter>,
+    address: IpAddr,
+}
+
+impl ConnectionLimiter {
+    pub(super) fn new(limits: Limits) -> ConnectionLimiter {
+        ConnectionLimiter { limits, inside: Mutex::default() }
+    }
+
+    /// Returns a permit for this address; `None` if a limit is reached.
+    pub(super) fn admit(self: &Arc<ConnectionLimiter>, address: IpAddr) -> Option<Permit> {
+        let address = counted(address);
+        let mut inside = self.inside.lock().unwrap_or_else(PoisonError::into_inner);
+        let (all, of_it) = (inside.values().sum::<usize>(), inside.get(&address).copied().unwrap_or(0));
+        if all >= self.limits.connections || of_it >= self.limits.of_one_address {
+            return None;
+        }
+        inside.insert(address, of_it + 1);
+        Some(Permit { limiter: Arc::clone(self), address })
+    }
+}
+
+impl Drop for Permit {
+    fn drop(&mut self) {
+        let mut inside = self.limiter.inside.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(count) = inside.get_mut(&self.address) {
+            *count -= 1;
+            if *count == 0 {
+                inside.remove(&self.address);
+            }
+        }
+    }
+}
+
+/// Address under which a client is counted. Each IPv6 user has a whole network, so that the network is counted. Each
+/// address of this computer is counted separately: a local user could exhaust other resources anyway.
+fn counted(address: IpAddr) -> IpAddr {
+    match address.to_canonical() {
+        IpAddr::V6(address) if !address.is_loopback() => {
+            IpAddr::V6(Ipv6Addr::from_bits(address.to_bits() & !u128::from(u64::MAX)))
+        }
+        address => address,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_network_of_ipv6_counts_as_one_and_ipv4_within_ipv6_as_itself() {
+        for (address, as_this) in [
+            ("2001:db8:1:2:3:4:5:6", "2001:db8:1:2::"),
+            ("::ffff:192.0.2.7", "192.0.2.7"),
+            ("::1", "::1"),
+            ("10.0.0.7", "10.0.0.7"),
+        ] {
+            assert_eq!(counted(address.parse().unwrap()), as_this.parse::<IpAddr>().unwrap());
+        }
+    }
+
+    #[test]
+    fn one_address_never_has_all_where_there_are_two() {
+        for connections in 1..100 {
+            let Limits { of_one_address, .. } = Limits::of(connections);
+            assert!(
+                of_one_address >= 1 && (connections == 1 || of_one_address < connections),
+                "{connections}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_place_is_free_again_when_it_is_left_and_one_address_never_has_all() {
+        let limiter = Arc::new(ConnectionLimiter::new(Limits::of(8)));
+        let [here, there] = ["127.0.0.1", "127.0.0.2"].map(|address| address.parse().unwrap());
+        let mut places: Vec<Permit> = std::iter::from_fn(|| limiter.admit(here)).collect();
+        assert_eq!(places.len(), 6);
+        let others: Vec<Permit> = std::iter::from_fn(|| limiter.admit(there)).collect();
+        assert_eq!(others.len(), 2);
+        drop(others);
+        assert!(limiter.admit(here).is_none());
+        places.pop();
+        assert!(limiter.admit(here).is_some());
+        drop(places);
+        assert!(limiter.inside.lock().unwrap().is_empty());
+    }
+}

@@ -1,0 +1,123 @@
+//! Queue of records for an unreachable broker. It is in memory, or on disk if the format supports records of the past.
+
+use std::collections::VecDeque;
+use std::path::Path;
+
+use isotherm_core::quantity::Moment;
+use isotherm_plant::Record;
+use isotherm_plant::store::{DiskNews, Store};
+
+/// Maximum number of records in memory. Beyond that, the oldest ones are dropped.
+const MOST: usize = 1000;
+/// Maximum number of old records that are published at a time, in addition to new ones.
+const AT_A_TIME: usize = 500;
+
+/// Queue of records that wait for the broker, oldest first.
+pub(super) enum RecordQueue {
+    /// Records in memory. They are removed when they are published; the publisher returns those that may not have
+    /// arrived.
+    Memory { records: VecDeque<Record>, dropped: u64 },
+    /// Records on disk. They stay until the broker has them. `told` is the time and number of the records published
+    /// last.
+    Disk { store: Store, told: Option<(Moment, usize)> },
+}
+
+impl RecordQueue {
+    pub(super) fn in_memory() -> RecordQueue {
+        RecordQueue::Memory { records: VecDeque::new(), dropped: 0 }
+    }
+
+    /// Opens the queue in this directory, with at most `most_bytes` bytes.
+    pub(super) fn on_disk(directory: &Path, most_bytes: u64) -> std::io::Result<RecordQueue> {
+        Ok(RecordQueue::Disk { store: Store::open(directory, most_bytes)?, told: None })
+    }
+
+    pub(super) fn push(&mut self, new: impl IntoIterator<Item = Record>) {
+        for record in new {
+            match self {
+                RecordQueue::Memory { records, dropped } => {
+                    if records.len() == MOST {
+                        records.pop_front();
+                        *dropped += 1;
+                    }
+                    records.push_back(record);
+                }
+                // Records that the disk does not accept are counted, and reported once.
+                RecordQueue::Disk { store, .. } => drop(store.push(&record)),
+            }
+        }
+    }
+
+    /// Returns records that were published before all waiting ones, and may not have arrived.
+    pub(super) fn take_back(&mut self, told: Vec<Record>) {
+        match self {
+            RecordQueue::Memory { records, .. } => {
+                let behind = std::mem::take(records);
+                self.push(told.into_iter().chain(behind));
+            }
+            // These records are not in the file: records from the file stay there until they arrive.
+            RecordQueue::Disk { .. } => self.push(told),
+        }
+    }
+
+    /// Oldest records, to be published now. The broker has everything that was published before `heard`.
+    pub(super) fn next(&mut self, now: Moment, heard: Moment) -> Vec<Record> {
+        match self {
+            RecordQueue::Memory { records, .. } => {
+                let count = AT_A_TIME.min(records.len());
+                records.drain(..count).collect()
+            }
+            RecordQueue::Disk { store, told } => {
+                match told.take() {
+                    Some((at, count)) if heard > at => drop(store.drop_first(count)),
+                    still => *told = still,
+                }
+                if told.is_some() {
+                    return Vec::new();
+                }
+                let records = store.first(AT_A_TIME).unwrap_or_default();
+                *told = (!records.is_empty()).then_some((now, records.len()));
+                records
+            }
+        }
+    }
+
+    /// Records that would be lost at the end of the program, to be published now. Records on disk stay there.
+    pub(super) fn ends(&mut self) -> Vec<Record> {
+        match self {
+            RecordQueue::Memory { records, .. } => std::mem::take(records).into(),
+            RecordQueue::Disk { .. } => Vec::new(),
+        }
+    }
+
+    /// Records that the connection has broken: the last published records are published again.
+    pub(super) fn is_broken(&mut self) {
+        if let RecordQueue::Disk { told, .. } = self {
+            *told = None;
+        }
+    }
+
+    pub(super) fn len(&self) -> u64 {
+        match self {
+            RecordQueue::Memory { records, .. } => u64::try_from(records.len()).unwrap_or(u64::MAX),
+            RecordQueue::Disk { store, .. } => store.len(),
+        }
+    }
+
+    /// Number of records lost since the last call.
+    pub(super) fn dropped(&mut self) -> u64 {
+        match self {
+            RecordQueue::Memory { dropped, .. } => std::mem::take(dropped),
+            RecordQueue::Disk { store, .. } => store.dropped(),
+        }
+    }
+
+    /// Error of the disk, once when the disk begins to fail.
+    pub(super) fn fails(&mut self) -> Option<String> {
+        let RecordQueue::Disk { store, .. } = self else { return None };
+        std::iter::from_fn(|| store.news()).find_map(|news| match news {
+            DiskNews::Fails(why) => Some(why),
+            DiskNews::Works { .. } => None,
+        })
+    }
+}

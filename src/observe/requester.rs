@@ -1,0 +1,236 @@
+//! The requester of a command: its channel, its deadline, and whether it still waits.
+//!
+//! **A command begins within its deadline or never.** A requester waits [`ANSWER_TIMEOUT`] for an answer. While the
+//! gateway does not run, its request may stay in a socket for longer, and is then dropped. The verbs of this program
+//! send their deadline, on a clock that they share with the gateway. Other requesters are checked by their connection,
+//! and by how long the sockets were not served ([`ServiceTimes`]).
+
+use std::fmt;
+use std::os::fd::AsFd;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Weak};
+use std::time::Duration;
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use serde::Serialize;
+
+use crate::clock::BootClock;
+
+/// Time for which a requester waits for an answer.
+pub const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
+/// Interval at which [`ServiceTimes`] records that the sockets are served.
+const LOOK_EVERY: Duration = Duration::from_millis(250);
+
+/// Channel of a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Channel {
+    /// The buttons of the page.
+    Page,
+    /// The command socket, for example `isotherm arm`.
+    Socket,
+    /// HTTP, from a program other than the page.
+    Api,
+    /// A message from the broker of `[mqtt]`.
+    Broker,
+    /// The profile, which arms by itself.
+    Auto,
+    /// The state before a restart, which continues.
+    Restart,
+}
+
+impl Channel {
+    /// Requester and channel, as part of a sentence.
+    pub fn by(self, who: &str) -> String {
+        match self {
+            Channel::Page => format!("by {who} on the page"),
+            Channel::Socket => format!("by {who} over the socket"),
+            Channel::Api => format!("by {who} over the API"),
+            Channel::Broker => format!("over the broker {who}"),
+            Channel::Auto => format!("by itself ({who})"),
+            Channel::Restart => format!("after a restart ({who})"),
+        }
+    }
+}
+
+/// Connection whose state shows whether the requester is still there.
+pub type Connection = dyn AsFd + Send + Sync;
+
+/// The requester of a command.
+pub struct Requester {
+    /// Channel of the request.
+    pub way: Channel,
+    /// An address, or a user with its number.
+    pub who: String,
+    /// Deadline of the request, in time since the computer was started.
+    until: Option<Duration>,
+    /// Connection of the requester. The requester has gone if either end is closed. The weak reference keeps no file
+    /// descriptor open.
+    connection: Option<Weak<Connection>>,
+    stays: bool,
+}
+
+impl fmt::Debug for Requester {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.way.by(&self.who))
+    }
+}
+
+impl Requester {
+    /// Makes a requester without a deadline.
+    pub fn new(way: Channel, who: impl Into<String>) -> Requester {
+        Requester { way, who: who.into(), until: None, connection: None, stays: false }
+    }
+
+    /// Sets the deadline, in time since the computer was started. It is never later than [`ANSWER_TIMEOUT`] from now.
+    #[must_use]
+    pub fn until(self, until: Duration) -> Requester {
+        let longest = BootClock::default().passed() + ANSWER_TIMEOUT;
+        Requester { until: Some(until.min(longest)), ..self }
+    }
+
+    /// Sets the connection over which the requester waits.
+    #[must_use]
+    pub fn at(self, connection: &Arc<Connection>) -> Requester {
+        Requester { connection: Some(Arc::downgrade(connection)), ..self }
+    }
+
+    /// Makes the request end when the requester goes, however late that is.
+    #[must_use]
+    pub fn staying(self) -> Requester {
+        Requester { stays: true, ..self }
+    }
+
+    /// Reason why the request must not begin any more, as a sentence. `None` if it may begin.
+    pub fn has_lapsed(&self) -> Option<String> {
+        if self.until.is_some_and(|until| BootClock::default().passed() >= until) {
+            return Some(format!("the request had to wait longer than {} s", ANSWER_TIMEOUT.as_secs()));
+        }
+        self.is_gone().then(|| "the client that sent the request has disconnected".to_owned())
+    }
+
+    /// Returns whether the request must end because its requester has gone. See [`Requester::staying`].
+    pub fn has_left(&self) -> bool {
+        self.stays && self.is_gone()
+    }
+
+    /// Returns whether the requester has closed its connection. On the command socket, a requester that only stops
+    /// sending still waits: `echo arm | nc -U`. Over TCP the two cases look the same, and both count as closed.
+    fn is_gone(&self) -> bool {
+        let Some(connection) = &self.connection else { return false };
+        let Some(connection) = connection.upgrade() else { return true };
+        let mut one = [PollFd::from_borrowed_fd(connection.as_fd(), PollFlags::RDHUP)];
+        if poll(&mut one, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })).is_err() {
+            return false;
+        }
+        let closed = PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL;
+        let also = if self.way == Channel::Socket { PollFlags::empty() } else { PollFlags::RDHUP };
+        one[0].revents().intersects(closed | also)
+    }
+}
+
+/// Record of the times at which the sockets are served. It limits how long a request can have waited in a socket.
+#[derive(Clone, Debug, Default)]
+pub struct ServiceTimes(Arc<SampleTimes>);
+
+#[derive(Debug, Default)]
+struct SampleTimes {
+    /// Last time at which the sockets were served, in milliseconds since the computer was started.
+    last: AtomicU64,
+    /// Times before the last gap of more than a second, and at its end.
+    before: AtomicU64,
+    after: AtomicU64,
+}
+
+fn now() -> u64 {
+    u64::try_from(BootClock::default().passed().as_millis()).unwrap_or(u64::MAX)
+}
+
+impl ServiceTimes {
+    /// Records the times, forever.
+    pub async fn keep(&self) {
+        loop {
+            self.record(now());
+            tokio::time::sleep(LOOK_EVERY).await;
+        }
+    }
+
+    fn record(&self, now: u64) {
+        let last = self.0.last.swap(now, Ordering::Relaxed);
+        if last > 0 && now.saturating_sub(last) > 1000 {
+            self.0.before.store(last, Ordering::Relaxed);
+            self.0.after.store(now, Ordering::Relaxed);
+        }
+    }
+
+    /// Returns the maximum time for which a request received now may have waited in its socket. Within a second after a
+    /// gap, the request may have come before the gap.
+    fn longest_wait(&self, now: u64) -> Duration {
+        let [last, before, after] =
+            [&self.0.last, &self.0.before, &self.0.after].map(|moment| moment.load(Ordering::Relaxed));
+        let since = if after > 0 && now.saturating_sub(after) < 1000 { before } else { last };
+        Duration::from_millis(if since == 0 { 0 } else { now.saturating_sub(since) })
+    }
+
+    /// Deadline of a requester that sends none.
+    pub fn until(&self) -> Duration {
+        let now = now();
+        (Duration::from_millis(now) + ANSWER_TIMEOUT).saturating_sub(self.longest_wait(now))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::net::UnixStream;
+
+    fn requester(way: Channel) -> (Requester, Arc<Connection>, UnixStream) {
+        let (here, there) = UnixStream::pair().unwrap();
+        let here: Arc<Connection> = Arc::new(here);
+        (Requester::new(way, "somebody").at(&here), here, there)
+    }
+
+    #[test]
+    fn who_waits_is_there_who_has_gone_is_not_and_who_only_says_no_more_waits() {
+        let (requester, _here, there) = requester(Channel::Socket);
+        assert_eq!(requester.has_lapsed(), None);
+        there.shutdown(std::net::Shutdown::Write).unwrap();
+        assert_eq!(requester.has_lapsed(), None);
+        drop(there);
+        assert_eq!(requester.has_lapsed().unwrap(), "the client that sent the request has disconnected");
+        assert!(!requester.has_left() && requester.staying().has_left());
+    }
+
+    #[test]
+    fn whose_connection_was_closed_here_has_gone() {
+        let (requester, here, _there) = requester(Channel::Api);
+        assert_eq!(requester.has_lapsed(), None);
+        drop(here);
+        assert_eq!(requester.has_lapsed().unwrap(), "the client that sent the request has disconnected");
+    }
+
+    #[test]
+    fn nobody_waits_longer_than_he_says_nor_than_five_seconds() {
+        let now = BootClock::default().passed();
+        let (requester, _here, _there) = requester(Channel::Socket);
+        let requester = requester.until(now);
+        assert_eq!(requester.has_lapsed().unwrap(), "the request had to wait longer than 5 s");
+        let patient = Requester::new(Channel::Api, "somebody").until(now + Duration::from_secs(3600));
+        assert!(patient.until.unwrap() <= BootClock::default().passed() + ANSWER_TIMEOUT);
+    }
+
+    #[test]
+    fn what_is_found_after_a_gap_may_have_waited_since_before_it() {
+        let attendance = ServiceTimes::default();
+        assert_eq!(attendance.longest_wait(100_000), Duration::ZERO);
+        attendance.record(100_000);
+        assert_eq!(attendance.longest_wait(100_200), Duration::from_millis(200));
+        // Before the sockets are served again, and after.
+        assert_eq!(attendance.longest_wait(108_000), Duration::from_secs(8));
+        attendance.record(108_000);
+        assert_eq!(attendance.longest_wait(108_010), Duration::from_millis(8010));
+        attendance.record(108_250);
+        attendance.record(109_000);
+        assert_eq!(attendance.longest_wait(109_100), Duration::from_millis(100));
+    }
+}
