@@ -101,7 +101,7 @@ pub use successor::{CHECK_ONLY, Checked, Program, Successor};
 pub use wire_log::WireLog;
 
 /// Reason why an axis stays off after the saved state was rejected or restored: the operator must arm it first.
-const NOT_BELIEVED: &str = "the saved state did not fit (see the events) or was put back from a backup, and \
+const NOT_BELIEVED: &str = "the saved state was rejected (see the events) or was put back from a backup, and \
                             the operator has not armed since";
 /// Longest wait at the end of a run until the state is on disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);

@@ -422,7 +422,7 @@ fn two_questions_in_one_go_have_no_pause_between_them() {
     let offset = plain.replacen("writes = \"corrected\"\nposition = \"scale_z\"", "writes = \"offset\"", 1);
     let warned = parse(&offset).unwrap().warnings;
     let of_no_use = |warning: &ProfileError| {
-        warning.key == "bus.cell.pipeline" && warning.message.contains("nothing here")
+        warning.key == "bus.cell.pipeline" && warning.message.contains("has no effect here")
     };
     assert_eq!(warned.iter().filter(|warning| of_no_use(warning)).count(), 1, "{warned:?}");
     only_error(&plain.replacen("pipeline = 2", "pipeline = 3", 1), "bus.cell.pipeline", "3");

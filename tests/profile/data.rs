@@ -310,11 +310,11 @@ fn halves_of_another_model_are_refused_with_the_term() {
             "another model: term 1 of the model is bed with a gain of 2.4, but the mean of the halves is \
              2.45",
         ),
-        ("360", "0", "another model: term 1 of the model is bed with a lag of 6m, in the file bed with 0 s"),
+        ("360", "0", "term 1 of the model is bed with a lag of 6m, but the file has bed with a lag of 0 s"),
         (
             "wheelhead",
             "scale_z",
-            "term 2 of the model is wheelhead with a lag of 0s, in the file scale_z with 0 s",
+            "term 2 of the model is wheelhead with a lag of 0s, but the file has scale_z with a lag of 0 s",
         ),
         (
             ", { \"signal\": \"wheelhead\", \"lag_s\": 0, \"ridge\": 1, \"net\": 1 }",

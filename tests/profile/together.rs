@@ -112,7 +112,7 @@ fn a_set_must_be_whole() {
     plc_refused("holding:103", "coil:103", "set.block.sequence", "\"coil", &["one bit"]);
     plc_refused("holding:110", "holding:109", "output.plc_z.register", "\"holding", &["writes the same"]);
     let apart = PLC.replace("sequence = \"holding:103\"\n", "").replace("\"holding:104\"", "\"holding:94\"");
-    reported(&apart, "set.block", "block]", &["2 requests", "half of it", "`sequence`"]);
+    reported(&apart, "set.block", "block]", &["2 requests", "a part of the set", "`sequence`"]);
     let side_by_side = PLC.replace("sequence = \"holding:103\"\n", "");
     assert!(parse(&side_by_side).is_ok(), "one request carries all of it");
     let device = "\n[device.other]\nbus = \"control\"\nunit = 2\n\n[signal.bed]";

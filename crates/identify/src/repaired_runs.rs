@@ -7,9 +7,8 @@ use crate::setup::Ready;
 pub fn repaired_files(ready: &Ready<'_>) -> Vec<(String, String)> {
     let (dataset, logs) = (ready.campaign.dataset.as_ref(), ready.logs);
     let of_run = |(place, run): (usize, &crate::dataset::Run)| {
-        let is_mended = |name: &str| {
-            ready.repaired.iter().any(|mended| mended.signal == name && mended.run == run.name)
-        };
+        let is_mended =
+            |name: &str| ready.repaired.iter().any(|mended| mended.signal == name && mended.run == run.name);
         let columns = || dataset.columns.iter().map(|column| column.name.as_str()).enumerate();
         let recorded: Vec<usize> =
             columns().filter(|(_, name)| is_mended(name)).map(|(column, _)| column).collect();

@@ -243,7 +243,7 @@ mod tests {
         });
         assert!(
             axis_lines("z", &axis, false).ends_with(
-                "\n  its model is worse than no compensation: the residual error is 3.2 µm with the model, \
+                "\n  the model is worse than no compensation: the residual error is 3.2 µm with the model, \
                  2.0 µm without (root mean square of the last 5 touches); Cz still follows the model\n"
             ),
             "{}",

@@ -56,7 +56,7 @@ mod tests {
     fn what_is_no_token_is_refused_in_words_and_nothing_of_it_is_quoted() {
         let home = tempfile::tempdir().unwrap();
         let path = home.path().join("notify.token");
-        assert!(read(&path).unwrap_err().ends_with("notify.token is not there"));
+        assert!(read(&path).unwrap_err().contains("notify.token is not there: write the token"));
         let long = "secret".repeat(1000);
         for (text, mode, why) in [
             ("secret-token\n", 0o600, None),
