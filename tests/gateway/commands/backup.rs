@@ -73,7 +73,7 @@ fn a_backup_of_a_running_gateway_goes_on_elsewhere_and_moves_nothing_before_a_pe
         said(command.arg("--state").arg(elsewhere.join("state")))
     };
     until("it says why it is off", || match status() {
-        (0, text) if text.contains("was restored from a backup") => Ok(()),
+        (0, text) if text.contains("from a backup") => Ok(()),
         (_, text) => Err(text),
     });
     gateway.signal("TERM");
