@@ -300,7 +300,11 @@ mod tests {
         let logs = logs((0..4).map(|number| run(number, 1, 1)).collect());
         let mended = mend(&logs, &[0], &[frozen(0, 1, 10, 99)]);
         assert_eq!(mended.excluded, []);
-        assert!(mended.repaired[0].done.contains("masked: the model is identified without them"), "{:?}", mended.repaired);
+        assert!(
+            mended.repaired[0].done.contains("masked: the model is identified without them"),
+            "{:?}",
+            mended.repaired
+        );
         let mending = mended.mending.unwrap();
         assert_eq!(mending.masked(1), (11..100).collect::<Vec<usize>>());
         assert!(mending.mended().runs[1].values[0][50].is_nan(), "nobody knows what it was");
