@@ -16,89 +16,50 @@ use tokio::task::{Id, JoinError, JoinSet};
 
 use crate::clock::{Clock, Sleeper};
 use crate::fieldbus::connection::Dial;
-use crate::fieldbus::dial;
 use crate::fieldbus::line::DeviceLine;
-use crate::observe::events::{Event, EventListener, Journal, file};
-use crate::observe::status::{BrokerFigures, GatewayApi};
+use crate::observe::events::{Event, Journal, file};
+use crate::observe::status::GatewayApi;
 use isotherm_core::border::panic_message;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{AxisId, Bus, BusId, OnStop, Output, Profile, stop};
+use isotherm_profile::{AxisId, BusId, OnStop, Output, Profile, stop};
 
-mod api_backend;
-mod arming;
-pub mod backup;
-mod can;
-mod causes;
-#[cfg(feature = "opcua")]
-pub mod certificates;
+mod api;
 pub mod claims;
-mod comparison;
-mod continuity;
-pub mod control;
-mod dependents;
-mod device_health;
-mod dirty_vec;
-mod disk;
-mod execute;
-mod extrapolation;
-mod handover;
-mod inspector;
-mod ledger;
-mod line_handle;
-mod lock;
-pub mod log;
-mod memory;
-mod namespaces;
+mod lifecycle;
+mod line;
+mod line_names;
 mod output;
-mod output_faults;
-mod pause;
-mod places;
-mod poll;
-mod probing;
-mod rates;
-mod recovered_state;
-mod release;
-mod releasing;
-mod reported_conditions;
-mod restart;
-mod run_phase;
 mod shared;
-mod shutdown;
-mod sign;
-mod signal_table;
-mod signing;
-mod stand_in;
 mod state;
-mod status;
-mod storage;
 mod store;
-mod successor;
-mod systemd;
-pub mod templates;
-mod units;
-mod watchdog;
-mod wire_log;
 
-use self::state::GatewayState;
-use api_backend::ApiBackend;
-use can::CanListener;
-use ledger::Ledger;
-use line_handle::LineHandle;
-use poll::LineTask;
-use recovered_state::RecoveredState;
-use shared::{LineWork, Shared};
-use storage::Storage;
-use watchdog::Watchdog;
+use api::api_backend::ApiBackend;
+use lifecycle::recovered_state::{self, RecoveredState};
+use lifecycle::watchdog::Watchdog;
+use lifecycle::{shutdown, systemd};
+use line::can::CanListener;
+use line::poll::LineTask;
+use shared::line_handle::LineHandle;
+use shared::releasing;
+use shared::shared_state::{LineWork, Shared};
+use shared::state::GatewayState;
+use store::ledger::{Ledger, LedgerRun};
+use store::storage::Storage;
 
-pub use causes::how_to_find_a_model;
-pub(crate) use causes::why_by_decision;
-pub use disk::{Disk, Files, make_directory};
-pub use handover::{
+pub use api::control;
+pub use lifecycle::handover::{
     Arrival, Handover, KeptProfile, Prepared, answer_of_check, digest_path, memory_for_profile,
 };
-pub use recovered_state::{may_start, moved_since, with_releases};
-pub use successor::{CHECK_ONLY, Checked, Program, Successor};
-pub use wire_log::WireLog;
+pub use lifecycle::options::{Dialer, Options, Pace};
+pub use lifecycle::recovered_state::{may_start, moved_since, with_releases};
+pub use lifecycle::successor::{CHECK_ONLY, Checked, Program, Successor};
+#[cfg(feature = "opcua")]
+pub use line::certificates;
+pub use line::wire_log::WireLog;
+pub use state::causes::how_to_find_a_model;
+pub(crate) use state::causes::why_by_decision;
+pub use store::disk::{Disk, Files, make_directory};
+pub use store::{backup, log, templates};
 
 /// Reason why an axis stays off after the saved state was rejected or restored: the operator must arm it first.
 const NOT_BELIEVED: &str = "the saved state was rejected (see the events) or was put back from a backup, and \
@@ -115,77 +76,6 @@ const SETTLED_EVERY: Duration = Duration::from_millis(5);
 
 /// Number of events from before the start that are shown.
 const RECALLED: usize = 100;
-
-/// Function that creates the connection of a bus.
-pub type Dialer = Arc<dyn Fn(&Bus) -> Option<Box<dyn Dial>> + Send + Sync>;
-
-/// Options of a gateway.
-pub struct Options {
-    /// Reads, computes and shows, but writes nothing.
-    pub dry_run: bool,
-    /// Directory of state and log; `None` keeps neither. Without it, the caller must ensure that no write of an earlier
-    /// run can still arrive at a register.
-    pub directory: Option<PathBuf>,
-    /// State directory of a gateway that runs elsewhere. Its stored namespaces of servers are used. Nothing is written
-    /// there.
-    pub remembered_in: Option<PathBuf>,
-    /// Access to the state in the directory.
-    pub disk: Arc<dyn Disk>,
-    /// Disk and watch have threads of their own. Without threads there is no watch and no log. Everything then runs in
-    /// one runtime, and a simulation repeats bit for bit.
-    pub has_threads: bool,
-    /// Function that creates connections. Tests use another one than the default.
-    pub dialer: Dialer,
-    /// Maximum time of a line without a turn; `None`: derived from its timeouts. Tests make it short.
-    pub watch: Option<Duration>,
-    /// Period of all polls and axes, independent of the profile. A bench is often faster than a profile may be.
-    pub pace: Option<Pace>,
-    /// Readings get the time of their answers, instead of that of their requests. Tests use it to show why the rule
-    /// exists.
-    #[doc(hidden)]
-    pub is_unchecked: bool,
-    /// State of publishing to a broker; `None` without one.
-    pub broker: Option<Arc<BrokerFigures>>,
-    /// Receiver of every event from the first on; `None` without one.
-    pub listener: Option<EventListener>,
-    /// Handover of the program before this one in the same process, or why it is rejected. `None` after an ordinary
-    /// start.
-    pub handover: Result<Option<Handover>, String>,
-    /// Whether released registers may be moved, or why not.
-    pub may_release: Result<(), String>,
-    /// Callback if a stuck gateway cannot even stop.
-    pub give_up: Arc<dyn Fn() + Send + Sync>,
-}
-
-impl Default for Options {
-    fn default() -> Options {
-        Options {
-            dry_run: false,
-            directory: None,
-            remembered_in: None,
-            disk: Arc::new(Files),
-            has_threads: true,
-            dialer: Arc::new(dial),
-            watch: None,
-            pace: None,
-            is_unchecked: false,
-            broker: None,
-            listener: None,
-            handover: Ok(None),
-            may_release: Ok(()),
-            give_up: Arc::new(|| {}),
-        }
-    }
-}
-
-/// Periods of a gateway that replace those of the profile.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Pace {
-    /// Period of every device's polls.
-    pub polls: Duration,
-    /// Period of every axis.
-    pub axes: Duration,
-}
 
 /// Gateway before its run.
 pub struct Gateway {
@@ -231,8 +121,9 @@ impl Gateway {
         let (ledger, writer) = match opened {
             None => (Ledger::of_nothing(&profile, (&journal, clock)), None),
             Some(opened) => {
+                let run = LedgerRun { dry_run: options.dry_run, has_threads: options.has_threads };
                 let (ledger, writer) =
-                    Ledger::open(&profile, &options, opened, remembers, (journal.clone(), clock));
+                    Ledger::open(&profile, run, opened, remembers, (journal.clone(), clock));
                 (ledger, Some(writer))
             }
         };

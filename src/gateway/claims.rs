@@ -14,15 +14,13 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::control::{self, Presence};
 use crate::clock::BootClock;
+use crate::gateway::api::control::{self, Presence};
+use crate::gateway::line_names;
 use isotherm_profile::{BusId, Profile};
 use sockets::{Answer, Listener};
 
-mod names;
 mod sockets;
-
-pub(super) use names::same_lines;
 
 /// Longest wait for a gateway that starts at the same moment.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -61,10 +59,8 @@ impl Claim {
             .map(|(bus, settings)| (settings, profile.written_on(BusId(bus))));
         let written: Vec<_> = written.filter(|(_, places)| !places.is_empty()).collect();
         let buses: Vec<_> = written.iter().map(|(bus, _)| *bus).collect();
-        let lines = names::of_each(&buses).into_iter().zip(&written).map(|(names, (bus, places))| Line {
-            address: bus.address.clone(),
-            names,
-            places: places.clone(),
+        let lines = line_names::of_each(&buses).into_iter().zip(&written).map(|(names, (bus, places))| {
+            Line { address: bus.address.clone(), names, places: places.clone() }
         });
         Claim {
             process: std::process::id(),

@@ -54,6 +54,20 @@ const ARROWS: [(&str, &str, &[&str]); 20] = [
     ),
 ];
 
+/// Folders and files of `src/gateway`, and those that each may use. A name only uses names before it.
+/// `docs/architecture.md` contains the same.
+const GATEWAY: [(&str, &[&str]); 9] = [
+    ("line_names", &[]),
+    ("state", &[]),
+    ("store", &["line_names", "state"]),
+    ("shared", &["state", "store"]),
+    ("lifecycle", &["shared", "state", "store"]),
+    ("output", &["shared", "state", "store"]),
+    ("line", &["output", "shared", "state", "store"]),
+    ("api", &["lifecycle", "line", "shared", "state", "store"]),
+    ("claims", &["api", "line_names"]),
+];
+
 const TOP: [&str; 16] = [
     "Cargo.toml",
     "Cargo.lock",
@@ -157,6 +171,28 @@ fn the_table_of_arrows_has_no_circle() {
         let (home, room, _) =
             next.unwrap_or_else(|| panic!("a circle among the rooms that are not in {placed:?}"));
         placed.push((*home, *room));
+    }
+}
+
+#[test]
+fn the_folders_of_the_gateway_use_only_those_in_their_table() {
+    let mut wrong = Vec::new();
+    for source in source::all(root()) {
+        let Some(inside) = source.path.strip_prefix("src/gateway/") else { continue };
+        let folder = inside.split(['/', '.']).next().unwrap();
+        let known = GATEWAY.iter().find(|(name, _)| *name == folder);
+        let (_, may) = known.unwrap_or_else(|| panic!("{folder} is not in the table GATEWAY"));
+        for path in source.crate_paths().iter().filter(|path| path.len() > 1 && path[0] == "gateway") {
+            if path[1] != folder && !may.contains(&path[1].as_str()) {
+                wrong.push(format!("{}: crate::{}", source.path, path.join("::")));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "these run the wrong way:\n{}", wrong.join("\n"));
+    for (place, (folder, may)) in GATEWAY.iter().enumerate() {
+        let before = &GATEWAY[..place];
+        let is_before = may.iter().all(|used| before.iter().any(|(name, _)| name == used));
+        assert!(is_before, "{folder} uses a folder that does not stand before it in the table GATEWAY");
     }
 }
 

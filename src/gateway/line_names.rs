@@ -1,0 +1,155 @@
+//! Canonical names of bus addresses: each spelling of an address has the same name.
+
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
+use std::path::Path;
+use std::sync::mpsc::channel;
+use std::time::Duration;
+
+use crate::clock::BootClock;
+use crate::fieldbus::serial::device_number;
+use isotherm_profile::{Bus, BusId, Profile, Transport};
+
+/// Longest time for all host names together. A name that is not resolved by then is compared as it is written.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// Address of the computer's own name in Debian's /etc/hosts.
+const OWN_NAME: Ipv4Addr = Ipv4Addr::new(127, 0, 1, 1);
+
+/// Returns the buses of a profile that are the same line as one of them, under any of its names.
+pub(super) fn same_lines(profile: &Profile, bus: BusId) -> Vec<BusId> {
+    let names = of_each(&profile.buses.iter().collect::<Vec<_>>());
+    let is_same = |other: &usize| names[*other].iter().any(|name| names[bus.0].contains(name));
+    (0..profile.buses.len()).filter(is_same).map(BusId).collect()
+}
+
+/// Returns the canonical names of each of these buses. Two buses with a common name are the same line.
+pub(super) fn of_each(buses: &[&Bus]) -> Vec<Vec<String>> {
+    let hosts: Vec<Option<String>> = buses.iter().map(|bus| host_and_port(bus)).collect();
+    let mut found: Vec<Vec<SocketAddr>> = hosts.iter().map(|host| numeric(host.as_deref())).collect();
+    resolve(&hosts, &mut found);
+    let name = |((bus, host), found): ((&&Bus, &Option<String>), &Vec<SocketAddr>)| match host {
+        None if matches!(bus.transport, Transport::Serial(_)) => vec![port(&bus.address)],
+        None => vec![format!("can {}", bus.address)],
+        Some(host) if found.is_empty() => vec![format!("tcp {}", host.to_lowercase())],
+        Some(_) => {
+            let mut names: Vec<String> = found.iter().map(|address| tcp(*address)).collect();
+            names.sort();
+            names.dedup();
+            names
+        }
+    };
+    buses.iter().zip(&hosts).zip(&found).map(name).collect()
+}
+
+/// Returns host and port of a bus over TCP.
+fn host_and_port(bus: &Bus) -> Option<String> {
+    match bus.transport {
+        Transport::Tcp | Transport::RtuOverTcp => Some(bus.address.clone()),
+        Transport::OpcUa => {
+            let rest = bus.address.split_once("://").map_or(bus.address.as_str(), |(_, rest)| rest);
+            rest.split('/').next().map(str::to_owned)
+        }
+        Transport::Serial(_) | Transport::Can | Transport::Sysfs => None,
+    }
+}
+
+/// Parses a numeric address, which needs no look-up.
+fn numeric(host: Option<&str>) -> Vec<SocketAddr> {
+    host.and_then(|host| host.parse().ok()).into_iter().collect()
+}
+
+/// Resolves the host names. A name server that does not answer must not delay the start, so a thread does it.
+fn resolve(hosts: &[Option<String>], found: &mut [Vec<SocketAddr>]) {
+    let wanted: Vec<(usize, String)> = hosts
+        .iter()
+        .enumerate()
+        .filter_map(|(place, host)| Some((place, host.clone().filter(|_| found[place].is_empty())?)))
+        .collect();
+    if wanted.is_empty() {
+        return;
+    }
+    let (sender, receiver) = channel();
+    let thread = std::thread::Builder::new().name("names".to_owned()).spawn(move || {
+        for (place, host) in wanted {
+            let addresses = host.to_socket_addrs().map_or_else(|_| Vec::new(), Iterator::collect);
+            if sender.send((place, addresses)).is_err() {
+                return;
+            }
+        }
+    });
+    let until = BootClock::default().passed() + PATIENCE;
+    while thread.is_ok()
+        && let Ok((place, addresses)) =
+            receiver.recv_timeout(until.saturating_sub(BootClock::default().passed()))
+    {
+        found[place] = addresses;
+    }
+}
+
+fn tcp(address: SocketAddr) -> String {
+    let (ip, port) = (address.ip().to_canonical(), address.port());
+    if is_this_computer(ip) { format!("tcp this computer:{port}") } else { format!("tcp {ip}:{port}") }
+}
+
+/// Returns whether the address is one of the usual ones of this computer. Other addresses of the loopback network may
+/// be separate devices of a simulation.
+fn is_this_computer(ip: IpAddr) -> bool {
+    match ip {
+        IpAddr::V4(ip) if ip.is_loopback() => ip == Ipv4Addr::LOCALHOST || ip == OWN_NAME,
+        ip if ip.is_loopback() => true,
+        // A computer reaches its own address from that address.
+        ip => source_address(ip).is_ok_and(|own| own == ip),
+    }
+}
+
+/// Returns the address from which this computer would connect to another one. Connecting a datagram socket sends
+/// nothing.
+fn source_address(ip: IpAddr) -> std::io::Result<IpAddr> {
+    let any: IpAddr = if ip.is_ipv4() { Ipv4Addr::UNSPECIFIED.into() } else { Ipv6Addr::UNSPECIFIED.into() };
+    let socket = UdpSocket::bind((any, 0))?;
+    socket.connect((ip, 9))?;
+    Ok(socket.local_addr()?.ip())
+}
+
+/// Returns the device number of a serial port, which all of its paths share. If there is no such port, returns its
+/// path.
+fn port(path: &str) -> String {
+    match std::fs::metadata(path).ok().and_then(|found| device_number(&found)) {
+        Some(number) => format!("serial {number:x}"),
+        None => format!("serial {}", std::path::absolute(Path::new(path)).unwrap_or_default().display()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn name(address: &str) -> Vec<String> {
+        let mut found = [numeric(Some(address))];
+        resolve(&[Some(address.to_owned())], &mut found);
+        found[0].iter().map(|address| tcp(*address)).collect()
+    }
+
+    #[test]
+    fn each_way_of_writing_this_computer_is_one_name_and_other_addresses_are_others() {
+        for address in
+            ["127.0.0.1:502", "[::1]:502", "localhost:502", "127.0.1.1:502", "[::ffff:127.0.0.1]:502"]
+        {
+            assert!(name(address).iter().all(|name| name == "tcp this computer:502"), "{address}");
+            assert!(!name(address).is_empty(), "{address}");
+        }
+        assert_eq!(name("127.0.0.2:502"), ["tcp 127.0.0.2:502"]);
+        assert_eq!(name("127.0.0.1:503"), ["tcp this computer:503"]);
+        assert_eq!(name("192.0.2.1:502"), ["tcp 192.0.2.1:502"]);
+    }
+
+    #[test]
+    fn a_serial_port_and_a_link_to_it_are_one_name() {
+        let home = tempfile::tempdir().unwrap();
+        let link = home.path().join("by-id");
+        std::os::unix::fs::symlink("/dev/null", &link).unwrap();
+        assert_eq!(port("/dev/null"), port(link.to_str().unwrap()));
+        assert_ne!(port("/dev/null"), port("/dev/zero"));
+        assert_eq!(port("/dev/ttyNONE"), "serial /dev/ttyNONE");
+    }
+}

@@ -1,0 +1,272 @@
+//! Data that a gateway keeps over a restart: one document, one number, one writer.
+//!
+//! ```text
+//! NAME.state.json  { "version": 6, "seal": {…, "number": 17, "named": 16}, "state": {…}, "outputs": {…} }
+//! NAME.number      17 1795823557453364912 1c291ca3
+//! ```
+//!
+//! `state` contains the time since machine start, references and lags, by name of signal and axis. It also contains the
+//! places of signals and outputs, with the bounds of the outputs, and the releases of former places. `outputs` contains
+//! the values that may still appear in a register, and the division of a shared one. Layout 5 has no places. The seal
+//! of the document:
+//!
+//! - `checksum`: CRC-32 of every byte of the file, with zeros in place of its own digits.
+//! - `since`: time at which the first document of this machine was made here. A copy from elsewhere has another time.
+//! - `number`: number of saves so far. `named`: the number in its own file when this document was saved, 0 if there was
+//!   none.
+//! - `in_question`: something did not fit, and no operator has armed since.
+//!
+//! # Which file is older
+//! The writer saves the document first, then the number. The number is saved with each state (every 8 s, and at the
+//! end), but not with each promise. Therefore a promise costs one file.
+//!
+//! | event | number in its file | result of the next start |
+//! |---|---|---|
+//! | killed before the document was saved | that of the document | fits |
+//! | killed between the two | less, but not less than `named` | fits |
+//! | killed after both | that of the document | fits |
+//! | the document is an older copy | greater | does not fit |
+//! | the number is an older copy | less than `named` | does not fit |
+//! | one of them is missing or damaged | none | does not fit, unless `named` is 0 |
+//!
+//! If both were replaced by an older pair, nothing here can detect it.
+
+use std::collections::BTreeMap;
+use std::io::{self, ErrorKind};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use serde_json::Value;
+
+use super::disk::{Disk, Files, refuse_what_others_may_write};
+use crate::fieldbus::explain::system;
+use isotherm_core::explained::Cause;
+use isotherm_core::quantity::Moment;
+
+pub(super) mod document;
+mod earlier;
+mod entry;
+mod file;
+mod names;
+pub(super) mod number;
+#[cfg(test)]
+mod tests;
+mod writer;
+
+use document::{DocumentRejection, Seal, VERSION};
+pub(in crate::gateway) use entry::{Entries, Entry, fits};
+pub(super) use file::StoreFile;
+pub(super) use names::{by_name, by_place};
+pub(in crate::gateway) use writer::{SaveResult, Writer};
+
+/// Consecutive failures with another cause before that cause is reported.
+const CHANGED_AFTER: u32 = 2;
+
+/// Reported cause of a failed save. `None` while saving works.
+pub(super) type DiskCause = Option<Cause<(ErrorKind, Option<i32>)>>;
+
+/// Records an error of the disk. Returns true if it must be reported: it is the first one, or its cause has changed.
+pub(super) fn is_news(known: &mut DiskCause, error: &io::Error) -> bool {
+    Cause::is_news(known, (error.kind(), error.raw_os_error()), CHANGED_AFTER)
+}
+
+/// Name of the document in events.
+pub(in crate::gateway) const WHAT: &str = "the state";
+
+/// Content of a document.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(in crate::gateway) struct Content {
+    /// State as it was saved. `None` before the first save.
+    pub(in crate::gateway) state: Option<Value>,
+    /// Entries of the outputs, by name.
+    pub(in crate::gateway) outputs: Entries,
+}
+
+/// Saved data of a machine as a run finds it, and the file for the next saves.
+pub(in crate::gateway) struct Opened {
+    /// Content of the document, `None` if there is none. The error is a sentence: the document is not accepted.
+    pub(in crate::gateway) found: Result<Option<Content>, String>,
+    /// Layout of the files of an earlier version of the program, and a clause about them.
+    pub(in crate::gateway) earlier: Option<(u32, String)>,
+    /// Whether this is the first run: no earlier run has left anything in the directory.
+    pub(in crate::gateway) is_first: bool,
+    pub(in crate::gateway) file: StoreFile,
+}
+
+/// Documents in a directory, before they are compared with the number.
+struct FoundDocuments {
+    /// Each file, and the ending that it gets if a document of this version replaces it.
+    files: Vec<(PathBuf, &'static str)>,
+    layout: u32,
+    seal: Option<Seal>,
+    content: Result<Option<Content>, DocumentRejection>,
+}
+
+/// Path of the document.
+pub(in crate::gateway) fn path(directory: &Path, machine: &str) -> PathBuf {
+    directory.join(format!("{machine}.state.json"))
+}
+
+/// Content of the document on disk. `None` if there is none, or if it is damaged. It is not compared with its number.
+pub(in crate::gateway) fn content(directory: &Path, machine: &str) -> Option<Content> {
+    let read = read(&Files, &path(directory, machine), |bytes| document::read(bytes, machine));
+    read.ok().flatten().map(|(_, content)| content)
+}
+
+/// Opens the saved data of a machine. `has_logs`: a run has left its logs here.
+pub(in crate::gateway) fn open(
+    disk: &Arc<dyn Disk>,
+    (directory, machine): (&Path, &str),
+    has_logs: bool,
+    now: Moment,
+) -> Opened {
+    let document = path(directory, machine);
+    let FoundDocuments { mut files, layout, seal, content } = find_documents(&**disk, directory, machine);
+    let (number_path, number) = number::read_number(&**disk, directory, machine);
+    let known = number.as_ref().ok().copied().flatten();
+    let is_first = matches!((&content, &number), (Ok(None), Ok(None))) && !has_logs;
+    let content = content.and_then(|content| {
+        let seal = seal.as_ref().filter(|_| content.is_some());
+        let why = number.map_or_else(Some, |number| number::assess(seal, number, has_logs));
+        why.map_or(Ok(content), |why| Err(DocumentRejection::Because(why)))
+    });
+    let is_of_a_later_version = matches!(content, Err(DocumentRejection::Later(_)));
+    let is_earlier = layout < VERSION && matches!(content, Ok(Some(_)));
+    if content.is_err() {
+        files.push((number_path.clone(), ""));
+    }
+    let beside = |(path, replaced): (PathBuf, &str)| {
+        let first = match &content {
+            Err(_) => path.with_added_extension("bad"),
+            Ok(_) => path.with_extension(replaced),
+        };
+        let free = free(&**disk, first);
+        (path, free)
+    };
+    let is_kept_aside = !is_of_a_later_version && (content.is_err() || is_earlier);
+    let files = files.into_iter().filter(|(path, _)| is_kept_aside && disk.has(path));
+    let aside: Vec<(PathBuf, PathBuf)> = files.map(beside).collect();
+    let names: Vec<String> = aside.iter().map(|(_, beside)| beside.display().to_string()).collect();
+    let names = names.join(" and ");
+    let kept =
+        if names.is_empty() { String::new() } else { format!("; the rejected files are kept as {names}") };
+    let since = known.map(|known| known.since).or(seal.as_ref().map(|seal| seal.since)).unwrap_or(now);
+    let of_here = seal.as_ref().filter(|seal| seal.since == since);
+    let named = known.map_or(0, |known| known.number);
+    let is_in_question = content.is_err() || seal.as_ref().is_some_and(|seal| seal.in_question);
+    let seal = Seal {
+        machine: machine.to_owned(),
+        since,
+        number: of_here.map_or(named, |seal| seal.number.max(named)),
+        named,
+        ..Seal::default()
+    };
+    let found = content.map(|content| {
+        // A run that could write nothing at its start may have left writes that can still arrive.
+        let is_begun = number_path != number::path(directory, machine);
+        content.map(|content| if is_begun { content.not_in_order() } else { content })
+    });
+    let found =
+        found.map_err(|why| format!("the saved state {} is rejected: {why}{kept}", document.display()));
+    let earlier = is_earlier.then(|| (layout, format!("the earlier files are kept as {names}")));
+    let file = StoreFile {
+        disk: Arc::clone(disk),
+        document,
+        number: number::path(directory, machine),
+        seal,
+        question: OpenQuestion(Arc::new(AtomicBool::new(is_in_question))),
+        state: Vec::new(),
+        outputs: BTreeMap::new(),
+        aside,
+        former: if is_earlier { earlier::ledgers(directory, machine).to_vec() } else { Vec::new() },
+        is_number_due: true,
+        is_of_a_later_version,
+    };
+    Opened { found, earlier, is_first, file }
+}
+
+impl Content {
+    /// Marks the content as left by a run that did not end in order.
+    pub(super) fn not_in_order(mut self) -> Content {
+        self.outputs.values_mut().for_each(|entry| entry.kept.in_order = false);
+        self
+    }
+}
+
+fn find_documents(disk: &dyn Disk, directory: &Path, machine: &str) -> FoundDocuments {
+    let document = path(directory, machine);
+    let read = read(disk, &document, |bytes| document::read(bytes, machine));
+    let (seal, content) = match read {
+        Ok(None) | Err(DocumentRejection::Earlier(_)) => {
+            return earlier::find_documents(disk, directory, machine);
+        }
+        Ok(Some((seal, content))) => (Some(seal), Ok(Some(content))),
+        Err(unfit) => (None, Err(unfit)),
+    };
+    FoundDocuments { files: vec![(document, "")], layout: VERSION, seal, content }
+}
+
+/// Reads a file. Returns `None` if it does not exist.
+fn read<T>(
+    disk: &dyn Disk,
+    path: &Path,
+    of: impl FnOnce(&[u8]) -> Result<T, DocumentRejection>,
+) -> Result<Option<T>, DocumentRejection> {
+    match disk.read(path) {
+        Ok(bytes) => of(&bytes).map(Some),
+        Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => Ok(None),
+        Err(error) => Err(DocumentRejection::Because(system(&error))),
+    }
+}
+
+/// Returns this path if it is free, otherwise the path with the first number that is free.
+fn free(disk: &dyn Disk, first: PathBuf) -> PathBuf {
+    let numbered = |number: u32| match number {
+        1 => first.clone(),
+        number => first.with_added_extension(number.to_string()),
+    };
+    // An endless series contains a free path.
+    (1..).map(numbered).find(|path| !disk.has(path)).unwrap_or(first.clone())
+}
+
+/// Checks that a gateway may start with the content of its directory.
+///
+/// # Errors
+/// A later version of the program has written the content, or every user may write to it. The error is a sentence with
+/// the remedy.
+pub(in crate::gateway) fn may_start(disk: &dyn Disk, directory: &Path, machine: &str) -> Result<(), String> {
+    let document = path(directory, machine);
+    let [ledger, begun] = earlier::ledgers(directory, machine);
+    for path in [directory, &document, &number::path(directory, machine), &ledger, &begun] {
+        refuse_what_others_may_write(path)?;
+    }
+    match read(disk, &document, |bytes| document::read(bytes, machine)) {
+        Err(DocumentRejection::Later(found)) => Err(format!(
+            "the saved state {} was written by a later version of this program (layout {found}, this one \
+             knows up to {VERSION}). Run that version, or move the file away and let the operator arm the \
+             axes",
+            document.display()
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// Whether something did not fit and no operator has armed since. The writer and the axes share it.
+#[derive(Clone, Debug, Default)]
+pub(in crate::gateway) struct OpenQuestion(Arc<AtomicBool>);
+
+impl OpenQuestion {
+    pub(in crate::gateway) fn is_open(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+
+    pub(in crate::gateway) fn open(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
+    /// Closes the question, because an operator has armed.
+    pub(in crate::gateway) fn close(&self) {
+        self.0.store(false, Ordering::Relaxed);
+    }
+}
