@@ -14,14 +14,15 @@ mod source;
 
 /// Allowed imports between the modules of a crate, which Cargo cannot check. A name after `::` restricts the import to
 /// that part of the module. `src/lib.rs` and `crates/core/src/lib.rs` contain the same as a drawing.
-const ARROWS: [(&str, &str, &[&str]); 20] = [
+const ARROWS: [(&str, &str, &[&str]); 21] = [
     ("crates/core", "border", &[]),
     ("crates/core", "quantity", &[]),
     ("crates/core", "reading", &["quantity"]),
     ("crates/core", "codec", &["quantity", "reading"]),
     ("crates/core", "compensation", &["border", "quantity", "reading"]),
     ("crates/core", "continuity", &["quantity"]),
-    ("crates/core", "output", &["quantity"]),
+    ("crates/core", "events", &[]),
+    ("crates/core", "output", &["events", "quantity"]),
     ("crates/core", "display", &["compensation", "output", "quantity"]),
     ("crates/core", "explained", &[]),
     ("crates/core", "namespaces", &[]),

@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! quantity ← reading ← { codec, compensation }      units, values with their age and quality
-//! quantity ← output                                 from a decision to the next action on a register
+//! { quantity, events } ← output                     from a decision to the next action on a register
 //! ```
 //!
 //! - [`border`] — catches panics of foreign code.
@@ -13,6 +13,7 @@
 //! - [`compensation`] — the first pure step: from a snapshot of readings to a decision for each axis.
 //! - [`output`] — the second pure step: from a decision and the register value to the next exchange.
 //! - [`continuity`] — whether the device that answers is the one that was verified.
+//! - [`events`] — the catalogue of events: kinds, levels, alarms, meanings and hints.
 //! - [`explained`] — cause and hint of a fault.
 //! - [`namespaces`] — the OPC UA namespaces that a profile names by index, and their current index on the server.
 //! - [`place`] — places of outputs and signals, and their changes since the last run.
@@ -23,6 +24,7 @@ pub mod codec;
 pub mod compensation;
 pub mod continuity;
 pub mod display;
+pub mod events;
 pub mod explained;
 pub mod namespaces;
 pub mod output;

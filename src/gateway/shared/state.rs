@@ -217,8 +217,7 @@ impl GatewayState {
         true
     }
 
-    /// Records the outputs that may be written from now on. Returns true if the saved state says of one of them that it
-    /// was only read.
+    /// Records the outputs that may be written from now on. Returns true if one of them was only read before.
     fn notes_driven(&mut self) -> bool {
         let GatewayState { places, arming, outputs, given, .. } = self;
         let is_driven = |id: OutputId| {
@@ -248,8 +247,7 @@ impl GatewayState {
         self.phase.stop() == Some(OnStop::FaultAction)
     }
 
-    /// Updates the control of each axis whose outputs, arming or probing may have changed. Returns true if such an axis
-    /// must be stepped at once.
+    /// Updates the control of each axis with news. Returns true if such an axis must be stepped at once.
     fn refresh_controls(&mut self, given: &RunConfig, now: Moment) -> bool {
         let RunConfig { profile, dry_run, .. } = given;
         let mut is_urgent = false;

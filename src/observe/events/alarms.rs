@@ -6,8 +6,10 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
+use serde_json::Value;
 
-use super::{Broker, Comparison, Delivery, Entry, Event, Level, PagePort, StandIn};
+use super::journal::Entry;
+use isotherm_core::events::{EventKind, Level};
 
 /// Alarm that has begun and not ended.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -55,8 +57,12 @@ pub struct Change {
 pub(super) struct Alarms(BTreeMap<String, Alarm>);
 
 impl Alarms {
-    pub(super) fn note(&mut self, event: &Event, entry: &Entry) -> Change {
-        let (raised, mut ended) = event.about();
+    /// Raises and ends the alarms of an event, as the catalogue says.
+    pub(super) fn note(&mut self, kind: EventKind, entry: &Entry) -> Change {
+        let raised = kind.raises().filter(|_| entry.level != Level::Info);
+        let ends: &[&str] = if raised.is_some() { &[] } else { kind.ends() };
+        let raised = raised.map(|alarm| id_of(alarm, &entry.data));
+        let mut ended: Vec<String> = ends.iter().map(|alarm| id_of(alarm, &entry.data)).collect();
         ended.retain(|id| self.0.remove(id).is_some());
         if let Some(id) = raised.clone() {
             let field = |name: &str| entry.data.get(name).and_then(|value| value.as_str()).map(str::to_owned);
@@ -96,87 +102,21 @@ impl Alarms {
     }
 }
 
-impl Event {
-    /// Returns the alarm that this event raises, if any, and the alarms that it ends.
-    fn about(&self) -> (Option<String>, Vec<String>) {
-        let raises = |what: &str, name: &str| (Some(format!("{what} {name}")), Vec::new());
-        let ends =
-            |all: &[(&str, &str)]| (None, all.iter().map(|(what, name)| format!("{what} {name}")).collect());
-        match self {
-            Event::LinkDown { bus, .. } => raises("bus", bus),
-            Event::LinkUp { bus, .. } => ends(&[("bus", bus)]),
-            Event::BusTrouble { bus, .. } => raises("trouble of bus", bus),
-            Event::BusWell { bus, .. } => ends(&[("trouble of bus", bus)]),
-            Event::DeviceLost { device, .. } => raises("device", device),
-            Event::DeviceBack { device, .. } => ends(&[("device", device)]),
-            Event::NotAsExpected { device, .. } => raises("settings of device", device),
-            Event::AsExpected { device } => ends(&[("settings of device", device)]),
-            Event::Emergency { device, .. } => raises("emergency of device", device),
-            Event::EmergencyOver { device, .. } => ends(&[("emergency of device", device)]),
-            Event::SignalBad { signal, .. } => raises("signal", signal),
-            Event::SignalGood { signal, .. } => ends(&[("signal", signal)]),
-            // An axis that is switched off or stopped on purpose is no alarm.
-            Event::AxisState { axis, to, stopping, .. } => match *to {
-                "degraded" | "holding" | "ramping" | "zeroed" if !stopping => raises("axis", axis),
-                _ => ends(&[("axis", axis), ("level of axis", axis)]),
-            },
-            Event::Warned { axis, .. } => raises("level of axis", axis),
-            Event::BeyondError { axis, .. } => raises("model of axis", axis),
-            Event::ArmRefused { axis, .. } => raises("arming of axis", axis),
-            Event::Armed { axis, .. } => {
-                ends(&[("model of axis", axis), ("arming of axis", axis), ("belief in", "state and ledger")])
-            }
-            Event::WaitsToArm { axis, .. } | Event::ArmEnded { axis, .. } => {
-                ends(&[("arming of axis", axis)])
-            }
-            Event::Extrapolating { axis, .. } => raises("inputs of axis", axis),
-            Event::Interpolating { axis } => ends(&[("inputs of axis", axis)]),
-            Event::StandIn(StandIn::Taken { axis, signal, .. }) => {
-                raises("sensor of axis", &format!("{axis}: {signal}"))
-            }
-            Event::StandIn(StandIn::Over { axis, signal, .. }) => {
-                ends(&[("sensor of axis", &format!("{axis}: {signal}"))])
-            }
-            Event::Comparison(Comparison::Worse { axis, .. }) => raises("compensation of axis", axis),
-            Event::Comparison(Comparison::Over { axis }) => ends(&[("compensation of axis", axis)]),
-            Event::VerifyFailed { output, .. }
-            | Event::WriteFailed { output, .. }
-            | Event::ReadFailed { output, .. }
-            | Event::NotApplied { output, .. } => raises("output", output),
-            Event::HeartbeatFailed { device, .. } => raises("heartbeat at", device),
-            Event::HeartbeatWritten { device, .. } => ends(&[("heartbeat at", device)]),
-            Event::ForeignChange { output, .. } => raises("foreign write to", output),
-            Event::Verified { output, .. } => ends(&[("output", output), ("foreign write to", output)]),
-            Event::OutputMoved { output, .. } => raises("place of output", output),
-            Event::RegisterLeft { output, .. } => raises("former register of output", output),
-            Event::RegisterReleased { output, .. } => ends(&[("former register of output", output)]),
-            Event::PlaceConfirmed { output } => {
-                ends(&[("place of output", output), ("former register of output", output)])
-            }
-            Event::LedgerDoubt { output, .. } | Event::FirstAccount { output, .. } => {
-                raises("ledger of", output)
-            }
-            Event::LedgerOpened { output, .. } => ends(&[("ledger of", output)]),
-            Event::NotBelieved { .. } => raises("belief in", "state and ledger"),
-            Event::NotKept { what, .. } => raises("keeping", what),
-            Event::KeptAgain { what } => ends(&[("keeping", what)]),
-            Event::TaskFailed { task, .. } => raises("task", task),
-            Event::Page(PagePort::Closed { listen, .. }) => raises("page at", listen),
-            Event::Page(PagePort::Open { listen }) => ends(&[("page at", listen)]),
-            Event::Broker(Broker::Down { broker, .. }) => raises("broker", broker),
-            Event::Broker(Broker::Up { broker, .. }) => ends(&[("broker", broker)]),
-            Event::Delivery(Delivery::Failed { notify, .. }) => raises("messages of", notify),
-            Event::Delivery(Delivery::Back { notify, .. }) => ends(&[("messages of", notify)]),
-            #[cfg(feature = "opcua")]
-            Event::Certificate(expiry) => raises("certificate", &expiry.name()),
-            _ => (None, Vec::new()),
-        }
-    }
+/// Subject of an alarm. `{axis}` in its pattern is replaced by the field `axis` of the event's data.
+fn id_of(pattern: &str, data: &Value) -> String {
+    let parts = pattern.split(['{', '}']).enumerate();
+    parts
+        .map(|(place, part)| match place % 2 {
+            0 => part,
+            _ => data[part].as_str().unwrap_or_default(),
+        })
+        .collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::observe::events::Event;
     use isotherm_core::explained::Explained;
     use isotherm_core::quantity::Moment;
 
@@ -195,7 +135,8 @@ mod tests {
     #[test]
     fn an_alarm_stands_until_its_end_and_one_that_is_raised_anew_was_not_seen() {
         let mut alarms = Alarms::default();
-        let note = |alarms: &mut Alarms, event: &Event| alarms.note(event, &event.entry(Moment::default()));
+        let note =
+            |alarms: &mut Alarms, event: &Event| alarms.note(event.kind(), &event.entry(Moment::default()));
         assert_eq!(note(&mut alarms, &bad()).raised.as_deref(), Some("signal bed"));
         note(&mut alarms, &state("holding", false));
         let ids = |alarms: &Alarms| alarms.all().into_iter().map(|alarm| alarm.id).collect::<Vec<_>>();
@@ -230,10 +171,10 @@ mod tests {
         };
         let (begun, later) = (Moment::default(), Moment::from_nanos(60_000_000_000));
         let refused = down("is the port right?", "nothing listens there");
-        alarms.note(&refused, &refused.entry(begun));
+        alarms.note(refused.kind(), &refused.entry(begun));
         alarms.acknowledge(None, &seen("a"));
         let untrusted = down("put it into `tls.ca`", "its certificate is not trusted");
-        alarms.note(&untrusted, &untrusted.entry(later));
+        alarms.note(untrusted.kind(), &untrusted.entry(later));
         let [alarm] = &alarms.all()[..] else { panic!("{alarms:?}") };
         assert_eq!(alarm.cause.as_deref(), Some("its certificate is not trusted"));
         let hint = Some("put it into `tls.ca`");
@@ -253,7 +194,7 @@ mod tests {
         for (event, count) in
             [(state("holding", false), 1), (state("ramping", true), 0), (state("zeroed", true), 0)]
         {
-            alarms.note(&event, &event.entry(Moment::default()));
+            alarms.note(event.kind(), &event.entry(Moment::default()));
             assert_eq!(alarms.all().len(), count, "{event:?}");
         }
     }

@@ -4,7 +4,8 @@ use isotherm_core::quantity::Moment;
 use serde::Serialize;
 
 use super::data::in_text;
-use super::{EventDescription, error, warning};
+use super::description::{EventDescription, caused};
+use isotherm_core::events::EventKind;
 use isotherm_core::explained::Explained;
 
 /// A certificate that has expired or expires soon.
@@ -73,14 +74,7 @@ impl Expiry {
     }
 
     pub(super) fn described(&self) -> EventDescription {
-        match self.is_over {
-            true => error("certificate-expired", format!("bus {}", self.bus), self.explained()),
-            false => warning("certificate-expires", format!("bus {}", self.bus), self.explained()),
-        }
-    }
-
-    /// Name by which the alarm is acknowledged.
-    pub(super) fn name(&self) -> String {
-        format!("{} of bus {}", self.file, self.bus)
+        let kind = if self.is_over { EventKind::CertificateExpired } else { EventKind::CertificateExpires };
+        caused(format!("bus {}", self.bus), self.explained()).of(kind)
     }
 }

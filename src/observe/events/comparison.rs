@@ -2,7 +2,8 @@
 
 use serde::Serialize;
 
-use super::{EventDescription, error, info};
+use super::description::{EventDescription, caused, plain};
+use isotherm_core::events::EventKind;
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Micron;
 
@@ -44,24 +45,21 @@ pub(crate) fn found_worse(touches: usize, with: Micron, without: Micron) -> Stri
     format!("the model is worse than no compensation: {shown}")
 }
 
+/// Hint for an axis whose Cz goes to zero meanwhile.
+const RAMPS: &str = "Cz goes to zero until touches show that the model is better; identify the model again";
+
 impl Comparison {
     pub(super) fn described(&self) -> EventDescription {
         match self {
             Comparison::Worse { axis, touches, without, with, ramps } => {
-                let hint = match ramps {
-                    true => {
-                        "Cz goes to zero until touches show that the model is better; identify the model \
-                         again"
-                    }
-                    false => "identify the model again, or disarm the axis",
-                };
                 let cause = found_worse(*touches, *with, *without);
-                error("worse", format!("axis {axis}"), Explained::new(cause, hint))
+                let why = if *ramps { Explained::new(cause, RAMPS) } else { cause.into() };
+                caused(format!("axis {axis}"), why).of(EventKind::Worse)
             }
-            Comparison::Over { axis } => info(
-                "worse-over",
-                format!("axis {axis}: the model is not worse than no compensation any more"),
-            ),
+            Comparison::Over { axis } => {
+                plain(format!("axis {axis}: the model is not worse than no compensation any more"))
+                    .of(EventKind::WorseOver)
+            }
         }
     }
 }

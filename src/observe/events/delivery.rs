@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
-use super::{EventDescription, info, warning};
-use isotherm_core::explained::Explained;
+use super::description::{EventDescription, caused, plain};
+use isotherm_core::events::EventKind;
 use isotherm_profile::counted;
 
 /// State of the messages to one server.
@@ -42,30 +42,19 @@ pub enum Delivery {
 impl Delivery {
     pub(super) fn described(&self) -> EventDescription {
         match self {
-            Delivery::Failed { notify, to, why } => warning(
-                "notify-failed",
-                format!("{notify}: a message to {to} has not arrived"),
-                Explained::new(
-                    why.as_str(),
-                    "does the server run, are `url` and token right? The gateway tries a few times more, and \
-                     the compensation continues",
-                ),
-            ),
-            Delivery::Back { notify, to, attempts } => info(
-                "notify-back",
-                format!(
-                    "{notify}: messages to {to} arrive again, after {} that failed",
-                    counted(attempts, "attempt")
-                ),
-            ),
-            Delivery::Dropped { notify, to, count } => warning(
-                "notify-dropped",
-                notify.as_str(),
-                Explained::new(
-                    format!("dropped {} to {to}", counted(count, "message")),
-                    "`isotherm events` shows what happened",
-                ),
-            ),
+            Delivery::Failed { notify, to, why } => {
+                caused(format!("{notify}: a message to {to} has not arrived"), why)
+                    .of(EventKind::NotifyFailed)
+            }
+            Delivery::Back { notify, to, attempts } => {
+                let attempts = counted(attempts, "attempt");
+                plain(format!("{notify}: messages to {to} arrive again, after {attempts} that failed"))
+                    .of(EventKind::NotifyBack)
+            }
+            Delivery::Dropped { notify, to, count } => {
+                caused(notify, format!("dropped {} to {to}", counted(count, "message")))
+                    .of(EventKind::NotifyDropped)
+            }
         }
     }
 

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::Entry;
+use super::journal::Entry;
 use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::safe_file::{self, without_numbers};
 

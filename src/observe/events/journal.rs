@@ -7,9 +7,10 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use serde::{Deserialize, Serialize};
 
-use super::alarms::Alarms;
-use super::{Acknowledgement, Alarm, Change, Event, Level};
+use super::alarms::{Acknowledgement, Alarm, Alarms, Change};
+use super::event::Event;
 use crate::clock::Clock;
+use isotherm_core::events::Level;
 use isotherm_core::quantity::Moment;
 
 /// Number of events that are shown.
@@ -119,15 +120,15 @@ impl Journal {
         let at = self.clock.stamp(at);
         let entry = event.entry(at);
         let (kind, text) = (event.kind(), &entry.text);
-        debug_assert!(isotherm_profile::TRIGGERS.contains(&kind), "{kind} is not among what can be posted");
+        let name = kind.name();
         match entry.level {
-            Level::Info => tracing::info!(kind, "{text}"),
-            Level::Warning => tracing::warn!(kind, "{text}"),
-            Level::Error => tracing::error!(kind, "{text}"),
+            Level::Info => tracing::info!(kind = name, "{text}"),
+            Level::Warning => tracing::warn!(kind = name, "{text}"),
+            Level::Error => tracing::error!(kind = name, "{text}"),
         }
         let mut pages = self.pages();
-        *pages.counts.entry(kind).or_default() += 1;
-        let change = pages.alarms.note(event, &entry);
+        *pages.counts.entry(name).or_default() += 1;
+        let change = pages.alarms.note(kind, &entry);
         if let Some(listener) = &self.listener {
             listener(ReportedEvent { event, entry: &entry, change: &change });
         }

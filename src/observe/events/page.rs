@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
-use super::{EventDescription, error, info, warning};
-use isotherm_core::explained::Explained;
+use super::description::{EventDescription, caused, plain};
+use isotherm_core::events::EventKind;
 
 /// State of the page that the profile requires.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -26,16 +26,13 @@ pub enum PagePort {
 impl PagePort {
     pub(super) fn described(&self) -> EventDescription {
         match self {
-            PagePort::Closed { listen, why } => warning(
-                "page-closed",
-                format!("the page cannot listen on {listen} (another address: --listen)"),
-                Explained::new(
-                    why.as_str(),
-                    "free the address or name another one; the gateway tries again every ten seconds, and \
-                     the compensation continues",
-                ),
-            ),
-            PagePort::Open { listen } => info("page-open", format!("the page listens on {listen}")),
+            PagePort::Closed { listen, why } => {
+                caused(format!("the page cannot listen on {listen} (another address: --listen)"), why)
+                    .of(EventKind::PageClosed)
+            }
+            PagePort::Open { listen } => {
+                plain(format!("the page listens on {listen}")).of(EventKind::PageOpen)
+            }
         }
     }
 }
@@ -61,18 +58,13 @@ pub enum PageToken {
 impl PageToken {
     pub(super) fn described(&self) -> EventDescription {
         match self {
-            PageToken::Changed { role } => info(
-                "token-changed",
-                format!("the {role}'s token has changed; sessions with the old token have ended"),
-            ),
-            PageToken::Gone { role, why } => error(
-                "token-gone",
-                format!("the {role}'s token is not valid any more"),
-                Explained::new(
-                    why.as_str(),
-                    "`isotherm token --out FILE` makes a token file that only its owner can read",
-                ),
-            ),
+            PageToken::Changed { role } => {
+                plain(format!("the {role}'s token has changed; sessions with the old token have ended"))
+                    .of(EventKind::TokenChanged)
+            }
+            PageToken::Gone { role, why } => {
+                caused(format!("the {role}'s token is not valid any more"), why).of(EventKind::TokenGone)
+            }
         }
     }
 }

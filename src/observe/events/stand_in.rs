@@ -5,7 +5,8 @@ use std::time::Duration;
 use serde::Serialize;
 
 use super::data::in_seconds;
-use super::{EventDescription, info, warning};
+use super::description::{EventDescription, caused, plain};
+use isotherm_core::events::EventKind;
 use isotherm_core::explained::Explained;
 use isotherm_profile::{counted, duration_text};
 
@@ -44,31 +45,26 @@ pub(crate) fn others(count: usize) -> String {
     counted(count, "other sensor")
 }
 
+/// Hint for a sensor that is suspected, and whose reading is used.
+const USED_MEANWHILE: &str =
+    "look at the sensor, its cable and its channel; the axis uses its reading meanwhile";
+
 impl StandIn {
     pub(super) fn described(&self) -> EventDescription {
         match self {
             StandIn::Taken { axis, signal, frozen, span, others: count } => {
-                let (kind, is) = if *frozen { ("frozen", "frozen") } else { ("stood-in", "lost") };
-                let span = duration_text(Duration::from_secs(span.as_secs()));
-                let (taken, hint) = match count {
-                    Some(count) => (
-                        format!("replaced by a stand-in from {}", others(*count)),
-                        "look at the sensor, its cable and its channel; the axis uses the sensor's own \
-                         reading again by itself",
-                    ),
-                    None => (
-                        "and not replaced by a stand-in".to_owned(),
-                        "look at the sensor, its cable and its channel; the axis uses its reading meanwhile",
-                    ),
+                let (kind, is) =
+                    if *frozen { (EventKind::Frozen, "frozen") } else { (EventKind::StoodIn, "lost") };
+                let is = format!("{signal} {is} for {}", duration_text(Duration::from_secs(span.as_secs())));
+                let why = match count {
+                    Some(count) => format!("{is}, replaced by a stand-in from {}", others(*count)).into(),
+                    None => Explained::new(format!("{is}, and not replaced by a stand-in"), USED_MEANWHILE),
                 };
-                let cause = format!("{signal} {is} for {span}, {taken}");
-                warning(kind, format!("axis {axis}"), Explained::new(cause, hint))
+                caused(format!("axis {axis}"), why).of(kind)
             }
-            StandIn::Over { axis, signal, accepted: true } => {
-                info("stand-in-over", format!("axis {axis}: {signal} is accepted again"))
-            }
-            StandIn::Over { axis, signal, accepted: false } => {
-                info("stand-in-over", format!("axis {axis}: {signal} is not replaced by a stand-in any more"))
+            StandIn::Over { axis, signal, accepted } => {
+                let is = if *accepted { "accepted again" } else { "not replaced by a stand-in any more" };
+                plain(format!("axis {axis}: {signal} is {is}")).of(EventKind::StandInOver)
             }
         }
     }

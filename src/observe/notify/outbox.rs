@@ -14,11 +14,6 @@ use isotherm_profile::{ALARM, ALARM_OVER, AXIS_OFF, CLOCK, Notify, UNVERIFIED};
 /// Maximum number of waiting messages. Beyond that, the oldest ones are dropped, because the newest ones are the most
 /// useful.
 const MOST: usize = 100;
-/// Kinds of events for the word "unverified" of the profile.
-const OF_UNVERIFIED: [&str; 5] =
-    ["verify-failed", "write-failed", "read-failed", "not-applied", "not-read-back"];
-/// Kinds of events for the word "clock" of the profile.
-const OF_THE_CLOCK: [&str; 2] = ["clock-set", "clock-doubtful"];
 
 /// Queue of one server.
 pub struct Outbox {
@@ -104,8 +99,7 @@ impl Outbox {
             ALARM => change.raised.is_some(),
             ALARM_OVER => !change.ended.is_empty(),
             AXIS_OFF => loses_its_axis(event),
-            UNVERIFIED => OF_UNVERIFIED.contains(&entry.kind.as_ref()),
-            CLOCK => OF_THE_CLOCK.contains(&entry.kind.as_ref()),
+            word @ (UNVERIFIED | CLOCK) => event.kind().word() == Some(word),
             kind => entry.kind == kind,
         })
     }

@@ -11,7 +11,7 @@ pub struct FormerRegisterStatus {
     pub output: String,
     /// Register, unit and line.
     pub register: String,
-    /// State of the release: `left`, `asked` or `returning`.
+    /// State of the release: `left`; `asked` (released, the gateway has not been restarted); or `returning`.
     pub state: ReleaseProgress,
     /// Cz of the gateway in the register as last verified, µm.
     pub held_um: f64,

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::events::EventKind;
+
 /// Stage at which a handshake failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -21,15 +23,15 @@ pub enum HandshakeFault {
 }
 
 impl HandshakeFault {
-    /// Name for programs: label of the counter.
-    pub const fn kind(self) -> &'static str {
+    /// Kind of its event.
+    pub const fn kind(self) -> EventKind {
         match self {
-            HandshakeFault::AcknowledgeEarly => "acknowledge-early",
-            HandshakeFault::StrobeNotWritten => "strobe-not-written",
-            HandshakeFault::AcknowledgeMissing => "acknowledge-missing",
-            HandshakeFault::AcknowledgeNotRead => "acknowledge-not-read",
-            HandshakeFault::StrobeNotDropped => "strobe-not-dropped",
-            HandshakeFault::AcknowledgeStuck => "acknowledge-stuck",
+            HandshakeFault::AcknowledgeEarly => EventKind::AcknowledgeEarly,
+            HandshakeFault::StrobeNotWritten => EventKind::StrobeNotWritten,
+            HandshakeFault::AcknowledgeMissing => EventKind::AcknowledgeMissing,
+            HandshakeFault::AcknowledgeNotRead => EventKind::AcknowledgeNotRead,
+            HandshakeFault::StrobeNotDropped => EventKind::StrobeNotDropped,
+            HandshakeFault::AcknowledgeStuck => EventKind::AcknowledgeStuck,
         }
     }
 
@@ -46,21 +48,8 @@ impl HandshakeFault {
     }
 
     /// Hint for the operator.
-    pub const fn hint(self) -> &'static str {
-        match self {
-            HandshakeFault::AcknowledgeEarly | HandshakeFault::AcknowledgeStuck => {
-                "does the control's program drop the acknowledge when the strobe drops?"
-            }
-            HandshakeFault::AcknowledgeMissing => {
-                "does the control's program run, does it read this strobe? If so, raise `timeout` of the \
-                 handshake"
-            }
-            HandshakeFault::StrobeNotWritten
-            | HandshakeFault::StrobeNotDropped
-            | HandshakeFault::AcknowledgeNotRead => {
-                "is the control on, may the gateway read and write this address?"
-            }
-        }
+    pub fn hint(self) -> &'static str {
+        self.kind().hint().unwrap_or_default()
     }
 
     /// Returns whether the failure concerns the strobe, not the acknowledge.

@@ -11,6 +11,8 @@ use super::bus::tls::NamedFile;
 use crate::document::{Section, entries};
 use crate::host_port::is_loopback;
 use crate::source_map::element;
+use isotherm_core::events::EventKind;
+pub use isotherm_core::events::{CLOCK, UNVERIFIED};
 use url::Url;
 
 pub(crate) mod url;
@@ -25,30 +27,22 @@ pub const ALARM_OVER: &str = "alarm-over";
 /// Trigger: an axis that followed a model does not follow it any more, and the gateway is not being stopped.
 pub const AXIS_OFF: &str = "axis-off";
 
-/// Trigger: the register value is not the written one, or is unknown.
-pub const UNVERIFIED: &str = "unverified";
-/// Trigger: the time of this computer differs from the expected one.
-pub const CLOCK: &str = "clock";
+/// Triggers that are no kinds of events.
+const WORDS: [&str; 5] = [ALARM, ALARM_OVER, AXIS_OFF, UNVERIFIED, CLOCK];
 
-/// Words for `on`: the five words above, and every kind of event. The words that most profiles need come first, because
-/// the message on an unknown word shows only the first part of the list.
-#[rustfmt::skip]
-pub const TRIGGERS: [&str; 116] = [
-    ALARM, ALARM_OVER, AXIS_OFF, UNVERIFIED, CLOCK, "axis-state", "disarmed", "armed", "arm-refused", "arm-ended",
-    "waits-to-arm", "goes-on", "device-lost", "device-back", "link-down", "link-up", "bus-trouble", "bus-well", "signal-bad",
-    "signal-good", "write-failed", "read-failed", "verify-failed", "verified", "not-applied", "foreign-change", "heartbeat-failed",
-    "heartbeat-written", "cnc-restarted", "cnc-booted", "extrapolating", "interpolating", "model-ages", "worse", "worse-over", "at-limit", "warned",
-    "beyond-error", "saturated", "frozen", "stood-in", "stand-in-over", "clock-set", "clock-doubtful", "certificate-expires",
-    "certificate-expired", "task-failed", "not-as-expected", "as-expected", "emergency", "emergency-over", "node-reset",
-    "interlocked", "released", "output-moved", "register-left", "register-released", "place-confirmed", "reference-forgotten", "namespace-recorded", "namespace-moved", "position-from-zero", "ledger-doubt", "first-account", "ledger-opened", "operator-change", "own-write-late",
-    "perhaps-from-before", "waits-for-late-write", "not-read-back", "acknowledge-early", "acknowledge-missing",
-    "acknowledge-not-read", "acknowledge-stuck", "strobe-not-written", "strobe-not-dropped", "probed", "probe-refused",
-    "probe-forgotten", "sign-checked", "sign-ended", "rereferenced", "machine-started", "zeroed", "overrun",
-    "pipeline-given-up", "subscription", "stood-still", "started", "stopping", "stopped", "template-changed", "not-exclusive", "not-kept",
-    "kept-again", "not-believed", "handover-refused", "profile-differs", "taken-from-earlier", "events-lost", "events-full", "logs-deleted", "page-closed",
-    "page-open", "token-changed", "token-gone", "notify-failed", "notify-back", "notify-dropped", "broker-down", "broker-up", "broker-dropped", "broker-not-kept", "command",
-    "command-refused", "command-dropped",
-];
+/// Words for `on`: the five words above, and every kind of event of the catalogue.
+pub const TRIGGERS: [&str; WORDS.len() + EventKind::ALL.len()] = {
+    let mut all = [""; WORDS.len() + EventKind::ALL.len()];
+    let mut place = 0;
+    while place < all.len() {
+        all[place] = match place.checked_sub(WORDS.len()) {
+            None => WORDS[place],
+            Some(place) => EventKind::ALL[place].name(),
+        };
+        place += 1;
+    }
+    all
+};
 
 /// Server that receives messages about events.
 #[derive(Deserialize, JsonSchema)]

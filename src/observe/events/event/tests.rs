@@ -1,5 +1,4 @@
 use super::*;
-use crate::observe::events::{Broker, Delivery};
 
 /// Every event with a count, each with the count one.
 fn of_one() -> Vec<Event> {
@@ -22,9 +21,9 @@ fn of_one() -> Vec<Event> {
 fn one_of_something_has_no_plural() {
     for event in of_one() {
         let (kind, text) = (event.described().kind, event.described().text());
-        let (_, after) = text.split_once("1 ").unwrap_or_else(|| panic!("{kind}: {text}"));
+        let (_, after) = text.split_once("1 ").unwrap_or_else(|| panic!("{kind:?}: {text}"));
         let noun = after.split([' ', ';', ':', ',']).find(|word| !matches!(*word, "read" | "wrong"));
-        assert!(noun.is_some_and(|noun| !noun.ends_with('s')), "{kind}: {text}");
+        assert!(noun.is_some_and(|noun| !noun.ends_with('s')), "{kind:?}: {text}");
     }
 }
 
