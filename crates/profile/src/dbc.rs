@@ -10,12 +10,6 @@ use crate::error::allowed;
 use isotherm_core::border::beyond;
 use isotherm_core::codec::{BitField, BitKind, ByteOrder, CanId, CanMatch, Field, Selector};
 
-/// Error for a file on which the parser panicked.
-fn failed() -> Wrong {
-    let message = "this is not a readable DBC file: the parser failed".to_owned();
-    Wrong { at: None, message, help: "open and save it with an editor for DBC files".to_owned() }
-}
-
 /// Largest depth of nested multiplexers.
 const DEEPEST: usize = 8;
 
@@ -46,6 +40,13 @@ pub(crate) struct Wrong {
     pub(crate) help: String,
 }
 
+impl Wrong {
+    /// Creates a mistake without a position in the file.
+    fn about(message: impl Into<String>, help: impl Into<String>) -> Wrong {
+        Wrong { at: None, message: message.into(), help: help.into() }
+    }
+}
+
 impl DbcFile {
     /// Parses the bytes of a file in UTF-8 or Latin-1, which most editors write.
     ///
@@ -57,15 +58,15 @@ impl DbcFile {
             Err(other) => other.as_bytes().iter().map(|byte| char::from(*byte)).collect(),
         };
         let text = text.trim_start_matches('\u{feff}').to_owned();
+        let panicked = |_| {
+            let message = "this is not a readable DBC file: the parser failed";
+            Wrong::about(message, "open and save it with an editor for DBC files")
+        };
         let unreadable = |why: can_dbc::DbcError| {
             let why = why.to_string();
-            Wrong {
-                at: place(&why),
-                message: "this is no entry of a DBC file".to_owned(),
-                help: expected(&why),
-            }
+            Wrong { at: place(&why), ..Wrong::about("this is no entry of a DBC file", expected(&why)) }
         };
-        let dbc = beyond(|| Dbc::try_from(text.as_str())).map_err(|_| failed())?.map_err(unreadable)?;
+        let dbc = beyond(|| Dbc::try_from(text.as_str())).map_err(panicked)?.map_err(unreadable)?;
         Ok(DbcFile { dbc, text })
     }
 
@@ -80,20 +81,19 @@ impl DbcFile {
     /// # Errors
     /// The signal does not exist, or its frames or bits are not possible.
     pub(crate) fn signal(&self, name: &str, source: Option<u8>) -> Result<Described, Wrong> {
-        let about = |message: String, help: String| Wrong { at: None, message, help };
         let Some((message_name, signal_name)) = name.split_once('.') else {
             let help = format!("write \"Message.Signal\"; messages: {}", names(&self.dbc.messages));
-            return Err(about(format!("`{name}` names no message and signal"), help));
+            return Err(Wrong::about(format!("`{name}` names no message and signal"), help));
         };
         let Some(message) = self.dbc.messages.iter().find(|message| message.name == message_name) else {
             let known = self.dbc.messages.iter().map(|message| message.name.as_str());
             let help = allowed(message_name, known);
-            return Err(about(format!("the DBC file has no message `{message_name}`"), help));
+            return Err(Wrong::about(format!("the DBC file has no message `{message_name}`"), help));
         };
         let Some(signal) = message.signals.iter().find(|signal| signal.name == signal_name) else {
             let help = allowed(signal_name, message.signals.iter().map(|signal| signal.name.as_str()));
             let what = format!("message `{message_name}` of the DBC file has no signal `{signal_name}`");
-            return Err(about(what, help));
+            return Err(Wrong::about(what, help));
         };
         let frames = self.frames(message, source)?;
         let size = usize::try_from(message.size).unwrap_or(usize::MAX);
@@ -129,18 +129,14 @@ impl DbcFile {
         };
         match (is_group, id.is_extended()) {
             (false, _) => Ok(CanMatch::exactly(id)),
-            (true, true) => CanMatch::parameter_group(id.raw(), source).ok_or_else(|| Wrong {
-                at: None,
-                message: format!("{id} is no parameter group"),
-                help: "correct the DBC file".to_owned(),
-            }),
+            (true, true) => CanMatch::parameter_group(id.raw(), source)
+                .ok_or_else(|| Wrong::about(format!("{id} is no parameter group"), "correct the DBC file")),
             (true, false) => {
                 let message = format!(
                     "message `{}` has an identifier of 11 bits, but a J1939 parameter group has 29",
                     message.name
                 );
-                let help = "remove `source_address` of the device, or correct the DBC file".to_owned();
-                Err(Wrong { at: None, message, help })
+                Err(Wrong::about(message, "remove `source_address` of the device, or correct the DBC file"))
             }
         }
     }

@@ -10,7 +10,7 @@ use crate::source_map::SourceMap;
 use crate::wording::{allowing_line, counted};
 
 /// Error or warning in a profile.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct ProfileError {
     /// Name of the file, `environment ISOTHERM__…` or `--set key`.
     pub file: String,
@@ -132,18 +132,7 @@ impl ProfileError {
         message: impl Into<String>,
         help: Option<String>,
     ) -> ProfileError {
-        ProfileError {
-            file: file.into(),
-            line: None,
-            column: None,
-            key: String::new(),
-            message: message.into(),
-            help,
-            excerpt: None,
-            caret: 0,
-            more: 0,
-            allow_override: None,
-        }
+        ProfileError { file: file.into(), message: message.into(), help, ..ProfileError::default() }
     }
 }
 

@@ -355,7 +355,7 @@ impl Loader<'_> {
             // A copy of a large machine would need too much memory.
             merged = only;
         }
-        let mut checked = None;
+        let (mut profile, mut warnings) = (None, Findings::default());
         if !self.broken {
             let templates = template::fill(&mut merged, files, &mut self.spans, &mut self.errors);
             if let Some(own) = &own {
@@ -368,17 +368,14 @@ impl Loader<'_> {
             self.spans.mark_right("", &merged);
             // Consumed, so that a large machine is not in memory twice.
             match RawProfile::deserialize(merged) {
-                Ok(raw) => checked = Some(raw.check(&self.spans, path, files, &templates)),
+                Ok(raw) => {
+                    let checked = raw.check(&self.spans, path, files, &templates);
+                    self.errors.append(checked.errors);
+                    (profile, warnings) = (checked.profile, checked.warnings);
+                }
                 Err(why) => self.errors.push(ProfileError::about("the layers", why.to_string(), None)),
             }
         }
-        let (profile, warnings) = match checked {
-            Some(checked) => {
-                self.errors.append(checked.errors);
-                (checked.profile, checked.warnings)
-            }
-            None => (None, Findings::default()),
-        };
         if let Some(mut profile) = profile.filter(|_| self.errors.is_empty()) {
             profile.overridden = overridden;
             own.iter().for_each(|own| stated::by(own, &mut profile));

@@ -24,13 +24,8 @@ pub struct Overridden {
     /// File with line, `environment ISOTHERM__…`, or `--set key`.
     pub from: String,
     /// Whether the profile names the key in `allow_override`.
-    #[serde(skip_serializing_if = "is_not")]
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub allowed: bool,
-}
-
-#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde wants a reference")]
-fn is_not(allowed: &bool) -> bool {
-    !allowed
 }
 
 impl fmt::Display for Overridden {

@@ -74,23 +74,14 @@ impl SchemaCheck<'_> {
             }
             let path = child(path, name);
             self.spans.record(self.layer, &path, key.span(), value.span());
+            let at = key.span().start;
             let Some(inner) = inner else {
                 let words = known.into_iter().flat_map(Map::keys).map(String::as_str);
-                self.error(
-                    key.span().start,
-                    &path,
-                    format!("unknown key `{name}`"),
-                    Some(allowed(name, words)),
-                );
+                self.error(at, &path, format!("unknown key `{name}`"), Some(allowed(name, words)));
                 continue;
             };
             if name.contains(is_unseen) {
-                self.error(
-                    key.span().start,
-                    &path,
-                    format!("the name `{name}` {UNSEEN}"),
-                    Some(SEEN.to_owned()),
-                );
+                self.error(at, &path, format!("the name `{name}` {UNSEEN}"), Some(SEEN.to_owned()));
                 continue;
             }
             if let Some(value) = self.value(inner, &path, value) {
@@ -137,12 +128,8 @@ impl SchemaCheck<'_> {
             (found, _) => {
                 let help = described.get("description").or(schema.get("description")).and_then(Value::as_str);
                 let written = written(self.schema, schema, path, &found);
-                let help = written
-                    .into_iter()
-                    .chain(help.map(|help| help.replace('\n', " ")))
-                    .collect::<Vec<_>>()
-                    .join("; ");
-                let help = Some(help).filter(|help| !help.is_empty());
+                let help = written.into_iter().chain(help.map(|help| help.replace('\n', " ")));
+                let help = Some(help.collect::<Vec<_>>().join("; ")).filter(|help| !help.is_empty());
                 (wrong_type(&types(self.schema, schema), &found, is_duration), help)
             }
         };
@@ -154,12 +141,8 @@ impl SchemaCheck<'_> {
     fn list(&mut self, schema: &Value, path: &str, at: usize, items: DeArray<'_>) -> Option<Value> {
         self.spans.forget_inside(path);
         if items.len() > MOST_ITEMS {
-            self.error(
-                at,
-                path,
-                format!("{} entries: at most {MOST_ITEMS} are allowed here", items.len()),
-                None,
-            );
+            let message = format!("{} entries: at most {MOST_ITEMS} are allowed here", items.len());
+            self.error(at, path, message, None);
             return None;
         }
         let item_schema = schema.get("items").unwrap_or(&Value::Null);

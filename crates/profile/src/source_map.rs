@@ -226,27 +226,22 @@ impl SourceMap {
         help: Option<String>,
     ) -> ProfileError {
         let layer = self.layers.get(layer);
-        let (place, excerpt) = layer
-            .and_then(|layer| layer.locate(byte))
-            .map(|(line, column, excerpt)| ((line, column), excerpt))
-            .unzip();
-        let (line, column) = place.unzip();
-        let (excerpt, caret) = excerpt.unzip();
+        let located = layer.and_then(|layer| layer.locate(byte));
+        let (place, excerpt) = located.map(|(line, column, excerpt)| ((line, column), excerpt)).unzip();
+        let ((line, column), (excerpt, caret)) = (place.unzip(), excerpt.unzip());
         let help = match (self.notes.get(path), help) {
             (Some(note), Some(help)) => Some(format!("{note}; {help}")),
             (note, help) => help.or(note.cloned()),
         };
+        let file = layer.map(|layer| layer.name.clone()).unwrap_or_default();
+        let about = ProfileError::about(file, veiled(&message.into()), help);
         ProfileError {
-            file: layer.map(|layer| layer.name.clone()).unwrap_or_default(),
             line,
             column,
             key: path.to_owned(),
-            message: veiled(&message.into()).into_owned(),
-            help,
             excerpt,
             caret: caret.unwrap_or_default(),
-            more: 0,
-            allow_override: None,
+            ..about
         }
     }
 

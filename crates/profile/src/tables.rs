@@ -190,6 +190,11 @@ impl RawProfile {
     }
 }
 
+/// Resolves an optional part. `Some(None)` if it is not written; `None` if it has errors.
+fn optional<R, T>(raw: Option<R>, resolve: impl FnOnce(R) -> Option<T>) -> Option<Option<T>> {
+    raw.map_or(Some(None), |raw| resolve(raw).map(Some))
+}
+
 impl<T> Tables<T> {
     fn of<R>(kind: &'static str, raw: &BTreeMap<String, R>, spans: &SourceMap) -> Tables<T> {
         let mut names: Vec<String> = raw.keys().cloned().collect();
@@ -361,6 +366,12 @@ impl<'c> KeyContext<'c> {
         self.error(self.check.spans.at_value(&self.path, message, Some(help.into())));
     }
 
+    /// Reports an error at the value. Returns `None`.
+    fn reject<T>(&self, message: impl Into<String>, help: impl Into<String>) -> Option<T> {
+        self.invalid(message, help);
+        None
+    }
+
     /// Returns whether an error is only counted, because the limit of described errors is reached. It is counted here.
     fn is_enough(&self) -> bool {
         let mut errors = self.check.errors.borrow_mut();
@@ -379,9 +390,10 @@ impl<'c> KeyContext<'c> {
         self.error(self.check.spans.at_key(&self.path, message, Some(help.into())));
     }
 
-    /// Reports a missing key that this combination requires. If it has a wrong value, that has been reported already.
+    /// Reports a key that this combination requires, if it is missing. If it has a wrong value, that has been reported
+    /// already.
     fn missing(&self, message: impl Into<String>, help: impl Into<String>) {
-        if !self.is_written() {
+        if !self.is_written() && !self.check.spans.is_right(&self.path) {
             self.wrong_key(message, help);
         }
     }
@@ -463,8 +475,7 @@ impl<'c> KeyContext<'c> {
     fn duration(&self, raw: Option<Timespan>) -> Option<Duration> {
         let Timespan(span) = raw?;
         if span.is_zero() {
-            self.invalid("a duration of zero is not allowed here", "write a longer one, as \"1s\"");
-            return None;
+            return self.reject("a duration of zero is not allowed here", "write a longer one, as \"1s\"");
         }
         Some(span)
     }
@@ -475,8 +486,7 @@ impl<'c> KeyContext<'c> {
         if span < SHORTEST_PERIOD {
             let (short, shortest) = (shown(span), shown(SHORTEST_PERIOD));
             let message = format!("every {short} is too often: {shortest} is the shortest period");
-            self.invalid(message, "no device answers this fast; write \"10ms\" or longer");
-            return None;
+            return self.reject(message, "no device answers this fast; write \"10ms\" or longer");
         }
         Some(span)
     }
@@ -485,8 +495,7 @@ impl<'c> KeyContext<'c> {
     fn positive(&self, number: Option<f64>) -> Option<f64> {
         let number = number?;
         if number <= 0.0 {
-            self.invalid(format!("{number} is not above zero"), "write a number above zero");
-            return None;
+            return self.reject(format!("{number} is not above zero"), "write a number above zero");
         }
         Some(number)
     }

@@ -3,8 +3,8 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::KeyContext;
 use super::label::{self, labelled};
+use super::{KeyContext, optional};
 use crate::Profile;
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
@@ -212,10 +212,7 @@ impl RawAxis {
         }
         let levels = self.levels(at);
         let datum = self.datum(&at.key("datum"));
-        let probe = match &self.probe {
-            Some(probe) => probe.resolve(&at.key("probe"), self).map(Some),
-            None => Some(None),
-        };
+        let probe = optional(self.probe.as_ref(), |probe| probe.resolve(&at.key("probe"), self));
         // All models are checked, even after one with an error.
         let models: Vec<Option<Model>> =
             models.iter().enumerate().map(|(index, model)| model.resolve(&list.item(index))).collect();
@@ -316,12 +313,9 @@ impl FaultAction {
             FaultActionWord::Hold => Some(OnFault::Hold),
             FaultActionWord::Zero => Some(OnFault::Zero),
             FaultActionWord::Ramp => {
-                if self.after.is_none() {
-                    let help =
-                        "write how long the last value is kept before the ramp, as \"60s\" (\"0s\": at once)";
-                    at.key("after")
-                        .missing("`after` is missing: a ramp needs the time before it begins", help);
-                }
+                let help =
+                    "write how long the last value is kept before the ramp, as \"60s\" (\"0s\": at once)";
+                at.key("after").missing("`after` is missing: a ramp needs the time before it begins", help);
                 self.after.map(|Timespan(after)| OnFault::Ramp { after })
             }
         }

@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::quirks::{self, Quirks, RawQuirks};
-use super::{Check, KeyContext, sysfs};
+use super::{Check, KeyContext, optional, sysfs};
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
 use crate::host_port::host_and_port;
@@ -287,20 +287,13 @@ impl RawBus {
             BusType::Sysfs => (Transport::Sysfs, sysfs::root(at, self.address.as_ref())),
         };
         let late = self.late(&at.key("late"), timeout, transport.late(timeout));
-        let tls = self.tls.as_ref().filter(|_| kind == BusType::ModbusTcp).map(|tls| {
+        let tls = optional(self.tls.as_ref().filter(|_| kind == BusType::ModbusTcp), |tls| {
             // The files are checked even if the address is wrong.
             let host = address.as_deref().and_then(|address| host_and_port(address).ok());
             let host = host.map_or("localhost", |(host, _)| host);
             tls.resolve(&at.key("tls"), host)
-        });
-        let tls = match tls {
-            Some(tls) => Some(tls?),
-            None => None,
-        };
-        let opcua = match kind {
-            BusType::OpcUa => Some(opcua::resolve(self, at)?),
-            _ => None,
-        };
+        })?;
+        let opcua = if kind == BusType::OpcUa { Some(opcua::resolve(self, at)?) } else { None };
         let pipeline = self.pipeline(&at.key("pipeline"), quirks);
         let sync = self.sync.as_ref().filter(|_| kind == BusType::Can).and_then(|sync| {
             let every = at.key("sync").key("every").period(sync.every);
@@ -358,11 +351,9 @@ impl RawBus {
 
     fn host_and_port(&self, at: &KeyContext<'_>) -> Option<String> {
         let at = at.key("address");
-        let Some(address) = &self.address else {
-            let help = "write host and port, as \"192.168.0.10:502\"; 502 is Modbus TCP's usual port";
-            at.missing("`address` is missing: where is the line?", help);
-            return None;
-        };
+        let help = "write host and port, as \"192.168.0.10:502\"; 502 is Modbus TCP's usual port";
+        at.missing("`address` is missing: where is the line?", help);
+        let address = self.address.as_ref()?;
         if let Some((scheme, rest)) = address.split_once("://") {
             let host = rest.split(['/', '?']).next().unwrap_or_default();
             let host = match host_and_port(host) {
@@ -371,16 +362,14 @@ impl RawBus {
                 Err(why) => why.meant(USUAL).unwrap_or_else(|| EXAMPLE.to_owned()),
             };
             let help = format!("write host and port alone, as \"{host}\"; `type` sets the protocol");
-            at.invalid(format!("`{address}` is a URL (`{scheme}`), and no host and port"), help);
-            return None;
+            return at.reject(format!("`{address}` is a URL (`{scheme}`), and no host and port"), help);
         }
         let place = host_and_port(address);
         let host = place.as_ref().map_or(address.as_str(), |(host, _)| host);
         let is_numbers = host.contains('.') && host.chars().all(|c| c.is_ascii_digit() || c == '.');
         if is_numbers && host.parse::<std::net::Ipv4Addr>().is_err() {
             let help = "write four numbers of 0 to 255, as \"192.168.0.10:502\"";
-            at.invalid(format!("`{host}` is no address"), help);
-            return None;
+            return at.reject(format!("`{host}` is no address"), help);
         }
         let example = match place {
             Ok((_, Some(_))) => return Some(address.clone()),
@@ -392,23 +381,19 @@ impl RawBus {
         let help = help.unwrap_or_else(|| {
             format!("write host and port, as \"{example}\"; {USUAL} is Modbus TCP's usual port")
         });
-        at.invalid(format!("`{address}` is no host and port"), help);
-        None
+        at.reject(format!("`{address}` is no host and port"), help)
     }
 
     fn interface(&self, at: &KeyContext<'_>) -> Option<String> {
         let at = at.key("interface");
-        let Some(name) = &self.interface else {
-            let help = "write the network interface, as \"can0\"; `ip link` shows which there are";
-            at.missing("`interface` is missing: where is the line?", help);
-            return None;
-        };
+        let help = "write the network interface, as \"can0\"; `ip link` shows which there are";
+        at.missing("`interface` is missing: where is the line?", help);
+        let name = self.interface.as_ref()?;
         let is_plain = |c: char| c != '/' && !c.is_whitespace();
         if name.is_empty() || name.len() > LONGEST_NAME || !name.chars().all(is_plain) {
             let help = "write the name of the interface, as \"can0\": up to 15 characters; `ip link` shows \
                         which there are";
-            at.invalid(format!("`{name}` cannot be a network interface"), help);
-            return None;
+            return at.reject(format!("`{name}` cannot be a network interface"), help);
         }
         Some(name.clone())
     }

@@ -218,8 +218,7 @@ fn bits(
         _ => (matches!(length, 1..=64), "allowed: 1 to 64"),
     };
     if !fits_kind {
-        at.key("length").invalid(format!("a value cannot have {length} bits"), allowed);
-        return None;
+        return at.key("length").reject(format!("a value cannot have {length} bits"), allowed);
     }
     let field = BitField::new(start, length, order, kind);
     if let Some(field) = field.filter(|field| field.bytes() <= most) {
@@ -231,8 +230,7 @@ fn bits(
         CLASSIC => "bits are numbered from 0 to 63; write fd = true if it is a CAN FD frame",
         _ => "bits are numbered from 0 to 511",
     };
-    at.key("length").invalid(format!("the frame needs {needed} bytes, and has at most {most}"), help);
-    None
+    at.key("length").reject(format!("the frame needs {needed} bytes, and has at most {most}"), help)
 }
 
 /// Parses the object at this key: index and sub-index, for example "1800:05".
@@ -258,8 +256,7 @@ pub(super) fn object_type(at: &KeyContext<'_>, TypeWord(kind): TypeWord) -> Opti
         DataType::Bool => Some(DataType::unsigned(8)),
         DataType::Decimal24(_) => {
             let help = "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64";
-            at.invalid("decimal24 is a type of Modbus displays", help);
-            None
+            at.reject("decimal24 is a type of Modbus displays", help)
         }
         kind => Some(kind),
     }
@@ -275,9 +272,7 @@ pub(super) fn object(
 ) -> Option<Address> {
     needs_node(&at.key("sdo"), device);
     let entry = entry(&at.key("sdo"), sdo);
-    if kind.is_none() {
-        at.key("type").missing("`type` is missing: which type does the object have?", types);
-    }
+    at.key("type").missing("`type` is missing: which type does the object have?", types);
     let data_type = object_type(&at.key("type"), kind?)?;
     Some(Address::Object(Object { entry: entry?, data_type }))
 }

@@ -51,8 +51,7 @@ fn parse(at: &KeyContext<'_>, name: &str) -> Option<DbcFile> {
         (Ok(bytes), _) => bytes,
         (Err(_), Some(shipped)) => shipped.as_bytes().to_vec(),
         (Err(why), None) => {
-            at.invalid(why, "give the path of a DBC file beside the profile, as \"module.dbc\"");
-            return None;
+            return at.reject(why, "give the path of a DBC file beside the profile, as \"module.dbc\"");
         }
     };
     let report = |wrong: Wrong| {

@@ -336,11 +336,9 @@ impl RawDevice {
     /// Checks the unit of a Modbus device.
     fn unit(&self, at: &KeyContext<'_>, transport: Option<Transport>) -> Option<u8> {
         let at = at.key("unit");
-        if self.unit.is_none() {
-            let help = "write the unit identifier of the device, 0 to 255; a device that is alone at its \
-                        address often has 1 or 255";
-            at.missing("`unit` is missing", help);
-        }
+        let help = "write the unit identifier of the device, 0 to 255; a device that is alone at its address \
+                    often has 1 or 255";
+        at.missing("`unit` is missing", help);
         let over_rtu = matches!(transport, Some(Transport::Serial(_) | Transport::RtuOverTcp));
         if let Some(unit) = self.unit.filter(|unit| over_rtu && !(1..=247).contains(unit)) {
             let message = if unit == 0 {

@@ -92,8 +92,7 @@ impl RawHandshake {
             };
             let (Some(Address::Node(strobe)), Some(acknowledge)) = (strobe, acknowledge) else { return None };
             if strobe.id == acknowledge.id {
-                itself(&at_acknowledge, &strobe);
-                return None;
+                return itself(&at_acknowledge, &strobe);
             }
             let (strobe, acknowledge) = (Bit::Node(strobe), Bit::Node(acknowledge));
             return Some(Handshake { strobe, acknowledge, timeout: timeout? });
@@ -102,13 +101,11 @@ impl RawHandshake {
         let acknowledge = flag(&at_acknowledge, self.acknowledge.as_ref());
         if let Some(strobe) = strobe.filter(|strobe| !strobe.address.table.is_writable()) {
             let help = "write a coil or a holding register, as \"coil:20\" or \"holding:101\"";
-            at_strobe.invalid(format!("{} cannot be written", strobe.address), help);
-            return None;
+            return at_strobe.reject(format!("{} cannot be written", strobe.address), help);
         }
         let (strobe, acknowledge) = (strobe?, acknowledge?);
         if strobe.address == acknowledge.address {
-            itself(&at_acknowledge, &acknowledge.address);
-            return None;
+            return itself(&at_acknowledge, &acknowledge.address);
         }
         if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
             if strobe.address.table == Table::Coil && !device.functions.write_coil {
@@ -161,9 +158,9 @@ impl fmt::Display for Bit {
     }
 }
 
-fn itself(at: &KeyContext<'_>, strobe: &impl fmt::Display) {
+fn itself<T>(at: &KeyContext<'_>, strobe: &impl fmt::Display) -> Option<T> {
     let message = format!("{strobe} is the strobe itself, and would acknowledge at once");
-    at.invalid(message, "name the bit that the control sets when it has accepted the value");
+    at.reject(message, "name the bit that the control sets when it has accepted the value")
 }
 
 fn flag(at: &KeyContext<'_>, place: Option<&Place>) -> Option<Flag> {

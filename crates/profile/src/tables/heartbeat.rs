@@ -83,11 +83,8 @@ impl RawHeartbeat {
         let index = at.key("device").named(&at.check.devices, self.device.as_ref());
         let address = match at.check.line_kind(self.device.as_ref()) {
             Some(LineKind::OpcUa) => {
-                at.not_applicable(
-                    &["register"],
-                    "a Modbus device",
-                    "remove it, and write node = \"ns=2;s=…\"",
-                );
+                let help = "remove it, and write node = \"ns=2;s=…\"";
+                at.not_applicable(&["register"], "a Modbus device", help);
                 let node = written(at, self.node.as_ref(), self.kind)?;
                 holds(at, &node, FEW)?;
                 Some(Address::Node(node))
@@ -95,27 +92,19 @@ impl RawHeartbeat {
             Some(LineKind::Can) => {
                 let help =
                     "name a Modbus device; a CANopen node has a heartbeat consumer of its own, object 1016";
-                at.key("device").invalid(
-                    "the heartbeat is written to a register, and this device has no registers",
-                    help,
-                );
-                return None;
+                let message = "the heartbeat is written to a register, and this device has no registers";
+                return at.key("device").reject(message, help);
             }
             Some(LineKind::Sysfs) => {
-                at.key("device")
-                    .invalid(sysfs::ONLY_READ, "name the device of the control that watches the gateway");
-                return None;
+                let help = "name the device of the control that watches the gateway";
+                return at.key("device").reject(sysfs::ONLY_READ, help);
             }
             _ => {
                 let help = "remove it, and write register = \"holding:100\"";
                 at.not_applicable(&["node", "type"], "an OPC UA server", help);
                 let place = at.key("register");
-                if self.register.is_none() {
-                    place.missing(
-                        "`register` is missing: in which register does the heartbeat count?",
-                        "write a holding register, as \"holding:100\"",
-                    );
-                }
+                let help = "write a holding register, as \"holding:100\"";
+                place.missing("`register` is missing: in which register does the heartbeat count?", help);
                 holding(&place, self.register.as_ref()).map(Address::from)
             }
         };

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::{KeyContext, label};
 use crate::duration::Timespan;
@@ -67,7 +67,7 @@ pub enum Arm {
 }
 
 /// Action on the registers when the gateway stops.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "OnStopWord", description = "")]
 pub enum OnStop {
@@ -76,16 +76,6 @@ pub enum OnStop {
     FaultAction,
     /// None: the register values stay, and the next start resumes from them.
     Hold,
-}
-
-impl OnStop {
-    /// Value of `on_stop` in a profile.
-    pub fn word(self) -> &'static str {
-        match self {
-            OnStop::FaultAction => "fault-action",
-            OnStop::Hold => "hold",
-        }
-    }
 }
 
 /// Resolved settings of the whole machine.

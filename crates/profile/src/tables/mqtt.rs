@@ -8,8 +8,8 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::KeyContext;
-use super::bus::tls::{NamedFile, file};
+use super::bus::tls::{NamedFile, file, own_pair, password};
+use super::{KeyContext, optional};
 use crate::duration::Timespan;
 use crate::error::ProfileError;
 use crate::host_port::is_loopback;
@@ -165,17 +165,12 @@ impl RawMqtt {
         });
         let format = self.format.unwrap_or_default();
         let group = self.group(at, format);
-        let user = match &self.user {
-            None => Some(None),
-            Some(user) => user.resolve(&at.key("user")).map(Some),
-        };
+        let user = optional(self.user.as_ref(), |user| user.resolve(&at.key("user")));
         if let Some(broker) = &broker {
             self.doubts(at, broker);
         }
-        let (ca, own) = match &self.tls {
-            None => (Some(None), Some(None)),
-            Some(tls) => tls.resolve(&at.key("tls")),
-        };
+        let tls = self.tls.as_ref().map(|tls| tls.resolve(&at.key("tls")));
+        let (ca, own) = tls.unwrap_or((Some(None), Some(None)));
         if format == MqttFormat::SparkplugB {
             let help = "remove it: the birth message of a Sparkplug node lists all values";
             at.not_applicable(&["home_assistant"], "format = \"json\"", help);
@@ -192,10 +187,8 @@ impl RawMqtt {
         }
         let buffer = match self.buffer {
             Some(Size(size)) if size < 100_000 => {
-                at.key("buffer").invalid(
-                    "this size is too small for one minute of values",
-                    "write a larger size, as \"100MB\"",
-                );
+                let help = "write a larger size, as \"100MB\"";
+                at.key("buffer").invalid("this size is too small for one minute of values", help);
                 BUFFER
             }
             size => size.map_or(BUFFER, |Size(size)| size),
@@ -228,33 +221,23 @@ impl RawMqtt {
     fn group(&self, at: &KeyContext<'_>, format: MqttFormat) -> Option<String> {
         let is_sparkplug = format == MqttFormat::SparkplugB;
         let at = at.key("group");
-        let Some(group) = &self.group else {
-            if is_sparkplug {
-                at.missing(
-                    "`group` is missing: to which group does this node belong?",
-                    "write group = \"plant-1\"",
-                );
-                return None;
-            }
-            return Some("isotherm".to_owned());
-        };
+        if is_sparkplug {
+            let help = "write group = \"plant-1\"";
+            at.missing("`group` is missing: to which group does this node belong?", help);
+        }
+        let Some(group) = &self.group else { return (!is_sparkplug).then(|| "isotherm".to_owned()) };
         let is_meant =
             |one: char| one.is_control() || matches!(one, '+' | '#') || (one == '/' && is_sparkplug);
         if is_sparkplug && group == "STATE" {
-            at.invalid(
-                "the group `STATE` is reserved: hosts publish their own state there",
-                "give the group another name",
-            );
-            return None;
+            let message = "the group `STATE` is reserved: hosts publish their own state there";
+            return at.reject(message, "give the group another name");
         }
         let is_whole = !group.is_empty() && group.split('/').all(|part| !part.is_empty());
         if !is_whole || group.contains(is_meant) || group.starts_with('$') || group.len() > LONGEST_GROUP {
             let slash = if is_sparkplug { "no `/`, " } else { "" };
-            at.invalid(
-                format!("`{group}` cannot begin a topic"),
-                format!("write a short name, as \"plant-1\": {slash}no `+`, no `#`, no `$` at its beginning"),
-            );
-            return None;
+            let help =
+                format!("write a short name, as \"plant-1\": {slash}no `+`, no `#`, no `$` at its beginning");
+            return at.reject(format!("`{group}` cannot begin a topic"), help);
         }
         Some(group.clone())
     }
@@ -286,12 +269,7 @@ impl RawMqtt {
 
 impl RawMqttUser {
     fn resolve(&self, at: &KeyContext<'_>) -> Option<MqttUser> {
-        let help = "name a file that holds the password alone, readable for the gateway only";
-        let password = match &self.password_file {
-            None => None,
-            name => Some(file(at, "password_file", name.as_ref(), help)?),
-        };
-        at.key("password_file").secret(self.password_file.as_ref());
+        let password = optional(self.password_file.as_ref(), |name| password(at, Some(name)))?;
         Some(MqttUser { name: self.name.clone()?, password })
     }
 }
@@ -303,19 +281,8 @@ impl RawMqttTls {
     fn resolve(&self, at: &KeyContext<'_>) -> Files {
         let help = "name a PEM file beside the profile with the certificate of the broker, or of the \
                     authority that signed it";
-        let ca = match &self.ca {
-            None => Some(None),
-            name => file(at, "ca", name.as_ref(), help).map(Some),
-        };
-        if self.cert.is_none() && self.key.is_none() {
-            return (ca, Some(None));
-        }
-        let help = "name a PEM file beside the profile with the gateway's certificate, followed by the \
-                    certificates of its authorities";
-        let cert = file(at, "cert", self.cert.as_ref(), help);
-        let help = "name a PEM file beside the profile with the private key of the certificate in `cert`";
-        let key = file(at, "key", self.key.as_ref(), help);
-        at.key("key").secret(self.key.as_ref());
-        (ca, cert.zip(key).map(Some))
+        let ca = optional(self.ca.as_ref(), |name| file(at, "ca", Some(name), help));
+        let named = (self.cert.is_some() || self.key.is_some()).then_some((&self.cert, &self.key));
+        (ca, optional(named, |(cert, key)| own_pair(at, cert.as_ref(), key.as_ref())))
     }
 }

@@ -3,11 +3,11 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use schemars::{JsonSchema, Schema};
+use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
-use super::KeyContext;
 use super::bus::tls::NamedFile;
+use super::{KeyContext, optional};
 use crate::document::{Section, entries};
 use crate::host_port::is_loopback;
 use crate::source_map::element;
@@ -56,8 +56,8 @@ pub(crate) struct RawNotify {
     /// Kinds of events that are posted, and five further words. "alarm" and "alarm-over": begin and end of an alarm.
     /// "axis-off": an axis does not follow its model any more. "unverified": a register value is not known, or differs
     /// from the written value. "clock": the time of this computer was not as expected.
-    #[schemars(required)]
-    on: Option<Vec<Trigger>>,
+    #[schemars(required, schema_with = "words")]
+    on: Option<Vec<String>>,
     /// File next to the profile with the token, not readable by others. The token is sent as `Authorization: Bearer …`,
     /// or in the place of `{token}`. The file is read again for every message.
     token_file: Option<String>,
@@ -73,23 +73,8 @@ impl fmt::Debug for RawNotify {
     }
 }
 
-/// Word of [`TRIGGERS`]. It has been checked against the schema.
-#[derive(Debug, Deserialize)]
-#[serde(transparent)]
-struct Trigger(String);
-
-impl JsonSchema for Trigger {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        "Trigger".into()
-    }
-
-    fn inline_schema() -> bool {
-        true
-    }
-
-    fn json_schema(_: &mut schemars::SchemaGenerator) -> Schema {
-        schemars::json_schema!({ "type": "string", "enum": TRIGGERS.as_slice() })
-    }
+fn words(_: &mut SchemaGenerator) -> Schema {
+    schemars::json_schema!({ "type": "array", "items": { "type": "string", "enum": TRIGGERS.as_slice() } })
 }
 
 /// Server to which events are posted.
@@ -127,14 +112,9 @@ impl RawNotify {
         if self.ca.is_some() && url.as_ref().is_some_and(|url| !url.tls) {
             at.not_applicable(&["ca"], "https", "remove it, or write https:// in `url`");
         }
-        let ca = match &self.ca {
-            None => Some(None),
-            Some(name) => {
-                let help = "name a PEM file beside the profile with the certificate of the server, or of the \
-                            authority that signed it";
-                NamedFile::read(&at.key("ca"), name, help).map(Some)
-            }
-        };
+        let help = "name a PEM file beside the profile with the certificate of the server, or of the \
+                    authority that signed it";
+        let ca = optional(self.ca.as_ref(), |name| NamedFile::read(&at.key("ca"), name, help));
         if self.token_file.is_none() && url.as_ref().is_some_and(Url::has_token) {
             let help = "name the file with the token in `token_file`";
             at.key("url").invalid("the address has a place for a token, but there is no `token_file`", help);
@@ -149,20 +129,18 @@ impl RawNotify {
     }
 }
 
-fn triggers(at: &KeyContext<'_>, written: &[Trigger]) -> Option<Vec<&'static str>> {
+fn triggers(at: &KeyContext<'_>, written: &[String]) -> Option<Vec<&'static str>> {
     if written.is_empty() {
-        at.invalid(
-            "the list is empty: nothing would be posted",
-            format!("write on = [\"{ALARM}\", \"{ALARM_OVER}\"]"),
-        );
-        return None;
+        let help = format!("write on = [\"{ALARM}\", \"{ALARM_OVER}\"]");
+        return at.reject("the list is empty: nothing would be posted", help);
     }
     let mut on = Vec::new();
-    for (place, Trigger(word)) in written.iter().enumerate() {
+    for (place, word) in written.iter().enumerate() {
+        // The word has been checked against the schema.
         let known = TRIGGERS.into_iter().find(|known| known == word)?;
         if on.contains(&known) {
-            at.item(place)
-                .warn(format!("`{known}` is listed twice"), "remove one of them: each event is posted once");
+            let help = "remove one of them: each event is posted once";
+            at.item(place).warn(format!("`{known}` is listed twice"), help);
         } else {
             on.push(known);
         }

@@ -67,15 +67,12 @@ impl Place {
     /// Reports a place on the other kind of line.
     pub(super) fn is_foreign<T>(&self, at: &KeyContext<'_>, is_in_nodes: bool) -> Option<T> {
         match is_in_nodes {
-            true => at.invalid(
+            true => at.reject(
                 "registers are only for Modbus, but this device is an OPC UA server",
                 "write { node = \"ns=2;s=…\" }, and its type",
             ),
-            false => {
-                at.invalid("a node is only for an OPC UA server", "write a register, as \"holding:100\"")
-            }
+            false => at.reject("a node is only for an OPC UA server", "write a register, as \"holding:100\""),
         }
-        None
     }
 }
 
@@ -96,11 +93,8 @@ pub(super) fn holds(at: &KeyContext<'_>, node: &Node, most: u16) -> Option<()> {
         Some(_) => format!("{name} cannot contain {most}"),
         None => format!("{name} is no integer type"),
     };
-    at.key("type").invalid(
-        message,
-        "the type must be the node's own: name another node, for example of type u16, i16, u32 or i32",
-    );
-    None
+    let help = "the type must be the node's own: name another node, for example of type u16, i16, u32 or i32";
+    at.key("type").reject(message, help)
 }
 
 /// Unit to which a scale applies. A node with a float has no counts.
@@ -120,11 +114,8 @@ pub(super) fn id(at: &KeyContext<'_>, text: Option<&String>, what: &str) -> Opti
     let at = at.key("node");
     let help = "write the server's name of the node, as \"ns=2;s=/Nck/State\" or \
                 \"nsu=http://plc.example;s=/Nck/State\"; `isotherm read --browse` shows it";
-    let Some(text) = text else {
-        at.missing(format!("`node` is missing: {what}"), help);
-        return None;
-    };
-    text.parse().map_err(|why: String| at.invalid(why, help)).ok()
+    at.missing(format!("`node` is missing: {what}"), help);
+    text?.parse().map_err(|why: String| at.invalid(why, help)).ok()
 }
 
 /// Checks the type at the key `type` for a node.
@@ -161,9 +152,7 @@ fn typed(
     kind: Option<TypeWord>,
     (which, why): (&str, &str),
 ) -> Option<Node> {
-    if kind.is_none() {
-        at.key("type").missing(format!("`type` is missing: {why}"), TYPES);
-    }
+    at.key("type").missing(format!("`type` is missing: {why}"), TYPES);
     let (id, data_type) = (id(at, text, which), node_type(at, kind));
     Some(Node { id: id?, data_type: Some(data_type.ok()??) })
 }

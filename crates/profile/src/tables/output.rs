@@ -11,7 +11,7 @@ use super::handshake::RawHandshake;
 use super::register::{self, Notation, TypeWord, WordOrderWord, plain};
 use super::restart::RawRestart;
 use super::signal::ChannelValue;
-use super::{Check, KeyContext, expression, opcua, sysfs};
+use super::{Check, KeyContext, expression, opcua, optional, sysfs};
 use crate::document::{Section, entries};
 use crate::duration::{Timespan, shown};
 use crate::wording::counted;
@@ -264,9 +264,8 @@ impl RawOutput {
         let when = expression::condition(&at.key("when"), self.when.as_ref(), None);
         let kind = check.line_kind(self.device.as_ref());
         if kind == Some(LineKind::Sysfs) {
-            at.key("device")
-                .invalid(sysfs::ONLY_READ, "name the device of the control that receives the value");
-            return None;
+            let help = "name the device of the control that receives the value";
+            return at.key("device").reject(sysfs::ONLY_READ, help);
         }
         self.foreign_keys(at, kind);
         let Target { address, encoding, verify, share, applied, display } = match kind {
@@ -347,15 +346,11 @@ impl RawOutput {
 
     fn in_registers(&self, at: &KeyContext<'_>, device: Option<usize>) -> Option<Target> {
         if !["pdo", "sdo", "frame"].into_iter().any(|key| at.has(key)) {
-            if self.register.is_none() {
-                let help = "write a holding register, as \"holding:104\" or \"40105\"";
-                at.key("register").missing("`register` is missing: where is the value written?", help);
-            }
-            if self.kind.is_none() {
-                let help = "allowed: u16, i16, u32, i32, u64, i64, f32, f64; the device's manual says which";
-                at.key("type")
-                    .missing("`type` is missing: which type does the value have in its registers?", help);
-            }
+            let help = "write a holding register, as \"holding:104\" or \"40105\"";
+            at.key("register").missing("`register` is missing: where is the value written?", help);
+            let help = "allowed: u16, i16, u32, i32, u64, i64, f32, f64; the device's manual says which";
+            at.key("type")
+                .missing("`type` is missing: which type does the value have in its registers?", help);
         }
         let place = at.key("register");
         let address = register::holding(&place, self.register.as_ref());
@@ -425,13 +420,7 @@ impl RawOutput {
 
     fn on_can(&self, at: &KeyContext<'_>, name: &str, device: Option<usize>) -> Option<Target> {
         let target = self.target_on_can(at, name, device);
-        let data_type = target.as_ref().map(|(address, _)| match address {
-            Address::Frame(field) => field.bits.data_type(),
-            Address::Object(object) => object.data_type,
-            Address::Node(node) => node.taken_as(),
-            Address::Sensor(_) => DataType::F64,
-            Address::Modbus(register) => register::one(*register),
-        });
+        let data_type = target.as_ref().map(|(address, _)| register::type_at(address));
         let scale = self.scale(&at.key("scale"), data_type);
         let ((address, verify), data_type) = target.zip(data_type)?;
         not_one_bit(&at.key("type"), Some(data_type));
@@ -493,10 +482,7 @@ impl RawOutput {
             }
             (place, field, &frame.fill)
         };
-        let fill = match fill {
-            Some(text) => Some(can::fill(&place.key("fill"), text, &field)?),
-            None => None,
-        };
+        let fill = optional(fill.as_ref(), |text| can::fill(&place.key("fill"), text, &field))?;
         let verify = verify::of_a_frame(self, at, field.bits.data_type(), owner);
         let written = Written::of(&place, device?, name, &field, fill);
         at.check.written_frames.borrow_mut().push(written);

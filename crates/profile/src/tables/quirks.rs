@@ -109,20 +109,16 @@ impl RawQuirks {
     /// Returns the quirks with the written keys in place of those `below`.
     pub(super) fn over(&self, below: Quirks) -> Quirks {
         let span = |raw: Option<Timespan>, below| raw.map_or(below, |Timespan(span)| span);
+        let most = self.max_registers_per_request;
+        let gateway = self.gateway.map(|is_there| if is_there { Gateway::Present } else { Gateway::Absent });
         Quirks {
             pause_after_connect: span(self.pause_after_connect, below.pause_after_connect),
             pause_between_requests: span(self.pause_between_requests, below.pause_between_requests),
             one_request_per_field: self.one_request_per_field.unwrap_or(below.one_request_per_field),
-            max_registers_per_request: self
-                .max_registers_per_request
-                .unwrap_or(below.max_registers_per_request),
+            max_registers_per_request: most.unwrap_or(below.max_registers_per_request),
             max_gap: self.max_gap.unwrap_or(below.max_gap),
             close_after_each: self.close_after_each.unwrap_or(below.close_after_each),
-            gateway: match self.gateway {
-                None => below.gateway,
-                Some(true) => Gateway::Present,
-                Some(false) => Gateway::Absent,
-            },
+            gateway: gateway.unwrap_or(below.gateway),
         }
     }
 }

@@ -197,6 +197,17 @@ pub(super) fn one(register: Register) -> DataType {
     if register.table.is_bits() { DataType::Bool } else { DataType::U16 }
 }
 
+/// Returns the type of the value at this address. A register counts as a whole register or bit.
+pub(super) fn type_at(address: &Address) -> DataType {
+    match address {
+        Address::Frame(field) => field.bits.data_type(),
+        Address::Object(object) => object.data_type,
+        Address::Node(node) => node.taken_as(),
+        Address::Sensor(_) => DataType::F64,
+        Address::Modbus(register) => one(*register),
+    }
+}
+
 /// Parses the register at this key.
 pub(super) fn register(at: &KeyContext<'_>, text: Option<&String>) -> Option<Register> {
     let text = text?;
@@ -209,8 +220,7 @@ pub(super) fn register(at: &KeyContext<'_>, text: Option<&String>) -> Option<Reg
     let near = near.filter(|near| *near != table && !table.is_empty());
     let (message, help) = why.split_once("; ").unwrap_or((&why, "write \"input:0\" or \"30001\""));
     let near = near.map(|near| format!("did you mean `{near}`? ")).unwrap_or_default();
-    at.invalid(message, format!("{near}{help}"));
-    None
+    at.reject(message, format!("{near}{help}"))
 }
 
 /// Parses a register, or one bit of it.
@@ -220,8 +230,7 @@ pub(super) fn cell(at: &KeyContext<'_>, text: &String) -> Option<Flag> {
         Err(_) if !text.contains('.') => register(at, Some(text)).map(|address| Flag { address, bit: None }),
         Err(message) => {
             let help = "write a register as \"input:50\", or one bit of it as \"input:50.3\"";
-            at.invalid(message, help);
-            None
+            at.reject(message, help)
         }
     }
 }
@@ -237,8 +246,7 @@ pub(super) fn holding(at: &KeyContext<'_>, text: Option<&String>) -> Option<Regi
     } else {
         format!("{address} cannot be written: {} registers are read-only", address.table.name())
     };
-    at.invalid(message, "write to a holding register, as \"holding:100\" or \"40101\"");
-    None
+    at.reject(message, "write to a holding register, as \"holding:100\" or \"40101\"")
 }
 
 /// Reports a value that ends beyond the last register.
@@ -274,8 +282,7 @@ pub(super) fn word_order(
 
 pub(super) fn scale(at: &KeyContext<'_>, scale: f64) -> Option<Scale> {
     if scale.abs() < f64::MIN_POSITIVE {
-        at.invalid("a scale of zero makes every value the same", "write the value of one count");
-        return None;
+        return at.reject("a scale of zero makes every value the same", "write the value of one count");
     }
     Some(Scale::of(scale))
 }

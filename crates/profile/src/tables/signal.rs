@@ -282,12 +282,10 @@ impl RawSignal {
         // A value that arrives without a request must arrive twice before it is stale.
         let apart =
             max_age.filter(|_| on_can && self.comes_by_itself()).map_or(every, |age| every.min(age / 2));
-        let (counter, capture) = match &self.counter {
-            Some(counter) => {
-                counter.resolve(&at.key("counter"), &encoding, index, apart, self.max_rate.is_some())
-            }
-            None => (None, None),
-        };
+        let (place, has_max_rate) = (at.key("counter"), self.max_rate.is_some());
+        let counter = self.counter.as_ref();
+        let counter = counter.map(|raw| raw.resolve(&place, &encoding, index, apart, has_max_rate));
+        let (counter, capture) = counter.unwrap_or_default();
         Some(Signal {
             name: name.to_owned(),
             label: label::resolve(&at.key("label"), self.label.as_ref()),
@@ -313,24 +311,14 @@ impl RawSignal {
                 "`{device}` is for sensors of this computer: write sensor = \"w1:28-…\" or \
                  \"hwmon:NAME/LABEL\""
             );
-            at.not_applicable(
-                &["register", "node", "dbc", "pdo", "sdo", "frame", "channel"],
-                "a device on another kind of line",
-                &help,
-            );
+            let owner = "a device on another kind of line";
+            at.not_applicable(&["register", "node", "dbc", "pdo", "sdo", "frame", "channel"], owner, &help);
             let help = "remove it: the kernel gives a temperature, and reports itself if there is none";
-            at.not_applicable(
-                &["type", "word_order", "byte_swap", "merge", "bad", "counter"],
-                "a device on another kind of line",
-                help,
-            );
-            return;
+            let of_registers = ["type", "word_order", "byte_swap", "merge", "bad", "counter"];
+            return at.not_applicable(&of_registers, owner, help);
         }
-        at.not_applicable(
-            &["sensor"],
-            "a sensor of this computer",
-            "remove it, or put the device on a sysfs line",
-        );
+        let help = "remove it, or put the device on a sysfs line";
+        at.not_applicable(&["sensor"], "a sensor of this computer", help);
         if kind == LineKind::OpcUa {
             let help = format!("`{device}` is an OPC UA server: write node = \"ns=2;s=…\"");
             at.not_applicable(&["register", "word_order", "byte_swap", "merge"], "a Modbus device", &help);
@@ -377,15 +365,10 @@ impl RawSignal {
     }
 
     fn in_registers(&self, at: &KeyContext<'_>, device: Option<usize>) -> Option<Located> {
-        let cell = match &self.register {
-            Some(text) => register::cell(&at.key("register"), text),
-            None => {
-                let help =
-                    "write a zero-based protocol address (\"input:0\") or a Modicon number (\"30001\")";
-                at.key("register").missing("`register` is missing: where is the signal read?", help);
-                None
-            }
-        };
+        let place = at.key("register");
+        let help = "write a zero-based protocol address (\"input:0\") or a Modicon number (\"30001\")";
+        place.missing("`register` is missing: where is the signal read?", help);
+        let cell = self.register.as_ref().and_then(|text| register::cell(&place, text));
         // An error of the register must not hide other errors.
         let data_type = match cell {
             Some(cell) => self.type_in(&at.key("type"), cell),
@@ -394,9 +377,9 @@ impl RawSignal {
         let word_order = register::word_order(&at.key("word_order"), data_type, self.word_order);
         let scale = register::scale(&at.key("scale"), self.scale.unwrap_or(1.0));
         let (Flag { address, .. }, data_type) = (cell?, data_type?);
-        register::fits(&at.key("register"), address, data_type);
+        register::fits(&place, address, data_type);
         if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
-            device.must_read(&at.key("register"), address.table);
+            device.must_read(&place, address.table);
             // A value in two answers could consist of parts of different values.
             let most = device.quirks.max_registers_per_request;
             if data_type.registers() > most {
@@ -426,18 +409,14 @@ impl RawSignal {
             if let Some(wrong) = kind.filter(|kind| *kind != DataType::Bool) {
                 let message = format!("{} is not possible for one bit", wrong.name());
                 if is_bits {
-                    at.invalid(message, "a coil and a discrete input are \"bool\": leave `type` out");
-                    return None;
+                    return at.reject(message, "a coil and a discrete input are \"bool\": leave `type` out");
                 }
                 at.invalid(message, "one bit is \"bool\": leave `type` out");
             }
             return Some(cell.bit.map_or(DataType::Bool, DataType::Bit));
         }
-        if kind.is_none() {
-            let help =
-                "allowed: bool, u16, i16, u32, i32, u64, i64, f32, f64; the device's manual says which";
-            at.missing("`type` is missing: which type does the value have in its registers?", help);
-        }
+        let help = "allowed: bool, u16, i16, u32, i32, u64, i64, f32, f64; the device's manual says which";
+        at.missing("`type` is missing: which type does the value have in its registers?", help);
         kind
     }
 
@@ -470,13 +449,7 @@ impl RawSignal {
             }
             return None;
         };
-        let data_type = match &address {
-            Address::Frame(field) => field.bits.data_type(),
-            Address::Object(object) => object.data_type,
-            Address::Node(node) => node.taken_as(),
-            Address::Sensor(_) => DataType::F64,
-            Address::Modbus(register) => register::one(*register),
-        };
+        let data_type = register::type_at(&address);
         let unit = unit.or((data_type == DataType::Bool && self.dbc.is_none()).then_some(Unit("bool")));
         let bad = sentinels(self.bad.as_ref(), &at.key("bad"));
         let scale = register::scale(&at.key("scale"), scale)?;
@@ -504,8 +477,7 @@ impl RawSignal {
             "the DBC file has scale {} and offset {}; `scale` and `offset` can only be replaced together",
             found.scale, found.offset
         );
-        at.key(there).invalid(message, format!("write `{missing}` as well, or remove both"));
-        None
+        at.key(there).reject(message, format!("write `{missing}` as well, or remove both"))
     }
 
     fn agrees_with_unit(&self, at: &KeyContext<'_>, of_file: Option<Unit>) {
@@ -544,11 +516,8 @@ impl RawSignal {
                 "write max_age = \"{}\", or write read = \"poll\" at the device",
                 shown((SENT_WITHIN + 1) * every)
             );
-            at.invalid(
-                format!("{figures}: a value from a subscription may be {SENT_WITHIN} periods old"),
-                help,
-            );
-            return None;
+            let message = format!("{figures}: a value from a subscription may be {SENT_WITHIN} periods old");
+            return at.reject(message, help);
         }
         let help = format!("allow at least two polls: write max_age = \"{}\"", shown(2 * every));
         if age <= every {

@@ -24,17 +24,13 @@ pub(super) fn root(at: &KeyContext<'_>, address: Option<&String>) -> Option<Stri
     if !address.starts_with('/') {
         let help = "remove it (default \"/sys\"); in a container, write the directory where the host's /sys \
                     is mounted: \"/host/sys\"";
-        at.key("address").invalid(format!("`{address}` is no absolute path of a directory"), help);
-        return None;
+        return at.key("address").reject(format!("`{address}` is no absolute path of a directory"), help);
     }
     if let Some(inside) = ["/class", "/bus/"].iter().find_map(|inside| address.find(inside)) {
-        let help = format!(
-            "write the directory above: \"{}\"; the sensor is named at its signal",
-            &address[..inside]
-        );
-        at.key("address")
-            .invalid(format!("`{address}` is a directory inside of the kernel's directory"), help);
-        return None;
+        let above = &address[..inside];
+        let help = format!("write the directory above: \"{above}\"; the sensor is named at its signal");
+        let message = format!("`{address}` is a directory inside of the kernel's directory");
+        return at.key("address").reject(message, help);
     }
     Some(address.clone())
 }
@@ -77,10 +73,8 @@ pub(super) fn too_quick(check: &Check<'_>) {
         let takes = format!("{id} measures for up to 750 ms (12 bits)");
         let at = check.at("bus").key(&bus.name).key("timeout");
         if bus.timeout < ONE_WIRE && at.is_written() {
-            at.warn(
-                format!("{takes}, but `timeout` is {}", shown(bus.timeout)),
-                "write \"2s\", or remove the key",
-            );
+            let message = format!("{takes}, but `timeout` is {}", shown(bus.timeout));
+            at.warn(message, "write \"2s\", or remove the key");
         } else if device.every < ONE_WIRE {
             let message = format!("{takes}, but is read every {}", shown(device.every));
             let help = "write every = \"1s\" or longer at its device; faster sensors can have another device";

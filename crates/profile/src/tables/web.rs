@@ -204,12 +204,9 @@ impl RawWeb {
 impl RawWebTls {
     fn resolve(&self, at: &KeyContext<'_>) -> Option<WebTls> {
         let file = |key: &str, name: Option<&String>, what: &str| {
-            if name.is_none() {
-                let help = format!(
-                    "name a PEM file beside the profile with {what} (docs/page.md says how to make it)"
-                );
-                at.key(key).missing(format!("`{key}` is missing: https needs it"), help);
-            }
+            let help =
+                format!("name a PEM file beside the profile with {what} (docs/page.md says how to make it)");
+            at.key(key).missing(format!("`{key}` is missing: https needs it"), help);
             name.map(|name| PathBuf::from(at.check.files.path(name)))
         };
         at.key("key").secret(self.key.as_ref());

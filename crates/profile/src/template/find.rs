@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use serde_json::{Map, Value, json};
 
 use super::channels::{Channel, of_group};
-use super::{Group, schema, shipped, text, texts};
+use super::{Group, Template, schema, shipped, text, texts};
 use crate::error::{Findings, allowed};
 use crate::files::Files;
 use crate::schema_check::SchemaCheck;
@@ -19,11 +19,8 @@ const DIRECTORY: &str = "devices";
 /// Template as a device uses it: with the chosen variant and the moved registers.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Definition {
-    pub(super) title: String,
-    pub(super) source: String,
-    pub(super) own_file: Option<String>,
-    pub(super) notes: Vec<String>,
-    pub(super) unverified: Vec<String>,
+    /// Template before it is used: with title, source and notes.
+    pub(super) template: Template,
     /// Unverified facts by the name of their group.
     pub(super) unverified_of: BTreeMap<String, String>,
     pub(super) functions: Option<Value>,
@@ -166,12 +163,17 @@ impl Definition {
         let groups = |table: &str| -> Vec<(String, Group)> {
             groups(&body, table).map(|(name, group)| (name.clone(), group.clone())).collect()
         };
-        Ok(Definition {
+        let template = Template {
+            name: name.to_owned(),
+            variant: variant.map(str::to_owned),
             title: text(&body, "title").unwrap_or_default().to_owned(),
             source: text(&body, "source").unwrap_or_default().to_owned(),
-            own_file: None,
             notes: texts(&body, "notes"),
             unverified: texts(&body, "unverified"),
+            ..Template::default()
+        };
+        Ok(Definition {
+            template,
             unverified_of: ["channel", "target"]
                 .into_iter()
                 .flat_map(groups)

@@ -57,11 +57,9 @@ fn reach(axis: &Axis, list: &KeyContext<'_>) -> Option<InterceptSlope> {
         let Kind::Linear(linear) = &model.kind else { continue };
         let Some(Slope { reference, travel, .. }) = linear.slope else { continue };
         let at = list.item(place).key("slope");
-        let Some((from, to)) = travel else {
-            let message = "`travel` is missing: the travel limits the effect of the written slope";
-            at.key("travel").missing(message, "write the ends of the axis's travel in mm, as [-300.0, 0.0]");
-            return None;
-        };
+        let message = "`travel` is missing: the travel limits the effect of the written slope";
+        at.key("travel").missing(message, "write the ends of the axis's travel in mm, as [-300.0, 0.0]");
+        let (from, to) = travel?;
         let reach = longer((from - reference).abs(), (to - reference).abs());
         match &mut line {
             None => line = Some(InterceptSlope { reference, reach, count: None }),

@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use crate::Profile;
 use crate::document::{Section, entries};
-use crate::tables::KeyContext;
+use crate::tables::{KeyContext, optional};
 use envelope::OutsideWord;
 use expected::RawExpected;
 use identified_with::RawIdentifiedWith;
@@ -142,30 +142,11 @@ impl RawModel {
         }
         let kind = (own.resolve)(self, at);
         let model = self.name.clone().zip(kind).map(|(name, kind)| Model::new(name, kind));
-        let expected = match &self.expected {
-            Some(expected) => expected.resolve(&at.key("expected")).map(Some),
-            None => Some(None),
-        };
-        let stand_ins =
-            self.stand_ins.as_deref().map(|name| stand_ins::resolve(self, &at.key("stand_ins"), name));
+        let expected = optional(self.expected.as_ref(), |raw| raw.resolve(&at.key("expected")));
+        let place = at.key("stand_ins");
+        let stand_ins = optional(self.stand_ins.as_deref(), |name| stand_ins::resolve(self, &place, name));
         let envelope = envelope::resolve(self, at, model.as_ref())?;
-        let stand_ins = stand_ins.map_or(Some(None), |found| found.map(Some))?;
-        Some(Model { envelope, expected: expected?, stand_ins, ..model? })
-    }
-
-    fn seals(&self) -> Option<&RawSeals> {
-        self.sha256.as_ref()
-    }
-
-    /// Returns the file that a key of the model names.
-    fn file_of(&self, key: &str) -> Option<&str> {
-        match key {
-            "file" => self.file.as_deref(),
-            "envelope" => self.envelope.as_deref(),
-            "halves" => self.halves.as_deref(),
-            "stand_ins" => self.stand_ins.as_deref(),
-            _ => None,
-        }
+        Some(Model { envelope, expected: expected?, stand_ins: stand_ins?, ..model? })
     }
 
     pub(super) fn may_be_linear(&self) -> bool {
@@ -198,20 +179,14 @@ pub(super) fn preview(
     section.lines("     ", &effects);
     entries!(section, name = &model.name, formula, effects);
     uniform_temperature::preview(&mut section, profile, model, all_over);
-    if let Some(envelope) = &model.envelope {
-        let envelope = envelope::preview(profile, envelope);
-        section.line(format!("     {envelope}"));
-        section.entry("envelope", envelope);
-    }
-    if let Some(expected) = &model.expected {
-        let expected = expected::preview(expected);
-        section.line(format!("     {expected}"));
-        section.entry("expected", expected);
-    }
-    if let Some(stand_ins) = &model.stand_ins {
-        let stand_ins = stand_ins::preview(profile, stand_ins);
-        section.line(format!("     {stand_ins}"));
-        section.entry("stand_ins", stand_ins);
+    let parts = [
+        ("envelope", model.envelope.as_ref().map(|envelope| envelope::preview(profile, envelope))),
+        ("expected", model.expected.as_ref().map(expected::preview)),
+        ("stand_ins", model.stand_ins.as_ref().map(|stand_ins| stand_ins::preview(profile, stand_ins))),
+    ];
+    for (key, text) in parts.into_iter().filter_map(|(key, text)| Some((key, text?))) {
+        section.line(format!("     {text}"));
+        section.entry(key, text);
     }
     section
 }

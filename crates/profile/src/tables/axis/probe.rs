@@ -5,7 +5,7 @@ use serde::Deserialize;
 
 use super::{Axis, RawAxis, level};
 use crate::Profile;
-use crate::tables::KeyContext;
+use crate::tables::{KeyContext, optional};
 use isotherm_core::compensation::settings::{Filter, GainSettings, OnWorse, ProbeSettings};
 use isotherm_core::quantity::Micron;
 use isotherm_core::reading::SignalId;
@@ -98,10 +98,7 @@ impl RawProbe {
             let message = format!("warn at {warn} µm lies beyond the max_error of {most} µm");
             at.key("warn").invalid(message, "a probing beyond `max_error` is refused: make `warn` smaller");
         }
-        let gains = match &self.gains {
-            Some(gains) => gains.resolve(&at.key("gains"), axis).map(Some),
-            None => Some(None),
-        };
+        let gains = optional(self.gains.as_ref(), |gains| gains.resolve(&at.key("gains"), axis));
         let input = self.input(at, axis.diameter.unwrap_or(false));
         let settings = ProbeSettings {
             limit: Micron::new(limit?)?,
@@ -162,8 +159,7 @@ impl RawProbe {
             unit => {
                 let help =
                     format!("write unit = \"um\" or \"mm\", and the `scale` for this unit, at signal.{name}");
-                at.key("signal").invalid(format!("`{name}` is in {unit}, not in um or mm"), help);
-                return None;
+                return at.key("signal").reject(format!("`{name}` is in {unit}, not in um or mm"), help);
             }
         };
         let of_radius = if diameter { 0.5 } else { 1.0 };
@@ -234,6 +230,5 @@ fn share(at: &KeyContext<'_>, number: Option<f64>) -> Option<f64> {
     if number > 0.0 && number <= 1.0 {
         return Some(number);
     }
-    at.invalid(format!("{number} is outside of the allowed range"), "write a number above 0 and up to 1");
-    None
+    at.reject(format!("{number} is outside of the allowed range"), "write a number above 0 and up to 1")
 }

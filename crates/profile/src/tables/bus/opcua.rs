@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::RawBus;
-use super::tls::{NamedFile, file};
+use super::tls::{NamedFile, pair, password};
 use crate::document::{Section, entries};
 use crate::error::ProfileError;
 use crate::host_port::host_and_port;
@@ -144,12 +144,9 @@ impl OpcUa {
 /// Returns the URL of the server of an opcua line.
 pub(super) fn address(raw: &RawBus, at: &KeyContext<'_>) -> Option<String> {
     let at = at.key("address");
-    let Some(address) = &raw.address else {
-        let help = format!("write the URL of the server, as \"{SCHEME}192.168.214.241:{PORT}\"");
-        at.missing("`address` is missing: where is the server?", help);
-        return None;
-    };
-    server_url(address).map_err(|(message, help)| at.invalid(message, help)).ok()
+    let help = format!("write the URL of the server, as \"{SCHEME}192.168.214.241:{PORT}\"");
+    at.missing("`address` is missing: where is the server?", help);
+    server_url(raw.address.as_ref()?).map_err(|(message, help)| at.invalid(message, help)).ok()
 }
 
 /// Parses the URL of a server, and adds the default port.
@@ -164,10 +161,8 @@ pub fn server_url(text: &str) -> Result<String, (String, String)> {
         return Err((format!("`{text}` is no URL of an OPC UA server"), help));
     };
     if text.contains(char::is_whitespace) {
-        return Err((
-            format!("`{text}` contains a space"),
-            format!("a URL has no spaces: write it as {example}"),
-        ));
+        let help = format!("a URL has no spaces: write it as {example}");
+        return Err((format!("`{text}` contains a space"), help));
     }
     let (place, path) = rest.split_once('/').unwrap_or((rest, ""));
     if place.contains('@') {
@@ -196,14 +191,9 @@ fn is_host(host: &str) -> bool {
 
 /// Resolves the OPC UA settings of a line.
 pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>) -> Option<OpcUa> {
-    if raw.security.is_none() {
-        let help = "write \"sign-and-encrypt\", or \"sign\", or \"none\" on a network of this machine only";
-        at.key("security").missing("`security` is missing: what protects the messages?", help);
-    }
-    let user = match &raw.user {
-        None => Some(User::Anonymous),
-        Some(user) => user.resolve(&at.key("user")),
-    };
+    let help = "write \"sign-and-encrypt\", or \"sign\", or \"none\" on a network of this machine only";
+    at.key("security").missing("`security` is missing: what protects the messages?", help);
+    let user = raw.user.as_ref().map_or(Some(User::Anonymous), |user| user.resolve(&at.key("user")));
     let security = raw.security?;
     let type_at = at.check.spans.at_value(&at.key("type").path, "", None);
     if security == Security::None {
@@ -216,13 +206,11 @@ pub(super) fn resolve(raw: &RawBus, at: &KeyContext<'_>) -> Option<OpcUa> {
         }
         return Some(OpcUa { user: user?, type_at, ..OpcUa::plain() });
     }
-    let help = "name the gateway's own certificate, in DER or PEM form; `isotherm opcua certificate PROFILE` makes it";
-    let cert = file(at, "cert", raw.cert.as_ref(), help);
-    let help = "name the private key of `cert`, in PEM form; `isotherm opcua certificate PROFILE` makes both";
-    let key = file(at, "key", raw.key.as_ref(), help);
-    at.key("key").secret(raw.key.as_ref());
+    let of_cert = "name the gateway's own certificate, in DER or PEM form; `isotherm opcua certificate PROFILE` makes it";
+    let of_key =
+        "name the private key of `cert`, in PEM form; `isotherm opcua certificate PROFILE` makes both";
+    let own = pair(at, (raw.cert.as_ref(), of_cert), (raw.key.as_ref(), of_key));
     let trusted = trusted(at, raw.trusted.as_ref());
-    let own = cert.zip(key);
     let (own, trusted, trusted_in) = (Some(own?), trusted?, raw.trusted.clone());
     Some(OpcUa { security, user: user?, own, trusted, trusted_in, type_at })
 }
@@ -236,18 +224,12 @@ impl RawUser {
             return None;
         }
         if !by_password {
-            let cert =
-                file(at, "cert", self.cert.as_ref(), "name the user's certificate, in DER or PEM form");
-            let key = file(at, "key", self.key.as_ref(), "name the private key of `cert`, in PEM form");
-            at.key("key").secret(self.key.as_ref());
-            return Some(User::Certified { cert: cert?, key: key? });
+            let cert = (self.cert.as_ref(), "name the user's certificate, in DER or PEM form");
+            let key = (self.key.as_ref(), "name the private key of `cert`, in PEM form");
+            return pair(at, cert, key).map(|(cert, key)| User::Certified { cert, key });
         }
-        if self.name.is_none() {
-            at.key("name").missing("`name` is missing: which user of the server?", "write name = \"…\"");
-        }
-        let help = "name a file that holds the password alone, readable for the gateway only";
-        let password = file(at, "password_file", self.password_file.as_ref(), help);
-        at.key("password_file").secret(self.password_file.as_ref());
+        at.key("name").missing("`name` is missing: which user of the server?", "write name = \"…\"");
+        let password = password(at, self.password_file.as_ref());
         Some(User::Named { name: self.name.clone()?, password: password? })
     }
 }
@@ -257,11 +239,9 @@ fn trusted(at: &KeyContext<'_>, directory: Option<&String>) -> Option<Vec<NamedF
     let at = at.key("trusted");
     let help = "name a directory with the certificates of the trusted servers, one in each file, with the \
                 ending .der, .crt or .pem";
-    let Some(directory) = directory else {
-        let help = format!("{help}; `isotherm opcua trust PROFILE` makes and fills the directory");
-        at.missing("`trusted` is missing: which certificates are accepted?", help);
-        return None;
-    };
+    let fill = format!("{help}; `isotherm opcua trust PROFILE` makes and fills the directory");
+    at.missing("`trusted` is missing: which certificates are accepted?", fill);
+    let directory = directory?;
     let mut found = Vec::new();
     for end in [".der", ".crt", ".pem"] {
         for name in at.check.files.names(directory, end) {

@@ -113,29 +113,43 @@ impl RawTls {
         };
         let help = "write name = \"…\", a DNS name or an IP address that the device's certificate has";
         let name_at = at.check.spans.at_value(&at.key(key).path, "", Some(help.to_owned()));
-        let ca = file(
-            at,
-            "ca",
-            self.ca.as_ref(),
-            "name a PEM file beside the profile with the certificate of the device, or of the authority that \
-             signed it",
-        );
-        let cert = file(
-            at,
-            "cert",
-            self.cert.as_ref(),
-            "name a PEM file beside the profile with the gateway's certificate, followed by the certificates \
-             of its authorities",
-        );
-        let key = file(
-            at,
-            "key",
-            self.key.as_ref(),
-            "name a PEM file beside the profile with the private key of the certificate in `cert`",
-        );
-        at.key("key").secret(self.key.as_ref());
-        Some(Tls { ca: ca?, cert: cert?, key: key?, name: name.to_owned(), name_at })
+        let help = "name a PEM file beside the profile with the certificate of the device, or of the \
+                    authority that signed it";
+        let ca = file(at, "ca", self.ca.as_ref(), help);
+        let (cert, key) = own_pair(at, self.cert.as_ref(), self.key.as_ref())?;
+        Some(Tls { ca: ca?, cert, key, name: name.to_owned(), name_at })
     }
+}
+
+/// Reads the certificate and the private key of the gateway, which the keys `cert` and `key` name.
+pub(in crate::tables) fn own_pair(
+    at: &KeyContext<'_>,
+    cert: Option<&String>,
+    key: Option<&String>,
+) -> Option<(NamedFile, NamedFile)> {
+    let of_cert = "name a PEM file beside the profile with the gateway's certificate, followed by the \
+                   certificates of its authorities";
+    let of_key = "name a PEM file beside the profile with the private key of the certificate in `cert`";
+    pair(at, (cert, of_cert), (key, of_key))
+}
+
+/// Reads the certificate and the private key that the keys `cert` and `key` name, each with its hint.
+pub(super) fn pair(
+    at: &KeyContext<'_>,
+    (cert, of_cert): (Option<&String>, &str),
+    (key, of_key): (Option<&String>, &str),
+) -> Option<(NamedFile, NamedFile)> {
+    let (cert, read) = (file(at, "cert", cert, of_cert), file(at, "key", key, of_key));
+    at.key("key").secret(key);
+    cert.zip(read)
+}
+
+/// Reads the file with a password that the key `password_file` names.
+pub(in crate::tables) fn password(at: &KeyContext<'_>, name: Option<&String>) -> Option<NamedFile> {
+    let help = "name a file that holds the password alone, readable for the gateway only";
+    let password = file(at, "password_file", name, help);
+    at.key("password_file").secret(name);
+    password
 }
 
 /// Reads the file that a required key names.
@@ -146,9 +160,6 @@ pub(in crate::tables) fn file(
     help: &str,
 ) -> Option<NamedFile> {
     let at = at.key(key);
-    let Some(name) = name else {
-        at.missing(format!("`{key}` is missing"), help);
-        return None;
-    };
-    NamedFile::read(&at, name, help)
+    at.missing(format!("`{key}` is missing"), help);
+    NamedFile::read(&at, name?, help)
 }

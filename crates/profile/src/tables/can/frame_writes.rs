@@ -56,8 +56,7 @@ pub(in crate::tables) fn fill(at: &KeyContext<'_>, text: &str, field: &Field) ->
     let bytes: Option<Vec<u8>> = if is_hex { (0..digits.len() / 2).map(byte).collect() } else { None };
     let Some(bytes) = bytes.filter(|bytes| !bytes.is_empty()) else {
         let help = "write the bytes of the frame in hexadecimal, as \"00 00 00 00 00 00 01 00\"";
-        at.invalid(format!("`{text}` is not the content of a frame"), help);
-        return None;
+        return at.reject(format!("`{text}` is not the content of a frame"), help);
     };
     let (fits, help) = if field.is_fd {
         let help = "a CAN FD frame has 0 to 8, 12, 16, 20, 24, 32, 48 or 64 bytes";
@@ -66,14 +65,12 @@ pub(in crate::tables) fn fill(at: &KeyContext<'_>, text: &str, field: &Field) ->
         (bytes.len() <= 8, "a frame has at most 8 bytes; write fd = true if it is a CAN FD frame")
     };
     if !fits {
-        at.invalid(format!("a frame cannot have {} bytes", bytes.len()), help);
-        return None;
+        return at.reject(format!("a frame cannot have {} bytes", bytes.len()), help);
     }
     let needed = field.bits.bytes();
     if needed > bytes.len() {
         let message = format!("the value needs {needed} bytes, the frame has {}", bytes.len());
-        at.invalid(message, "write more bytes, or correct `start` and `length`");
-        return None;
+        return at.reject(message, "write more bytes, or correct `start` and `length`");
     }
     Some(bytes)
 }

@@ -181,8 +181,7 @@ impl RawSetup {
         let (entry, data_type, value) = (entry?, data_type?, self.value?);
         let Some((low, high)) = data_type.integer_range() else {
             let help = "use an integer type: u8, u16, i16, u32, i32, …";
-            at.key("type").invalid("`setup` cannot write a floating-point object", help);
-            return None;
+            return at.key("type").reject("`setup` cannot write a floating-point object", help);
         };
         if !(low..=high).contains(&i128::from(value)) {
             let message = format!("{} cannot contain {value}", data_type.name());

@@ -121,12 +121,9 @@ impl RawVerify {
             return None;
         }
         let place = at.key("register");
-        let Some(text) = &self.register else {
-            let help = "write `register`, as \"coil:268\" or \"holding:256\"";
-            place.missing("`register` is missing: what is to be read?", help);
-            return None;
-        };
-        let cell = cell(&place, text)?;
+        let help = "write `register`, as \"coil:268\" or \"holding:256\"";
+        place.missing("`register` is missing: what is to be read?", help);
+        let cell = cell(&place, self.register.as_ref()?)?;
         let table = cell.address.table;
         if !functions.reads(table) {
             let message = format!(
@@ -150,18 +147,12 @@ impl RawVerify {
 
     /// Resolves a check of a CANopen node.
     pub(super) fn object(&self, at: &KeyContext<'_>) -> Option<Expected> {
-        at.not_applicable(
-            &["register", "word_order"],
-            "a Modbus device",
-            "remove it, and write sdo = \"6110:01\"",
-        );
-        let Some(sdo) = &self.sdo else {
-            if self.register.is_none() {
-                at.key("sdo").missing("`sdo` is missing: what is to be read?", "write `sdo`, as \"6110:01\"");
-            }
-            return None;
-        };
-        let entry = can::entry(&at.key("sdo"), sdo);
+        let help = "remove it, and write sdo = \"6110:01\"";
+        at.not_applicable(&["register", "word_order"], "a Modbus device", help);
+        if self.register.is_none() {
+            at.key("sdo").missing("`sdo` is missing: what is to be read?", "write `sdo`, as \"6110:01\"");
+        }
+        let entry = can::entry(&at.key("sdo"), self.sdo.as_ref()?);
         let kind = self.kind.unwrap_or(TypeWord(DataType::U16));
         let data_type = can::object_type(&at.key("type"), kind)?;
         let equals = self.equal(at, data_type)?;
@@ -183,8 +174,7 @@ impl RawVerify {
     fn equal(&self, at: &KeyContext<'_>, data_type: DataType) -> Option<i64> {
         let Some((low, high)) = data_type.integer_range() else {
             let help = "use an integer type: u16, i16, u32, i32, …";
-            at.key("type").invalid("a check cannot compare floating-point values exactly", help);
-            return None;
+            return at.key("type").reject("a check cannot compare floating-point values exactly", help);
         };
         let equals = self.equals?;
         if !(low..=high).contains(&i128::from(equals)) {

@@ -30,24 +30,17 @@ impl BrokerUrl {
     /// # Errors
     /// A message and a hint. They do not quote a user or password.
     pub(super) fn parse(text: &str) -> Result<BrokerUrl, (String, String)> {
+        let wrong = |message: &str, help: &str| Err((message.to_owned(), help.to_owned()));
         let (scheme, place) = text.split_once("://").unwrap_or_default();
         let tls = match scheme {
             "mqtts" => true,
             "mqtt" => false,
-            _ => {
-                return Err((
-                    "the address does not begin with mqtts:// or mqtt://".to_owned(),
-                    EXAMPLE.to_owned(),
-                ));
-            }
+            _ => return wrong("the address does not begin with mqtts:// or mqtt://", EXAMPLE),
         };
         if place.contains('@') {
             let help =
                 "remove the part before `@`, and write `user = { name = \"…\", password_file = \"…\" }`";
-            return Err((
-                "the address of a broker must not have a user or a password".to_owned(),
-                help.to_owned(),
-            ));
+            return wrong("the address of a broker must not have a user or a password", help);
         }
         let place = place.strip_suffix('/').unwrap_or(place);
         let usual = if tls { 8883 } else { 1883 };
@@ -55,10 +48,7 @@ impl BrokerUrl {
         let Some((host, port)) = found.as_ref().ok().filter(|(host, port)| is_host(host) && *port != Some(0))
         else {
             let help = found.err().and_then(|why| why.help(usual, |place| format!("\"{scheme}://{place}\"")));
-            return Err((
-                format!("`{place}` is no host and port"),
-                help.unwrap_or_else(|| EXAMPLE.to_owned()),
-            ));
+            return wrong(&format!("`{place}` is no host and port"), help.as_deref().unwrap_or(EXAMPLE));
         };
         let (host, port) = (host.trim_matches(['[', ']']), port.unwrap_or(usual));
         Ok(BrokerUrl { tls, host: host.to_owned(), port })

@@ -77,8 +77,7 @@ pub(super) fn resolve(
             let help = "write read_back = { register = \"input:12\" }, or remove it: the gateway reads back \
                         the register that it writes";
             let device = raw.device.as_deref().unwrap_or_default();
-            at.invalid(format!("`{device}` is on a Modbus line, but an object is only for CAN"), help);
-            return None;
+            return at.reject(format!("`{device}` is on a Modbus line, but an object is only for CAN"), help);
         }
     };
     if share == Share::Ledger {
@@ -91,15 +90,12 @@ pub(super) fn resolve(
         at.invalid(message, "remove `read_back`, or write writes = \"offset\"");
     }
     let place = at.key("register");
-    if table.register.is_none() {
-        let message = "`register` is missing: in which register does the control report the applied value?";
-        place.missing(message, "write register = \"input:12\"");
-    }
+    let message = "`register` is missing: in which register does the control report the applied value?";
+    place.missing(message, "write register = \"input:12\"");
     let address = register::register(&place, table.register.as_ref())?;
     let (own, encoding) = written;
     if address.table.is_bits() {
-        place.invalid("a bit cannot hold an offset", "name an input or a holding register");
-        return None;
+        return place.reject("a bit cannot hold an offset", "name an input or a holding register");
     }
     if address == own {
         let message = "this is the register that is written: the gateway reads it back in any case";
@@ -116,16 +112,14 @@ pub(super) fn resolve(
     }
     let scale = match table.scale {
         Some(scale) if scale == 0.0 || !scale.is_finite() => {
-            at.key("scale").invalid("a scale of zero is not allowed", "write µm per count, as 0.1");
-            return None;
+            return at.key("scale").reject("a scale of zero is not allowed", "write µm per count, as 0.1");
         }
         Some(scale) => Scale::of(scale),
         None => encoding.scale,
     };
     let tolerance = match table.tolerance {
         Some(tolerance) if !(tolerance.is_finite() && tolerance > 0.0) => {
-            at.key("tolerance").invalid("a tolerance must be more than zero", "write µm, as 0.2");
-            return None;
+            return at.key("tolerance").reject("a tolerance must be more than zero", "write µm, as 0.2");
         }
         given => given.unwrap_or_else(|| encoding.scale.get().abs().max(scale.get().abs())),
     };

@@ -208,8 +208,7 @@ impl RawStale {
         let text = self.text.clone()?;
         if text.is_empty() || !text.bytes().all(|byte| (0x20..0x7f).contains(&byte)) {
             let help = "write characters that a display has, as \"----\"";
-            at.key("text").invalid(format!("`{text}` cannot be shown"), help);
-            return None;
+            return at.key("text").reject(format!("`{text}` cannot be shown"), help);
         }
         let words = Stale::words(&text, self.characters.unwrap_or(2));
         if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {

@@ -59,8 +59,7 @@ pub(super) fn of_a_frame(
         Some(ReadBackValue::Object(text)) => text,
         Some(ReadBackValue::Register(_)) => {
             let help = "write read_back = \"6004:00\", the CANopen object that returns the written value";
-            place.invalid("registers are only for Modbus: on CAN an object is read back", help);
-            return None;
+            return place.reject("registers are only for Modbus: on CAN an object is read back", help);
         }
         None if raw.is_written_as_cz() => {
             let message = "`read_back` is missing: an offset must be read back";
@@ -75,8 +74,7 @@ pub(super) fn of_a_frame(
     let entry = can::entry(&place, text);
     if !data_type.width().is_multiple_of(8) {
         let message = format!("an object has whole bytes, and {} bits are written", data_type.width());
-        place.invalid(message, "write 8, 16, 24, 32 or 64 bits, as the object has them");
-        return None;
+        return place.reject(message, "write 8, 16, 24, 32 or 64 bits, as the object has them");
     }
     Some(Verify::ReadBackAt(Object { entry: entry?, data_type }))
 }

@@ -102,10 +102,8 @@ pub(super) fn resolve(raw: &RawOutput, at: &KeyContext<'_>) -> Option<Writes> {
         WritesWord::Slope => Writes::Slope,
         WritesWord::Reference => Writes::Reference,
         WritesWord::Corrected => {
-            if raw.position.is_none() {
-                let help = "name the signal of the scale, in mm: the gateway writes position + Cz";
-                place.missing("`position` is missing: which scale is corrected?", help);
-            }
+            let help = "name the signal of the scale, in mm: the gateway writes position + Cz";
+            place.missing("`position` is missing: which scale is corrected?", help);
             return Some(Writes::Corrected { position: place.position(raw.position.as_ref())? });
         }
     };

@@ -38,18 +38,11 @@ impl RawVersion {
             holds(at, &node, number)?;
             return Some((Address::Node(node), number));
         }
-        at.not_applicable(
-            &["node", "type"],
-            "an OPC UA server",
-            "remove it, and write register = \"holding:100\"",
-        );
+        let help = "remove it, and write register = \"holding:100\"";
+        at.not_applicable(&["node", "type"], "an OPC UA server", help);
         let place = at.key("register");
-        if self.register.is_none() {
-            place.missing(
-                "`register` is missing: where is the version number written?",
-                "write a holding register, as \"holding:100\"",
-            );
-        }
+        let help = "write a holding register, as \"holding:100\"";
+        place.missing("`register` is missing: where is the version number written?", help);
         holding(&place, self.register.as_ref()).map(Address::from).zip(self.value)
     }
 }

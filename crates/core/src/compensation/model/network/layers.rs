@@ -1,5 +1,7 @@
 //! Network of layers: `y = f(W·x + b)`, layer after layer.
 
+use serde::Deserialize;
+
 use super::{Scaling, WIDEST};
 
 /// Layers, with the scaling of inputs and output.
@@ -22,7 +24,8 @@ pub struct Layer {
 }
 
 /// Function that a neuron applies to its sum.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Activation {
     /// Hyperbolic tangent of the sum.
     Tanh,

@@ -18,7 +18,7 @@ use super::half_models;
 use super::inputs::ReferenceValue;
 use crate::Profile;
 use crate::error::allowed;
-use crate::tables::KeyContext;
+use crate::tables::{KeyContext, optional};
 use isotherm_core::compensation::model::envelope::{BadEnvelope, Identified, MOST};
 use isotherm_core::compensation::model::{Envelope, Input, Model, Outside, Reference};
 use isotherm_core::quantity::Celsius;
@@ -104,7 +104,7 @@ pub(super) fn resolve(
         return Some(None);
     };
     let halves = at.key("halves");
-    let apart = raw.halves.as_deref().map(|name| half_models::resolve(raw, &halves, name, model?));
+    let apart = optional(raw.halves.as_deref(), |name| half_models::resolve(raw, &halves, name, model?));
     let bytes = bytes(raw, "envelope", &place, name)?;
     let file: EnvelopeFile = taken(&place, name, read(&bytes, "isotherm-envelope"))?;
     let signals = model?.signals();
@@ -113,17 +113,14 @@ pub(super) fn resolve(
     for input in &file.inputs {
         let Some(signal) = signals.iter().copied().find(|id| names[id.0] == input.signal) else {
             let help = allowed(&input.signal, signals.iter().map(|id| names[id.0].as_str()));
-            place.invalid(
-                format!("{name}: input `{}` of this file is not a signal of the model", input.signal),
-                help,
-            );
-            return None;
+            let message =
+                format!("{name}: input `{}` of this file is not a signal of the model", input.signal);
+            return place.reject(message, help);
         };
         let reference = input.reference.map_or(Reference::Fixed(Celsius::ZERO), Reference::from);
         let input_of = Input::of(signal, reference, None);
         known.push(Identified { input: input_of, mean: input.mean, range: (input.min, input.max) });
     }
-    let apart = apart.map_or(Some(None), |apart| apart.map(Some));
     if raw.outside == Some(OutsideWord::Agree) && raw.halves.is_none() {
         let message = "outside = \"agree\" needs `halves`: without `halves`, the gateway follows the model \
                        outside the envelope, as with \"warn\"";

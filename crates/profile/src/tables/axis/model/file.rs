@@ -27,13 +27,10 @@ pub(super) fn read<T: DeserializeOwned>(bytes: &[u8], format: &str) -> Result<T,
         None => return Err(format!("the file has no \"format\"; \"{format}\" is required")),
     }
     match head.version {
-        Some(1) => {}
-        Some(other) => {
-            return Err(format!("the version of the file is {other}; this program reads version 1"));
-        }
-        None => return Err("the file has no \"version\"; this program reads version 1".to_owned()),
+        Some(1) => serde_json::from_slice(bytes).map_err(|why| why.to_string()),
+        Some(other) => Err(format!("the version of the file is {other}; this program reads version 1")),
+        None => Err("the file has no \"version\"; this program reads version 1".to_owned()),
     }
-    serde_json::from_slice(bytes).map_err(|why| why.to_string())
 }
 
 /// Checks that the names in a file fit those in the profile.
@@ -67,7 +64,7 @@ pub(super) fn fit(what: &str, own: &[String], given: &[&str]) -> Result<(), Stri
 /// Reads the file that this key of the model names, and checks its SHA-256. `at` is the key.
 pub(super) fn bytes(raw: &RawModel, key: &str, at: &KeyContext<'_>, name: &str) -> Option<Vec<u8>> {
     let bytes = at.file(name, "a relative path begins in the directory of the profile")?;
-    raw.seals().is_none_or(|seals| seals.fits(key, at, name, &bytes)).then_some(bytes)
+    raw.sha256.as_ref().is_none_or(|seals| seals.fits(key, at, name, &bytes)).then_some(bytes)
 }
 
 /// Returns the content of a named file, or reports why there is none.

@@ -105,13 +105,11 @@ pub(super) fn in_order<'r>(
         Inputs::InOrder(inputs) => inputs,
         Inputs::ByName(_) => {
             let help = "write inputs = [ \"bed\", \"column\" ], in the order of the file";
-            list.invalid("signals by name have no order, which this model needs", help);
-            return None;
+            return list.reject("signals by name have no order, which this model needs", help);
         }
     };
     if inputs.is_empty() {
-        list.invalid("a model without inputs follows no temperature", "name at least one signal");
-        return None;
+        return list.reject("a model without inputs follows no temperature", "name at least one signal");
     }
     let of_model = raw.reference.map(Reference::from).or(default);
     let (mut found, mut names, mut lacks_reference) = (Vec::new(), Vec::new(), false);

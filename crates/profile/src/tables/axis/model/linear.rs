@@ -10,7 +10,7 @@ use super::{Computation, KindOfModel, Places, RawModel};
 use crate::Profile;
 use crate::document::grouped;
 use crate::duration::Timespan;
-use crate::tables::KeyContext;
+use crate::tables::{KeyContext, optional};
 use isotherm_core::compensation::model::{Input, Kind, Linear, Reference, Slope, Term};
 use isotherm_core::quantity::{Micron, MicronPerCelsius, MicronPerMillimetreCelsius, Millimetre};
 
@@ -80,20 +80,14 @@ pub(super) struct RawSlope {
 
 fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
     let list = at.key("terms");
-    let Some(own) = &raw.terms else {
-        let help = "write terms = [ { signal = \"…\", gain = …, reference = … } ]";
-        list.missing("`terms` is missing: a linear model adds up terms", help);
-        return None;
-    };
+    let help = "write terms = [ { signal = \"…\", gain = …, reference = … } ]";
+    list.missing("`terms` is missing: a linear model adds up terms", help);
+    let own = raw.terms.as_ref()?;
     if own.is_empty() && raw.slope.is_none() {
         list.invalid("a model without terms follows no temperature", "write at least one term");
     }
     let terms = terms(&list, own, (RawTerm::gain, LARGE_GAIN, "µm/°C"), MicronPerCelsius::new);
-    let slope = raw.slope.as_ref().map(|slope| slope.resolve(&at.key("slope")));
-    let slope = match slope {
-        Some(slope) => Some(slope?),
-        None => None,
-    };
+    let slope = optional(raw.slope.as_ref(), |slope| slope.resolve(&at.key("slope")))?;
     let offset = Micron::new(raw.offset.unwrap_or(0.0))?;
     Some(Kind::Linear(Linear { offset, terms: terms?, slope }))
 }
@@ -160,8 +154,7 @@ impl RawTerm {
             Some(2) => Some(true),
             Some(other) => {
                 let help = "write power = 2 for the square of the value, or leave it out";
-                at.key("power").invalid(format!("a term cannot have the power {other}"), help);
-                None
+                at.key("power").reject(format!("a term cannot have the power {other}"), help)
             }
         }
     }

@@ -87,15 +87,7 @@ struct Output {
 struct RawLayer {
     weights: Vec<Vec<f64>>,
     bias: Vec<f64>,
-    activation: ActivationWord,
-}
-
-#[derive(Clone, Copy, Debug, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-enum ActivationWord {
-    Tanh,
-    Relu,
-    Linear,
+    activation: Activation,
 }
 
 /// Parses a network. Returns it with the names of its inputs, if the file has them.
@@ -126,15 +118,7 @@ impl RawScaling {
 
 fn layers(file: LayersFile) -> Result<(Net, Option<Vec<String>>), String> {
     let (scaling, names) = file.inputs.resolved()?;
-    let layer = |raw: RawLayer| Layer {
-        weights: raw.weights,
-        bias: raw.bias,
-        activation: match raw.activation {
-            ActivationWord::Tanh => Activation::Tanh,
-            ActivationWord::Relu => Activation::Relu,
-            ActivationWord::Linear => Activation::Linear,
-        },
-    };
+    let layer = |RawLayer { weights, bias, activation }: RawLayer| Layer { weights, bias, activation };
     let layers = file.layers.into_iter().map(layer).collect();
     Ok((Net::Layers(Layers::new(scaling, layers, (file.output.mean, file.output.scale))?), names))
 }
@@ -155,15 +139,10 @@ fn radial(file: RadialFile) -> Result<(Net, Option<Vec<String>>), String> {
 }
 
 fn resolve(raw: &RawModel, at: &KeyContext<'_>) -> Option<Kind> {
-    if raw.inputs.is_none() {
-        let help = "write inputs = [ … ], the signals in the network's order";
-        at.key("inputs").missing("`inputs` is missing: a network needs them", help);
-    }
-    if raw.file.is_none() {
-        let help =
-            "write file = \"spindle.onnx\", or a .json of the project's own format, beside the profile";
-        at.key("file").missing("`file` is missing: a network needs it", help);
-    }
+    let help = "write inputs = [ … ], the signals in the network's order";
+    at.key("inputs").missing("`inputs` is missing: a network needs them", help);
+    let help = "write file = \"spindle.onnx\", or a .json of the project's own format, beside the profile";
+    at.key("file").missing("`file` is missing: a network needs it", help);
     let inputs = in_order(raw, at, Some(Reference::Fixed(Celsius::ZERO)));
     let (name, at) = (raw.file.as_deref()?, at.key("file"));
     let bytes = bytes(raw, "file", &at, name)?;

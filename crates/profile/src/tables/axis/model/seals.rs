@@ -62,6 +62,7 @@ fn in_hex(digest: &[u8]) -> String {
 }
 
 impl RawSeals {
+    /// Returns the keys of a model that name a file, each with its seal.
     fn each(&self) -> [(&'static str, Option<&String>); 4] {
         [
             ("file", self.file.as_ref()),
@@ -75,8 +76,8 @@ impl RawSeals {
     /// model.
     pub(super) fn check(&self, raw: &RawModel, at: &KeyContext<'_>) {
         let place = at.key("sha256");
-        for (key, seal) in self.each() {
-            let named = raw.file_of(key);
+        let files = [&raw.file, &raw.envelope, &raw.halves, &raw.stand_ins];
+        for ((key, seal), named) in self.each().into_iter().zip(files) {
             match (seal, named) {
                 (Some(_), None) => {
                     let help = format!("name the file with `{key}`, or remove it");
