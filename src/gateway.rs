@@ -1,8 +1,8 @@
 //! The gateway: lines, axes and outputs of one profile, wired and run.
 //!
 //! Each line has one task that owns it. The task reads, steps the axes whose inputs it has just read, and writes the
-//! decisions. The state that the lines share is behind one lock, which is held for microseconds. Events, page, log and
-//! state file get copies. The lines never wait for them.
+//! decisions. The state that the lines share is behind one lock, which is held for microseconds. Events, web page, log
+//! and state file get copies. The lines never wait for them.
 
 use std::collections::HashMap;
 use std::future::Future;
@@ -136,7 +136,8 @@ pub struct Options {
     pub has_threads: bool,
     /// Function that creates connections. Tests use another one than the default.
     pub dialer: Dialer,
-    /// Maximum time of a line without a turn; `None`: derived from its timeouts. Tests make it short.
+    /// Maximum time without an action of a line task, before the watchdog stops the gateway. `None`: derived from the
+    /// timeouts of the line. Tests set a short time.
     pub watch: Option<Duration>,
     /// Period of all polls and axes, independent of the profile. A bench is often faster than a profile may be.
     pub pace: Option<Pace>,

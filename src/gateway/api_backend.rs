@@ -1,5 +1,5 @@
-//! Interface of page, API and commands to the gateway: its state, and commands such as arm, disarm, zero and measured
-//! errors.
+//! Interface of web page, API and commands to the gateway: its state, and commands such as arm, disarm, zero and
+//! measured errors.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -30,7 +30,7 @@ use isotherm_profile::{AxisId, DeviceId};
 const NO_ZERO: &str = "nothing is captured: the profile has no reference \"zero\" here; write reference = \"zero\" in a model, or \
                        datum = \"zero\" in its axis, and restart";
 
-/// State and commands for page, API and command socket. Each has its own handle.
+/// State and commands for web page, API and command socket. Each has its own handle.
 pub(super) struct ApiBackend {
     page: PageHandle,
     commands: CommandHandle,
@@ -328,7 +328,7 @@ impl CommandHandle {
         places.retain(|place| !self.0.profile.is_release(AxisId(*place)));
         match axis {
             Some(axis) if places.is_empty() => Err(format!(
-                "axis {axis} only returns a register to its base; `isotherm release` starts this"
+                "axis {axis} only returns a register to its base value; `isotherm release` starts this"
             )),
             _ => Ok(places),
         }
@@ -501,8 +501,8 @@ impl CommandHandle {
         })
     }
 
-    /// Requests the release of an output's former registers, or withdraws the request. They return to their base from
-    /// the next start on.
+    /// Requests the release of an output's former registers, or withdraws the request. The registers return to their
+    /// base values from the next start on.
     fn release(
         &self,
         output: &str,

@@ -3,9 +3,9 @@
 //! The task of a line owns an executor for each of its outputs. This is a [`Single`] if the output is written by
 //! itself, or a [`Position`] if it is a corrected position. Outputs that are written together have one [`Set`]. A
 //! [`Single`] has a [`register::OutputRegister`] and a [`Controller`](isotherm_core::output::Controller). A [`Set`] has
-//! a register for each output, and a [`SetController`](isotherm_core::output::SetController). A turn begins with the
-//! demand of the axis. Then each action is one exchange, and its result is the next input, until there is nothing to
-//! do. A reference position is an output without a step or a limit.
+//! a register for each output, and a [`SetController`](isotherm_core::output::SetController). A turn is the work of the
+//! line task on one output or set. It begins with the demand of the axis. Then each action is one exchange, and its
+//! result is the next input, until there is nothing to do. A reference position is an output without a step or a limit.
 
 use std::time::Duration;
 
@@ -29,14 +29,14 @@ pub(super) use position::Position;
 pub(super) use set::Set;
 pub(super) use single::Single;
 
-/// Upper limit of the exchanges in one turn of an output. The line then continues with its next turn.
+/// Upper limit of the exchanges in one turn of an output. At this limit, the line continues with its next turn.
 const MOST_EXCHANGES: usize = 12;
 /// Time for which an unanswered write is still recognised in the register, as a multiple of `late`.
 const REMEMBERED: u32 = 10;
 /// Timeout of the disk. A longer wait is a fault.
 const DISK_PATIENCE: Duration = Duration::from_secs(5);
 
-/// Turn of an output: its line, and the state that all lines share.
+/// Context of a turn of an output: its line, and the state that all lines share.
 pub(super) struct LineTurn<'a> {
     pub(super) line: &'a mut DeviceLine,
     pub(super) shared: &'a LineHandle,

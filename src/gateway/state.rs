@@ -58,7 +58,8 @@ pub(super) struct GatewayState {
     pub(super) phase: RunPhase,
     /// An axis has been armed since the start.
     pub(super) was_armed: bool,
-    /// For each axis: it was driven before the start, and has not been armed since.
+    /// For each axis: an earlier run left a verified offset in one of its outputs, and the axis has not been armed
+    /// since the start.
     pub(super) was_driven: Vec<bool>,
     /// The readings of a model of an axis have been usable since the start.
     pub(super) has_read: bool,
@@ -67,7 +68,7 @@ pub(super) struct GatewayState {
     pub(super) day_due: Moment,
     /// Time at which the next axis is due.
     pub(super) next_due: Option<Moment>,
-    /// Requester of the program that replaces this one, as it is named in a sentence.
+    /// Requester of the program that replaces this program, as a sentence names the requester.
     pub(super) replaced_by: String,
     /// An internal fault has occurred: the process ends with an error after the fault actions.
     pub(super) failed: bool,
@@ -452,8 +453,7 @@ impl GatewayState {
         }
     }
 
-    /// Handles a register that was unknown and was read now; it holds this Cz. Returns true if its axis resumes from
-    /// it.
+    /// Handles the read of an unknown register, which holds `cz`. Returns true if its axis resumes from this Cz.
     pub(super) fn found(&mut self, id: OutputId, cz: Micron) -> bool {
         let profile = &self.given.profile;
         let Output { axis: AxisId(axis), writes, .. } = *profile.output(id);
@@ -473,8 +473,7 @@ impl GatewayState {
         writes.is_cz()
     }
 
-    /// Checks for a new result of the probing cycle of this axis. Returns true if there is a result, learned or
-    /// refused.
+    /// Checks for a new result of the probing cycle of this axis. Returns true if a result was learned or refused.
     pub(super) fn take_probing(&mut self, axis: AxisId, now: Moment) -> bool {
         let (profile, place) = (&*self.given.profile, axis.0);
         let axis = profile.axis(axis);
@@ -494,8 +493,7 @@ impl GatewayState {
         true
     }
 
-    /// Reports the results of probing that the axes received in this step. Returns true if at least one axis received
-    /// one.
+    /// Reports the results of probing that the axes received in this step. Returns true if there was a result.
     fn report_probings(&mut self, profile: &Profile, now: Moment) -> bool {
         let mut any = false;
         for (place, axis) in profile.axes.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Events as one enum. The log line, the counter and the list of the page come from the same variant.
+//! Events as one enum. The log line, the counter and the list of the web page come from the same variant.
 //!
 //! An event is reported once, when a state begins or ends. It contains the number of occurrences that were not reported
 //! in between.
@@ -235,7 +235,7 @@ pub enum Event {
         #[serde(skip)]
         hint: String,
     },
-    /// A register that belonged to no output was returned to its base at the operator's request, and verified.
+    /// A register that belonged to no output was returned to its base value at the operator's request, and verified.
     RegisterReleased { output: String, register: String },
     /// The operator has armed the axis, and so confirmed the place of this output.
     PlaceConfirmed { output: String },
@@ -330,9 +330,9 @@ pub enum Event {
     StandIn(StandIn),
     /// Probings show that an axis is worse with its model than without compensation, or do not show it any more.
     Comparison(Comparison),
-    /// The port of the page is in use, or can be used again.
+    /// The port of the web page is in use, or can be used again.
     Page(PagePort),
-    /// A token of the page has changed or is missing.
+    /// A token of the web page has changed or is missing.
     Token(PageToken),
     /// State of publishing to the broker of `[mqtt]`.
     Broker(Broker),

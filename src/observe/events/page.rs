@@ -1,22 +1,22 @@
-//! Events about the port of the page, and about its tokens.
+//! Events about the port of the web page, and about its tokens.
 
 use serde::Serialize;
 
 use super::{EventDescription, error, info, warning};
 use isotherm_core::explained::Explained;
 
-/// State of the page that the profile requires.
+/// State of the web page that the profile requires.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum PagePort {
-    /// The page cannot listen at its address.
+    /// The web page cannot listen at its address.
     Closed {
         /// Host and port.
         listen: String,
         /// Reason as a sentence.
         why: String,
     },
-    /// The page listens now.
+    /// The web page listens now.
     Open {
         /// Host and port.
         listen: String,
@@ -28,19 +28,19 @@ impl PagePort {
         match self {
             PagePort::Closed { listen, why } => warning(
                 "page-closed",
-                format!("the page cannot listen on {listen} (another address: --listen)"),
+                format!("the web page cannot listen on {listen} (another address: --listen)"),
                 Explained::new(
                     why.as_str(),
                     "free the address or name another one; the gateway tries again every ten seconds, and \
                      the compensation continues",
                 ),
             ),
-            PagePort::Open { listen } => info("page-open", format!("the page listens on {listen}")),
+            PagePort::Open { listen } => info("page-open", format!("the web page listens on {listen}")),
         }
     }
 }
 
-/// A token file of the page has changed while the gateway runs.
+/// A token file of the web page has changed while the gateway runs.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum PageToken {

@@ -206,7 +206,8 @@ impl Event {
                 format!("output {output}"),
                 Explained::new(
                     format!("{wanted} is outside the range of the register and was limited"),
-                    "is `scale` right? Else write to a wider register, or lower the limit of the axis",
+                    "check `scale`. If it is right, write to a wider register, or lower the limit of the \
+                     axis",
                 ),
             ),
             Event::VerifyFailed { output, wrote, found, is_in_a_node } => {
@@ -340,7 +341,7 @@ impl Event {
             ),
             Event::RegisterReleased { output, register } => info(
                 "register-released",
-                format!("output {output}: the former register, {register}, is back at its base"),
+                format!("output {output}: the former register, {register}, is back at its base value"),
             ),
             Event::PlaceConfirmed { output } => {
                 info("place-confirmed", format!("output {output}: the operator has confirmed its place"))
