@@ -155,7 +155,7 @@ enum Verb {
     Measured(measured::Arguments),
     /// Accept a device of the running gateway that an operator has checked
     Confirm(confirm::Arguments),
-    /// Return the register of a moved or removed output to its base
+    /// Return the register of a moved or removed output to its base value
     Release(release::Arguments),
     /// Show the frames of a device of the running gateway as they pass
     Trace(trace::Arguments),
@@ -164,13 +164,13 @@ enum Verb {
     /// Export logs and events as Parquet, one file a day, to query many machines at once
     #[cfg(feature = "parquet")]
     Export(export::Arguments),
-    /// Show the state of the running gateway, as its page does
+    /// Show the state of the running gateway, as its web page does
     Status(status::Arguments),
     /// Make, show and trust the certificates of an OPC UA line
     #[cfg(feature = "opcua")]
     #[command(name = "opcua")]
     OpcUa(opcua::Arguments),
-    /// Make a token for the page, for viewing or for commands
+    /// Make a token for the web page, for viewing or for commands
     Token(token::Arguments),
     /// Print the JSON Schema of the profile, for editors
     #[command(after_help = "Example:\n  isotherm schema > isotherm.schema.json")]

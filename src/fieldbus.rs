@@ -15,7 +15,7 @@
 //! - [`pending_replies`] — late replies that a serial unit may still send after a timeout, and requests that are safe
 //!   meanwhile.
 //! - [`reply_signature`] — what distinguishes the answers to two requests; `order_check` — whether the answers of a
-//!   unit behind a gateway belong to their requests.
+//!   unit behind a Modbus gateway belong to their requests.
 //! - `pipeline` — whether two requests are sent together, and when the line stops doing so.
 //! - [`mod@line`] — sends requests to devices: one at a time, with timeout, send deadline, back-off and reconnection.
 

@@ -1,8 +1,8 @@
 //! The gateway: lines, axes and outputs of one profile, wired and run.
 //!
 //! Each line has one task that owns it. The task reads, steps the axes whose inputs it has just read, and writes the
-//! decisions. The state that the lines share is behind one lock, which is held for microseconds. Events, page, log and
-//! state file get copies. The lines never wait for them.
+//! decisions. The state that the lines share is behind one lock, which is held for microseconds. Events, web page, log
+//! and state file get copies. The lines never wait for them.
 
 use std::collections::HashMap;
 use std::future::Future;

@@ -11,7 +11,7 @@
 //! - [`net`] — connections to servers: name lookup, TCP and TLS.
 //! - [`fieldbus`] — communication with devices over Modbus, CAN or OPC UA. One task owns each line.
 //! - [`gateway`] — polls devices, passes readings to the pure steps, executes their actions, keeps state and logs.
-//! - [`observe`] — events, status, metrics and the page, for users and programs.
+//! - [`observe`] — events, status, metrics and the web page, for users and programs.
 //! - [`discovery`] — a line without a profile: which units answer, and the values of registers.
 //! - [`virtual_machine`] — virtual hardware: devices, plants, and faults by script.
 //! - [`cli`] — the verbs, one file each.

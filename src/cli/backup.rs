@@ -195,7 +195,7 @@ fn secrets(profile: &Profile, beside: &Path) -> BTreeSet<String> {
     secrets
 }
 
-/// File of the page's certificate; `None` without TLS. The profile reader does not read it.
+/// File of the web page's certificate; `None` without TLS. The profile reader does not read it.
 fn certificate(profile: &Profile, beside: &Path) -> Option<String> {
     let tls = profile.web.as_ref()?.tls.as_ref()?;
     Some(name_in(&tls.cert, beside))

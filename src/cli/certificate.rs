@@ -1,4 +1,4 @@
-//! The certificate of the page: read from its files, and read again when they change.
+//! The certificate of the web page: read from its files, and read again when they change.
 
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
@@ -17,7 +17,7 @@ use isotherm_profile::{WebTls, safe_file};
 /// state, because certificate and key cannot be replaced at once.
 const LOOK_EVERY: Duration = Duration::from_secs(2);
 
-/// Server configuration of the page with its certificate, and the files that contain certificate and key.
+/// Server configuration of the web page with its certificate, and the files that contain certificate and key.
 #[derive(Debug)]
 pub(super) struct Certificate {
     files: WebTls,
@@ -43,7 +43,7 @@ impl Certificate {
         self.show.subscribe()
     }
 
-    /// Reads the files again when they change. If the new files have an error, the page keeps the old certificate.
+    /// Reads the files again when they change. If the new files have an error, the web page keeps the old certificate.
     pub(super) async fn keep(mut self) {
         let mut last = self.read;
         loop {
@@ -58,9 +58,12 @@ impl Certificate {
                 match read {
                     Ok(config) => {
                         self.show.send_replace(Arc::new(config));
-                        tracing::info!("the page shows the new certificate in {}", self.files.cert.display());
+                        tracing::info!(
+                            "the web page shows the new certificate in {}",
+                            self.files.cert.display()
+                        );
                     }
-                    Err(why) => tracing::warn!("the page still shows its old certificate: {why:#}"),
+                    Err(why) => tracing::warn!("the web page still shows its old certificate: {why:#}"),
                 }
             }
             last = found;
@@ -71,7 +74,7 @@ impl Certificate {
 fn config(files: &WebTls) -> anyhow::Result<ServerConfig> {
     let read = |path: &Path| {
         safe_file::read(path, safe_file::LARGEST)
-            .with_context(|| format!("the page's {} cannot be read (web.tls)", path.display()))
+            .with_context(|| format!("the web page's {} cannot be read (web.tls)", path.display()))
     };
     let (cert, key) = (read(&files.cert)?, read(&files.key)?);
     tls::server(&cert, &key).map_err(|wrong| {
@@ -79,7 +82,7 @@ fn config(files: &WebTls) -> anyhow::Result<ServerConfig> {
             tls::Wrong::Cert(why) => (&files.cert, why),
             tls::Wrong::Key(why) => (&files.key, why),
         };
-        anyhow::anyhow!("the page's {} (web.tls): {why}", file.display())
+        anyhow::anyhow!("the web page's {} (web.tls): {why}", file.display())
     })
 }
 

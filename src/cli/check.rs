@@ -179,7 +179,7 @@ fn unlike_run(profile: &Profile, state: Option<&Path>) -> Vec<String> {
     });
     let socket = control::path(&directory, &profile.name);
     let tokens = profile.web.as_ref().and_then(|web| Admission::of(web).err());
-    let tokens = tokens.map(|why| format!("[web]: {why}; the page is not served without it"));
+    let tokens = tokens.map(|why| format!("[web]: {why}; the web page is not served without it"));
     let socket = control::too_long(&socket).map(|why| format!("{}: {why}", socket.display()));
     let files = profile.web.as_ref().and_then(|web| web.tls.as_ref());
     let certificate = files.and_then(|files| Certificate::open(files).err());

@@ -30,7 +30,7 @@ use table::Table;
 use truth::WithTruth;
 
 /// Demonstrates isotherm without hardware. The demo starts the devices of a virtual machine on real loopback sockets,
-/// runs the gateway with them, and serves the page. At the end it prints the error without and with compensation.
+/// runs the gateway with them, and serves the web page. At the end it prints the error without and with compensation.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  isotherm demo\n  isotherm demo sinker-edm --for 12h\n  \
                   isotherm demo --speed 3600 --for 8h --seed 7 --json\n  isotherm demo linuxcnc-mill --for 1h")]
@@ -51,11 +51,11 @@ pub(super) struct Arguments {
     /// The simulated day: duty cycle, ambient temperature and noise depend on it
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Address of the page; port 0 selects any free port. Default 127.0.0.1:8080, or any free port if that one is in
-    /// use
+    /// Address of the web page; port 0 selects any free port. Default 127.0.0.1:8080, or any free port if that one is
+    /// in use
     #[arg(long, value_name = "ADDR")]
     listen: Option<String>,
-    /// Keeps the page open after the day, with its time stopped, until Enter or Ctrl-C
+    /// Keeps the web page open after the day, with its time stopped, until Enter or Ctrl-C
     #[arg(long)]
     stay: bool,
     /// Prints one JSON document at the end, and nothing else on stdout
@@ -94,7 +94,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let page = open_page(&mut sockets, arguments.listen.as_deref(), profile.web.as_ref())?;
     if !arguments.json {
         say_beside!(
-            "everybody on this computer may command this demo through its page (commands = \"local\")"
+            "everybody on this computer may command this demo through its web page (commands = \"local\")"
         );
     }
     let outcome = super::runtime()?.block_on(show(arguments, profile, (plant, mill), sockets, page))?;
@@ -146,7 +146,7 @@ async fn show(
         drop(last);
         reported = report(arguments, &window.summary(), clock.now().since(begun), published.as_ref());
         if is_whole && arguments.stay && reported.is_ok() {
-            let stays = format!("the page stays open at {page} until Enter or Ctrl-C");
+            let stays = format!("the web page stays open at {page} until Enter or Ctrl-C");
             if arguments.json {
                 say_beside!("{stays}");
             } else {
@@ -198,7 +198,7 @@ fn usable(profile: &Profile) -> anyhow::Result<()> {
     )
 }
 
-/// Opens the page and returns its address. Without `--listen`, a demo uses any free port if the usual one cannot be
+/// Opens the web page and returns its address. Without `--listen`, a demo uses any free port if the usual one cannot be
 /// opened.
 fn open_page(sockets: &mut Sockets, listen: Option<&str>, web: Option<&Web>) -> anyhow::Result<String> {
     // Commands need no token, because a demo moves no real machine.

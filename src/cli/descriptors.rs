@@ -1,5 +1,5 @@
-//! Limits on the file descriptors of page and command socket. The others are reserved for lines, logs and state, which
-//! have priority.
+//! Limits on the file descriptors of web page and command socket. The others are reserved for lines, logs and state,
+//! which have priority.
 
 use rustix::process::{Resource, getrlimit};
 
@@ -10,7 +10,7 @@ const OF_A_LINE: u64 = 3;
 /// Descriptors of a connection of the command socket: the connection, and a copy that detects its end.
 const OF_A_COMMAND: u64 = 2;
 
-/// Maximum number of simultaneous connections of page and command socket.
+/// Maximum number of simultaneous connections of web page and command socket.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Shares {
     pub(super) page: usize,

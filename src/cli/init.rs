@@ -30,7 +30,7 @@ pub(super) struct Arguments {
     /// The profile to be written [default: <machine>.toml]
     #[arg(value_name = "PROFILE.toml")]
     file: Option<PathBuf>,
-    /// The machine's name, in file names and on the page
+    /// The machine's name, in file names and on the gateway's web page
     #[arg(long, value_name = "NAME")]
     machine: Option<String>,
     /// Address of the thermocouple module: 192.168.0.10:502, or a serial port: /dev/ttyUSB0

@@ -26,7 +26,8 @@ pub(super) struct Arguments {
     /// The measured error in µm; of the diameter if the axis acts on the diameter
     #[arg(long, value_name = "UM", allow_negative_numbers = true, value_parser = finite, required_unless_present = "clear")]
     error: Option<f64>,
-    /// The time of the measurement, RFC 3339 with a zone; a measurement before the datum of the axis is rejected
+    /// The time of the measurement, RFC 3339 with a zone; a measurement before the datum (last zero point of Cz) of the
+    /// axis is rejected
     #[arg(long, value_name = "TIME", value_parser = MeasuredReport::time, conflicts_with = "clear")]
     time: Option<Moment>,
     /// Identifier of this measurement, at most 64 characters

@@ -1,4 +1,4 @@
-//! The page's port: opened when the gateway starts, or as soon as it is free.
+//! The web page's port: opened when the gateway starts, or as soon as it is free.
 
 use std::io::{Error, ErrorKind};
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
@@ -20,7 +20,7 @@ const CHANGED_AFTER: u32 = 2;
 /// Interval between attempts to open the port.
 const AGAIN: Duration = Duration::from_secs(10);
 
-/// Listening address of the page, with its admission rules and its certificate.
+/// Listening address of the web page, with its admission rules and its certificate.
 #[derive(Debug)]
 pub(super) struct Port {
     listen: String,
@@ -30,11 +30,11 @@ pub(super) struct Port {
     opened: Result<TcpListener, String>,
 }
 
-/// An open page: its listener, its admission rules, and its certificate.
+/// An open web page: its listener, its admission rules, and its certificate.
 type Opened = (tokio::net::TcpListener, Admission, Option<Certificate>);
 
 impl Port {
-    /// Reads the tokens and the certificate of the page. Opens nothing.
+    /// Reads the tokens and the certificate of the web page. Opens nothing.
     pub(super) fn new(web: &Web) -> anyhow::Result<Port> {
         let admission = Admission::of(web).map_err(anyhow::Error::msg)?;
         let place = host_and_port(&web.listen);
@@ -49,13 +49,13 @@ impl Port {
         let is_local = addresses.iter().all(|address| address.ip().is_loopback());
         anyhow::ensure!(
             admission.has_token() || is_local,
-            "the page may listen on {} only with web.token_file in the profile; without this key, only on \
-             loopback",
+            "the web page may listen on {} only with web.token_file in the profile; without this key, only \
+             on loopback",
             web.listen
         );
         anyhow::ensure!(
             web.tls.is_some() || web.plain || is_local,
-            "the page would listen on {} in plain text: {PLAIN}",
+            "the web page would listen on {} in plain text: {PLAIN}",
             web.listen
         );
         let certificate = web.tls.as_ref().map(Certificate::open).transpose()?;
@@ -63,8 +63,8 @@ impl Port {
         Ok(Port { listen: web.listen.clone(), addresses, admission, certificate, opened })
     }
 
-    /// Waits until tokens and certificate of the page can be read. Returns the port, and opens it if that is possible
-    /// now.
+    /// Waits until tokens and certificate of the web page can be read. Returns the port, and opens it if that is
+    /// possible now.
     pub(super) async fn found(web: &Web, source: &dyn GatewayApi) -> Port {
         let mut reported = None;
         loop {
@@ -89,7 +89,8 @@ impl Port {
         }
     }
 
-    /// Prints the address of the page. `source` gets the event if an earlier event reported that the page is closed.
+    /// Prints the address of the web page. `source` gets the event if an earlier event reported that the web page is
+    /// closed.
     fn announce(&self, source: Option<&dyn GatewayApi>) {
         // A closed stdout must not stop the machine.
         let _ = say!("page {}", self.url());
@@ -124,10 +125,10 @@ impl Port {
     /// Message about a port that cannot be opened.
     pub(super) fn closed(&self, error: &Error) -> String {
         let why = explain::system(error);
-        format!("the page cannot listen on {} (another address: --listen): {why}", self.listen)
+        format!("the web page cannot listen on {} (another address: --listen): {why}", self.listen)
     }
 
-    /// Address of the page for a browser.
+    /// Address of the web page for a browser.
     pub(super) fn url(&self) -> String {
         let scheme = if self.certificate.is_some() { "https" } else { "http" };
         let address = self.opened.as_ref().ok().and_then(|listener| listener.local_addr().ok());
@@ -155,7 +156,7 @@ impl Port {
     }
 }
 
-/// Address for a browser. A page that listens on every address gets the name of this computer.
+/// Address for a browser. A web page that listens on every address gets the name of this computer.
 fn to_open(address: SocketAddr, hostname: &str) -> String {
     match address.ip().is_unspecified() {
         true => format!("{hostname}:{}", address.port()),

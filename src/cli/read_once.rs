@@ -98,7 +98,7 @@ pub(super) fn signals(status: &Status) -> String {
 /// Formats the buses, devices and offset registers, one line each.
 pub(super) fn fieldbus(status: &Status) -> String {
     let buses = status.buses.iter().map(|bus| {
-        // `connected` is set at the end of a turn, which may not have come yet.
+        // `connected` is set at the end of a turn (one action of the line task), which may not have come yet.
         let answers = status.devices.iter().any(|device| device.bus == bus.name && device.state == "ok");
         let link = if bus.connected || answers { "connected" } else { "not connected" };
         format!("  bus {} ({}): {link}\n", bus.name, bus.address)

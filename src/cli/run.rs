@@ -43,7 +43,8 @@ const LOG_WRITTEN_WITHIN: Duration = Duration::from_millis(50);
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
-    /// Address of the page, instead of the one in [web] of the profile; port 0 selects any free port, which is printed
+    /// Address of the web page, instead of the one in [web] of the profile; port 0 selects any free port, which is
+    /// printed
     #[arg(long, value_name = "ADDR")]
     listen: Option<String>,
     /// Directory of state and logs, instead of the one in [history] of the profile
@@ -66,7 +67,7 @@ pub(super) struct Replacement {
     own: Option<KeptProfile>,
     /// File for the digest of the handover.
     digest: PathBuf,
-    /// Page and command socket, which answer until the other program starts.
+    /// Web page and command socket, which answer until the other program starts.
     _services: Services,
 }
 
@@ -143,7 +144,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
     };
     let mut sockets = Sockets::default();
     match web(arguments.listen.as_deref(), &profile) {
-        // The gateway must not wait for the page. This program has checked it, but its files may be gone by now.
+        // The gateway must not wait for the web page. This program has checked it, but its files may be gone by now.
         Some(web) if takes_over => sockets.open_page_later(web),
         Some(web) => {
             if let Some(url) = sockets.open_page_now_or_later(&web)? {
@@ -263,7 +264,7 @@ fn claim(profile: &Profile, directory: &Path, options: &mut Options) -> anyhow::
     claims::claim(claimed, directory).map_err(anyhow::Error::msg)
 }
 
-/// Page settings of the profile, with another address if one is given.
+/// Web page settings of the profile, with another address if one is given.
 fn web(listen: Option<&str>, profile: &Profile) -> Option<Web> {
     let Some(listen) = listen else { return profile.web.clone() };
     Some(Web { listen: listen.to_owned(), ..profile.web.clone().unwrap_or_default() })

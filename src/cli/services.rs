@@ -1,4 +1,4 @@
-//! Services of the gateway on a separate thread and runtime: the page and the command socket.
+//! Services of the gateway on a separate thread and runtime: the web page and the command socket.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -23,11 +23,11 @@ pub(super) struct Sockets {
     pub(super) successor: Option<Successor>,
 }
 
-/// A page that is to be served.
+/// A web page that is to be served.
 enum Page {
-    /// Page at this port, which is open or will be opened.
+    /// Web page at this port, which is open or will be opened.
     At(Box<Port>),
-    /// Page without a port so far. The port is opened once tokens and certificate can be read.
+    /// Web page without a port so far. The port is opened once tokens and certificate can be read.
     Later(Web),
 }
 
@@ -39,8 +39,8 @@ pub(super) struct Services {
 }
 
 impl Sockets {
-    /// Opens the port of the page, and returns its address. If the page listens on every address, it has the name of
-    /// this computer. Port 0 selects any free port.
+    /// Opens the port of the web page, and returns its address. If the web page listens on every address, it has the
+    /// name of this computer. Port 0 selects any free port.
     pub(super) fn open_page(&mut self, web: &Web) -> anyhow::Result<String> {
         let mut port = Port::new(web)?;
         port.open().map_err(|error| anyhow::anyhow!("{}", port.closed(&error)))?;
@@ -49,8 +49,9 @@ impl Sockets {
         Ok(url)
     }
 
-    /// Opens the port of the page, and returns its address. `None` if another program has the port, or this computer
-    /// does not have the address yet. This must not stop the compensation: the gateway tries again while it runs.
+    /// Opens the port of the web page, and returns its address. `None` if another program has the port, or this
+    /// computer does not have the address yet. This must not stop the compensation: the gateway tries again while it
+    /// runs.
     pub(super) fn open_page_now_or_later(&mut self, web: &Web) -> anyhow::Result<Option<String>> {
         let mut port = Port::new(web)?;
         let opened = port.open();
@@ -64,7 +65,7 @@ impl Sockets {
         Ok(url)
     }
 
-    /// Opens the port of the page once the services run. Errors of the page do not stop the gateway.
+    /// Opens the port of the web page once the services run. Errors of the web page do not stop the gateway.
     pub(super) fn open_page_later(&mut self, web: Web) {
         self.page = Some(Page::Later(web));
     }
@@ -117,7 +118,7 @@ impl Sockets {
         };
         // A service that fails has been logged. The gateway runs without it.
         let both = async { tokio::join!(control, page) };
-        // The page ends its open streams itself, and reports in them that the gateway stops. This time is for that.
+        // The web page ends its open streams itself, and reports in them that the gateway stops. This time is for that.
         let end = async {
             until(stopped.clone()).await;
             tokio::time::sleep(std::time::Duration::from_millis(200)).await;
@@ -129,7 +130,7 @@ impl Sockets {
     }
 }
 
-/// Serves the page when its port is open.
+/// Serves the web page when its port is open.
 async fn serve_page(
     port: Port,
     source: &Arc<dyn GatewayApi>,

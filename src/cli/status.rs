@@ -1,4 +1,4 @@
-//! `isotherm status`: the content of the page, in a terminal or as JSON.
+//! `isotherm status`: the content of the web page, in a terminal or as JSON.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -14,7 +14,7 @@ mod text;
 /// Interval between updates with `--watch`.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
 
-/// Shows the state of the running gateway on this computer: the content of its page.
+/// Shows the state of the running gateway on this computer: the content of its web page.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  isotherm status my-machine.toml\n  isotherm status --healthy\n  \
                         isotherm status --json")]

@@ -1,4 +1,4 @@
-//! `isotherm token`: makes a token for the page.
+//! `isotherm token`: makes a token for the web page.
 
 use std::io::Write;
 use std::os::unix::fs::OpenOptionsExt;
@@ -9,7 +9,7 @@ use anyhow::Context;
 use crate::cli::print::{say, say_beside};
 use crate::observe::http::new_token;
 
-/// Makes a token for page and API from the kernel's random numbers: 160 bits, as 40 letters and digits.
+/// Makes a token for web page and API from the kernel's random numbers: 160 bits, as 40 letters and digits.
 ///
 /// Keys in [web] name the files with tokens. `token_file` is that of operators, who may command, and
 /// `viewer_token_file` that of viewers. `scrape_token_file` is that of Prometheus, which may only read /metrics. A

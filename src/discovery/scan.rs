@@ -134,7 +134,8 @@ pub struct FailedScan {
     pub fault: Fault,
 }
 
-/// Classifies an answer; `None` if no such unit exists. A gateway to a serial line reports this with exception 10 or
+/// Classifies an answer; `None` if no such unit exists. A Modbus gateway to a serial line reports this with exception
+/// 10 or
 /// 11. Some devices close the connection for a unit number that is not their own.
 fn how(answer: &Result<Answer, Fault>) -> Option<AnswerKind> {
     match answer {

@@ -32,7 +32,7 @@ impl UnitReader {
     /// every exchange.
     pub fn new(line: &LineAddress, bus: &Bus, quirks: Quirks, trace: Option<Trace>) -> UnitReader {
         let bus = Bus { transport: line.transport, address: line.address.clone(), ..bus.clone() };
-        // This line queries all unit numbers, so their number does not indicate a gateway.
+        // This line queries all unit numbers, so their number does not indicate a Modbus gateway.
         let quirks = match quirks.gateway {
             Gateway::ByUnits => Quirks { gateway: Gateway::Absent, ..quirks },
             _ => quirks,

@@ -22,8 +22,8 @@ use isotherm_profile::{Bus, Serial, Transport};
 
 /// Opens the connections of one line, one after the other.
 pub trait Dial: Send {
-    /// Opens a connection; there is no time limit. Its bytes pass the tap. A kind without this leaves the log without
-    /// bytes.
+    /// Opens a connection; there is no time limit. Its bytes pass the tap. If a kind of connection does not do so, the
+    /// log of its frames has no bytes.
     fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>>;
 
     /// Returns the fault to report if the other end closes a connection before its first answer.

@@ -183,7 +183,7 @@ pub enum PeerFault {
     /// Reply without a request.
     #[error("data arrived without a request")]
     Unasked,
-    /// Reply of a gateway to an earlier request.
+    /// Reply of a Modbus gateway to an earlier request.
     #[error("out of order: a request received the answer to the request before it")]
     OutOfOrder,
 }
@@ -240,16 +240,16 @@ impl Fault {
         }
     }
 
-    /// Returns whether a gateway has answered instead of the device, which did not.
+    /// Returns whether a Modbus gateway has answered instead of the device, which did not answer.
     pub const fn is_of_a_gateway(self) -> bool {
         matches!(self, Fault::Exception(10 | 11))
     }
 
     /// Returns the outcome of a write that failed with this fault.
     ///
-    /// Only a refusal whose definition excludes execution counts as not done. A TCP-to-RTU gateway reports 11 for a
-    /// write that its device has executed. Exception 5 means "accepted, takes long". A full queue or bus-off of CAN
-    /// proves nothing.
+    /// Only a refusal whose definition excludes execution counts as not done. A Modbus gateway reports 11 for a write
+    /// that its device has executed. Exception 5 means "accepted, takes long". A full queue or bus-off of CAN proves
+    /// nothing.
     pub const fn outcome(self) -> Outcome {
         match self {
             // The request was not sent.

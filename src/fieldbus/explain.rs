@@ -1,5 +1,5 @@
 //! Causes and remedies of faults. All texts for users take them from here: `scan`, `read`, `check --online`, events,
-//! the log and the page.
+//! the log and the web page.
 //!
 //! The text of a [`Fault`] is its cause. [`remedy`] has what to do, and [`explain`] joins both.
 

@@ -10,16 +10,16 @@
 //!
 //! The age of an answer counts from its request. An answer that is found after its timeout is discarded.
 //!
-//! After a timeout or a wrong answer the line drops the connection. Otherwise every later request on it could get the
-//! answer to the one before. On RTU, answers have no transaction number, and a new connection does not help, because a
-//! late answer may arrive on it. There the unit gets no request until [`GRACE`] further timeouts have passed, under any
-//! device name. Input that arrives until then is discarded. A unit that is known to answer promptly waits less, see
-//! [`super::pending_replies`].
+//! After a timeout or a wrong answer the line drops the connection. Otherwise every later request on the connection
+//! could get the answer to the request before. On RTU, answers have no transaction number, and a new connection does
+//! not help, because a late answer may arrive on it. There the unit gets no request until [`GRACE`] further timeouts
+//! have passed, under any device name. Input that arrives until then is discarded. A unit that is known to answer
+//! promptly waits less, see [`super::pending_replies`].
 //!
 //! An even later answer cannot be distinguished from the next one. The timeout must therefore be at least a quarter of
 //! the longest answer time of a device. After two timeouts in a row the line opens the port again, because an adapter
-//! may hang. A unit behind a gateway from Modbus TCP to a serial line waits in the same way, see
-//! `line/late_replies.rs`. It must also prove that its answers are in order, see `line/control.rs`.
+//! may hang. A unit behind a Modbus gateway (from TCP to a serial line) waits in the same way, see
+//! `line/late_replies.rs`. The unit must also prove that its answers are in order, see `line/control.rs`.
 //!
 //! A device that failed gets no request during a pause that doubles with each failure. The line serves its other
 //! devices meanwhile. A dead unit therefore costs them at most one timeout per pause. A line that cannot be connected
@@ -310,7 +310,7 @@ impl DeviceLine {
         }
         let (number, is_behind_gateway) =
             (self.units.at(place).number, self.units.at(place).is_behind_gateway);
-        // Exception 10 or 11 of a gateway: the unit itself may still answer late.
+        // Exception 10 or 11 of a Modbus gateway: the unit itself may still answer late.
         let is_missing = |fault: Fault| is_behind_gateway && fault.is_of_a_gateway();
         let not_before =
             self.units.pending.get(number).and_then(|pending| pending.not_before(request, self.spans()));
@@ -341,7 +341,7 @@ impl DeviceLine {
                     // Either this request was already sent after the one before, or another read is sent after this
                     // one.
                     is_second = connection.wire().has_follow_up();
-                    // Two requests whose answers a gateway could confuse are not sent together.
+                    // Two requests whose answers a Modbus gateway could confuse are not sent together.
                     let is_like_it = |(unit, read): &(u8, Request<'_>)| {
                         is_behind_gateway
                             && *unit == number
@@ -388,7 +388,7 @@ impl DeviceLine {
                 }
                 match answer {
                     Err(fault) if is_missing(fault) => {}
-                    // An answered control question says nothing about the read that waits for it.
+                    // The answer to a control question shows nothing about the read that waits for it.
                     Ok(_) | Err(Fault::Exception(_)) if control.is_none() => pending.answers(sent, took),
                     _ => {}
                 }
@@ -423,7 +423,8 @@ impl DeviceLine {
                     self.units.at_mut(place).breaker = breaker;
                 }
                 self.report(device, sent, &answer);
-                // Some gateways close the connection after an answer. The request may then need another one.
+                // Some Modbus gateways close the connection after an answer. The request may then need another
+                // connection.
                 (is_controlled, was_connected, now) = (true, true, self.send_guard.last_sample());
                 continue;
             }
@@ -482,7 +483,7 @@ impl DeviceLine {
         match &answer {
             // The request was not sent, so the result says nothing about the device.
             Err(Fault::Caller(_)) => {}
-            // The gateway has answered instead of the unit.
+            // The Modbus gateway has answered instead of the unit.
             Err(fault) if is_behind_gateway && fault.is_of_a_gateway() => {
                 self.misses = 0;
                 self.evidence.answered();

@@ -29,8 +29,8 @@ mod follow_up_read;
 const HEADER: usize = 6;
 /// Length of header, unit and the longest message.
 const LONGEST: usize = HEADER + 1 + pdu::LONGEST;
-/// Age of the last answered request up to which a write skips the check for late input. That answer was checked, and
-/// another check would cost a loop on one computer a hundredth of its turns.
+/// Age of the last answered request up to which a write skips the check for late input. The answer was checked. Another
+/// check would make a loop on one computer about one percent slower.
 const AT_ONCE: Duration = Duration::from_millis(1);
 
 /// Open Modbus TCP connection.

@@ -1,24 +1,26 @@
-//! Order of requests and answers of a unit behind a gateway from Modbus TCP to a serial line.
+//! Order of requests and answers of a unit behind a Modbus gateway, which connects Modbus TCP to a serial line.
 //!
-//! Some gateways keep a late answer until the next request, and send it as the answer to that. From then on, each
-//! request gets the answer to the one before it. Waiting does not help, and an answer of the correct length does not
-//! show it.
+//! Some Modbus gateways keep a late answer until the next request, and send it as the answer to that request. From then
+//! on, each request gets the answer to the request before. Waiting does not help. The length of such an answer can be
+//! correct, so it does not show the mistake.
 //!
-//! After a missing answer, order is in doubt. The gateway may keep the missing answer, and the answers to the reads
-//! since then. A good answer whose form differs from all of these is in order, and shows that the gateway keeps
-//! nothing. A good answer of one of these forms may itself be old. Then its own answer is the one that is kept.
+//! After a missing answer, order is in doubt. The Modbus gateway may keep the missing answer, and the answers to the
+//! reads since then. A good answer whose form differs from all of these answers is in order. It shows that the Modbus
+//! gateway keeps nothing. A good answer of one of these forms may itself be old. Then the Modbus gateway keeps the
+//! answer to the present request.
 //!
-//! A read whose answer could be confused with a kept one is therefore sent after a control question. That is another
-//! read that the unit has answered before, whose answer has another form. If its answer has the form of a kept one
-//! instead, order is lost. The line then does not send the first read, closes the connection, and the unit backs off.
-//! If the control question is refused, the first read is sent: a kept answer to the control question has another form.
-//! If it is not answered, the unit may be dead. The next read of another form is sent without a control question.
+//! A read whose answer could be confused with a kept one is therefore sent after a control question. The control
+//! question is another read that the unit has answered before, whose answer has another form. If the answer to the
+//! control question has the form of a kept answer instead, order is lost. The line then does not send the first read,
+//! closes the connection, and the unit backs off. If the control question is refused, the first read is sent: a kept
+//! answer to the control question has another form. If the control question is not answered, the unit may be dead. The
+//! next read of another form is sent without a control question.
 //!
-//! Limits. A gateway that keeps two answers or more is not always detected, nor is one that keeps an answer although no
-//! answer to this unit was missing. A unit is not protected before it has answered reads of two forms, if only reads of
-//! one form are sent to it, or with a connection for each request. The same applies after a control question that
-//! failed twice in a row, until the unit has answered that as an ordinary read. The answer to a write has no control
-//! question.
+//! Limits. A Modbus gateway that keeps two answers or more is not always detected. The same applies to a Modbus gateway
+//! that keeps an answer although no answer of this unit was missing. A unit is not protected before it has answered
+//! reads of two forms, if only reads of one form are sent to it, or with a connection for each request. The same
+//! applies after a control question that failed twice in a row, until the unit has answered the control question as an
+//! ordinary read. The answer to a write has no control question.
 
 use super::error::{Fault, PeerFault};
 use super::reply_signature::ReplySignature;
@@ -27,8 +29,8 @@ use super::request::Request;
 /// Maximum number of doublings of the pause that follows an answer to an earlier request.
 const LONGEST_PAUSE: u8 = 5;
 
-/// State of the order check of one unit. The check detects a gateway that answers each request with the answer to an
-/// earlier one.
+/// State of the order check of one unit. The check detects a Modbus gateway that answers each request with the answer
+/// to an earlier request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct OrderCheck {
     doubt: AnswerUse,
@@ -42,14 +44,14 @@ pub(super) struct OrderCheck {
     pub(super) lost: u8,
 }
 
-/// Answers that the gateway may keep.
+/// Late answers that the Modbus gateway between TCP and the serial line may still keep.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum AnswerUse {
-    /// The gateway may keep an answer to an earlier process. No request has ended yet.
+    /// The Modbus gateway may keep an answer to an earlier process. No request has ended yet.
     Unknown,
-    /// The gateway may keep answers of these forms. The list is not empty.
+    /// The Modbus gateway may keep answers of these forms. The list is not empty.
     Kept(Vec<ReplySignature>),
-    /// The gateway keeps no answer.
+    /// The Modbus gateway keeps no answer.
     Closed,
 }
 
@@ -59,12 +61,12 @@ impl OrderCheck {
         OrderCheck { doubt: AnswerUse::Unknown, answered: [None; 2], failed: None, unsure: None, lost: 0 }
     }
 
-    /// Returns whether the gateway may keep an answer.
+    /// Returns whether the Modbus gateway may keep an answer.
     pub(super) fn is_in_doubt(&self) -> bool {
         self.doubt != AnswerUse::Closed
     }
 
-    /// Records that the gateway may keep an answer of this form.
+    /// Records that the Modbus gateway may keep an answer of this form.
     pub(super) fn suspect(&mut self, form: ReplySignature) {
         if let AnswerUse::Kept(forms) = &mut self.doubt {
             if !forms.contains(&form) {
@@ -75,9 +77,9 @@ impl OrderCheck {
         }
     }
 
-    /// Returns the control question to send before this read. Its answer has another form than that of the read, and
-    /// than every kept answer if possible. `None` if the answer to the read cannot be confused with a kept one, or if
-    /// the unit has answered no such read that `is_allowed`.
+    /// Returns the control question to send before this read. The answer to the control question has another form than
+    /// the answer to the read, and if possible than every kept answer. `None` if the answer to the read cannot be
+    /// confused with a kept one, or if the unit has answered no such read that `is_allowed`.
     pub(super) fn control(
         &self,
         request: Request<'_>,
@@ -94,8 +96,8 @@ impl OrderCheck {
         others.min_by_key(|read| self.may_be_kept(ReplySignature::of(*read)))
     }
 
-    /// Records the result of a request that was sent. `received`: form of its answer, if it is that of a read.
-    /// `may_be_late`: a late answer may still arrive. Returns true if the answer belongs to an earlier request.
+    /// Records the result of a request that was sent. `received`: form of the received answer, if the answer is that of
+    /// a read. `may_be_late`: a late answer may still arrive. Returns true if the answer belongs to an earlier request.
     pub(super) fn assess(
         &mut self,
         request: Request<'_>,
@@ -135,7 +137,8 @@ impl OrderCheck {
             Err(fault) => {
                 let is_missing = fault.spoils_connection() || fault.is_of_a_gateway();
                 let is_in_doubt = self.is_in_doubt();
-                // The echo of a write is not taken for the answer to a read. One such form shows the doubt.
+                // The echo of a write is never mistaken for the answer to a read. One such form in the list is enough
+                // to show the doubt.
                 let is_kept =
                     if request.is_read() { is_missing || is_in_doubt } else { is_missing && !is_in_doubt };
                 if is_kept {
@@ -146,9 +149,9 @@ impl OrderCheck {
         }
     }
 
-    /// Records the fault of a control question. Unless it shows lost order, the next read of another form is sent
-    /// without one. If this happens twice in a row, and the reads are answered, the control question is not sent again
-    /// until it was answered as an ordinary read.
+    /// Records the fault of a control question. Unless the fault shows lost order, the next read of another form is
+    /// sent without a control question. If two control questions fail in a row, and the reads are answered, the control
+    /// question is not sent again. It is used again after it was answered as an ordinary read.
     pub(super) fn record_failed_control(&mut self, control: Request<'static>, fault: Fault) {
         if !matches!(fault, Fault::Caller(_) | Fault::Peer(PeerFault::OutOfOrder)) {
             self.failed = Some(control);
@@ -159,7 +162,7 @@ impl OrderCheck {
     fn confirm(&mut self, form: ReplySignature) {
         match &mut self.doubt {
             AnswerUse::Closed => {}
-            // The answer may be an old one. Then its own answer is kept.
+            // The answer may be an old one. Then the Modbus gateway keeps the answer to the present request.
             AnswerUse::Kept(forms) if forms.contains(&form) => forms.retain(|kept| *kept == form),
             AnswerUse::Kept(_) => (self.doubt, self.lost) = (AnswerUse::Closed, 0),
             AnswerUse::Unknown => self.doubt = AnswerUse::Kept(vec![form]),

@@ -1,6 +1,6 @@
 //! Late answers of units whose answers have no reliable transaction number, and requests that are safe meanwhile. Such
-//! units are on an RTU line, or behind a gateway that sends a late answer with the transaction number of a later
-//! request.
+//! units are on an RTU line, or behind a Modbus gateway (from TCP to a serial line). A Modbus gateway may send a late
+//! answer with the transaction number of a later request.
 //!
 //! After a missing answer, the late answer may still arrive. Until then:
 //! - A request is sent at once if its answer has another function or length. The late answer is then discarded when it
@@ -48,7 +48,7 @@ pub(super) struct PendingReplies {
     longest: [Duration; 2],
     /// Missing answers in a row.
     misses: u32,
-    /// State of the order check, if the unit is behind a gateway.
+    /// State of the order check, if the unit is behind a Modbus gateway.
     pub(super) order: OrderCheck,
 }
 
@@ -62,7 +62,7 @@ struct MissingReply {
     asked: Moment,
     missed: Moment,
     since: Silence,
-    /// Whether one of its requests was answered since, so that no age depends on it any more.
+    /// Whether the same request was answered since. Then no age of a reading depends on the missing answer.
     is_answered: bool,
 }
 
@@ -108,7 +108,7 @@ impl UnitReplies {
 }
 
 impl PendingReplies {
-    /// Returns the state of a unit without requests so far. Answers to an earlier gateway process may be under way.
+    /// Returns the state of a unit without requests so far. Answers to an earlier process of isotherm may be under way.
     pub(super) fn unknown() -> PendingReplies {
         PendingReplies {
             anything: Some(Silence::begin()),
@@ -135,7 +135,7 @@ impl PendingReplies {
         self.anything.is_some() || !self.late.is_empty()
     }
 
-    /// Records that the line has waited until no late answer can arrive any more. A gateway may have kept one.
+    /// Records that the line has waited until no late answer can arrive any more. A Modbus gateway may have kept one.
     pub(super) fn is_quiet(&mut self) {
         self.anything = None;
         self.late.drain(..).filter(|late| late.is_read).for_each(|late| self.order.suspect(late.mark));
@@ -258,7 +258,8 @@ impl PendingReplies {
         same.map(|late| late.asked).min()
     }
 
-    /// Returns whether an answer after this time fits a repeated request. A slower one belongs to the first attempt.
+    /// Returns whether an answer with this answer time is accepted for a repeated request. A slower answer is assumed
+    /// to belong to the first attempt.
     pub(super) fn is_likely_after(&self, took: Duration) -> bool {
         took <= self.prompt_span()
     }
@@ -268,8 +269,8 @@ impl PendingReplies {
         self.late.iter().map(|late| late.mark)
     }
 
-    /// Removes late answers whose waiting time is over. A gateway may still keep the answer to a read. The order check
-    /// is informed of it.
+    /// Removes late answers whose waiting time is over. A Modbus gateway may still keep the answer to a read. The order
+    /// check is informed of that.
     pub(super) fn forget(&mut self, spans: Spans) {
         let order = &mut self.order;
         self.late.retain(|late| {

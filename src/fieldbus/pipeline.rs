@@ -7,7 +7,7 @@
 use super::error::Fault;
 use super::request::{Answer, Request};
 
-/// Missing answers in a row that are not lost by chance.
+/// Number of missing answers in a row that cannot be explained by chance.
 const IN_A_ROW: u32 = 3;
 
 /// Pipeline of one line.

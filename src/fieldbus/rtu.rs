@@ -33,7 +33,7 @@ const MOST_KEPT: usize = 2 * frame::LONGEST;
 /// Maximum number of frames of other masters that are recorded in one exchange.
 const MOST_OVERHEARD: usize = 16;
 
-/// Open line with RTU frames: a serial port, or a TCP connection to a simple gateway.
+/// Open line with RTU frames: a serial port, or a TCP connection to a simple Modbus gateway.
 pub struct Rtu {
     port: Tapped,
     /// Settings of the serial port; `None` for a connection through TCP.

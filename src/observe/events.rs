@@ -1,5 +1,5 @@
-//! Events as one enum. The log line, the counter and the list of the page come from the same variant, and from its entry
-//! in the catalogue [`isotherm_core::events`].
+//! Events as one enum. The log line, the counter and the list of the web page come from the same variant, and from its
+//! entry in the catalogue [`isotherm_core::events`].
 //!
 //! An event is reported once, when a state begins or ends. It contains the number of occurrences that were not reported
 //! in between.

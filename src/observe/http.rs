@@ -1,4 +1,4 @@
-//! HTTP server of the gateway: page, status, live stream, metrics, health and commands.
+//! HTTP server of the gateway: web page, status, live stream, metrics, health and commands.
 //!
 //! ```text
 //! door (how many) ──► request (for one host) ──► access (who may) ──► request (whole) ──► route

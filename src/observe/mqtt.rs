@@ -1,8 +1,9 @@
 //! Publishes the state of a machine to the broker of `[mqtt]`, as readable messages or as Sparkplug B.
 //!
-//! A separate thread reads the state that the page shows, at the interval `every`. The crate `isotherm-plant` makes
-//! messages of the changes. No line task, step or page waits for this thread, which holds only the state's lock, as the
-//! page does. Queues for a slow or unreachable broker are bounded. Messages without room are counted and reported.
+//! A separate thread reads the state that the web page shows, at the interval `every`. The crate `isotherm-plant` makes
+//! messages of the changes. No line task, step or web page waits for this thread, which holds only the state's lock, as
+//! the web page does. Queues for a slow or unreachable broker are bounded. Messages without room are counted and
+//! reported.
 //!
 //! # Layout
 //! - `snapshot`, `event_queue`: the state and the events, as metrics.
@@ -109,8 +110,8 @@ impl Publishing {
         Ok(Publishing { stop, ended, _thread: thread })
     }
 
-    /// Publishes the last state and the end of the gateway. It ends after [`stop::BROKER`] at most, or when `hurry` is
-    /// ready.
+    /// Publishes the last state, and that the gateway has ended. Returns when both are sent, after [`stop::BROKER`] at
+    /// the latest, or as soon as `hurry` is ready.
     pub async fn finish(self, hurry: impl Future<Output = ()>) {
         self.stop.send_replace(true);
         tokio::select! {

@@ -1,9 +1,9 @@
 //! Posts events to the servers of `[[notify]]`, one JSON document in each message, over HTTP.
 //!
 //! Each server has an [`Outbox`]. Code that reports an event adds a message to it without waiting. If the outbox is
-//! full, the oldest message is dropped. A separate thread sends the messages in order. No line task and no page waits
-//! for it. A failed message is sent again after growing pauses, a few times, and then given up. The start of failures,
-//! their end, and the number of lost messages are events.
+//! full, the oldest message is dropped. A separate thread sends the messages in order. No line task and no web page
+//! waits for it. A failed message is sent again after growing pauses, a few times, and then given up. The start of
+//! failures, their end, and the number of lost messages are events.
 //!
 //! # Layout
 //! - `outbox`: the queue, and the selection of events. `message`: the document.

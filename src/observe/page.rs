@@ -1,4 +1,4 @@
-//! The status page: static HTML, and files that fill it from the live stream.
+//! The web page with the status: static HTML, and files that fill the page from the live stream.
 //!
 //! All files are part of the program, so that the page works in a network without internet access.
 

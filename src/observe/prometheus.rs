@@ -35,7 +35,7 @@ const GAUGES: [(&str, &str); 36] = [
     ("isotherm_probe_warn_meters", "Size of a residual error beyond which there is a warning."),
     ("isotherm_probe_worse", "1 while probings show that the model is worse than no compensation."),
     ("isotherm_probe_gain_change", "Relative change of a gain by measured errors."),
-    ("isotherm_axis_limit_meters", "Largest size of the compensation."),
+    ("isotherm_axis_limit_meters", "Limit of the compensation: its largest permitted absolute value."),
     ("isotherm_axis_warned", "1 while the compensation lies beyond its warning level."),
     ("isotherm_axis_tripped", "1 when a model requested more than the error level."),
     (
@@ -81,8 +81,8 @@ const COUNTERS: [(&str, &str); 11] = [
     ("isotherm_log_dropped_total", "Rows and states lost because the queue to the disk was full."),
 ];
 
-/// Returns the text in Prometheus' exposition format 0.0.4. `refused`: number of requests that the page rejected, by
-/// reason.
+/// Returns the text in Prometheus' exposition format 0.0.4. `refused`: number of requests that the web page rejected,
+/// by reason.
 pub(super) fn exposition(status: &Status, refused: &[(&'static str, u64)]) -> String {
     let mut samples = Samples::default();
     record(status, &mut samples);

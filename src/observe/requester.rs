@@ -25,11 +25,11 @@ const LOOK_EVERY: Duration = Duration::from_millis(250);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Channel {
-    /// The buttons of the page.
+    /// The buttons of the web page.
     Page,
     /// The command socket, for example `isotherm arm`.
     Socket,
-    /// HTTP, from a program other than the page.
+    /// HTTP, from a program other than the web page.
     Api,
     /// A message from the broker of `[mqtt]`.
     Broker,

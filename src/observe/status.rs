@@ -1,4 +1,4 @@
-//! State of the gateway at one moment, for `/api/status`, the page, the metrics and the table of the demo.
+//! State of the gateway at one moment, for `/api/status`, the web page, the metrics and the table of the demo.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -79,7 +79,7 @@ pub trait GatewayApi: Send + Sync + 'static {
     fn confirm(&self, device: &str, requester: &Requester) -> Result<Answer, String>;
 
     /// Takes the operator's request to release the registers of an output that was moved or removed, or to withdraw it.
-    /// The registers return to their base from the next start on. The answer is a sentence.
+    /// The registers return to their base values from the next start on. The answer is a sentence.
     ///
     /// # Errors
     /// Returns a sentence on why it was refused.
@@ -221,7 +221,7 @@ pub struct Status {
     pub uptime_s: f64,
     /// Seconds since machine start; `None` before the first one.
     pub machine_on_s: Option<f64>,
-    /// Language of the page; `None` means that of the browser.
+    /// Language of the web page; `None` means that of the browser.
     #[serde(skip)]
     pub language: Option<Language>,
     /// Settings from layers above the profile.
@@ -407,8 +407,8 @@ pub struct ArmingStatus {
     pub armed: bool,
     /// The axis is off because the operator has switched it off, or must arm it first.
     pub left_off: bool,
-    /// The axis does not compensate. It only returns a register to its base, because no output uses that register any
-    /// more. The logs have no columns for this axis.
+    /// The axis does not compensate. It only returns a register to its base value, because no output uses that register
+    /// any more. The logs have no columns for this axis.
     pub release: bool,
 }
 

@@ -109,14 +109,14 @@ pub(crate) enum ReplyFault {
     OneBehind {
         stale_transaction: bool,
     },
-    /// A gateway before the unit times out, with this code or silently. It sends the late answer with the transaction
-    /// of the open request.
+    /// A Modbus gateway before the unit times out, with this code or silently. It sends the late answer with the
+    /// transaction of the open request.
     Shift {
         delay: Duration,
         code: Option<u8>,
     },
-    /// A gateway before the unit times out once, with this code or silently, and keeps the late answer. Each later
-    /// request gets the kept answer, and its own answer is kept in turn.
+    /// A Modbus gateway before the unit times out once, with this code or silently, and keeps the late answer. Each
+    /// later request gets the kept answer, and its own answer is kept in turn.
     Keep {
         delay: Duration,
         code: Option<u8>,

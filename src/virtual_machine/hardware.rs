@@ -32,7 +32,8 @@ pub(super) struct Hardware {
     units: Vec<Unit>,
     /// Index of each device's unit in `units`.
     unit_of: Vec<usize>,
-    /// Value of each status signal without a fault, by signal.
+    /// For each signal that indicates a fault of another signal: its value while there is no fault. `None` for other
+    /// signals.
     well: Vec<Option<f64>>,
     /// Amount that each corrected output adds to its position, µm, by output.
     corrections: Vec<f64>,

@@ -14,7 +14,7 @@ pub(super) const LARGEST_PDU: usize = 253;
 pub(super) const ILLEGAL_FUNCTION: u8 = 1;
 const ILLEGAL_ADDRESS: u8 = 2;
 const ILLEGAL_VALUE: u8 = 3;
-/// Exception code of a gateway for a unit that does not exist.
+/// Exception code of a Modbus gateway for a unit that does not exist.
 pub(super) const NO_SUCH_UNIT: u8 = 0x0b;
 
 /// Framing of a protocol data unit.

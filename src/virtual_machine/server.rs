@@ -38,7 +38,7 @@ pub(super) struct Line {
     /// Length of the parts in which a late answer is delayed. A gateway in the same process waits in the same parts, so
     /// that a busy computer delays both alike.
     pub(super) slice: Duration,
-    /// Serial side of a gateway; used only for Modbus TCP.
+    /// Serial side of a Modbus gateway; used only for Modbus TCP.
     pub(super) serial_side: SerialSide,
     pub(super) shared: Shared,
 }

@@ -98,7 +98,7 @@ fn the_page_speaks_tls_alone_and_shows_what_lies_in_its_files_now() {
     until("the new certificate is shown", || healthy(&second).map(drop));
     assert!(healthy(&first).is_err(), "the old one is shown no more");
     std::fs::write(&files[0], "no certificate").unwrap();
-    machine.gateway.receives("the page still shows its old certificate");
+    machine.gateway.receives("the web page still shows its old certificate");
     healthy(&second).unwrap();
 
     // The handshake has the same timeout as a head.

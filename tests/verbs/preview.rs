@@ -190,6 +190,6 @@ fn a_page_s_port_that_is_taken_says_who_may_have_it() {
     let address = taken.local_addr().unwrap().to_string();
     let profile = file(home.path(), "machine.toml", &profile(&tcp("127.0.0.1:1"), ""));
     let mut run = Running::start(isotherm(home.path()).arg("run").arg(profile).args(["--listen", &address]));
-    let said = run.receives("the page cannot listen");
+    let said = run.receives("the web page cannot listen");
     assert!(said.contains("perhaps a gateway that is running") && !said.contains("os error"), "{said}");
 }

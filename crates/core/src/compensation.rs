@@ -406,7 +406,8 @@ impl Compensation {
     }
 
     /// Checks whether a report that arrives at `now` may count as a measurement of this axis. A report that was already
-    /// taken is rejected, and so is one from before the axis's datum. `shift` converts counted time to wall-clock time.
+    /// taken is rejected, and so is one from before the datum (the last zero point of Cz) of the axis. `shift` converts
+    /// counted time to wall-clock time.
     ///
     /// # Errors
     /// Returns why the report is rejected.
@@ -469,7 +470,7 @@ impl Compensation {
         Remembered { running: self.axes.iter().map(Axis::running).collect(), ..self.remembered() }
     }
 
-    /// Captures the "zero" references, and takes the datum of each axis from now on.
+    /// Captures the "zero" references, and from now on the datum (zero point of Cz) of each axis.
     pub fn zero(&mut self, now: Moment) {
         self.machine.zero(&self.settings, now);
         for axis in &mut self.axes {
@@ -477,8 +478,8 @@ impl Compensation {
         }
     }
 
-    /// Captures the "zero" references of one axis, and takes its datum from now on. Returns `false`, and does nothing,
-    /// if another axis uses the "zero" of the same signal.
+    /// Captures the "zero" references of one axis, and from now on its datum (zero point of Cz). Returns `false`, and
+    /// does nothing, if another axis uses the "zero" of the same signal.
     pub fn zero_axis(&mut self, place: usize, now: Moment) -> bool {
         let from_zero = |axis: &Axis| -> Vec<SignalId> {
             let rises = axis.settings.models.iter().flat_map(Model::rises);

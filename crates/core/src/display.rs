@@ -57,7 +57,7 @@ pub enum Display {
     Unreachable,
 }
 
-/// Severity of a displayed state. The page has a colour and a sign for each.
+/// Severity of a displayed state. The web page has a colour and a sign for each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tone {
     /// The axis is compensated.

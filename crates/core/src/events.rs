@@ -1,8 +1,8 @@
 //! Catalogue of events. Each kind of event has one entry: its name, its level, the alarm that it raises or ends, its
 //! word in `[[notify]]`, its meaning, and what to do.
 //!
-//! The log, the counters, the alarms, the page, MQTT, `[[notify]]` and the chapter `docs/events.md` are derived from
-//! it. Fields and sentence of an event are in `src/observe/events/event.rs`.
+//! The log, the counters, the alarms, the web page, MQTT, `[[notify]]` and the chapter `docs/events.md` are derived
+//! from it. Fields and sentence of an event are in `src/observe/events/event.rs`.
 
 use serde::{Deserialize, Serialize};
 
@@ -199,7 +199,7 @@ catalogue! {
         .hint("find the cause, for example a faulty sensor, then arm the axis");
     /// A value exceeded the range of its register and was limited.
     Saturated = warning("saturated")
-        .hint("is `scale` right? Else write to a wider register, or lower the limit of the axis");
+        .hint("check `scale`. If it is right, write to a wider register, or lower the limit of the axis");
     /// A sensor of an axis's model is frozen, or suspected of it. It has a stand-in if one is possible.
     Frozen = warning("frozen").raises("sensor of axis {axis}: {signal}")
         .hint("look at the sensor, its cable and its channel; the axis uses the sensor's own reading again by itself");
@@ -245,7 +245,7 @@ catalogue! {
     /// A register that belongs to no output any more contains a verified value of the gateway.
     RegisterLeft = warning("register-left").raises("former register of output {output}")
         .hint("release the register, or correct its value at the control");
-    /// A register that belonged to no output was returned to its base at the operator's request, and verified.
+    /// A register that belonged to no output was returned to its base value at the operator's request, and verified.
     RegisterReleased = info("register-released").ends(&["former register of output {output}"]);
     /// The operator has armed the axis, and so confirmed the place of this output.
     PlaceConfirmed = info("place-confirmed")
@@ -354,15 +354,15 @@ catalogue! {
     EventsFull = warning("events-full").hint("`isotherm events` shows which events are so frequent");
     /// Logs were deleted.
     LogsDeleted = info("logs-deleted");
-    /// The page cannot listen at its address.
+    /// The web page cannot listen at its address.
     PageClosed = warning("page-closed").raises("page at {listen}")
         .hint("free the address or name another one; the gateway tries again every ten seconds, and the compensation \
                continues");
-    /// The page listens now.
+    /// The web page listens now.
     PageOpen = info("page-open").ends(&["page at {listen}"]);
-    /// A token file of the page contains another token.
+    /// A token file of the web page contains another token.
     TokenChanged = info("token-changed");
-    /// A token file of the page contains no valid token.
+    /// A token file of the web page contains no valid token.
     TokenGone = error("token-gone").hint("`isotherm token --out FILE` makes a token file that only its owner can read");
     /// A message to a server of `[[notify]]` could not be delivered. Further failures are not reported until a message
     /// arrives.

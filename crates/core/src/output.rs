@@ -136,7 +136,7 @@ pub use transaction::CommitTrigger;
 /// Input of [`step`]: something that has happened to the register, its axis or its device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Fact {
-    /// Call at the requested time, without news.
+    /// Call at the requested time, without a new event.
     Look,
     /// New decision of the axis.
     Decided {
@@ -148,15 +148,15 @@ pub enum Fact {
         /// Last moment for a change to this offset.
         not_after: Moment,
     },
-    /// Another value of the same request is about to be sent. The register value may be sent with it.
+    /// Another value of the same request is about to be sent. The register value may be sent with that value.
     PiggybackAsked,
     /// The register value, as it was just read, was sent in one request with others.
     Piggybacked {
         /// Value that was sent.
         value: Counts,
-        /// Time after its last byte was sent.
+        /// Time after the last byte of the request was sent.
         left: Moment,
-        /// Whether it was answered as done. If not, its result is unknown.
+        /// Whether the request was answered as done. If not, the result of the request is unknown.
         is_done: bool,
     },
     /// The register was read, on request or together with others.
@@ -170,17 +170,17 @@ pub enum Fact {
     NoAnswer,
     /// The write was answered as done.
     Done {
-        /// Time after its last byte was sent.
+        /// Time after the last byte of the request was sent.
         left: Moment,
     },
     /// The write was sent, but its result is unknown.
     Unknown {
-        /// Time after its last byte was sent.
+        /// Time after the last byte of the request was sent.
         left: Moment,
     },
     /// The device answered that it did not carry out the write.
     Refused,
-    /// No byte of the write was sent: its last moment had passed, or there was no connection.
+    /// No byte of the write was sent: the last moment for the write had passed, or there was no connection.
     NotSent,
     /// The document was written to disk.
     Kept,
@@ -194,12 +194,12 @@ pub enum Fact {
     Released,
     /// The output is armed. Give this fact after the first read of the register.
     Armed {
-        /// Whether the operator or the profile has armed it.
+        /// Whether the operator or the profile has armed the output.
         by: Who,
     },
     /// The output is disarmed. The register value stays.
     Off,
-    /// The decision is void: its last moment has passed, or the axis decided otherwise.
+    /// The decision is void: the last moment for sending it has passed, or the axis has made another decision.
     Lapsed,
     /// The computer was paused, and earlier decisions are void. This fact comes before the result of a pending
     /// exchange.
@@ -216,7 +216,7 @@ pub enum Who {
     Policy,
 }
 
-/// Next action. It is at most one exchange, and its result is the next fact.
+/// Next action: at most one exchange. The result of the exchange is the next fact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Action {
@@ -233,9 +233,9 @@ pub enum Action {
     Write {
         /// Value to write to the register.
         value: Counts,
-        /// Last moment for the first byte. After it, the write is not sent.
+        /// Last moment for the first byte. After that moment, the write is not sent.
         not_after: Moment,
-        /// Whether the register already holds this value.
+        /// Whether the register already holds the value.
         is_repeat: bool,
     },
 }
@@ -247,7 +247,7 @@ impl Default for Action {
 }
 
 impl Action {
-    /// Maps the moment of the action.
+    /// Returns a copy in which `to` is applied to the moment of the action.
     fn moved(self, to: impl Fn(Moment) -> Moment) -> Action {
         match self {
             Action::Nothing { until } => Action::Nothing { until: to(until) },
@@ -265,7 +265,7 @@ impl Shifted for Action {
     }
 }
 
-/// Processes a fact and returns the next action. While an action is pending, that is [`Action::Nothing`].
+/// Processes a fact and returns the next action. While an action is pending, the result is [`Action::Nothing`].
 pub fn step(state: &mut State, settings: &Settings, fact: Fact, now: Moment) -> Action {
     let fresh = facts::take(state, settings, fact, now);
     match fact {

@@ -366,7 +366,8 @@ impl FormerPlace {
         }
     }
 
-    /// Returns whether the register keeps a Cz of the gateway without being written.
+    /// Returns whether a Cz of the gateway stays in effect in the register when the gateway no longer writes it. A
+    /// corrected position does not count.
     fn keeps_something(&self) -> bool {
         is_something(self.held_um) && !self.place.is_corrected_position()
     }

@@ -10,7 +10,7 @@ pub mod chart;
 
 const STYLE: &str = include_str!("style.css");
 
-/// Renders a whole page. `source` names the origin of its figures.
+/// Renders a whole HTML page. `source` names the origin of its figures.
 pub fn page(title: &str, made: Moment, source: &str, content: &Markup) -> String {
     html! {
         (DOCTYPE)

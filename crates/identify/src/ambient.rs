@@ -24,7 +24,7 @@ const COLD_AT_STARTS: f64 = 0.15;
 const SLOW: f64 = 1.0 / 3.0;
 /// Change within 20 min, °C, that the air of a hall does not reach with closed gates.
 const NO_AIR: f64 = 1.0;
-/// Minimum range of a sensor that is judged, °C.
+/// Minimum range (maximum minus minimum) of the readings of a sensor that is judged, °C.
 const MOVES: f64 = 0.2;
 
 /// One run, minute by minute. A minute without a value repeats the value before.
@@ -47,7 +47,7 @@ struct Figures {
     time: f64,
     /// Correlation with the error.
     error: f64,
-    /// Largest range within a run, °C.
+    /// Largest range (maximum minus minimum) of the readings within a run, °C.
     range: f64,
 }
 

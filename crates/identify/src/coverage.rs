@@ -5,9 +5,10 @@ use crate::bank::Bank;
 use crate::campaign::Campaign;
 use crate::statistics::least_and_most;
 
-/// Share of a run's span. If the span of all other runs together is smaller, they are alike compared with this run.
+/// Share of the span of one run. If the span of all other runs together is smaller than this share, the other runs are
+/// alike compared with that run.
 const ALIKE: f64 = 1.0 / 3.0;
-/// Spans that are ignored if they are smaller: µm of the error, °C, and revolutions per minute.
+/// Minimum spans: µm of the error, °C, and revolutions per minute. Smaller spans are ignored.
 const MOVES_UM: f64 = 0.5;
 const MOVES_C: f64 = 0.5;
 const MOVES_RPM: f64 = 100.0;

@@ -71,21 +71,21 @@ pub struct Drift {
 pub struct Displacement {
     /// Name of the column.
     pub name: String,
-    /// Range over the whole time, µm.
+    /// Range of the displacement over the whole time, µm.
     pub range_um: f64,
-    /// Range in the first hour, µm; `None` if the log is shorter.
+    /// Range of the displacement in the first hour, µm; `None` if the log is shorter.
     pub first_hour_um: Option<f64>,
-    /// Range in the last hour, µm; `None` if the log is shorter.
+    /// Range of the displacement in the last hour, µm; `None` if the log is shorter.
     pub last_hour_um: Option<f64>,
-    /// Largest range within any 60 min, µm; `None` if the log is shorter.
+    /// Largest range of the displacement within any 60 min, µm; `None` if the log is shorter.
     pub largest_60min_um: Option<f64>,
-    /// Begin of these 60 min, h.
+    /// Begin of the 60 min with the largest range, h.
     pub largest_60min_from_h: Option<f64>,
     /// Change from the first minutes to the last, µm.
     pub drift_um: f64,
     /// Change per hour, µm/h.
     pub drift_um_per_h: f64,
-    /// Change in each stage, µm; `None` if the column is empty there.
+    /// Change of the displacement in each stage, µm; `None` if the column is empty in the stage.
     pub stages_um: Vec<Option<f64>>,
 }
 
@@ -100,7 +100,7 @@ pub struct Temperature {
     pub end_c: f64,
     /// Range of the temperature in the run (maximum minus minimum), K.
     pub range_k: f64,
-    /// Largest range within any 60 min, K; `None` if the log is shorter.
+    /// Largest range of the temperature within any 60 min, K; `None` if the log is shorter.
     pub largest_60min_k: Option<f64>,
 }
 
@@ -140,7 +140,11 @@ pub fn drift(
                 .map(|column| format!("{} has no value in {}: leave that log out", names[*column], run.name)),
         );
         if run.lasts().is_zero() {
-            wrong.push(format!("{} has one time only: a drift needs a beginning and an end", run.name));
+            wrong.push(format!(
+                "{}: all rows have the same time, but a drift needs a beginning and an end: leave that log \
+                 out",
+                run.name
+            ));
         }
     }
     if !wrong.is_empty() {

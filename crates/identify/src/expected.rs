@@ -1,5 +1,6 @@
 //! Expected error of a model: a standard deviation that grows with the hours since the datum, or since the last touch
-//! of a probe. It is estimated from the residuals of held-out runs.
+//! of a probe. The datum is the zero point of Cz. The standard deviation is estimated from the residuals of held-out
+//! runs.
 //!
 //! ```text
 //! σ²(h) = a·h + b        µm², h in hours
@@ -25,9 +26,9 @@ pub type Growth = [f64; 2];
 /// Expected error of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Expected {
-    /// Growth with the hours since the datum.
+    /// Growth of σ² with the hours since the datum, which is here the start of the run.
     pub since_datum: Growth,
-    /// Growth with the hours since the last probing.
+    /// Growth of σ² with the hours since the last probing.
     pub since_touch: Growth,
 }
 

@@ -1,5 +1,5 @@
-//! Content of a report besides the model: machine, runs, limits of the axis, and drift of each run. Programs read it as
-//! JSON; the page shows the same.
+//! Content of a report besides the model: machine, runs, limits of the axis, and drift of each run. Programs read this
+//! content as JSON; the HTML report shows the same.
 
 use serde_json::{Value, json};
 

@@ -34,7 +34,7 @@ const SPIKE_LASTS: Duration = Duration::from_secs(300);
 const THAWS: f64 = 120.0;
 /// Largest share of the rows of a run that may be missing.
 pub(super) const MISSING: f64 = 0.2;
-/// Minimum movement of a sensor in any run, °C. A sensor that moves less is constant.
+/// Minimum change of the readings of a sensor in any run, °C. A sensor whose readings change less is constant.
 const STANDS_STILL: f64 = 1e-6;
 
 /// Finding about a sensor.
@@ -101,7 +101,7 @@ pub(super) struct Fault {
     /// Fault, with its time.
     pub(super) message: String,
     pub(super) damage: Damage,
-    /// Rows of the run that it affects.
+    /// Rows of the run that the fault affects.
     pub(super) rows: Vec<usize>,
 }
 
@@ -149,7 +149,7 @@ pub(crate) struct Frozen {
     pub(crate) last: usize,
     /// The run has no reading after the last row.
     pub(crate) lasts_to_the_end: bool,
-    /// Predicted movement in that time, °C.
+    /// Predicted change of the temperature in that time, °C.
     pub(crate) missed: f64,
 }
 

@@ -197,16 +197,20 @@ impl RunProducts {
     /// # Errors
     /// Returns a message if the file is invalid or was changed.
     pub fn from_json(bytes: &[u8]) -> Result<RunProducts, String> {
-        let head: Head =
-            serde_json::from_slice(bytes).map_err(|why| format!("this is no file of run products: {why}"))?;
+        let head: Head = serde_json::from_slice(bytes).map_err(|why| {
+            format!("this is no file of run products (Gram products of runs, format \"{FORMAT}\"): {why}")
+        })?;
         if head.format.as_deref() != Some(FORMAT) {
-            return Err(format!("this is no file of run products: the format is not \"{FORMAT}\""));
+            return Err(format!(
+                "this is no file of run products (Gram products of runs): the format is not \"{FORMAT}\""
+            ));
         }
         if head.version != Some(VERSION) {
-            return Err(format!("products of another version: this program reads version {VERSION}"));
+            return Err(format!("run products of another version: this program reads version {VERSION}"));
         }
-        let file: File =
-            serde_json::from_slice(bytes).map_err(|why| format!("this is no file of run products: {why}"))?;
+        let file: File = serde_json::from_slice(bytes).map_err(|why| {
+            format!("this is no file of run products (Gram products of runs, format \"{FORMAT}\"): {why}")
+        })?;
         if file.sha256 != file.products.seal()? {
             return Err(
                 "the checksum is wrong: the file was changed or damaged; make the products from the records \

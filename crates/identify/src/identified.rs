@@ -74,7 +74,8 @@ pub struct Identified {
     pub worse_runs: Vec<String>,
     /// Held-out results by the number of sensors, from none on. Empty if not requested.
     pub by_sensors: Vec<Counted>,
-    /// Sensors without a good replacement: if one of them is lost, the range of a run grows by more than a quarter.
+    /// Sensors without a good replacement: if one of them is lost, the mean range of the error grows by more than a
+    /// quarter.
     pub irreplaceable: Vec<String>,
     /// Stand-in of each sensor.
     pub stand_ins: Vec<StandIn>,

@@ -23,19 +23,19 @@ pub use drift_page::drift_page;
 pub use identified::{Subject, identified};
 pub use selection_page::selection_page;
 
-/// Renders a whole page.
+/// Renders a whole HTML page.
 fn page(title: &str, made: Moment, content: &Markup) -> String {
     isotherm_html::page(title, made, "the logs named here", content)
 }
 
-/// Machine, in the facts at the head of a page.
+/// Machine, in the facts at the head of an HTML report.
 fn machine(profile: &Profile) -> Markup {
     html! {
         dt { "machine" } dd { (profile.name) @if !profile.description.is_empty() { ": " (profile.description) } }
     }
 }
 
-/// Number of runs and their total duration in seconds, in the facts at the head of a page.
+/// Number of runs and their total duration in seconds, in the facts at the head of an HTML report.
 fn runs(count: usize, seconds: f64) -> Markup {
     html! { dt { "runs" } dd { (count) ", " (duration(seconds)) " together" } }
 }

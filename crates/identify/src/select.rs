@@ -70,7 +70,8 @@ pub struct Point {
     pub moved: f64,
 }
 
-/// Groups in which every two members have at least this absolute correlation.
+/// Groups of points for one threshold: every two points of a group have at least the absolute correlation
+/// `correlation`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Grouped {
     /// Least absolute correlation between members of a group.

@@ -25,12 +25,12 @@ pub struct RunScore {
     pub rmse_um: f64,
     /// Bound of the absolute residual in 95 % of the rows, µm.
     pub p95_um: f64,
-    /// The range without compensation, µm.
+    /// Range of the error without compensation, µm.
     pub uncompensated_range_um: f64,
     /// The root mean square without compensation, µm.
     pub uncompensated_rmse_um: f64,
-    /// Reduction of the range in percent. It is negative if the range grew, and `None` if the range is zero without
-    /// compensation.
+    /// Reduction of the range of the error in percent. It is negative if the range grew. `None` if the range without
+    /// compensation is zero.
     pub range_cut_percent: Option<f64>,
     /// Share of the rows within the expected error.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -54,7 +54,7 @@ impl RunScore {
         }
     }
 
-    /// Returns whether the range is larger than without compensation.
+    /// Returns whether the range of the residual error is larger than the range without compensation.
     pub fn is_worse(&self) -> bool {
         self.range_um > self.uncompensated_range_um
     }
@@ -65,11 +65,11 @@ impl RunScore {
 pub struct Means {
     /// Mean of the ranges of the runs, µm.
     pub mean_range_um: f64,
-    /// Largest range of a run, µm.
+    /// Largest range of the residual error in a run, µm.
     pub worst_range_um: f64,
     /// Mean of the root mean squares, µm.
     pub mean_rmse_um: f64,
-    /// Share of the runs with a larger range than without compensation.
+    /// Share of the runs in which the range of the residual error is larger than without compensation.
     pub worse_share: f64,
 }
 
@@ -139,7 +139,8 @@ fn residual(seconds: &[f64], error: &[f64], cz: &[f64], probe: Option<f64>) -> V
     let mut since_probing = |(left, second): (f64, &f64)| {
         let window = (second / interval).floor();
         if window > last.0 {
-            // The references are zero at the start: the first touch is the datum itself.
+            // The references are zero at the start: the first touch is at the zero point of the error, so its residual
+            // is zero.
             last = (window, if last.0.is_finite() { left } else { 0.0 });
         }
         left - last.1

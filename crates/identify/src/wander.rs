@@ -1,8 +1,8 @@
-//! Rate at which the residual of a model wanders: q in µm²/h. The gateway uses it to weigh the touches of a probe.
+//! Rate at which the residual of a model wanders: q in µm²/h. The gateway uses q to weigh the touches of a probe.
 //!
-//! The residual of each held-out run is sampled every 15 minutes, and is zero at its datum. It is modelled as a random
-//! walk with variance q per hour, measured with noise of variance r. Both maximize the likelihood of the innovations d
-//! with variance F:
+//! The residual of each held-out run is sampled every 15 minutes, and is zero at the start of the run. The residual is
+//! modelled as a random walk with variance q per hour, measured with noise of variance r. Both maximize the likelihood
+//! of the innovations d with variance F:
 //!
 //! ```text
 //! P += q·Δt      F = P + r      d = e − m      K = P / F      m += K·d      P *= 1 − K      Σ −½ (ln F + d²/F) → max

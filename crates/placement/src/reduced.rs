@@ -60,8 +60,8 @@ pub struct Modes {
     pub rates: Vec<f64>,
     /// Value of each mode if everything is 1 K warmer.
     pub uniform: Vec<f64>,
-    /// For each port, its temperature in K per unit of each mode. A watt into the port drives the modes with the same
-    /// numbers.
+    /// For each port, its temperature in K per unit of each mode. A heat flow of 1 W into the port excites the modes
+    /// with the same numbers.
     pub ports: BTreeMap<String, Vec<f64>>,
     /// For each sink, the effect of a kelvin on each mode, W/K per unit. Multiplied by `uniform` and summed, it is film
     /// coefficient times area.

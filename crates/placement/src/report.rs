@@ -24,7 +24,7 @@ pub fn report(study: &Study, placement: &Placement, line: &GuideLine, made: Mome
             }
             dt { "load cases" } dd { (placement.cases.iter().map(|case| case.name.as_str()).collect::<Vec<_>>().join(", ")) }
             dt { "judged" } dd { "displacement along " (placement.component) }
-            dt { "method" } dd { (placement.method.name()) @if let Some(case) = &placement.placed_by { ", placed by the case " (case) } }
+            dt { "method" } dd { (placement.method.name()) @if let Some(case) = &placement.placed_by { ", placed for the case " (case) } }
             dt { "date" } dd { (date(made)) }
         }
         (headline(placement))
@@ -135,7 +135,7 @@ fn errors(placement: &Placement) -> Markup {
 }
 
 fn crossed(placement: &Placement) -> Markup {
-    let mut heads = vec!["placed by"];
+    let mut heads = vec!["placed for"];
     heads.extend(placement.cases.iter().map(|case| case.name.as_str()));
     let rows = html! {
         @for crossed in &placement.cross_case {

@@ -151,7 +151,7 @@ pub struct Profile {
     pub sets: Vec<OutputSet>,
     /// Heartbeat, which shows the CNC that the gateway runs.
     pub heartbeat: Option<Heartbeat>,
-    /// Page, API and metrics.
+    /// Web page, API and metrics.
     pub web: Option<Web>,
     /// Publication to an MQTT broker.
     pub mqtt: Option<Mqtt>,
@@ -190,7 +190,7 @@ impl Profile {
         devices.filter(move |(_, device)| device.bus == bus)
     }
 
-    /// Returns whether a device of a Modbus TCP line is behind a gateway to a serial line.
+    /// Returns whether a device of a Modbus TCP line is behind a Modbus gateway to a serial line.
     pub fn is_behind_gateway(&self, id: DeviceId) -> bool {
         let device = self.device(id);
         let units = self.devices_on(device.bus).map(|(_, device)| device.unit);
@@ -208,7 +208,8 @@ impl Profile {
         &self.axes[id.0]
     }
 
-    /// Returns whether an axis returns a released register to its base. Such a register belongs to no output any more.
+    /// Returns whether an axis returns a released register to its base value. Such a register belongs to no output any
+    /// more.
     pub fn is_release(&self, id: AxisId) -> bool {
         self.axis(id).purpose == Purpose::Release
     }

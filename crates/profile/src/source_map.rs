@@ -55,9 +55,9 @@ pub(crate) fn around(line: &str, byte: usize) -> (String, usize) {
 #[derive(Clone, Debug)]
 struct Span {
     layer: u32,
-    /// First and last byte of the name.
+    /// First byte of the name, and the byte after its last one.
     key: (u32, u32),
-    /// First and last byte of the value.
+    /// First byte of the value, and the byte after its last one.
     value: (u32, u32),
     /// Layer and byte of the first occurrence.
     rank: (u32, u32),

@@ -96,7 +96,7 @@ pub(crate) struct RawProfile {
     set: BTreeMap<String, RawSet>,
     /// Register or node with a counter that shows the CNC that the gateway runs.
     heartbeat: Option<RawHeartbeat>,
-    /// Page, API and metrics.
+    /// Web page, API and metrics.
     web: Option<RawWeb>,
     /// Publication of values and events to an MQTT broker.
     mqtt: Option<RawMqtt>,

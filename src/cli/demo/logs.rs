@@ -1,5 +1,5 @@
-//! Temporary logs of a demo, so that its page has a history. State and ledger are not kept: each demo starts without
-//! them.
+//! Temporary logs of a demo, so that its web page has a history. State and ledger are not kept: each demo starts
+//! without them.
 
 use std::io;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! True error and residual error of each axis, which only a virtual machine knows. The demo adds them to the page.
+//! True error and residual error of each axis, which only a virtual machine knows. The demo adds them to the web page.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -22,7 +22,7 @@ pub(super) struct WithTruth {
 }
 
 impl WithTruth {
-    /// Appends the new rows to the log. If that fails, the charts of the page lack these rows.
+    /// Appends the new rows to the log. If that fails, the charts of the web page lack these rows.
     pub(super) fn keep(&self, clock: &Clock) {
         let (Some(log), rows) = (&self.log, self.window.take_course()) else { return };
         let axes = self.window.summary().axes;

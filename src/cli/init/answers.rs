@@ -34,7 +34,9 @@ impl Line {
         }
         let example = "write 192.168.0.10:502, or /dev/ttyUSB0";
         if text.contains("//") {
-            return Err(format!("an address without a prefix: {example}"));
+            return Err("write an address without a prefix such as tcp://. Examples: 192.168.0.10:502, or \
+                        /dev/ttyUSB0"
+                .to_owned());
         }
         if text.starts_with("can") || text.starts_with("vcan") {
             return Err(format!(

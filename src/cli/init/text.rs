@@ -53,7 +53,7 @@ fn write_profile(text: &mut String, answers: &Answers) -> std::fmt::Result {
     output(text, answers)?;
     writeln!(
         text,
-        "[web]\nlisten = \"127.0.0.1:8080\"            # the page; commands need token_file \
+        "[web]\nlisten = \"127.0.0.1:8080\"            # the web page; commands need token_file \
          (isotherm token), other addresses also tls"
     )
 }

@@ -1,5 +1,5 @@
-//! Control questions: requests that show whether the answers of a unit behind a gateway belong to their requests. See
-//! [`crate::fieldbus::order_check`].
+//! Control questions: requests that show whether the answers of a unit behind a Modbus gateway (from TCP to a serial
+//! line) belong to their requests. See [`crate::fieldbus::order_check`].
 
 use super::DeviceLine;
 use crate::fieldbus::error::Fault;
@@ -42,8 +42,8 @@ impl DeviceLine {
         fault.is_refusal() && !fault.is_of_a_gateway()
     }
 
-    /// Begins a pause, because the unit's gateway has sent the answer to an earlier request. The pause doubles each
-    /// time, even if some answers in between were good.
+    /// Begins a pause, because the Modbus gateway of the unit has sent the answer to an earlier request. The pause
+    /// doubles each time, even if some answers in between were good.
     pub(super) fn rest_out_of_order(&mut self, place: usize, now: Moment) {
         let lost = self.units.pending(place).order.lost;
         let breaker = &mut self.units.at_mut(place).breaker;

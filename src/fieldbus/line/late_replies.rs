@@ -1,11 +1,11 @@
 //! Waiting for late answers of units whose answers have no reliable transaction number.
 //!
-//! On an RTU line the wire receives a late answer and discards it. A gateway from Modbus TCP to a serial line may send
-//! a late answer with the transaction number of a later request. The line cannot distinguish it from the answer to that
-//! request. After a missing answer, the line therefore sends no request of the same form to that unit while the late
-//! answer may arrive. A late answer then finds no open request.
+//! On an RTU line the wire receives a late answer and discards it. A Modbus gateway (from TCP to a serial line) may
+//! send a late answer with the transaction number of a later request. The line cannot distinguish the late answer from
+//! the answer to that request. After a missing answer, the line therefore sends no request of the same form to that
+//! unit while the late answer may arrive. A late answer then finds no open request.
 //!
-//! A gateway may also keep a late answer until the next request. Waiting does not help then: see `control.rs`.
+//! A Modbus gateway may also keep a late answer until the next request. Waiting does not help then: see `control.rs`.
 
 use std::time::Duration;
 
@@ -23,7 +23,8 @@ impl DeviceLine {
         let Some(connection) = &mut self.wire else { return Err(Fault::Link(LinkFault::Down)) };
         let pending = self.units.pending.of(number);
         loop {
-            // On a new connection, unsolicited input has not had time to arrive yet. A gateway sends no such input.
+            // On a new connection, unsolicited input has not had time to arrive yet. A Modbus gateway sends no such
+            // input.
             let least =
                 if self.history.has_answered || is_behind_gateway { Duration::ZERO } else { self.timeout };
             let anything = pending.remaining_for_any(spans).map(|left| left.max(least));
@@ -60,7 +61,7 @@ impl DeviceLine {
     /// Records that the unit has not answered in time. Its answer may still arrive.
     pub(super) fn note_miss(&mut self, place: usize, request: Request<'_>, fault: Fault, now: Moment) {
         let asked = self.send_guard.asked().unwrap_or(now);
-        // The gateway has its own timeout. The late answer may arrive for some time after that.
+        // The Modbus gateway has its own timeout. The late answer may arrive for some time after that timeout.
         let missed =
             if fault.is_of_a_gateway() { self.send_guard.last_sample() } else { now.after(self.timeout) };
         self.units.misses(place, (request, asked, missed), fault, now, self.spans());

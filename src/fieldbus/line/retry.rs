@@ -18,8 +18,8 @@ impl DeviceLine {
     }
 
     /// Returns whether a request is repeated at once on a new connection, after the old one was lost with this answer.
-    /// Some gateways close an idle connection, which must not cost a reading. A write that may have been sent is not
-    /// repeated, and neither is one that depends on a value read on the lost connection.
+    /// Some Modbus gateways close an idle connection, which must not cost a reading. A write that may have been sent is
+    /// not repeated, and neither is one that depends on a value read on the lost connection.
     pub(super) fn is_repeated(
         request: Request<'_>,
         leave: SendDeadline,

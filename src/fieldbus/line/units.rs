@@ -31,8 +31,8 @@ pub(super) struct Unit {
     pub(super) last_fault: Fault,
     /// Whether the unit has checks that must pass before use. An OPC UA server is checked by its namespaces.
     pub(super) is_checked: bool,
-    /// Whether a gateway to a serial line is in front of the unit. Its late answer may then have the transaction of
-    /// another request.
+    /// Whether a Modbus gateway to a serial line is in front of the unit. A late answer of the unit may then have the
+    /// transaction number of another request.
     pub(super) is_behind_gateway: bool,
     /// Time of the last answer.
     pub(super) received: Moment,
@@ -62,8 +62,8 @@ impl Units {
         };
         let mut pending = UnitReplies::of_units(numbers());
         if is_tcp {
-            // A gateway has one request at a time on its line, so that an answer to an earlier process gets no new
-            // transaction.
+            // A Modbus gateway has one request at a time on its serial line. An answer to an earlier process therefore
+            // gets no new transaction number.
             pending.each().for_each(PendingReplies::is_quiet);
         }
         Units { all: devices.iter().map(unit).collect(), pending }

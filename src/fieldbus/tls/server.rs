@@ -1,4 +1,4 @@
-//! TLS server of the page, for clients without a certificate.
+//! TLS server of the web page, for clients without a certificate.
 
 use std::sync::Arc;
 

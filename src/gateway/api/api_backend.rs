@@ -1,5 +1,5 @@
-//! Interface of page, API and commands to the gateway: its state, and commands such as arm, disarm, zero and measured
-//! errors.
+//! Interface of web page, API and commands to the gateway: its state, and commands such as arm, disarm, zero and
+//! measured errors.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -17,7 +17,7 @@ use crate::observe::status::{Answer, Command, GatewayApi, ReleaseRequest, Status
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::quantity::{Moment, time};
 
-/// State and commands for page, API and command socket. Each has its own handle.
+/// State and commands for web page, API and command socket. Each has its own handle.
 pub(in crate::gateway) struct ApiBackend {
     page: PageHandle,
     commands: CommandHandle,

@@ -169,7 +169,7 @@ impl CommandHandle {
         places.retain(|place| !self.0.profile.is_release(AxisId(*place)));
         match axis {
             Some(axis) if places.is_empty() => Err(format!(
-                "axis {axis} only returns a register to its base; `isotherm release` starts this"
+                "axis {axis} only returns a register to its base value; `isotherm release` starts this"
             )),
             _ => Ok(places),
         }
@@ -346,8 +346,8 @@ impl CommandHandle {
         })
     }
 
-    /// Requests the release of an output's former registers, or withdraws the request. They return to their base from
-    /// the next start on.
+    /// Requests the release of an output's former registers, or withdraws the request. The registers return to their
+    /// base values from the next start on.
     pub(super) fn release(
         &self,
         output: &str,

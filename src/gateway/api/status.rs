@@ -1,5 +1,5 @@
-//! The state of the gateway for people and programs. It is derived from a copy, so that the lock is held only while the
-//! copy is made.
+//! The state of the gateway for people and programs. The state is derived from a copy, so that the lock is held only
+//! while the copy is made.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -44,7 +44,7 @@ struct StatusSnapshot {
     probes: Vec<Option<Probe>>,
     outputs: Outputs,
     latest: Latest,
-    /// Readings at the time of this picture: aged, and checked by their conditions.
+    /// Readings at the time of this snapshot: aged, and checked by their conditions.
     seen: Vec<Reading>,
     device_health: DeviceHealth,
     devices: Devices,
@@ -159,8 +159,8 @@ fn ended(status: &Status) -> Vec<String> {
         .collect()
 }
 
-/// Returns the last verified Cz of an axis, and the time of the request that read it. It is the one in the axis's first
-/// output with a known Cz.
+/// Returns the last verified Cz of an axis, and the time of the request that read it. The Cz is that of the first
+/// output of the axis with a known Cz.
 fn verified(picture: &StatusSnapshot, axis: usize) -> Option<(Micron, Moment)> {
     let mut outputs = picture.outputs.of_axis(axis).filter(|(output, _)| output.writes.is_cz());
     outputs.find_map(|(_, state)| state.cz.zip(state.verified_at))
@@ -234,8 +234,8 @@ fn axes(shared: &Shared, picture: &StatusSnapshot) -> Vec<AxisStatus> {
     .collect()
 }
 
-/// Returns whether the axis only returns a register to its base. Such an axis does not compensate, so it is not missing
-/// if it is off.
+/// Returns whether the axis only returns a register to its base value. Such an axis does not compensate, so it is not
+/// reported as missing if it is off.
 fn is_release(axis: &Axis) -> bool {
     axis.purpose == Purpose::Release
 }

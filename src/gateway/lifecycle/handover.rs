@@ -1,5 +1,5 @@
-//! Handover from a gateway to the program that replaces it in the same process. It contains the armed axes, so that
-//! they resume, and the checked profile. [`memfd`] describes how it is passed.
+//! Handover from a gateway to the program that replaces it in the same process. The handover contains the armed axes,
+//! so that they resume, and the checked profile. [`memfd`] describes how the handover is passed.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -32,7 +32,8 @@ pub struct Options {
     pub has_threads: bool,
     /// Function that creates connections. Tests use another one than the default.
     pub dialer: Dialer,
-    /// Maximum time of a line without a turn; `None`: derived from its timeouts. Tests make it short.
+    /// Maximum time without an action of a line task, before the watchdog stops the gateway. `None`: derived from the
+    /// timeouts of the line. Tests set a short time.
     pub watch: Option<Duration>,
     /// Period of all polls and axes, independent of the profile. A bench is often faster than a profile may be.
     pub pace: Option<Pace>,

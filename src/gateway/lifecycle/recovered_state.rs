@@ -1,4 +1,4 @@
-//! State that the previous run has left, and whether it is accepted.
+//! State that the previous run has left, and whether this state is accepted.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,5 +1,5 @@
-//! End of a run: the fault actions, or registers that keep their values. How long it takes, and what it leaves in the
-//! registers.
+//! End of a run: the fault actions, or registers that keep their values. This module also determines how long the end
+//! takes, and which values it leaves in the registers.
 
 use std::time::Duration;
 

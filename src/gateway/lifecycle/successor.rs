@@ -1,7 +1,7 @@
-//! Replacement of this program by another one. It has the same path and perhaps another version, the same arguments and
-//! perhaps another profile. It runs in the same process, so that a service manager notices nothing. The other program
-//! checks the profile first. If the check fails, this program continues. If it passes, the profile is handed over, so
-//! that the new program runs exactly the profile that it has checked.
+//! Replacement of this program by another program. The other program has the same path and perhaps another version, the
+//! same arguments and perhaps another profile. It runs in the same process, so that a service manager notices nothing.
+//! The other program checks the profile first. If the check fails, this program continues. If it passes, the profile is
+//! handed over, so that the new program runs exactly the profile that it has checked.
 
 use std::ffi::OsString;
 use std::fs::File;

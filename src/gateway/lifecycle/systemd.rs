@@ -38,7 +38,7 @@ impl Report {
         Report { is_received, is_ready: false, waited: Duration::ZERO, status: String::new() }
     }
 
-    /// Reports that all lines take their turns. Must be called repeatedly. `after`: time since the last call.
+    /// Reports that the tasks of all lines work. Must be called repeatedly. `after`: time since the last call.
     pub(in crate::gateway) fn lives(&mut self, shared: &Shared, after: Duration) {
         if !self.is_received {
             return;

@@ -1,5 +1,6 @@
-//! Watchdog of the lines, in a separate thread. A line that takes no turns any more stops the gateway. If even that has
-//! no effect, the process ends. The watchdog of the service manager (systemd) is served only while everything works.
+//! Watchdog of the lines, in a separate thread. If the task of a line takes no turns (actions) any more, the gateway is
+//! stopped. If the stop has no effect either, the process ends. The watchdog of the service manager (systemd) is served
+//! only while everything works.
 
 use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
@@ -45,7 +46,7 @@ impl Watchdog {
                 let gap = own.sample(now);
                 own.away_for(LOOK_EVERY);
                 if shared.clock.is_virtual() {
-                    // Virtual time may be held. No line can take a turn then.
+                    // Virtual time may be stopped. No line task can act then.
                     if now == last {
                         continue;
                     }
@@ -80,13 +81,13 @@ impl Watchdog {
 /// Observations of a line. Checks are counted instead of seconds: a pause of the computer is not the fault of the line.
 struct LineObservation {
     turns: u64,
-    /// Consecutive checks that found the same number of turns.
+    /// Number of consecutive checks that found the same number of turns (actions of the line task).
     looks: u32,
-    /// Number of such checks after which the line counts as stuck.
+    /// Number of such checks after which the line counts as blocked.
     most: u32,
 }
 
-/// Name of a line that has not taken a turn for too long. A state that stays locked counts as well.
+/// Name of a line whose task has not acted for too long. A state that stays locked counts as well.
 fn late_line(shared: &Shared, lines: &mut [LineObservation], stuck: &mut Duration) -> Option<String> {
     if !shared.is_free() {
         *stuck += LOOK_EVERY;

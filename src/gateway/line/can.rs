@@ -1,7 +1,7 @@
-//! Receiving side of a CAN line: one task receives every frame and stores its values on the board.
+//! Receiving side of a CAN line: one task receives every frame and stores its values in the table of signals.
 //!
 //! ```text
-//! frames ─► routes ─► board; wakes the line that corrects a position
+//! frames ─► routes ─► signal table; wakes the line that corrects a position
 //!        ├► nodes   heartbeats, boot-ups, emergencies, silence: reported; nodes are started, their readings rejected
 //!        ├► answers of SDO ─► the line, which sends requests as on any other line
 //!        └► health  error frames, full queue, lost frames: reported at their beginning and at their end

@@ -10,7 +10,7 @@ use crate::observe::events::{CertificateOwner, Event, Expiry};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Bus, NamedFile, Profile, User};
 
-/// Time before the expiry at which it is reported. It leaves time to replace the certificate.
+/// Time before the expiry at which the expiry is reported. The user can replace the certificate in this time.
 const BEFORE: Duration = Duration::from_hours(30 * 24);
 const LOOK_EVERY: Duration = Duration::from_hours(1);
 

@@ -76,7 +76,7 @@ enum Identified {
     },
 }
 
-/// Repetition of a check while its device is confirmed.
+/// Repeated reading of a check while its device is confirmed.
 #[derive(Clone, Copy, Debug)]
 struct Repetition {
     period: Duration,
@@ -156,7 +156,7 @@ impl Inspector {
                 continue;
             }
             if shared.core().devices.is_confirmed(id) {
-                // Only one check is read in a turn, because a heartbeat or a position may be due.
+                // Only one check is read in one turn of the line task, because a heartbeat or a position may be due.
                 if inspection.read_again(line, shared, can, now).await {
                     return;
                 }
@@ -231,7 +231,7 @@ impl Inspection {
         let due = (0..self.again.len()).filter(|place| self.again[*place].due <= now);
         let Some(place) = due.min_by_key(|place| self.again[*place].due) else { return false };
         let (attempts, last) = self.again[place].unread;
-        // While the polls are refused or not answered as well, nothing is known about this register.
+        // If the polls are refused or not answered as well, nothing is known about this register.
         if self.is_polled && attempts > 0 && shared.core().devices.of(self.device).delivered_at() <= last {
             self.again[place].due = now.after(ASK_AGAIN);
             return false;

@@ -1,5 +1,6 @@
-//! Task of one line. It executes reads, outputs and the heartbeat one at a time, in the order in which they are due. It
-//! steps the axes as soon as their inputs have been read.
+//! Task of one line. The task works in *turns*. A turn is one action. Examples are one request of a read, the work on
+//! one output, the heartbeat, or a step of the axes. The task takes the turns one at a time, in the order in which they
+//! are due. It steps the axes as soon as their inputs have been read.
 //!
 //! ```text
 //! sleep ─► turn ─► the heartbeat, when it is due
@@ -43,9 +44,9 @@ use heartbeat_task::HeartbeatTask;
 
 /// Longest sleep of a line that has nothing to do.
 const IDLE: Duration = Duration::from_secs(1);
-/// Delay after which a read or a step becomes urgent. On a faster line nothing waits that long.
+/// Time after which a due read or a due step becomes urgent. On a fast line, no read and no step waits for so long.
 const SLOW: Duration = Duration::from_millis(20);
-/// Maximum number of consecutive urgent reads before a turn that was due earlier.
+/// Maximum number of consecutive urgent reads before another turn that was due earlier.
 const PRESSED: u32 = 8;
 
 /// Owns one line and everything that is read and written on it.
@@ -59,7 +60,8 @@ pub(in crate::gateway) struct LineTask {
     polls: Vec<Poll>,
     jobs: Vec<OutputTask>,
     heartbeat_task: Option<HeartbeatTask>,
-    /// The inputs of an axis are read on this line, so its steps are made here, directly after the reads.
+    /// The inputs of an axis are read on this line. Therefore this task makes the steps of the axis, directly after the
+    /// reads.
     steps_axes: bool,
     /// Values that are read on this line are used on another line: for a corrected position, or as a result of probing.
     feeds_others: bool,
@@ -94,7 +96,7 @@ enum Turn {
     /// One request of the device at this index.
     Read(usize),
     Step,
-    /// Turn of the output or set at this index.
+    /// Work on the output or set at this index.
     Output(usize),
 }
 
@@ -163,7 +165,7 @@ impl LineTask {
 
     /// Takes turns until the gateway has stopped. Then closes the connection in order, if an OPC UA server keeps a
     /// state for it. With a listener, it also receives frames. A gateway may have 500 of these tasks. State that is
-    /// only needed during a turn, or on CAN, is therefore allocated separately.
+    /// needed only during a turn, or only on CAN, is therefore allocated separately.
     pub(in crate::gateway) async fn run(mut self: Box<Self>, listener: Option<Box<CanListener>>) {
         match listener {
             None => self.turns().await,
@@ -291,7 +293,7 @@ impl LineTask {
             return;
         }
         let now = self.line.last_sample();
-        // This must not wait for a step: a line that is always busy may never complete the reads that are due.
+        // This check must not wait for a step: a line that is always busy may never complete the reads that are due.
         self.shared.check_for_restarts(now);
         self.shared.take_probings(now);
         self.pending = Pending { has_news: true, wakes_others: self.feeds_others, inspects: true };
@@ -351,7 +353,8 @@ impl LineTask {
     }
 
     /// Returns whether the axes may be stepped, which happens at the end of a round of reads. An axis that is due waits
-    /// for its inputs. It does not wait for a slow device, or for one that is due again as soon as it has been read.
+    /// for its inputs. The axis does not wait for a slow device, or for a device that is due again as soon as it has
+    /// been read.
     fn may_step(&self, now: Moment) -> bool {
         let is_outstanding = |by: Moment| self.polls.iter().any(|poll| poll.is_outstanding(by));
         let is_due = self.step_due.filter(|due| self.steps_axes && *due <= now);
@@ -362,8 +365,8 @@ impl LineTask {
     }
 
     /// Returns the index of the device with the most urgent read, `None` if no read is urgent. A read is urgent if an
-    /// output corrects its position and it waits for too long. It is also urgent if the readings have reached half of
-    /// their `max_age`.
+    /// output corrects the position that is read, and the read waits for too long. A read is also urgent if the
+    /// readings of the device have reached half of their `max_age`.
     fn pressing(&self, now: Moment) -> Option<usize> {
         let polls = self.polls.iter().enumerate().filter(|(_, poll)| poll.due() <= now);
         let pressing = polls.filter(|(_, poll)| {
@@ -381,7 +384,7 @@ impl LineTask {
         polls.chain(jobs).chain(heartbeat_task).chain(step).min().unwrap_or(Moment::END)
     }
 
-    /// Counts a sleep that ended this late, and the late polls before it.
+    /// Counts a sleep that ended late by `late`, and the late polls before the sleep.
     fn account(&mut self, late: Duration) {
         let Overruns { count: overruns, worst } = std::mem::take(&mut self.overruns);
         if let Some((late, device)) = worst {

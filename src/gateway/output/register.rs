@@ -229,7 +229,7 @@ impl OutputRegister {
         })
     }
 
-    /// Publishes the state of the register to axes and page, and lets the axis resume from the register value.
+    /// Publishes the state of the register to axes and web page, and lets the axis resume from the register value.
     pub(super) fn publish(
         &mut self,
         shared: &LineHandle,

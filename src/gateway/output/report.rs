@@ -1,4 +1,4 @@
-//! Reports about the register of an output, for the log, the axes and the page.
+//! Reports about the register of an output, for the log, the axes and the web page.
 
 use super::demand::OutputDemand;
 use super::register::OutputRegister;
@@ -188,7 +188,7 @@ pub(super) fn has_unanswered(state: &State) -> bool {
     state.copies().under_way().any(|sent| sent.answered.is_none())
 }
 
-/// Publishes the state of a register to axes and page. Returns the Cz in the register, if it is known.
+/// Publishes the state of a register to axes and web page. Returns the Cz in the register, if it is known.
 pub(super) fn show(
     (register, controller): (&OutputRegister, &Controller),
     demand: &OutputDemand,

@@ -37,7 +37,7 @@ pub(in crate::gateway) struct Set {
     resumes: Vec<Option<Cause>>,
     /// Cause of the last failure of the handshake, as text.
     cause: String,
-    /// Time of the next turn, if nothing else happens.
+    /// Time of the next turn of the set (work of the line task on it), if nothing else happens.
     pub(in crate::gateway) due: Moment,
 }
 
@@ -65,7 +65,7 @@ impl Set {
         self.controller.strobe().next_read()
     }
 
-    /// Returns whether the turn of one of its outputs came too late for the last decision.
+    /// Returns whether the turn of an output of the set came too late for the last decision.
     pub(in crate::gateway) fn is_late(&self) -> bool {
         self.controller.is_late()
     }

@@ -17,7 +17,7 @@ use isotherm_profile::OutputId;
 pub(in crate::gateway) struct Single {
     register: OutputRegister,
     controller: Controller,
-    /// Time of the next turn, if nothing else happens.
+    /// Time of the next turn of the output (work of the line task on it), if nothing else happens.
     pub(in crate::gateway) due: Moment,
 }
 

@@ -1,4 +1,5 @@
-//! Guard of the lock. It measures how long the lock is held, and reports the events of that time.
+//! Guard of the lock of the state. The guard measures how long the lock is held, and then reports the events of that
+//! time.
 
 use std::ops::{Deref, DerefMut};
 use std::sync::MutexGuard;

@@ -91,7 +91,8 @@ mod tests {
             (999, "zero", &[Axis(0)], true),
             (1000, "measured", &[Axis(0)], true),
             (1500, "measured", &[Axis(0)], false),
-            // The command is about all three. One of them had a command recently, so it is recorded for none.
+            // The command is about all three axes. One of them had a command recently, so the command is recorded for
+            // no axis.
             (1600, "measured", &[Axis(0), Axis(1), Axis(2)], false),
             (1600, "measured", &[Axis(2)], true),
             (2600, "measured", &[Axis(0), Axis(1), Axis(2)], true),

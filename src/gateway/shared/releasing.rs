@@ -1,5 +1,6 @@
-//! Course of a release. An operator requests it, and the next start arms its axis. It is over when the register was
-//! read back at its base. A stop or a kill ends it earlier, and the next start reports the register again.
+//! Course of a release. An operator requests it, and the next start arms its axis. The release is over when the
+//! register was read back at its base value (the value without the gateway's offset). A stop or a kill ends the release
+//! earlier. The next start then reports the register again.
 //!
 //! ```text
 //! ask ─► state ─► restart --keep ─► begin ─► armed, step by step ─► follow: read back at the base ─► over
@@ -23,13 +24,13 @@ use isotherm_core::place::{FormerPlace, Owner, Release, Stage};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::safe_file::quoted;
 
-/// Largest difference between the Cz that the operator was shown and the present one, µm. It is shown in tenths of a
+/// Largest difference between the Cz that the operator was shown and the present Cz, µm. Cz is shown in tenths of a
 /// micrometre.
 const AS_SHOWN_UM: f64 = 0.05;
 
 /// Cause and hint for the axis of a release that is over.
 const OVER: (&str, &str) = (
-    "the register is back at its base: the release is over",
+    "the register is back at its base value: the release is over",
     "nothing is left to do: the next start does not have this axis",
 );
 
@@ -106,7 +107,7 @@ fn remove(core: &mut GatewayState, one: &ReturningRegister) -> Option<FormerPlac
     Some(places.former.remove(at))
 }
 
-/// Ends a release whose register was read back at its base.
+/// Ends a release whose register was read back at its base value.
 fn ended(core: &mut GatewayState, one: &ReturningRegister) {
     let Release { output, place, .. } = &one.release;
     let former = remove(core, one).map(|former| FormerPlace { held_um: Some(0.0), found_um: None, ..former });
@@ -119,7 +120,7 @@ fn ended(core: &mut GatewayState, one: &ReturningRegister) {
     core.events.push(Event::RegisterReleased { output: output.clone(), register: place.to_string() });
 }
 
-/// Gives up a release whose axis is off before the register has reached its base. The register is reported again.
+/// Gives up a release whose axis is off before the register has reached its base value. The register is reported again.
 fn given_up(core: &mut GatewayState, one: &ReturningRegister, found: Option<Micron>) {
     let Release { held_um, stage, .. } = one.release;
     let found_um = found.map(Micron::get).filter(|found| (found - held_um).abs() > one.grain_um);
@@ -162,11 +163,12 @@ fn settle(core: &mut GatewayState, one: &ReturningRegister) {
     core.storage.remember_soon();
 }
 
-/// Requests the return of the former registers of an output to their base, from the next start on. `seen`: the Cz in
-/// each of them as the operator has seen it, µm. Returns a sentence.
+/// Requests the return of the former registers of an output to their base values, from the next start on. `seen`: the
+/// Cz in each of them as the operator has seen it, µm. Returns a sentence.
 ///
 /// # Errors
-/// The output has no such register, it cannot be released, or it does not hold what the operator has seen.
+/// The output has no such register, the register cannot be released, or it does not hold the value that the operator
+/// has seen.
 pub(in crate::gateway) fn ask(
     core: &mut GatewayState,
     (output, seen): (&str, &[f64]),
@@ -193,8 +195,8 @@ pub(in crate::gateway) fn ask(
     let of_output: Vec<&FormerRegisterStatus> = all.iter().filter(|left| left.output == output).collect();
     if of_output.is_empty() {
         let cause = format!(
-            "output {}: there is nothing to release. Either it was not moved or removed, or no former \
-             register of it still holds a value of the gateway",
+            "output {}: there is nothing to release: no former register of this output holds a value of the \
+             gateway. A former register exists only after the output was moved or removed in the profile",
             quoted(output)
         );
         return Err(Explained::new(cause, "`isotherm status` shows what is left"));
@@ -224,7 +226,7 @@ pub(in crate::gateway) fn ask(
     }
     let each = released.iter().map(|one| format!("{:.1} µm in {}", one.from_um, one.place));
     let said = format!(
-        "output {output}: {} return to the base after the next restart of the gateway",
+        "output {output}: {} return to the base value after the next restart of the gateway",
         each.collect::<Vec<_>>().join(" and ")
     );
     let saved = &mut Arc::make_mut(&mut core.places.places).releases;

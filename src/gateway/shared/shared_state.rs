@@ -1,7 +1,8 @@
-//! State that the lines, the page and the commands share. Its lock is held for microseconds, and never across a wait.
+//! State that the lines, the web page and the commands share. Its lock is held for microseconds, and never across a
+//! wait.
 //!
-//! A line accesses the state through its [`LineHandle`](super::line_handle::LineHandle), page and commands through the
-//! [`ApiBackend`](crate::gateway::api::api_backend::ApiBackend).
+//! A line accesses the state through its [`LineHandle`](super::line_handle::LineHandle), web page and commands through
+//! the [`ApiBackend`](crate::gateway::api::api_backend::ApiBackend).
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -44,7 +45,7 @@ pub(crate) struct Shared {
     pub(in crate::gateway) ledger: Ledger,
     pub(in crate::gateway) dependents: Arc<Dependents>,
     wakeups: Mutex<Vec<Wakeup>>,
-    /// For each bus: the number of its wakeups, and the number of its turns.
+    /// For each bus: the number of wakeups of its line, and the number of turns (single actions) of its line task.
     news: Vec<AtomicU64>,
     turns: Vec<AtomicU64>,
     core: Mutex<GatewayState>,

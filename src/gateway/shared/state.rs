@@ -60,7 +60,8 @@ pub(in crate::gateway) struct GatewayState {
     pub(in crate::gateway) phase: RunPhase,
     /// An axis has been armed since the start.
     pub(in crate::gateway) was_armed: bool,
-    /// For each axis: it was driven before the start, and has not been armed since.
+    /// For each axis: an earlier run left a verified offset in one of its outputs, and the axis has not been armed
+    /// since the start.
     pub(in crate::gateway) was_driven: Vec<bool>,
     /// The readings of a model of an axis have been usable since the start.
     pub(super) has_read: bool,
@@ -69,7 +70,7 @@ pub(in crate::gateway) struct GatewayState {
     pub(super) day_due: Moment,
     /// Time at which the next axis is due.
     pub(in crate::gateway) next_due: Option<Moment>,
-    /// Requester of the program that replaces this one, as it is named in a sentence.
+    /// Requester of the program that replaces this program, as a sentence names the requester.
     pub(in crate::gateway) replaced_by: String,
     /// An internal fault has occurred: the process ends with an error after the fault actions.
     pub(in crate::gateway) failed: bool,
@@ -457,8 +458,7 @@ impl GatewayState {
         }
     }
 
-    /// Handles a register that was unknown and was read now; it holds this Cz. Returns true if its axis resumes from
-    /// it.
+    /// Handles the read of an unknown register, which holds `cz`. Returns true if its axis resumes from this Cz.
     pub(in crate::gateway) fn found(&mut self, id: OutputId, cz: Micron) -> bool {
         let profile = &self.given.profile;
         let Output { axis: AxisId(axis), writes, .. } = *profile.output(id);
@@ -478,8 +478,7 @@ impl GatewayState {
         writes.is_cz()
     }
 
-    /// Checks for a new result of the probing cycle of this axis. Returns true if there is a result, learned or
-    /// refused.
+    /// Checks for a new result of the probing cycle of this axis. Returns true if a result was learned or refused.
     pub(super) fn take_probing(&mut self, axis: AxisId, now: Moment) -> bool {
         let (profile, place) = (&*self.given.profile, axis.0);
         let axis = profile.axis(axis);

@@ -25,7 +25,7 @@ pub(in crate::gateway) struct ArmRequest {
     pub(in crate::gateway) until: Moment,
     /// Last reported condition for which the request waits, and the time of that report.
     pub(in crate::gateway) reported: (String, Moment),
-    /// Cz of the previous gateway process. It is used if no register of the axis gives a Cz.
+    /// Cz of the previous gateway process. The axis starts from this Cz if no register of the axis gives a Cz.
     pub(in crate::gateway) from: Option<Micron>,
 }
 

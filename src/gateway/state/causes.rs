@@ -154,8 +154,9 @@ impl CauseInputs<'_> {
     }
 }
 
-/// Returns why an axis does not follow its model, as far as its decision contains it. Empty if it does not contain it.
-/// `has_run`: the machine has been seen running. `bad`: returns the fault of a signal that the model requires.
+/// Returns why an axis does not follow its model, as far as its decision contains the reason. Empty if the decision
+/// does not contain the reason. `has_run`: the machine has been seen running. `bad`: returns the fault of a signal that
+/// the model requires.
 pub(crate) fn why_by_decision(
     profile: &Profile,
     axis: usize,

@@ -9,8 +9,8 @@ use isotherm_core::explained::Explained;
 /// Hint for a model that is worse than no compensation.
 const IDENTIFY: &str = "identify the model again";
 
-/// Returns why an axis goes to zero, or stays there, because its model is worse than no compensation. `None` if it does
-/// not.
+/// Returns why the Cz of an axis goes to zero, or stays at zero, because its model is worse than no compensation.
+/// `None` if the Cz does not go to zero for this reason.
 pub(super) fn cause(axis: &AxisSettings, decision: &Decision) -> Option<Explained> {
     let is_left = decision.worse.is_some()
         && axis.leaves_what_is_worse()

@@ -18,12 +18,12 @@ use isotherm_profile::{AxisId, BusId, Device, DeviceId, Profile};
 pub(in crate::gateway) struct Devices {
     devices: Vec<DeviceContinuity>,
     of_axis: Vec<Vec<DeviceId>>,
-    /// For each device: the axes whose models read it. Each has the value that it held before the last round of passed
-    /// checks.
+    /// For each device: the axes whose models read the device. Each axis has the value that it held before the last
+    /// round of passed checks.
     held: Vec<Vec<(usize, ReturnTo)>>,
     /// For each device: the same axes, with the values at the beginning of the round that is under way.
     held_in_round: Vec<Vec<(usize, ReturnTo)>>,
-    /// For each device: the axes whose models read it.
+    /// For each device: the axes whose models read the device.
     read_by: Vec<Vec<usize>>,
     /// For each bus that is an OPC UA server: table of the namespaces that the profile names by index.
     namespaces: Vec<Option<NamespaceTable>>,

@@ -23,9 +23,9 @@ pub(in crate::gateway) struct Dependents {
     pub(in crate::gateway) inputs: Vec<Vec<Vec<SignalId>>>,
     /// Axes whose error is measured by a probing cycle of the control.
     pub(in crate::gateway) probed: Vec<AxisId>,
-    /// For each line: the axes whose measured error, or its trigger, is read there.
+    /// For each line: the axes whose measured error, or the trigger of that error, is read on the line.
     pub(in crate::gateway) probed_on: Vec<Vec<AxisId>>,
-    /// For each line: whether it reads a signal that shows a restart of a control.
+    /// For each line: whether the line reads a signal that shows a restart of a control.
     pub(in crate::gateway) shows_restarts: Vec<bool>,
     /// Period of the axis that is stepped most often.
     pub(in crate::gateway) shortest_period: Option<Duration>,

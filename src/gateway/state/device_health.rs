@@ -19,8 +19,8 @@ use super::output_faults;
 const REPORTED_AFTER: u64 = 2;
 const REPORTED_AFTER_RTU: u64 = 3;
 
-/// A device that was lost has returned when it has answered for this long: one that comes and goes is reported
-/// once.
+/// A lost device has returned when it has answered for this time. A device with repeated short losses is therefore
+/// reported once.
 const BELIEVED_AFTER: Duration = Duration::from_secs(10);
 
 /// Late cycles are reported again if none was late for this long.
@@ -223,7 +223,8 @@ impl DeviceHealth {
         }
     }
 
-    /// Records that a device sends nothing any more, and reports it once. If its bus is down, only that was reported.
+    /// Records that a device sends nothing any more, and reports the loss once. If the bus of the device is down, only
+    /// the fault of the bus is reported.
     pub(in crate::gateway) fn is_silent(&mut self, id: DeviceId, fault: Explained, events: &mut Vec<Event>) {
         let is_down = self.buses[self.profile.device(id).bus.0].down.is_some();
         let lost = self.devices[id.0].misses(fault);

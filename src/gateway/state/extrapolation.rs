@@ -45,8 +45,9 @@ fn farthest(profile: &Profile, found: &Extrapolation, by: impl Fn(f64, Unit) -> 
     format!("{} is {}{side} value", signal.name, by(beyond.by.abs(), signal.unit))
 }
 
-/// Event for a change: one when extrapolation begins, and one when it is over. It is over when the inputs are clearly
-/// inside again, or if the model in use has no region. While no model can be used, neither is known.
+/// Event for a change: one when extrapolation begins, and one when it is over. Extrapolation is over when the inputs
+/// are clearly inside again, or if the model in use has no region. While no model can be used, it is not known whether
+/// the axis extrapolates.
 pub(super) fn event(
     profile: &Profile,
     axis: &str,

@@ -152,7 +152,7 @@ impl IndexMut<usize> for Outputs {
 }
 
 impl HandshakeStatus {
-    /// Message for the page. It is empty if there is nothing to report.
+    /// Message for the web page. The message is empty if there is nothing to report.
     pub(in crate::gateway) fn message(self, handshake: Option<&Handshake>) -> String {
         let Some(Handshake { strobe, acknowledge, .. }) = handshake else { return String::new() };
         match (self.failed, self.waits) {
@@ -173,7 +173,7 @@ impl OutputState {
         self.waits_until.filter(|_| self.is_waiting).map(|until| until.since(now))
     }
 
-    /// Note about the value, for the page.
+    /// Note about the value, for the web page.
     pub(in crate::gateway) fn note(&self, now: Moment) -> String {
         match self.waits(now) {
             Some(span) => format!("waiting for a late write, {} s", span.as_secs()),
@@ -215,7 +215,7 @@ impl OutputState {
 }
 
 impl RegisterHealth {
-    /// Name of the state on the page and in the metrics.
+    /// Name of the state on the web page and in the metrics.
     pub(in crate::gateway) const fn name(self) -> &'static str {
         match self {
             RegisterHealth::Unknown => "unknown",

@@ -15,7 +15,7 @@ impl Pauses {
         self.count
     }
 
-    /// Records that a task could not sample the clock from `since` until `now`. Returns `false` if this pause was
+    /// Records that a task could not sample the clock from `since` until `now`. Returns `false` if the same pause was
     /// recorded already.
     pub(in crate::gateway) fn begins(&mut self, since: Moment, now: Moment) -> bool {
         let is_new = since >= self.ended;

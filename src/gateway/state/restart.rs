@@ -20,7 +20,7 @@ pub(in crate::gateway) struct Restarts {
     profile: Arc<Profile>,
     /// Number of restarts of each output.
     counts: Vec<u64>,
-    /// For each line: the boot counters that are read there, with their last good reading.
+    /// For each line: the boot counters that are read on the line, with their last good reading.
     counters: Vec<Vec<(SignalId, Option<f64>)>>,
     /// Last good reading of the machine's `on` signal.
     was_on: Option<bool>,

@@ -11,7 +11,7 @@ use isotherm_core::compensation::settings::GuardSettings;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{Profile, Writes};
 
-/// Distance of a sign check, µm. A dial gauge shows it clearly, and it does not spoil a workpiece.
+/// Distance of a sign check, µm. A dial gauge shows this distance clearly, and the movement does not spoil a workpiece.
 pub(in crate::gateway) const WAY: f64 = 5.0;
 /// Time in which the operator must answer after the offset has arrived. The offset then returns.
 pub const PATIENCE: Duration = Duration::from_secs(180);
@@ -28,7 +28,7 @@ pub(in crate::gateway) struct SignCheck {
     pub(in crate::gateway) is_there: bool,
 }
 
-/// Saved result of the sign check of an axis. It is part of the state.
+/// Saved result of the sign check of an axis. The result is part of the saved state.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(in crate::gateway) struct SignMemory {

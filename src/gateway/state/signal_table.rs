@@ -1,4 +1,4 @@
-//! Board of signals: the latest reading of each signal, whether it may be used, and since when it is bad.
+//! Table of signals: the latest reading of each signal, whether the reading may be used, and since when it is bad.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -150,8 +150,8 @@ impl Units {
     }
 }
 
-/// Largest change of one write, in the unit of the output. It is a whole number of counts, so that rounding cannot
-/// increase it.
+/// Largest change of one write, in the unit of the output. The change is a whole number of counts, so that rounding
+/// cannot increase it.
 fn one_step(profile: &Profile, output: &Output) -> f64 {
     let most = profile.axis(output.axis).settings.guard.step.get() * cz_factor(profile, output);
     match output.encoding.data_type.integer_range() {
@@ -175,7 +175,7 @@ pub(in crate::gateway) fn target(decision: &Decision, writes: Writes) -> Micron 
 }
 
 /// Returns whether the register value is the wanted one, to half a count of this size. The sum with the operator offset
-/// `base` is never made zero. If it would be zero, the adjacent count is near enough.
+/// `base` is never made zero. If the sum would be zero, the adjacent count is near enough.
 pub(super) fn is_near(cz: Micron, wanted: Micron, grain: f64, base: f64) -> bool {
     let would_be_zero = base != 0.0 && (base + wanted.get()).abs() < 0.6 * grain;
     (cz - wanted).abs().get() <= if would_be_zero { 1.1 } else { 0.6 } * grain

@@ -1,5 +1,5 @@
-//! Backup of the state of a machine. It is copied from its directory while a gateway writes there, and restored into a
-//! directory.
+//! Backup of the state of a machine. The state is copied from its directory while a gateway writes to that directory,
+//! and restored into a directory.
 //!
 //! The writes after a backup are unknown. The restored state is therefore in question. Every axis is off until an
 //! operator arms it. Until then, no value in a register that an operator also writes to counts as the gateway share.

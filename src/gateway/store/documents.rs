@@ -29,7 +29,7 @@
 //! | the number is an older copy | less than `named` | does not fit |
 //! | one of them is missing or damaged | none | does not fit, unless `named` is 0 |
 //!
-//! If both were replaced by an older pair, nothing here can detect it.
+//! If both files were replaced by an older pair, this program cannot detect the replacement.
 
 use std::collections::BTreeMap;
 use std::io::{self, ErrorKind};

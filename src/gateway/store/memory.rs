@@ -1,8 +1,8 @@
 //! State of a machine over a restart: time since machine start, references, lags, datums, results of probing, last
-//! verified Cz, and last good values.
+//! verified Cz, and last good values. A datum is the zero point of a Cz.
 //!
-//! The [store](super::documents) saves it. If a state is not accepted, the gateway starts without one, and an operator must
-//! arm.
+//! The [store](super::documents) saves it. If a state is not accepted, the gateway starts without a state, and an
+//! operator must arm.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

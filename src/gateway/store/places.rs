@@ -256,7 +256,7 @@ impl Places {
         // A document of layout 5 has no places, and does not show which outputs were written.
         let is_new_unwritten = is_first || !self.outputs.is_empty();
         let found = place::compare(&self.outputs, &now.outputs);
-        // An output counts as driven if its register keeps a value of the gateway.
+        // An output counts as written by the gateway if its register keeps a value of the gateway.
         let keeps_ours =
             |name: &String| self.former.iter().any(|former| now.outputs[name].is_at(&former.place));
         let is_only_read = |name: &String| match found.get(name) {
@@ -447,7 +447,8 @@ impl Moves {
         self.places.former.iter().any(|former| former.output == output)
     }
 
-    /// Events of a start. A register that returns to its base is reported when its axis is armed.
+    /// Returns the events for the start of the gateway: outputs that were moved, and registers that were left behind. A
+    /// register that returns to its base value is reported later, when its axis is armed.
     pub(in crate::gateway) fn events(&self, releases: &Releases, profile: &Profile) -> Vec<Event> {
         let mut events = Vec::new();
         for former in &self.places.former {

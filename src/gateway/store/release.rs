@@ -1,4 +1,5 @@
-//! Releases: registers that no output uses any more return to their base, each as the output of an additional axis.
+//! Releases: registers that no output uses any more return to their base value, each as the output of an additional
+//! axis. The base value of a register is its value without the gateway's offset.
 //!
 //! The profile in memory gets an axis and an output. The Cz of the axis is always 0, with the bounds that the output
 //! had. The output is at its former place. Therefore the register is read, written and verified like every other. The
@@ -46,7 +47,7 @@ const GRAIN_OF_A_STEP: f64 = 1e-3;
 pub(in crate::gateway) struct Releases {
     /// Former places, each with the obstacle to its release.
     obstacles: Vec<(OutputPlace, Option<Explained>)>,
-    /// Registers that are returning to their base.
+    /// Registers that are returning to their base value.
     pub(in crate::gateway) returning: Vec<ReturningRegister>,
     /// Registers whose release was given up while a write of the gateway could still arrive.
     pub(in crate::gateway) given_up: Vec<ReturningRegister>,
@@ -54,7 +55,7 @@ pub(in crate::gateway) struct Releases {
     pub(in crate::gateway) parts: Vec<(OutputPlace, f64)>,
 }
 
-/// Register that is returning to its base.
+/// Register that is returning to its base value.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::gateway) struct ReturningRegister {
     pub(in crate::gateway) axis: AxisId,
@@ -107,7 +108,7 @@ impl Releases {
         if let Some(one) = self.returning.iter().find(|one| one.waits.contains(&axis)) {
             return Attempt::Refused(Explained::new(
                 format!(
-                    "the former register of the output, {}, is still returning to its base",
+                    "the former register of the output, {}, is still returning to its base value",
                     one.release.place
                 ),
                 "arm the axis when the release has ended: `isotherm status` shows its progress, and \

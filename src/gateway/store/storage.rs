@@ -57,8 +57,8 @@ pub(in crate::gateway) struct Storage {
     remembered: Option<Moment>,
     /// Results of the sign checks, by axis.
     pub(in crate::gateway) signs: BTreeMap<String, SignMemory>,
-    /// Cz that the previous run left in the outputs, µm. It is saved again for an output as long as its register has
-    /// not been read.
+    /// Cz that the previous run left in the outputs, µm. The Cz of an output is saved again as long as the register of
+    /// the output has not been read.
     pub(in crate::gateway) left_um: BTreeMap<String, f64>,
     /// Cz of each output as it was last given to the writer, in the order of the profile.
     handed_over: Vec<Option<Micron>>,
@@ -76,8 +76,8 @@ pub(in crate::gateway) struct Storage {
     writer: Option<Arc<Writer>>,
 }
 
-/// Correction of the clock, if its time does not continue from `last`, the newest stamp in state or log. It does not
-/// continue if it is earlier, or too much later.
+/// Correction of the clock, if the time of the clock does not continue from `last`, the newest stamp in state or log.
+/// The time does not continue if it is earlier than `last`, or too much later.
 pub(in crate::gateway) fn clock_correction(now: Moment, last: Option<Moment>) -> Option<Correction> {
     let last = last.filter(|last| Stop::between(*last, now).by_the_clock.is_none());
     last.map(|from| Correction { from, to: now })
@@ -154,8 +154,8 @@ impl Storage {
         Storage { writer: Some(writer), stamps: Stamps::by(clock, None), ..Storage::default() }
     }
 
-    /// Prepares the row of a step. If it is the first of a file, or rows before it are lost, it contains the state of
-    /// the axes. It can then be replayed without earlier rows.
+    /// Prepares the row of a step. If the row is the first of a file, or rows before it are lost, the row contains the
+    /// state of the axes. It can then be replayed without earlier rows.
     pub(in crate::gateway) fn prepare(&mut self, now: Moment, compensation: &Compensation) {
         let Some(recorder) = &mut self.recorder else { return };
         let stamped = self.stamps.check(now);
@@ -224,7 +224,7 @@ impl Storage {
             || known.is_some_and(|known| known == written || (decided - known).abs() <= step)
     }
 
-    /// Gives the state to its writer, if that is urgent or the last time was long enough ago.
+    /// Gives the state to its writer, if saving is urgent or the last save was long enough ago.
     pub(in crate::gateway) fn remember(
         &mut self,
         (now, is_urgent): (Moment, bool),

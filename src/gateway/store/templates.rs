@@ -29,7 +29,7 @@ pub fn changed(directory: &Path, profile: &Profile) -> Vec<(String, String)> {
     changed.collect()
 }
 
-/// Saves the templates of this run. Nothing waits for it, and a failure has no other effect.
+/// Saves the templates of this run. No task waits for the end of the saving, and a failure has no other effect.
 pub(in crate::gateway) fn keep(directory: &Path, profile: &Profile) {
     let (path, now) = (path(directory, profile), texts(profile));
     if kept(&path).unwrap_or_default() == now {

@@ -15,7 +15,8 @@ pub enum Comparison {
     Worse {
         /// Axis of the model.
         axis: String,
-        /// Number of probings that show it; zero if they were taken before the last datum.
+        /// Number of probings that show that the model is worse; 0 if they were taken before the last datum (zero point
+        /// of Cz).
         touches: usize,
         /// Root mean square of the error without compensation.
         #[serde(rename = "without_um")]
@@ -36,7 +37,7 @@ pub enum Comparison {
 /// Returns a sentence about a model that is worse than no compensation. `touches`: number of probings that show it.
 pub(crate) fn found_worse(touches: usize, with: Micron, without: Micron) -> String {
     let shown = match touches {
-        0 => "as touches before the last datum show".to_owned(),
+        0 => "as touches before the last datum (zero point of Cz) show".to_owned(),
         count => format!(
             "the residual error is {with} with the model, {without} without (root mean square of the last \
              {count} touches)"

@@ -329,7 +329,7 @@ events! {
             caused(format!("output {output}"), Explained::new(cause, hint.clone()))
         };
         RegisterReleased { output: String, register: String } =>
-            plain(format!("output {output}: the former register, {register}, is back at its base"));
+            plain(format!("output {output}: the former register, {register}, is back at its base value"));
         PlaceConfirmed { output: String } =>
             plain(format!("output {output}: the operator has confirmed its place"));
         ReferenceForgotten { signal: String, why: Explained } => caused("", why.clone());

@@ -115,7 +115,7 @@ impl Journal {
         Journal { listener, ..self }
     }
 
-    /// Reports an event: log, counter, page and disk.
+    /// Reports an event: log, counter, web page and disk.
     pub fn report(&self, at: Moment, event: &Event) {
         let at = self.clock.stamp(at);
         let entry = event.entry(at);

@@ -1,22 +1,22 @@
-//! Events about the port of the page, and about its tokens.
+//! Events about the port of the web page, and about its tokens.
 
 use serde::Serialize;
 
 use super::description::{EventDescription, caused, plain};
 use isotherm_core::events::EventKind;
 
-/// State of the page that the profile requires.
+/// State of the web page that the profile requires.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum PagePort {
-    /// The page cannot listen at its address.
+    /// The web page cannot listen at its address.
     Closed {
         /// Host and port.
         listen: String,
         /// Reason as a sentence.
         why: String,
     },
-    /// The page listens now.
+    /// The web page listens now.
     Open {
         /// Host and port.
         listen: String,
@@ -27,17 +27,17 @@ impl PagePort {
     pub(super) fn described(&self) -> EventDescription {
         match self {
             PagePort::Closed { listen, why } => {
-                caused(format!("the page cannot listen on {listen} (another address: --listen)"), why)
+                caused(format!("the web page cannot listen on {listen} (another address: --listen)"), why)
                     .of(EventKind::PageClosed)
             }
             PagePort::Open { listen } => {
-                plain(format!("the page listens on {listen}")).of(EventKind::PageOpen)
+                plain(format!("the web page listens on {listen}")).of(EventKind::PageOpen)
             }
         }
     }
 }
 
-/// A token file of the page has changed while the gateway runs.
+/// A token file of the web page has changed while the gateway runs.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]
 pub enum PageToken {

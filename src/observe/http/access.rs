@@ -1,4 +1,4 @@
-//! Access control of the page: who may view, and who may command.
+//! Access control of the web page: who may view, and who may command.
 //!
 //! | client | may view | may command |
 //! |---|---|---|

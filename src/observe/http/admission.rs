@@ -1,4 +1,4 @@
-//! Admission rules of the page, from the profile.
+//! Admission rules of the web page, from the profile.
 
 use isotherm_profile::{Commands, Web};
 

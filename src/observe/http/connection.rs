@@ -1,4 +1,4 @@
-//! One connection of the page: HTTP/1.1 over TCP or TLS, with its timeouts.
+//! One connection of the web page: HTTP/1.1 over TCP or TLS, with its timeouts.
 //!
 //! | phase | timeout |
 //! |---|---|
@@ -66,7 +66,7 @@ pub(super) async fn serve(
             None => converse(wire, &line, peer, router, stopped).await,
             Some(shown) => match TlsAcceptor::from(shown).accept(wire).await {
                 Ok(secured) => converse(secured, &line, peer, router, stopped).await,
-                Err(error) => tracing::debug!(%address, %error, "no TLS connection to the page"),
+                Err(error) => tracing::debug!(%address, %error, "no TLS connection to the web page"),
             },
         }
     };

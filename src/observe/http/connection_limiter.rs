@@ -1,4 +1,4 @@
-//! Limits on simultaneous connections of the page, in total and for each address.
+//! Limits on simultaneous connections of the web page, in total and for each address.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv6Addr};

@@ -1,4 +1,4 @@
-//! Listener of the page. It limits the number of connections and their idle time.
+//! Listener of the web page. It limits the number of connections and their idle time.
 //!
 //! The page may use a limited share of the program's resources. The listener counts connections before it reads
 //! anything, and closes those beyond the limit at once. The other file descriptors are reserved for lines, command
@@ -110,7 +110,7 @@ async fn after(error: &io::Error) {
         ErrorKind::ConnectionAborted | ErrorKind::ConnectionReset | ErrorKind::Interrupted
     );
     if !is_of_the_peer {
-        tracing::debug!("the page cannot accept a connection: {error}");
+        tracing::debug!("the web page cannot accept a connection: {error}");
         tokio::time::sleep(AGAIN).await;
     }
 }
@@ -142,7 +142,7 @@ impl RejectedCount {
         if self.said.is_none_or(|said| now >= said + EVERY) {
             let count = counted(self.count, "connection");
             tracing::warn!(
-                "the page closed {count} at once: the limit of {connections} connections, or that of one \
+                "the web page closed {count} at once: the limit of {connections} connections, or that of one \
                  address, is reached"
             );
             (self.count, self.said) = (0, Some(now));

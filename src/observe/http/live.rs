@@ -1,4 +1,4 @@
-//! Live stream of the status, once a second. The status is serialized once for all open pages.
+//! Live stream of the status, once a second. The status is serialized once for all open web pages.
 
 use std::convert::Infallible;
 use std::sync::Arc;

@@ -1,7 +1,7 @@
 //! MQTT client based on a maintained fork of the library `rumqttc`. Only this file uses the library.
 //!
-//! Each connection has its own client, so that the library cannot resend messages of an earlier connection. A task
-//! drives its event loop. A panic in it counts as a broken connection. Both queues are bounded.
+//! Each connection has its own client, so that the library cannot resend messages of an earlier connection. A task runs
+//! its event loop. A panic in it counts as a broken connection. Both queues are bounded.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::io;
@@ -240,7 +240,7 @@ impl Drop for Connected {
     }
 }
 
-/// Drives the event loop of the library, and sends its reports.
+/// Runs the event loop of the library, and sends its reports.
 async fn turn(mut turns: EventLoop, tally: Arc<Mutex<Tally>>, news: ReportSender, clock: Clock) {
     let tally = || tally.lock().unwrap_or_else(PoisonError::into_inner);
     loop {

@@ -1,4 +1,4 @@
-//! The page to sign in: a plain form.
+//! The web page to sign in: a plain form.
 
 use maud::{DOCTYPE, Markup, html};
 

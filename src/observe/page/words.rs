@@ -1,4 +1,4 @@
-//! Words of the page in each language. Each language is one file, and all have the same keys.
+//! Words of the web page in each language. Each language is one file, and all have the same keys.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;

@@ -25,7 +25,7 @@ pub struct FormerRegisterStatus {
     pub step_um: Option<f64>,
     /// Largest speed at which Cz changes, µm/s.
     pub rate_um_per_s: Option<f64>,
-    /// Shortest time until the register reaches its base, s.
+    /// Shortest time until the register reaches its base value, s.
     pub back_s: Option<f64>,
     /// Reason why the register cannot be released, with a remedy; `None` if it can.
     pub obstacle: Option<Explained>,
@@ -34,7 +34,8 @@ pub struct FormerRegisterStatus {
 /// Request of an operator for the registers of an output that was moved or removed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ReleaseRequest<'a> {
-    /// Return them to their base. The operator has seen these offsets of the gateway in them, as Cz in µm.
+    /// Return the registers to their base values. The operator has seen these offsets of the gateway in the registers,
+    /// as Cz in µm.
     Back(&'a [f64]),
     /// Cancel the request: they keep their values.
     Stay,
@@ -48,6 +49,6 @@ pub enum ReleaseProgress {
     Left,
     /// Released by an operator; the gateway has not been restarted since.
     Asked,
-    /// The register is returning to its base.
+    /// The register is returning to its base value.
     Returning,
 }

@@ -26,7 +26,7 @@ pub struct ProbeStatus {
 /// Figures of a model that is worse than no compensation.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct WorseStatus {
-    /// Number of probings in the comparison; zero directly after a new datum.
+    /// Number of probings in the comparison; 0 directly after a new datum (zero point of Cz).
     pub touches: usize,
     /// Root mean square of the error without compensation, µm.
     pub without_um: f64,

@@ -216,7 +216,7 @@ impl FaultFile {
         reply(ReplyFault::Exception(u8::try_from(code).map_err(|_| "`code` must be at most 255")?))
     }
 
-    /// Delay of the unit, and the code with which a gateway gives it up.
+    /// Delay of the unit, and the exception code of the Modbus gateway that does not wait so long.
     fn given_up(&mut self) -> Result<(Duration, Option<u8>), String> {
         let code =
             self.code.take().map(u8::try_from).transpose().map_err(|_| "`code` must be at most 255")?;

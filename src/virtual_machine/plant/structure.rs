@@ -48,7 +48,8 @@ pub(super) struct Sink {
     pub(super) point: Point,
     /// Film coefficient times area: heat flow per kelvin between medium and structure, W/K.
     pub(super) conductance: f64,
-    /// Conductance per unit of each mode, W/K.
+    /// For each mode: heat flow from the structure into the medium per unit of its amplitude. The same numbers give the
+    /// excitation of the modes by 1 °C of the medium.
     pub(super) modes: Vec<f64>,
 }
 

@@ -145,7 +145,7 @@ impl Axis {
         }
     }
 
-    /// Takes the datum of the axis from now on.
+    /// Captures the datum (zero point of Cz) of the axis from now on.
     pub(super) fn zero(&mut self, machine: &MachineSettings, now: Moment) {
         if self.settings.datum == Datum::Zero {
             self.zeroing.begin(now.after(machine.settle));

@@ -1,4 +1,4 @@
-//! The datum of an axis: `Cz(t) − Cz(t_zero)`.
+//! The datum of an axis: the zero point of its Cz, which is `Cz(t) − Cz(t_zero)`.
 //!
 //! A workpiece that is referenced on a warm machine has the drift of that time in its datum. Compensating all of the
 //! drift would count it twice. After a zero command, the value that each model requests is captured as the mean over

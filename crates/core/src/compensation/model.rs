@@ -37,7 +37,7 @@ use crate::quantity::{Micron, MicronPerMillimetre};
 /// Model with the name that the profile gives it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Model {
-    /// Name on the page, in the log and in `z_model`.
+    /// Name on the web page, in the log and in `z_model`.
     pub name: String,
     /// Kind of the model.
     pub kind: Kind,

@@ -19,7 +19,8 @@
 //! - A residual beyond `max_error` is rejected. A residual that is too large for the model's certainty waits for a
 //!   second one that agrees with it.
 //! - If a reference of the model is captured again (a zero, a machine start), its correction begins at zero. The new
-//!   datum contains what it had corrected. Learned gains are kept, and count from that point.
+//!   datum (zero point of Cz) contains what the old correction had corrected. Learned gains are kept, and count from
+//!   the new datum.
 
 use std::collections::VecDeque;
 

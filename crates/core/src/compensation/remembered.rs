@@ -1,9 +1,9 @@
 //! State that is kept over a restart: the machine's references, the lags of the terms, the datum of the axes, and the
-//! corrections from probings.
+//! corrections from probings. The datum of an axis is the zero point of its Cz.
 //!
-//! The state file contains it, and so does the first row of a run in its log. A replay therefore decides as the gateway
-//! did. A lag is kept with the axis, the model and the index of its term. A term whose signal, lag or kind of reference
-//! has changed starts without it.
+//! The state file contains this state, and so does the first row of a run in its log. A replay therefore decides as the
+//! gateway did. A lag is kept with the axis, the model and the index of its term. A term whose signal, lag or kind of
+//! reference has changed starts without its kept lag.
 
 use std::time::Duration;
 
@@ -41,9 +41,9 @@ pub struct AxisMemory {
     axis: String,
     lags: Vec<KeptLag>,
     datum: Vec<KeptDatum>,
-    /// End of a running capture of the datum.
+    /// End of a running capture of the datum (zero point of Cz).
     datum_until: Option<Moment>,
-    /// Time at which the last datum was complete.
+    /// Time at which the last capture of the datum was complete.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     datum_at: Option<Moment>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -135,7 +135,7 @@ impl Remembered {
             kept.lags.retain(|lag| lag.signal != signal.0);
             kept.watches.retain(|watch| !reads(&watch.model));
             if kept.datum.iter().any(|datum| reads(&datum.model)) {
-                // The datum of all models is of the same moment.
+                // The datum (zero point) of all models is of the same moment.
                 kept.datum.clear();
                 (kept.datum_until, kept.datum_at) = (Some(Moment::from_nanos(1)), None);
             }

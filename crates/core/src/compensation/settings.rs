@@ -24,7 +24,7 @@ pub struct AxisSettings {
     pub on_fault: OnFault,
     /// Levels of Cz for a warning, and for the fault action.
     pub levels: Levels,
-    /// Datum from which Cz is measured.
+    /// Datum: zero point from which Cz is measured.
     pub datum: Datum,
     /// Bounds of the slope, if the control multiplies the slope by the distance itself. `None` if it gets Cz.
     pub intercept_slope: Option<InterceptSlope>,
@@ -108,7 +108,7 @@ pub struct Levels {
     pub error: Option<Micron>,
 }
 
-/// Datum from which an axis's Cz is measured.
+/// Datum: zero point from which the Cz of an axis is measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Datum {
     /// Zero of the model itself.

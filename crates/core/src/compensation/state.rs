@@ -47,7 +47,7 @@ pub enum AxisState {
 }
 
 impl AxisState {
-    /// Returns the name of the state in `z_state`, page, metrics and log.
+    /// Returns the name of the state in `z_state`, web page, metrics and log.
     pub fn name(self) -> &'static str {
         match self {
             AxisState::Off => "off",

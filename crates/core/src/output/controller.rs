@@ -1,6 +1,8 @@
 //! Controller of one output. It decides what is sent to the register, when it is sent, and what the results mean.
 //!
-//! [`step`](super::step) decides about the register. The controller decides about everything around it:
+//! [`step`](super::step) decides about the register. The controller works in *turns*: the line task gives the output a
+//! turn, which lasts from [`Input::Demand`](super::Input::Demand) to [`Input::TurnEnds`](super::Input::TurnEnds). The
+//! controller decides about everything around the register:
 //! - which decision of the axis the register step receives;
 //! - when the axis resumes from the register value;
 //! - what a failure means;
@@ -125,7 +127,7 @@ impl Controller {
         &self.policy
     }
 
-    /// Returns whether the output follows the decisions of its axis, and if not, why.
+    /// Returns whether the output follows the decisions of its axis, and if it does not, the reason.
     pub fn follow(&self) -> Follow {
         self.policy.follow
     }
@@ -165,8 +167,8 @@ impl Controller {
         self.state.shown(settings).verified.map_or(settings.bias, |seen| seen.value)
     }
 
-    /// Returns whether the state must be on disk before anything is sent. It must before a value of a promise is sent,
-    /// and before a new division of the register value is reported.
+    /// Returns whether the state must be on disk before anything is sent. It must be on disk before a value of a
+    /// promise is sent, and before a new division of the register value is reported.
     pub fn must_keep(&self, settings: &Settings) -> bool {
         let mut said = self.policy.said;
         let has_to_report = is_open(&self.state, settings) && said.first(Topic::Division);
@@ -188,7 +190,7 @@ impl Controller {
         })
     }
 
-    /// Processes an input and returns the requested exchange. While another exchange is pending, that is
+    /// Processes an input and returns the requested exchange. While another exchange is pending, the result is
     /// [`Action::Nothing`].
     pub fn step(&mut self, settings: &Settings, input: Input, now: Moment) -> Action {
         let before = self.policy.action;
@@ -274,8 +276,8 @@ impl Controller {
         }
     }
 
-    /// Processes a new decision. An axis that holds its offset requests no write. It resumes from the register value if
-    /// that differs from its offset.
+    /// Processes a new decision. An axis that holds its offset requests no write. Such an axis resumes from the
+    /// register value if the register value differs from the offset of the axis.
     fn decide(&mut self, settings: &Settings, decision: &OutputDecision, now: Moment) {
         if self.policy.follow == Follow::Late {
             self.policy.follow = Follow::Target;
@@ -563,7 +565,8 @@ impl Controller {
         let _ = self.events.push(event);
     }
 
-    /// Maps every moment, and drops the events. The next call comes at `now` at the earliest.
+    /// Returns a copy in which `to` is applied to every moment. The events are dropped. The next call is at `now` at
+    /// the earliest.
     #[doc(hidden)]
     pub fn moved(&self, to: impl Fn(Moment) -> Moment, now: Moment) -> Controller {
         let Policy { inputs, applied, action, .. } = self.policy;

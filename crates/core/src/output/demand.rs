@@ -65,13 +65,13 @@ pub enum Condition {
 /// Input of a controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Input {
-    /// The turn of the output begins.
+    /// The turn of the output begins: the line task works on this output until [`Input::TurnEnds`].
     Demand(Demand),
     /// A fact of the register.
     Fact(Fact),
-    /// The write was not sent, for this reason.
+    /// The write was not sent, for the given reason.
     NotSent(NotSent),
-    /// The promise is on disk. [`Fact::Kept`] means that it need not be.
+    /// The promise is on disk. [`Fact::Kept`] means that the promise need not be on disk.
     OnDisk,
     /// The applied value was read from the control.
     Applied {

@@ -64,7 +64,7 @@ pub enum Event {
         /// Register value.
         found: Counts,
     },
-    /// A late write may still arrive, and the next change would be too far from it.
+    /// A late write may still arrive, and the next change would be too far from the value of that write.
     WaitingForLateWrite {
         /// Longest possible wait, s.
         seconds: u64,
@@ -87,7 +87,7 @@ pub enum Event {
     Interlocked,
     /// The interlock allows writing again.
     Released,
-    /// The turn came too late for the last decision.
+    /// The turn of the output (the work of the line task on it) came too late for the last decision.
     Late {
         /// Last moment of the decision.
         not_after: Moment,
@@ -103,7 +103,7 @@ pub enum Event {
     StillUntaken,
     /// The register holds the expected value, and can be written again.
     Recovered {
-        /// Whether the register did not hold the written value at the end of an earlier turn.
+        /// Whether the register did not hold the written value at the end of an earlier turn of the output.
         was_untaken: bool,
     },
     /// The control has not applied the register value in time.

@@ -19,8 +19,7 @@ pub(super) fn take(state: &mut State, settings: &Settings, fact: Fact, now: Mome
         Fact::Piggybacked { value, left, is_done } => {
             let answered = is_done.then_some(now);
             let sent = InFlightWrite { value, at: left, left, answered, other_seen: None, is_pinned: false };
-            // If there is no capacity, as many copies are under way already. This one equals the value that was just
-            // read.
+            // If the list of copies is full, this copy is left out. Its value equals the value that was just read.
             let _ = state.copies.add(sent);
         }
         Fact::Decided { offset, target, not_after } => {

@@ -11,11 +11,12 @@ pub enum Follow {
     /// The output follows the decisions of the axis.
     #[default]
     Target,
-    /// The axis was given this register value to resume from.
+    /// The axis has received this register value, from which it resumes.
     HoldAt(Counts),
     /// The axis must resume from the verified value, which differs from its decision.
     TakeOver(Cause),
-    /// The turn came too late for the last decision. The output has priority on its line at the next one.
+    /// The turn of the output (the work of the line task on it) came too late for the last decision. At the next
+    /// decision, the output has priority on its line.
     Late,
     /// A change waits for copies that may still arrive.
     Waiting,

@@ -123,7 +123,7 @@ impl InFlightWrites {
             && let Some(before) =
                 self.under_way.iter_mut().find(|one| one.value == sent.value && one.answered.is_some())
         {
-            // Both were carried out. Only the last answer is still compared with.
+            // Both writes were carried out. Only the times of the last write are kept.
             (before.left, before.answered) = (sent.left, sent.answered);
             return true;
         }
@@ -207,7 +207,7 @@ impl InFlightWrites {
         self.under_way.iter().map(|sent| sent.left.after(late)).min()
     }
 
-    /// Maps every moment that affects decisions, and clears the others.
+    /// Returns a copy in which `to` is applied to every moment that affects decisions. The other moments are cleared.
     pub(super) fn moved(&self, to: impl Fn(Moment) -> Moment) -> InFlightWrites {
         let mut copies = *self;
         for sent in copies.under_way.iter_mut() {

@@ -27,9 +27,10 @@ const ALL: u16 = u16::MAX;
 pub(super) struct Numbers {
     /// Last number that the control has acknowledged.
     taken: u16,
-    /// Count of possible numbers after it. An hour of refusals increases it to 69, a week to about 900.
+    /// Count of possible numbers after `taken`. An hour of refusals increases this count to 69, a week to about 900.
     count: u16,
-    /// Count of refused numbers in this turn, highest first.
+    /// Count of possible numbers that were refused in the present round of attempts. The attempts begin with the
+    /// highest number.
     refused: u16,
     values: Values,
     floor: Floor,

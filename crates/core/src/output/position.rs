@@ -1,4 +1,5 @@
-//! Controller of a corrected position: value of each write, and meaning of its result.
+//! Controller of a corrected position: value of each write, and meaning of the result of the write. A *turn* is one
+//! call of the controller by the line task, with its action and result.
 //!
 //! The latest position is sent at once in every armed state, even while the axis is frozen. Only its Cz follows the
 //! rules in [`PositionCz`].
@@ -60,7 +61,7 @@ pub struct PositionDemand {
     pub interlock: Condition,
     /// Whether the line backs off from the device.
     pub backs_off: bool,
-    /// Whether the display supports dashes, and they may be written.
+    /// Whether the display supports dashes, and the dashes may be written.
     pub may_show_dashes: bool,
 }
 
@@ -106,11 +107,11 @@ impl PositionAction {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PositionResult {
-    /// Answered as done. If the position is read back, the read showed it.
+    /// The write was answered as done. If the position is read back, the read showed the written value.
     Written,
-    /// The read back showed another value.
+    /// The value read back differs from the written value.
     NotShown,
-    /// Not sent: its last moment had passed.
+    /// The write was not sent: the last moment for it had passed.
     Lapsed,
     /// Not answered as done.
     Failed {
@@ -121,7 +122,8 @@ pub enum PositionResult {
     },
 }
 
-/// Turn of a corrected position, for the log. With the same demand and result, the controller decides the same again.
+/// Turn of a corrected position (one call of its controller by the line task), for the log. With the same demand and
+/// result, the controller decides the same again.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionTurn {
@@ -140,13 +142,13 @@ pub enum PositionEvent {
     Interlocked,
     /// The interlock is closed again.
     Released,
-    /// The read back showed another value than the written one. Reported again only after a success.
+    /// The value read back differs from the written value. This event is reported again only after a success.
     NotShown,
 }
 
 impl PositionTurn {
-    /// Returns whether this turn repeats another with a newer position. `before` and `after` are the states after each
-    /// of them.
+    /// Returns whether this turn repeats the turn `last` with a newer position. `before`: state after `last`. `after`:
+    /// state after this turn.
     pub fn repeats(
         &self,
         last: &PositionTurn,

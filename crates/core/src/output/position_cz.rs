@@ -59,7 +59,8 @@ fn next_inside(last: Micron, decided: Micron, target: Micron, step: Micron) -> M
 }
 
 /// Returns the verified value that is farthest from the last decision. An axis with several outputs stays within one
-/// step of it. `values` are those of the outputs that answer and do not hold the decision. `None` if there are none.
+/// step of this value. `values`: verified values of the outputs that answer and do not hold the decision. `None` if
+/// there are no such values.
 pub fn farthest_behind<T>(decided: T, values: impl Iterator<Item = T>) -> Option<T>
 where
     T: Copy + PartialOrd + Sub<Output = T>,

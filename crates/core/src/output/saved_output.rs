@@ -22,7 +22,8 @@ pub struct SavedOutput {
     pub promises: Slots<Promise, { MOST_REMEMBERED + 4 }>,
 }
 
-/// Account of a register that the operator also writes to. The register value is base + share.
+/// Account of a register that the operator also writes to. The register value is the sum of base (operator offset) and
+/// share (gateway share).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Account {
@@ -42,7 +43,7 @@ pub struct Promise {
     pub value: Counts,
     /// Time of sending, for messages.
     pub at: Moment,
-    /// Whether it is under way, or about to be sent. If not, it has expired.
+    /// Whether the value is under way, or about to be sent. If not, the value has expired.
     pub is_under_way: bool,
 }
 
@@ -50,8 +51,8 @@ shifted!(SavedOutput: promises);
 shifted!(Promise: at);
 
 impl SavedOutput {
-    /// Creates the state for a missing or unreadable account. It assumes no share in the register, and the operator
-    /// decides.
+    /// Creates the state for a missing or unreadable account. The state assumes no gateway share in the register. The
+    /// operator decides.
     pub fn in_question(doubt: Doubt) -> SavedOutput {
         SavedOutput {
             account: Some(Account { doubt: Some(doubt), ..Account::default() }),

@@ -60,7 +60,8 @@ impl Sequence {
         *self = Sequence::default();
     }
 
-    /// Maps every moment, for the comparison of two states that differ only in time.
+    /// Returns a copy in which `to` is applied to every moment, for the comparison of two states that differ only in
+    /// time.
     pub(super) fn moved(&self, to: impl Fn(Moment) -> Moment) -> Sequence {
         Sequence { older_since: self.older_since.map(to), ..self.clone() }
     }

@@ -32,7 +32,7 @@ pub struct SetSettings {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SetWords {
-    /// The set has neither.
+    /// The set has neither heartbeat nor control word.
     None,
     /// The set has a heartbeat.
     Heartbeat(StandaloneWrite),
@@ -46,7 +46,7 @@ pub enum SetWords {
 pub enum StandaloneWrite {
     /// No: the control takes the set as a whole or not at all.
     No,
-    /// Yes: a request with only these words is possible.
+    /// Yes: a request with only the heartbeat and the control word is possible.
     Yes,
 }
 
@@ -133,7 +133,7 @@ impl SetValue {
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum SetInput {
-    /// The turn of the set begins.
+    /// The turn of the set begins: the line task works on this set until [`SetInput::TurnEnds`].
     Demand(SetDemand),
     /// The computer was paused.
     Paused,
@@ -211,13 +211,13 @@ impl OutputAnswer {
 pub enum WriteResult {
     /// The device answered that it has carried out the write.
     Done,
-    /// Not answered, or partly carried out.
+    /// The request was not answered, or was carried out only in part.
     Unknown,
     /// Refused by the device.
     Refused,
-    /// Not sent: its last moment had passed.
+    /// The request was not sent: the last moment for it had passed.
     TooLate,
-    /// Not sent, for another reason.
+    /// The request was not sent, for another reason.
     NotSent,
     /// Not sent: the device could not be reached.
     Unreachable,
@@ -261,7 +261,7 @@ pub enum StrobeResult {
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SetAction {
-    /// Nothing until this moment.
+    /// Do nothing until this moment.
     Nothing {
         /// Time of the next call.
         until: Moment,

@@ -430,7 +430,7 @@ impl SetController {
     fn assess(&mut self, settings: &SetSettings, reason: Reason, now: Moment) {
         self.members.wait_for_each_other(settings, now);
         let is_due = self.members.is_writing() || reason == Reason::Send;
-        // For a look, the acknowledge has not been checked. The next turn checks it.
+        // With `Reason::Look`, the acknowledge has not been checked. The next turn checks it.
         if !is_due || (reason == Reason::Look && settings.timeout.is_some()) {
             self.phase = Phase::Rest;
             return;
@@ -564,7 +564,8 @@ impl SetController {
         [self.members.wakes(now), tries, refreshes].into_iter().flatten().min().unwrap_or(Moment::END)
     }
 
-    /// Maps every moment, and drops the events. The next call comes at `now` at the earliest.
+    /// Returns a copy in which `to` is applied to every moment. The demand, the faults and the members' events are
+    /// dropped. The members ask for their next call at `now` at the earliest.
     #[doc(hidden)]
     #[must_use]
     pub fn moved(&self, to: impl Fn(Moment) -> Moment, now: Moment) -> SetController {

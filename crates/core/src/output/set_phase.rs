@@ -1,4 +1,4 @@
-//! Phases in the turn of a set.
+//! Phases in the turn of a set. A turn is the work of the line task on the set, from the demand to the end of the turn.
 
 use serde::{Deserialize, Serialize};
 
@@ -37,7 +37,7 @@ pub(super) enum Phase {
     GoAlong {
         /// Values of the outputs so far.
         values: Vec<SetValue>,
-        /// Last moment for sending them.
+        /// Last moment for sending the values.
         not_after: Moment,
         /// State of the next output's promise.
         promise: PromiseState,

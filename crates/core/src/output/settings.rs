@@ -85,9 +85,9 @@ pub enum Verify {
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rule {
-    /// Nothing that may still arrive is more than one step away.
+    /// No copy that may still arrive is more than one step from the value that is sent.
     NearCopies,
-    /// A value that appears belongs to the gateway if it is under way.
+    /// A value that appears in the register belongs to the gateway if the same value is under way.
     OwnWrites,
     /// A change has a last moment for sending.
     LastMoment,

@@ -40,7 +40,7 @@ pub struct State {
     pub(super) order: Option<Setpoint>,
     /// Value on disk that is about to be sent.
     pub(super) promised: Option<Counts>,
-    /// Last moment for sending it, given by the age of its readings.
+    /// Last moment for sending the value in `promised`, given by the age of the readings on which the value depends.
     #[serde(default)]
     pub(super) promised_until: Option<Moment>,
     #[serde(flatten)]
@@ -194,7 +194,7 @@ impl State {
         kept
     }
 
-    /// Drops the decision: it is not sent any more.
+    /// Drops the decision: its value is not sent any more.
     pub(super) fn drop_order(&mut self, settings: &Settings) {
         if settings.rules.has(Rule::LastMoment) {
             self.order = None;
@@ -283,7 +283,8 @@ impl State {
         self.copies.all_over(settings.late).into_iter().chain(self.settles_at).max()
     }
 
-    /// Maps every moment, and drops what only reports use. Two states that are equal afterwards behave equally.
+    /// Returns a copy in which `to` is applied to every moment, without the data that only reports use. Two states with
+    /// equal copies behave equally.
     #[doc(hidden)]
     pub fn moved(&self, to: impl Fn(Moment) -> Moment) -> State {
         State {

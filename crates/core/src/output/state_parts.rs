@@ -163,7 +163,7 @@ pub struct OutputView {
     pub standing: ArmState,
     /// Number of copies that may still arrive.
     pub under_way: usize,
-    /// Time until which a change waits for them.
+    /// Time until which a change waits for these copies.
     pub waits_until: Option<Moment>,
     /// Whether the last write was refused or not taken.
     pub is_untaken: bool,

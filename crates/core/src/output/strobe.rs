@@ -176,7 +176,8 @@ impl Strobe {
         self.reported = None;
     }
 
-    /// Maps every moment, for the comparison of two states that differ only in time.
+    /// Returns a copy in which `to` is applied to every moment, for the comparison of two states that differ only in
+    /// time.
     #[doc(hidden)]
     pub fn moved(&self, to: impl Fn(Moment) -> Moment) -> Strobe {
         let wait = self.wait.map(|wait| Wait { until: to(wait.until), ask: to(wait.ask), ..wait });

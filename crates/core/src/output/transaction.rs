@@ -18,14 +18,14 @@ use crate::quantity::{Counts, Moment, shifted};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CommitTrigger {
-    /// The request that writes the values. If the set has a number, the control takes the values when it changes; it is
-    /// in the same request.
+    /// The request that writes the values. If the set has a number, the control takes the values when the number
+    /// changes. The number is in the same request.
     AtOnce,
     /// A change of the number, which is written after the values.
     Number,
     /// The rising edge of the strobe. The control acknowledges it.
     Strobe,
-    /// The write of each node: each value is taken by itself. A server may carry out only a part of a call.
+    /// The write of each node: the control takes each value by itself. A server may carry out only a part of a call.
     Nodes,
 }
 
@@ -33,9 +33,10 @@ pub enum CommitTrigger {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum NextNumber {
-    /// The control has not received it.
+    /// The control has not received the next number.
     New,
-    /// The control may have received it with other values, because an earlier run may have sent it.
+    /// The control may have received the next number with other values, because an earlier run may have sent that
+    /// number.
     PerhapsOld,
 }
 
@@ -254,7 +255,8 @@ impl Transaction {
         self.taken = None;
     }
 
-    /// Maps every moment, for the comparison of two states that differ only in time.
+    /// Returns a copy in which `to` is applied to every moment, for the comparison of two states that differ only in
+    /// time.
     pub(super) fn moved(&self, to: impl Fn(Moment) -> Moment) -> Transaction {
         Transaction { sequence: self.sequence.moved(to), ..self.clone() }
     }

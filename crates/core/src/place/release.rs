@@ -1,13 +1,14 @@
 //! Release of a register that belongs to no output any more: its saved state, accepted values, and duration.
 //!
 //! The gateway moves the register like an ordinary output, with its controller. This module only decides whether a
-//! value that was read may be moved. Any other value may be the operator's.
+//! value that was read may be moved. Any other value may be the operator's. The base value of a register is its value
+//! without the gateway's offset: zero, the bias, or the operator offset.
 //!
 //! | stage | accepted value |
 //! |---|---|
-//! | any | the base |
-//! | [`Stage::Asked`] | the value that the operator has seen, or up to one step nearer to the base |
-//! | [`Stage::Begun`] | the last verified value, or up to two steps nearer to the base: one verified since, one sent |
+//! | any | the base value |
+//! | [`Stage::Asked`] | the value that the operator has seen, or up to one step nearer to the base value |
+//! | [`Stage::Begun`] | the last verified value, or up to two steps nearer to the base value: one verified, one sent |
 //!
 //! A release ends with its run. The next run lists the register again, with the last verified value.
 
@@ -68,7 +69,7 @@ impl Bounds {
         all.iter().all(|bound| bound.is_finite() && *bound > 0.0)
     }
 
-    /// Returns the minimum duration of the way from this Cz to the base, s.
+    /// Returns the minimum duration of the way from this Cz to the base value of the register, s.
     pub fn seconds(&self, from_um: f64) -> f64 {
         let speed = self.rate_um_per_s.min(self.step_um / self.every_s);
         from_um.abs() / speed
@@ -85,7 +86,7 @@ pub enum Stage {
     Begun,
 }
 
-/// Release of a register that belongs to no output any more: the operator has requested its return to the base.
+/// Release of a register that belongs to no output any more: the operator has requested its return to its base value.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Release {
@@ -128,7 +129,8 @@ impl Release {
         }
     }
 
-    /// Returns true if the register is back at its base: the Cz in it is zero, to half a count (`grain_um`).
+    /// Returns true if the register is back at its base value: the Cz in the register is zero, to half a count
+    /// (`grain_um`).
     pub fn is_back(found_um: f64, grain_um: f64) -> bool {
         found_um.abs() <= grain_um
     }

@@ -17,9 +17,9 @@ const SHORTEST_STAGE: f64 = 150.0;
 /// Period with one speed, with movement, or of standstill.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Stage {
-    /// First minute of the stage, h since the first row of the run.
+    /// Name of the column with the movement.
     pub column: String,
-    /// First minute, h since the first row of the run.
+    /// First minute of the stage, h since the first row of the run.
     pub from_h: f64,
     /// Last minute of the stage, h since the first row of the run.
     pub to_h: f64,

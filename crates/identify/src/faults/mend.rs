@@ -10,7 +10,7 @@
 //!
 //! A sensor is left out of every run in these cases:
 //! - It jumps or spikes in most runs, or its faulty rows are unknown (constant, missing).
-//! - The repair of a jump leaves more than [`BELIEVED`] of the sensor's movement.
+//! - The error of a repaired jump is more than [`BELIEVED`] of the change of the sensor's readings in good runs.
 //! - It was frozen for more than [`MASKED`] of the time.
 //! - Masks would leave less than [`LEAST_OF_RUN`] of a run, and nothing can be rebuilt.
 //!
@@ -23,8 +23,8 @@ use super::{Damage, Fault, Finding, Frozen, Repaired, faults};
 use crate::dataset::{Dataset, Run};
 use crate::statistics::count;
 
-/// Largest accepted error of a replacement, as a share of the root mean square that the sensor moves. The error is
-/// measured on hidden hours of good runs.
+/// Largest accepted error of a replacement, as a share of the root mean square by which the readings of the sensor
+/// change. The error is measured on hidden hours of good runs.
 const BELIEVED: f64 = 0.8;
 /// Maximum number of jumps in one run. A sensor with more is loose.
 const MOST_JUMPS: usize = 3;

@@ -161,7 +161,8 @@ impl Likeness<'_> {
         Some(Replaced { values, message, error })
     }
 
-    /// Returns the movement of the sensor: root mean square about the mean of each good run, °C.
+    /// Returns how much the readings change in the good runs, °C: root mean square of each reading minus the mean of
+    /// its run.
     pub(super) fn moves(&self) -> f64 {
         let all = Gram::total(&self.grams);
         (all.power / all.rows.max(1.0)).sqrt()

@@ -2,8 +2,8 @@
 //!
 //! Both use each input directly and through a few lags, as the gateway calculates them. Like the linear methods, both
 //! are zero without a rise. Their smoothness is chosen on runs that are held out of the training runs, never on the run
-//! of the final validation. The criterion is the residual about its own mean, because the range of a run is the most
-//! important figure.
+//! of the final validation. The criterion is the residual about its own mean, because the range of the error in a run
+//! is the most important figure.
 //!
 //! If rows are averaged, the training uses means of rises. A gateway with a shorter period applies the network to each
 //! rise. For a non-linear network, the results differ, but by much less than the noise of a probe.

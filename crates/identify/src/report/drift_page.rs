@@ -1,4 +1,4 @@
-//! Page of the verb `report`: drift in the terms of ISO 230-3.
+//! HTML report of the verb `report`: drift in the terms of ISO 230-3.
 
 use maud::{Markup, html};
 
@@ -9,7 +9,7 @@ use crate::drift::{Displacement, Drift};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::Profile;
 
-/// Renders the page as one HTML file.
+/// Renders the report as one HTML file.
 pub fn drift_page(dataset: &Dataset, drifts: &[Drift], profile: Option<&Profile>, made: Moment) -> String {
     let hours: f64 = drifts.iter().map(|drift| drift.hours).sum();
     let content = html! {

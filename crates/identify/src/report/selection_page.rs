@@ -1,4 +1,4 @@
-//! Page of the verb `select`.
+//! HTML report of the verb `select`.
 
 use maud::{Markup, html};
 
@@ -7,7 +7,7 @@ use super::{date, decimals, figure, logs, number, page, runs, table, three_digit
 use crate::select::{Counted, Point, Pointed, Selected, Step};
 use isotherm_core::quantity::Moment;
 
-/// Renders the page as one HTML file.
+/// Renders the report as one HTML file.
 pub fn selection_page(pointed: &Pointed<'_>, found: &Selected, made: Moment) -> String {
     let dataset = pointed.campaign.dataset.as_ref();
     let used = |name: &str| {
@@ -96,8 +96,8 @@ fn by_count(found: &Selected) -> Markup {
             "held out, over the number of points; a ring marks the recommended \
              number" } li .dashed { "with every point" } }
         div .gallery {
-            (figure("Mean range of a run", &of(|row| row.means.mean_range_um), ""))
-            (figure("Mean RMS of a run", &of(|row| row.means.mean_rmse_um), ""))
+            (figure("Mean range of the residual error in a run", &of(|row| row.means.mean_range_um), ""))
+            (figure("Mean RMS of the residual error in a run", &of(|row| row.means.mean_rmse_um), ""))
         }
         (table(&["points", "mean RMS, µm", "mean range, µm", "worst run, µm", "comes in (on all runs):"], &rows))
     }

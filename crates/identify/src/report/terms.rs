@@ -221,7 +221,8 @@ pub(super) fn by_sensors(counted: &[Counted]) -> Markup {
             "The value of one more sensor: for each run, the sensors were chosen from all the others, and \
              tested on that run." }
         div .gallery {
-            (figure("Mean range of a run", &chart::curve("µm", says, &ranges, few, ranges[0]),
+            (figure("Mean range of the residual error in a run",
+                &chart::curve("µm", says, &ranges, few, ranges[0]),
                 "Over the number of sensors; dashed: without sensors. A ring marks the smallest number that \
                  is within a tenth of the best."))
         }
@@ -243,8 +244,8 @@ pub(super) fn expected(found: &Identified) -> Markup {
         h2 { "Expected error" }
         p {
             "Standard deviation of the residual error, from the held-out runs. It grows with the time since \
-             the datum, or since the last touch of a probe. Two rows of three should be within one standard \
-             deviation, 19 of 20 within two."
+             the datum (zero point of Cz), or since the last touch of a probe. Two rows of three should be \
+             within one standard deviation, 19 of 20 within two."
         }
         (table(&["after", "since the datum", "since a touch"], &rows))
         p .quiet {

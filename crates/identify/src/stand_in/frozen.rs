@@ -33,9 +33,9 @@ pub struct Frozen {
     pub replaced_after: Option<f64>,
     /// Whether all readings after the freeze were within the range of the other runs.
     pub inside: bool,
-    /// Range of the error with the freeze, and without it, µm. Both are held out.
+    /// Range of the error with the freeze and without the freeze, µm. Both are results on a held-out run.
     pub range: (f64, f64),
-    /// Range if the freeze had not been detected, µm.
+    /// Range of the error if the freeze had not been detected, µm.
     pub range_unnoticed: f64,
     /// Whether the test reported the sensor in this run while it was good.
     pub false_alarm: bool,

@@ -77,7 +77,7 @@ struct Alone<'a> {
     target: &'a Target,
     /// Placements by the patent's method, and by bounded least squares.
     placements: [Vec<usize>; 2],
-    /// Reciprocal of the squared reference error of the case, summed over the guideway, µm².
+    /// Weight of the case, 1/µm²: 1 / (squared reference error × number of rows of the guideway).
     weight: f64,
 }
 
@@ -115,7 +115,7 @@ struct SearchState {
 
 /// First and last threshold, as a share of the cost.
 const THRESHOLD: (f64, f64) = (2.0, 1e-4);
-/// Number of tried changes between two thresholds.
+/// Number of tried changes after which the threshold is lowered.
 const STRETCH: u32 = 256;
 
 /// Cost of a squared error: the third power of its ratio, which is the sixth power of the ratio of errors.

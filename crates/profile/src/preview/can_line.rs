@@ -6,7 +6,7 @@ use crate::duration::shown;
 use crate::{BusId, Profile};
 use isotherm_core::codec::{Address, CanId, CanMatch};
 
-/// Services of a CANopen node, each with the base of its identifiers.
+/// Services of a CANopen node, each with the identifier to which the node number is added.
 const SERVICES: [(u32, &str); 3] =
     [(0x80, "emergencies"), (0x580, "SDO answers"), (0x700, "boot-up and heartbeat")];
 

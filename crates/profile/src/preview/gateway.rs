@@ -1,9 +1,9 @@
-//! Preview of a Modbus TCP line with a gateway to a serial line.
+//! Preview of a Modbus TCP line with a Modbus gateway to a serial line.
 
 use crate::document::Section;
 use crate::{BusId, Profile};
 
-/// Preview of the devices behind a gateway. `None` if there are none.
+/// Preview of the devices behind a Modbus gateway. `None` if there are none.
 pub(super) fn preview(profile: &Profile, id: BusId) -> Option<Section> {
     let here = profile.devices_on(id).filter(|(device, _)| profile.is_behind_gateway(*device));
     let devices: Vec<&str> = here.map(|(_, device)| device.name.as_str()).collect();

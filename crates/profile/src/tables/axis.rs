@@ -95,8 +95,8 @@ pub enum Purpose {
     /// The axis compensates the error of its machine axis.
     #[default]
     Compensation,
-    /// The axis returns a released register to its base. Such a register belongs to no output any more. No profile file
-    /// has such an axis.
+    /// The axis returns a released register to its base value. Such a register belongs to no output any more. No
+    /// profile file has such an axis.
     Release,
 }
 
@@ -179,7 +179,8 @@ impl Axis {
         !self.settings.models.is_empty()
     }
 
-    /// Returns whether Cz is measured from this reference. It is the datum of the axis, or a reference in its models.
+    /// Returns whether Cz is measured from this reference: it is the datum (zero point of Cz) of the axis, or a
+    /// reference in its models.
     pub fn counts_from(&self, reference: Reference) -> bool {
         let by_datum = reference == Reference::Zero && self.settings.datum == Datum::Zero;
         by_datum
@@ -264,8 +265,8 @@ impl RawAxis {
         })
     }
 
-    /// Resolves the datum. It must not be "zero" if a reference is captured at zero: the same drift would be subtracted
-    /// twice.
+    /// Resolves the datum (zero point of Cz). The datum must not be "zero" if a reference is captured at zero: the same
+    /// drift would be subtracted twice.
     fn datum(&self, at: &KeyContext<'_>) -> Datum {
         let Some(DatumWord::Zero) = self.datum else { return Datum::Model };
         let models = || self.model.iter().flatten();

@@ -173,7 +173,7 @@ pub struct Bus {
 pub enum Transport {
     /// Modbus TCP.
     Tcp,
-    /// RTU frames over a TCP connection, as simple gateways forward them.
+    /// RTU frames over a TCP connection, as simple Modbus gateways forward them.
     RtuOverTcp,
     /// Modbus RTU on a serial port of this computer.
     Serial(Serial),

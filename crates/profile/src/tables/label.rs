@@ -13,7 +13,10 @@ pub(super) fn resolve(at: &KeyContext<'_>, raw: Option<&String>) -> String {
     if label.is_empty() {
         at.invalid("the label is empty", "write a name to display, or remove `label`");
     } else if count > LONGEST {
-        at.invalid(format!("a label of {count} characters is too long for the page"), "allowed: up to 60");
+        at.invalid(
+            format!("a label of {count} characters is too long for the web page"),
+            "allowed: up to 60",
+        );
     }
     label.to_owned()
 }

@@ -131,7 +131,7 @@ pub(super) fn resolve(at: &KeyContext<'_>, raw: Option<&RawMachine>) -> Machine 
     }
 }
 
-/// Reports keys that a layer may set without permission, or that do not exist.
+/// Rejects the keys of `allow_override` that a layer may set without this permission, and those that do not exist.
 fn only_guarded(at: &KeyContext<'_>, keys: &[String]) {
     let check = at.check;
     let guarded = guarded_keys(&[

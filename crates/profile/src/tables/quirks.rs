@@ -34,7 +34,7 @@ pub(crate) struct RawQuirks {
     /// Whether the connection is closed after each answer, for a device that accepts only one client at a time. Default
     /// false.
     close_after_each: Option<bool>,
-    /// Whether the device is behind a gateway from Modbus TCP to a serial line. After a missed answer, the next request
+    /// Whether the device is behind a Modbus gateway from TCP to a serial line. After a missed answer, the next request
     /// then waits for the time of a late answer. Default: true if two or more units share the modbus-tcp bus.
     gateway: Option<bool>,
 }
@@ -54,24 +54,24 @@ pub struct Quirks {
     pub max_gap: u16,
     /// Whether the connection is closed after each answer.
     pub close_after_each: bool,
-    /// Whether a gateway to a serial line is in front of the device.
+    /// Whether a Modbus gateway to a serial line is in front of the device.
     pub gateway: Gateway,
 }
 
-/// Whether a device on a Modbus TCP line is behind a gateway to a serial line.
+/// Whether a device on a Modbus TCP line is behind a Modbus gateway to a serial line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Gateway {
     /// Not stated: true if two or more units share the line.
     #[default]
     ByUnits,
-    /// The device is behind a gateway.
+    /// The device is behind a Modbus gateway.
     Present,
-    /// The device is not behind a gateway.
+    /// The device is not behind a Modbus gateway.
     Absent,
 }
 
 impl Gateway {
-    /// Returns whether a device on a line with these units is behind a gateway.
+    /// Returns whether a device on a line with these units is behind a Modbus gateway.
     pub fn is_present(self, transport: Transport, mut units: impl Iterator<Item = u8>) -> bool {
         if transport != Transport::Tcp {
             return false;

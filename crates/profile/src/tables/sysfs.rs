@@ -77,7 +77,8 @@ pub(super) fn too_quick(check: &Check<'_>) {
             at.warn(message, "write \"2s\", or remove the key");
         } else if device.every < ONE_WIRE {
             let message = format!("{takes}, but is read every {}", shown(device.every));
-            let help = "write every = \"1s\" or longer at its device; faster sensors can have another device";
+            let help = "write every = \"1s\" or longer at this device. Give faster sensors another device \
+                        in the profile";
             check.at("device").key(&device.name).key("every").warn(message, help);
         } else {
             continue;

@@ -24,7 +24,7 @@ pub(super) struct Channel {
     pub(super) keys: Map<String, Value>,
 }
 
-/// Expands a group into its channels. All registers are moved by `base`.
+/// Expands a group into its channels. The register number `base` is added to all register numbers.
 ///
 /// # Errors
 /// A sentence: a register is invalid, or beyond the last one.

@@ -107,10 +107,10 @@ fn read(shown: &str, written: &str, errors: &mut Findings) -> Option<Group> {
 }
 
 impl Definition {
-    /// Creates the definition for a device with this variant. The registers are moved by `base`.
+    /// Creates the definition for a device with this variant. `base` is added to all register numbers.
     ///
     /// # Errors
-    /// The variant or the base does not fit the template.
+    /// The variant or `base` does not fit the template.
     pub(super) fn of(
         name: &str,
         mut body: Group,

@@ -125,12 +125,12 @@ pub fn restart(path: &Path, within: Duration, show: impl FnMut(&str)) -> Result<
     replaced(path, begun, within, show)
 }
 
-/// Requests the running gateway to return the former registers of an output to their base. `seen` contains the Cz in
-/// each of them, µm, as the operator has seen it. The gateway does so after it was replaced as by [`restart`]. Returns
-/// its state then, as JSON.
+/// Requests the running gateway to return the former registers of an output to their base values. `seen` contains the
+/// Cz in each of them, µm, as the operator has seen it. The gateway does so after it was replaced as by [`restart`].
+/// Returns its state then, as JSON.
 ///
 /// # Errors
-/// The restart fails, as by [`restart`]. There is no such register, or it cannot be returned to its base.
+/// The restart fails, as by [`restart`]. There is no such register, or it cannot be returned to its base value.
 pub fn release(
     path: &Path,
     (output, seen): (&str, &[f64]),

@@ -7,8 +7,9 @@
 //! `restart wrong` only records that the requester has found the profile wrong. `restart wrong PATH` does so if PATH is
 //! the profile of this gateway. It is for a profile in which no name can be read.
 //!
-//! `release cnc_z seen=20.0`, or `release cnc_z seen=20.0,4.5 within=10`, does the same. After it, the former registers
-//! of the output are returned to their base, if the gateway shares in them are these values in µm.
+//! `release cnc_z seen=20.0`, or `release cnc_z seen=20.0,4.5 within=10`, does the same. After the restart, the former
+//! registers of the output are returned to their base values. The condition is that the gateway shares in these
+//! registers are the given values in µm.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -39,7 +40,8 @@ pub(super) enum Request<'a> {
     Restart {
         within: Duration,
     },
-    /// Return the former registers of this output to their base after the restart. `seen`: numbers separated by commas.
+    /// Return the former registers of this output to their base values after the restart. `seen`: numbers separated by
+    /// commas.
     Release {
         output: &'a str,
         seen: &'a str,

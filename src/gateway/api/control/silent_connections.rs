@@ -11,8 +11,8 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use crate::clock::BootClock;
 
 /// Time that a connection may stay silent, per possible connection. A client sends its line as soon as it is connected.
-/// It connects again if its connection was closed before that. The more silent connections are closed per second, the
-/// shorter a command waits.
+/// The client connects again if its connection was closed before it has sent the line. The more silent connections are
+/// closed per second, the shorter a command waits.
 const GRACE_OF_A_PLACE: Duration = Duration::from_micros(250);
 /// Time in which a closed connection returns its permit.
 const RETURNED: Duration = Duration::from_millis(10);

@@ -1,5 +1,5 @@
-//! Transport of a handover from one program to the next in the same process. It uses a sealed memfd as standard input,
-//! and its digest in the state directory.
+//! Transport of a handover from one program to the next in the same process. The handover is in a sealed memfd (kernel
+//! memory) as standard input. Its digest is in the state directory.
 //!
 //! ```text
 //! sources of the checked profile, document (JSON), its length (8 bytes)    program that takes its profile from it

@@ -1,5 +1,5 @@
-//! Health of a CAN bus. Trouble is reported when it begins, when it gets worse and when it is over, with a count. It is
-//! not reported for each frame.
+//! Health of a CAN bus. Trouble is reported when it begins, when it gets worse and when it is over, with a count. There
+//! is no report for each frame.
 
 use std::time::Duration;
 

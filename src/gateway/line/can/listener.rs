@@ -110,7 +110,7 @@ impl CanListener {
             if let (Some((_, kept)), Some(gate)) = (&mut self.socket, gate) {
                 kept.get_or_insert(gate);
             }
-            // A bus that is never silent must not keep the line from its turns.
+            // A bus that is never silent must not prevent the line task from working.
             tokio::task::coop::consume_budget().await;
         }
     }
@@ -147,7 +147,7 @@ impl CanListener {
         let clock = &self.shared.clock;
         let gap = self.stall_detector.sample(clock.now()).filter(|_| !clock.is_virtual());
         if let Some(since) = gap {
-            // The frames in the socket came while the task did not run. Their age is unknown.
+            // The frames in the socket arrived while the task did not run. Their age is unknown.
             self.discard();
             self.shared.stalled_at(since);
         }
@@ -229,7 +229,7 @@ impl CanListener {
         };
         let is_new = self.socket.as_ref().is_none_or(|(known, _)| !Arc::ptr_eq(known, &socket));
         if is_new {
-            // If the process has no file descriptor left, virtual time works without the inlet.
+            // If the process has no file descriptor left, virtual time works without the gate.
             let gate = self.shared.clock.gate(socket.as_ref()).ok();
             self.socket = Some((socket, gate));
         }
@@ -390,7 +390,8 @@ impl CanListener {
         }
     }
 
-    /// Stores the values of a frame on the board. A node that is lost, or is not set as expected, has no good values.
+    /// Stores the values of a frame in the table of signals. A node that is lost, or is not set as expected, has no
+    /// good values.
     fn route(&mut self, frame: &Frame, now: Moment) {
         let mut core = None;
         let mut shown = None;

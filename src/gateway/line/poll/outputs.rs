@@ -7,18 +7,19 @@ use crate::gateway::shared::line_handle::LineHandle;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, DeviceId, OutputId, SetId};
 
-/// Shortest time between two turns: an output whose device backs off must not keep the line busy.
+/// Shortest time between two turns of an output (a turn is the work of the line task on the output). An output whose
+/// device backs off must not keep the line busy.
 const SOON: Duration = Duration::from_millis(100);
 
 /// Task of one output, or of a set of outputs.
 pub(super) struct OutputTask {
-    /// Time of the next turn. If the output waits for its turn, the time since which it waits.
+    /// Time of the next turn of the output. If the output waits for its turn, the time since which it waits.
     pub(super) due: Moment,
-    /// Time since which the output waits, if its turn came too late for the decision. It has priority once there is
-    /// another decision.
+    /// Time since which the output waits, if its turn came too late for the decision. The output has priority once
+    /// there is another decision.
     waits_since: Option<Moment>,
     work: Work,
-    /// Device whose position it corrects. Such an output has priority over everything that can wait.
+    /// Device whose position the output corrects. Such an output has priority over everything that can wait.
     pub(super) corrects: Option<DeviceId>,
 }
 
@@ -57,7 +58,7 @@ impl OutputTask {
         self.due = self.due.min(self.waits_since.unwrap_or(now));
     }
 
-    /// Executes the turn: at most one verified write.
+    /// Executes one turn of the output: at most one verified write.
     pub(super) async fn turn(&mut self, turn: &mut LineTurn<'_>) {
         let (wants, asks, is_late) = match &mut self.work {
             Work::Single(single) => {

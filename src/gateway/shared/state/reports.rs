@@ -8,8 +8,7 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::Profile;
 
 impl GatewayState {
-    /// Reports the results of probing that the axes received in this step. Returns true if at least one axis received
-    /// one.
+    /// Reports the results of probing that the axes received in this step. Returns true if there was a result.
     pub(super) fn report_probings(&mut self, profile: &Profile, now: Moment) -> bool {
         let mut any = false;
         for (place, axis) in profile.axes.iter().enumerate() {

@@ -1,8 +1,8 @@
 //! Writer of the document, on a separate thread: a slow disk never delays a line.
 //!
 //! It always saves the newest version, and reports which version is on disk. A write to a register that depends on a
-//! version waits for it, for a short time, and checks again in its next turn. A simulation allows no thread of its own:
-//! there the caller saves the document at once.
+//! version waits for that version, for a short time. Then the next turn of the output (work of the line task on it)
+//! checks again. A simulation allows no thread of its own: there the caller saves the document at once.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};

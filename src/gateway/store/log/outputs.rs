@@ -33,10 +33,10 @@
 //! (JSON). `action` is the name of the action: nothing, keep, read, write, write-own, acknowledge, raise, drop.
 //!
 //! A corrected position has the rows `position-begin` and `position`, with demand, action and result of a turn in
-//! `detail`. The Cz in it and the decision to write are replayed; the position itself is not in the log. A heartbeat in
-//! a separate register has the rows `heartbeat-begin` and `heartbeat`. A turn has no row if it only repeats the
-//! previous one, with a newer position or the next count. `value` of the next row contains the number of such turns,
-//! after one minute at the latest.
+//! `detail`. A turn is one call of a controller by the line task. The Cz in `detail` and the decision to write are
+//! replayed; the position itself is not in the log. A heartbeat in a separate register has the rows `heartbeat-begin`
+//! and `heartbeat`. A turn has no row if it only repeats the previous one, with a newer position or the next count.
+//! `value` of the next row contains the number of such turns, after one minute at the latest.
 //!
 //! Positions, heartbeats and control words are written repeatedly, whatever the last result was. They also have the
 //! rows `fault` (the fault in `detail`, once until a write is answered), `writes` and `failures`. The last two have a

@@ -33,7 +33,7 @@ pub(in crate::gateway) struct OutputTransition<'a> {
     pub(in crate::gateway) after: &'a Controller,
 }
 
-/// Turn of a controller, with the states before and after it.
+/// Turn of a controller (one call by the line task), with the states before and after the turn.
 #[derive(Debug)]
 pub(in crate::gateway) struct TurnRecord {
     pub(in crate::gateway) before: ControllerState,
@@ -104,7 +104,7 @@ struct Line {
     /// File and number of losses when the state of this controller was last written. `None` before that.
     begun: Option<RowSequence>,
     last: Option<LastTurn>,
-    /// Number of turns since the last row that were the same as the turn in it.
+    /// Number of turns since the last row that were the same as the turn in that row.
     repetitions: u64,
     /// Start of the present counts of writes and failures.
     since: Option<Moment>,
@@ -174,8 +174,8 @@ impl OutputsLog {
         self.hand_over(row, stretch);
     }
 
-    /// Queues a turn of a controller, or counts it if it repeats the last one. If the file lacks the rows before it,
-    /// the state comes first.
+    /// Queues a turn of a controller, or counts the turn if it repeats the last one. If the file lacks the rows before
+    /// this turn, the state comes first.
     pub(in crate::gateway) fn turned(
         &mut self,
         steady: CountedWrite,

@@ -59,7 +59,7 @@ impl WholeRows {
         Ok(())
     }
 
-    /// Returns whether the file at the path is still this one.
+    /// Returns whether `path` still names the open file. It does not after the file was deleted or replaced.
     fn is_there(&self) -> bool {
         let place = |found: Metadata| (found.dev(), found.ino());
         let there = std::fs::metadata(&self.path).map(place).ok();
@@ -179,7 +179,8 @@ impl StorageThread {
         }
     }
 
-    /// Checks whether a log was removed. The next row then begins a new one, with the state from which it resumes.
+    /// Checks whether a log was removed. The next row then begins a new log, with the state from which a replay
+    /// resumes.
     fn find_logs(&mut self, at: Moment) {
         if let Err(gone) = self.log.check() {
             self.torn.store(true, Ordering::Relaxed);
@@ -204,7 +205,7 @@ impl StorageThread {
         self.report(at, "the log of the outputs", done);
     }
 
-    /// Deletes logs that need not be kept, once an hour, and reports it.
+    /// Deletes logs that need not be kept, once an hour, and reports the deletion.
     fn tidy(&mut self, at: Moment, stamped: Stamped) {
         if self.tidied.is_some_and(|last| at.since(last) < TIDY_EVERY) {
             return;

@@ -1,4 +1,4 @@
-//! Expected error of the model in use, by the time since its datum and since the last probing.
+//! Expected error of the model in use, by the time since its datum (zero point) and since the last probing.
 
 use std::time::Duration;
 

@@ -1,4 +1,5 @@
-//! Probings of an axis: judging them, learning from them, forgetting them, and starting again with a new datum.
+//! Probings of an axis: judging them, learning from them, forgetting them, and starting again with a new datum (zero
+//! point of Cz).
 
 use std::time::Duration;
 
@@ -30,8 +31,9 @@ impl Axis {
         }
     }
 
-    /// Returns the time at which the last reference or datum of the models was captured. While a capture is running,
-    /// returns its start, which is `settle` before it is complete. `None` if the models are measured from numbers.
+    /// Returns the time at which the last reference or datum (zero point of Cz) of the models was captured. While a
+    /// capture is running, returns its start, which is `settle` before it is complete. `None` if the models are
+    /// measured from numbers.
     pub(in crate::compensation) fn datum(
         &self,
         now: Moment,
@@ -62,7 +64,7 @@ impl Axis {
         self.probe.note(probed);
     }
 
-    /// Resets the correction of each model whose datum or references are complete now.
+    /// Resets the correction of each model if the capture of its datum or references is complete now.
     fn restart(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, settings: &ProbeSettings) {
         if self.zeroing.is_open() {
             return;

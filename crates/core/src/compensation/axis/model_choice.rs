@@ -26,7 +26,7 @@ pub(in crate::compensation) struct ModelChoice {
     pub(super) stood_in: Option<SubstitutedSensor>,
 }
 
-/// Values that a model requests, counted from its datum, µm and µm/mm.
+/// Values that a model requests, counted from its datum (zero point), µm and µm/mm.
 pub(super) struct ModelRequest {
     pub(super) cz: f64,
     slope: f64,
@@ -99,9 +99,9 @@ impl Axis {
         place > 0 && has_envelope && evaluated.coverage.is_some_and(|coverage| coverage.excess > edge)
     }
 
-    /// Returns what a model requests, counted from its datum. With `Outside::Shrink`, the envelope reduces datum and
-    /// correction together with the value: far outside, Cz goes to zero. With `Outside::Agree`, it reduces only the
-    /// value of the model, because the correction was measured.
+    /// Returns what a model requests, counted from its datum (zero point). With `Outside::Shrink`, the envelope reduces
+    /// datum and correction together with the value: far outside, Cz goes to zero. With `Outside::Agree`, the envelope
+    /// reduces only the value of the model, because the correction was measured.
     pub(super) fn chosen(&self, model: usize, evaluated: Evaluated, correction: f64) -> Option<ModelChoice> {
         let asked = self.asked(model, evaluated);
         let reach = self.settings.intercept_slope.map_or(0.0, |line| line.reach.get());
@@ -116,16 +116,16 @@ impl Axis {
         })
     }
 
-    /// Returns what a model requests, counted from its datum. With `Outside::Agree`, a difference between the model's
-    /// two halves reduces the value.
+    /// Returns what a model requests, counted from its datum (zero point). With `Outside::Agree`, a difference between
+    /// the model's two halves reduces the value.
     pub(super) fn asked(&self, model: usize, evaluated: Evaluated) -> ModelRequest {
         ModelRequest::of(evaluated, self.zeroing.of(model))
     }
 }
 
 impl ModelRequest {
-    /// Returns what a model requests, counted from `datum`. With `Outside::Agree`, a difference between the model's two
-    /// halves reduces the value.
+    /// Returns what a model requests, counted from the zero point `datum`. With `Outside::Agree`, a difference between
+    /// the model's two halves reduces the value.
     pub(super) fn of(evaluated: Evaluated, datum: Outputs) -> ModelRequest {
         let Evaluated { outputs, mut coverage } = evaluated;
         let cz = outputs.cz.get() - datum.cz.get();

@@ -8,9 +8,9 @@
 //! distance to the nearest edge. Extrapolation begins at the edge, and ends when e is below [`CLEARLY_INSIDE`]. An
 //! input that fluctuates at the edge therefore causes one report.
 //!
-//! A model that is the mean of two halves also gives their difference d. Like its Cz x, it is counted from the datum.
-//! The farther outside, the more it reduces the value: `Cz = x·x²/(x² + (a·d)²)` with
-//! `a = clamp((e − 0.10)/0.25, 0, 1)`.
+//! A model that is the mean of two halves also gives their difference d. Like the Cz x of the model, the difference is
+//! counted from the datum (zero point). The farther outside, the more the difference reduces the value: `Cz = x·x²/(x²
+//! + (a·d)²)` with `a = clamp((e − 0.10)/0.25, 0, 1)`.
 
 use serde::{Deserialize, Serialize};
 

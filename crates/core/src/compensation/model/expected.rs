@@ -7,9 +7,9 @@ use crate::quantity::Micron;
 /// Expected residual error of a model, one standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expected {
-    /// Growth from the datum on.
+    /// Growth of the variance from the datum (zero point) of the model on.
     pub since_datum: Growth,
-    /// Growth from the last accepted probing on; `None` if the identification tried no probings.
+    /// Growth of the variance from the last accepted probing on; `None` if the identification tried no probings.
     pub since_touch: Option<Growth>,
 }
 
@@ -30,7 +30,7 @@ impl Expected {
 }
 
 impl Growth {
-    /// Creates a growth from µm²/h and µm²; `None` if a number is negative or not finite.
+    /// Creates a growth of a variance from µm²/h and µm²; `None` if a number is negative or not finite.
     pub fn new(per_hour: f64, at_once: f64) -> Option<Growth> {
         let is_variance = |number: f64| number.is_finite() && number >= 0.0;
         (is_variance(per_hour) && is_variance(at_once)).then_some(Growth { per_hour, at_once })
@@ -70,7 +70,7 @@ mod tests {
             (4 * HOUR, None, 4.7_f64.sqrt()),
             (4 * HOUR, Some(Duration::ZERO), 0.2_f64.sqrt()),
             (4 * HOUR, Some(HOUR / 2), 0.6_f64.sqrt()),
-            // The datum is hardly older than the probing, and the probing is not better.
+            // The datum was taken after the probing, and its variance is smaller.
             (Duration::ZERO, Some(4 * HOUR), 1.1_f64.sqrt()),
         ] {
             let found = expected.after(datum, touch).unwrap().get();

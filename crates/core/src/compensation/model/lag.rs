@@ -99,7 +99,7 @@ impl From<Lag> for Option<Lagged> {
 }
 
 impl Lag {
-    /// Lag of an input without a lag.
+    /// State before the first reading. It also stands for the lag of an input without a time constant.
     pub(super) const NONE: Lag = Lag { lagged: None, is_abreast: false, captures: 0 };
 
     /// Returns the state to keep over a restart.

@@ -1,7 +1,8 @@
 //! Certainty of a model's correction, and the weight of a probing.
 //!
-//! The correction drifts: between two probings its variance P grows by q for each hour, from 0 at the datum. A probing
-//! has its own variance σ². The share of its residual r that it adds to the correction depends on both variances:
+//! The correction drifts: between two probings its variance P grows by q for each hour, from 0 at the datum (zero point
+//! of Cz). A probing has its own variance σ². The share of its residual r that it adds to the correction depends on
+//! both variances:
 //!
 //! ```text
 //! P += q·Δt        K = P / (P + σ²)        correction += K·r        P *= 1 − K
@@ -28,9 +29,10 @@ const LARGEST: f64 = 1e12;
 /// Certainty of one model's correction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Certainty {
-    /// P after the last accepted probing, µm². `None` if there was none since the datum, at which P was 0.
+    /// P after the last accepted probing, µm². `None` if no probing was accepted since the datum (zero point), at which
+    /// P was 0.
     variance: Option<f64>,
-    /// Time of the last accepted probing; `None` if there was none since the datum.
+    /// Time of the last accepted probing; `None` if no probing was accepted since the datum (zero point).
     touched: Option<Moment>,
     /// Residual that waits for another one, µm.
     doubted: Option<f64>,
@@ -38,7 +40,7 @@ pub(super) struct Certainty {
 
 shifted!(Certainty: touched);
 
-/// Time of a probing, with the time since the datum of the model that judges it.
+/// Time of a probing, with the time since the datum (zero point) of the model that judges the probing.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::compensation) struct Occasion {
     pub(in crate::compensation) now: Moment,

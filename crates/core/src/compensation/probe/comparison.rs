@@ -2,8 +2,8 @@
 //!
 //! Each touch gives two errors: e₀ without compensation, and e₁ with the model. e₀ is the measured error minus the Cz
 //! that acted, and e₁ = e₀ + Cz of the model. e₁ does not depend on the Cz that acted. Therefore a model is compared
-//! also while the axis does not follow it. The last eight touches since the datum count, none of them older than a
-//! week:
+//! also while the axis does not follow it. The last eight touches since the datum (zero point of Cz) count, none of
+//! them older than a week:
 //!
 //! | the model was | and is now | if |
 //! |---|---|---|
@@ -40,7 +40,7 @@ const AGREES: f64 = 4.0;
 /// Result of a comparison in which a model was worse than no compensation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Worse {
-    /// Number of touches in the comparison; zero directly after a new datum.
+    /// Number of touches in the comparison; 0 directly after a new datum (zero point).
     pub touches: usize,
     /// Root mean square of the error without compensation.
     pub without: Micron,
@@ -118,7 +118,7 @@ impl Comparison {
         (self.waiting, self.verdict) = (kept.waiting, kept.verdict);
     }
 
-    /// Discards the touches, because they were measured with an older datum.
+    /// Discards the touches, because they were measured with an older datum (zero point).
     pub(super) fn begin(&mut self) {
         self.touches.clear();
         self.waiting = None;

@@ -9,8 +9,8 @@
 //! | `time` | time and error are the same |
 //! | neither | the broker marks it as delivered again, or the same error arrived less than 10 s ago |
 //!
-//! A measurement from before the axis's datum is rejected, because Cz is counted from that datum. A measurement from
-//! the future is rejected, too.
+//! A measurement from before the datum (last zero point of Cz) of the axis is rejected, because Cz is counted from that
+//! datum. A measurement from the future is rejected, too.
 
 use std::fmt;
 use std::time::Duration;
@@ -109,7 +109,7 @@ pub enum Rejected {
     SameError(Duration),
     /// The report is older than all remembered ones, so it may have been taken already.
     Forgotten(Moment),
-    /// The report was measured before the datum of the axis.
+    /// The report was measured before the datum (last zero point of Cz) of the axis.
     BeforeDatum {
         /// `time` of the report.
         time: Moment,
@@ -154,9 +154,10 @@ impl fmt::Display for Rejected {
                 "the measurement of {time} may have been accepted before: {KEPT} others were accepted after \
                  it; measure again"
             ),
-            Rejected::BeforeDatum { time, datum } => {
-                write!(f, "the measurement of {time} is older than the datum of {datum}; measure again")
-            }
+            Rejected::BeforeDatum { time, datum } => write!(
+                f,
+                "the measurement of {time} is older than the datum (zero point) of {datum}; measure again"
+            ),
             Rejected::Ahead { time, now } => write!(
                 f,
                 "its `time` {time} is in the future: the clock of this computer shows {now}; set the clock \
@@ -203,8 +204,9 @@ impl TakenReports {
         self.0.is_empty()
     }
 
-    /// Checks whether a report that arrives at `now` is a new measurement since the `datum`. `shift` converts counted
-    /// time to wall-clock time. A repeated report is remembered from `now` on, so that no number of repetitions counts.
+    /// Checks whether a report that arrives at `now` is a new measurement since the zero point `datum`. `shift`
+    /// converts counted time to wall-clock time. A repeated report is remembered from `now` on, so that no number of
+    /// repetitions counts.
     ///
     /// # Errors
     /// Returns why the report is rejected.

@@ -29,7 +29,7 @@ pub(in crate::tables) fn warn(check: &Check<'_>, profile: &Profile) {
             if all_over.counts_from_start(model) {
                 from_start.push(format!("`{}`", model.name));
             }
-            // A datum subtracts the value that the model gives at zero.
+            // The datum "zero" subtracts the value that the model requested at the last zero command.
             let asked = all_over.asked(model).filter(|asked| asked.cz.abs() > limit);
             let Some(asked) = asked.filter(|_| settings.datum == Datum::Model) else { continue };
             let position = asked.position.map(|(signal, place)| {

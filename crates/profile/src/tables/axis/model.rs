@@ -69,7 +69,7 @@ struct Computation {
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Model")]
 pub(crate) struct RawModel {
-    /// Name of the model, shown on the page and in the log.
+    /// Name of the model, shown on the web page and in the log.
     #[schemars(required)]
     pub(super) name: Option<String>,
     /// Kind of calculation.
@@ -100,8 +100,8 @@ pub(crate) struct RawModel {
     /// linear: file with two sums whose mean is the model; `isotherm identify` writes it. Without it, "agree" acts as
     /// "warn".
     halves: Option<String>,
-    /// Expected error, from runs that the identification did not use. `isotherm identify` writes it, and the page shows
-    /// it next to Cz.
+    /// Expected error, from runs that the identification did not use. `isotherm identify` writes it, and the web page
+    /// shows it next to Cz.
     expected: Option<RawExpected>,
     /// File that relates the sensors to each other. It detects a frozen sensor, and replaces a frozen or lost one.
     stand_ins: Option<String>,

@@ -118,9 +118,12 @@ fn share_a_frame(check: &Check<'_>, earlier: &Written, later: &Written) {
             at.key("fill").invalid(message, "write `fill` at one output, or the same `fill` at both");
         }
         (Some(fill), None) if later.bytes() > fill.len() => {
-            let message =
-                format!("{id} has only the {} bytes of `fill` of output `{output}` at {there}", fill.len());
-            at.key("length").invalid(message, "write more bytes in this `fill`");
+            let message = format!(
+                "this output needs {} bytes of {id}, but `fill` of output `{output}` at {there} has only {}",
+                later.bytes(),
+                fill.len()
+            );
+            at.key("length").invalid(message, "write more bytes in that `fill`, or correct `length`");
         }
         (None, Some(fill)) if earlier.bytes() > fill.len() => {
             let message = format!("output `{output}` at {there} needs {} bytes of {id}", earlier.bytes());

@@ -215,8 +215,8 @@ pub(super) fn can_move(at: &KeyContext<'_>, output: &Output, axis: &Axis) {
     }
 }
 
-/// Gives the guard of an axis the coarsest count of its outputs. Cz is doubled for a diameter, so a count there is
-/// worth half.
+/// Sets the count of the axis's guard to the count of this output, if that is coarser. For a diameter the output
+/// contains twice Cz, so its count is divided by two. A slope output sets the count of the slope instead.
 pub(super) fn note_count(axis: &mut Axis, output: &Output) {
     if output.encoding.data_type.integer_range().is_none() {
         return;

@@ -60,8 +60,8 @@ impl RawCounter {
             at.wrong_key(format!("{} is no counter", encoding.data_type.name()), help);
         }
         if has_max_rate {
-            let help = "keep `max_speed`: a step faster than `max_speed` is a new reference, and not a \
-                        lasting fault";
+            let help = "remove `max_rate` and keep `max_speed`: a step faster than `max_speed` sets a new \
+                        reference, and does not cause a lasting fault";
             at.wrong_key("`max_rate` and `counter.max_speed` both limit the rate of change", help);
         }
         let Some(max_speed) = at.key("max_speed").positive(self.max_speed) else { return (None, capture) };

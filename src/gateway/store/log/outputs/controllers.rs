@@ -1,4 +1,5 @@
-//! Controllers whose turns are logged as JSON: sets, corrected positions, and the heartbeat in a separate register.
+//! Controllers whose turns are logged as JSON: sets, corrected positions, and the heartbeat in a separate register. A
+//! turn is one call of a controller by the line task.
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -39,15 +40,16 @@ impl ControllerState {
     }
 }
 
-/// Turn of a controller: input, action, and the result if the controller takes it in the same turn.
+/// Turn of a controller (one call by the line task): input, action, and the result if the controller gets it in the
+/// same turn.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Turn {
-    /// Turn of a set.
+    /// Turn of the controller of a set.
     Set(Box<SetTurn>),
-    /// Turn of a corrected position.
+    /// Turn of the controller of a corrected position.
     Position(PositionTurn),
-    /// Turn of a heartbeat in a separate register.
+    /// Turn of the controller of a heartbeat in a separate register.
     Heartbeat(HeartbeatTurn),
 }
 
@@ -55,17 +57,17 @@ pub enum Turn {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SetTurn {
-    /// Input of the turn.
+    /// Input of the controller in this turn.
     pub input: SetInput,
     /// Action that the controller returned.
     pub action: SetAction,
 }
 
-/// Turn of a heartbeat.
+/// Turn of the controller of a heartbeat: the heartbeat, and the count that is to be written.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HeartbeatTurn {
-    /// Heartbeat of the turn.
+    /// Heartbeat that this turn requests.
     pub beat: Beat,
     /// Count to write to the register; `None` if no heartbeat is sent.
     pub count: Option<u16>,
@@ -125,7 +127,7 @@ impl Turn {
         }
     }
 
-    /// Returns whether both have the same action. The counts of two heartbeats may differ.
+    /// Returns whether both turns have the same action. The counts of two heartbeats may differ.
     pub(super) fn is_same_action(&self, other: &Turn) -> bool {
         match (self, other) {
             (Turn::Heartbeat(one), Turn::Heartbeat(other)) => one.beat == other.beat,
@@ -225,7 +227,7 @@ impl ControllerSnapshot {
         }
     }
 
-    /// Name of the rows of its turns.
+    /// Name of the rows with the turns of this controller.
     pub(super) fn row(&self) -> &'static str {
         match self {
             ControllerSnapshot::Set(_) => SET,

@@ -33,7 +33,7 @@ pub struct OutputRow {
 pub enum Entry {
     /// State from which the output resumes.
     Begins(Box<ResumeState>),
-    /// Input of its controller, and the action.
+    /// Input of the controller of the output, and the action.
     Step {
         /// Input of the controller.
         input: Input,
@@ -42,11 +42,11 @@ pub enum Entry {
     },
     /// State from which a controller with turns resumes.
     Resumes(Box<ControllerSnapshot>),
-    /// Turn of a controller.
+    /// Turn of a controller (one call by the line task).
     Turn {
         /// Repetitions of the previous turn.
         repetitions: u64,
-        /// Turn with its input and action.
+        /// The turn, with its input and action.
         turn: Turn,
     },
     /// Information for readers of the log, which is not replayed.

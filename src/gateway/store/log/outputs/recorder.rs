@@ -51,7 +51,7 @@ impl OutputRecorder {
         self.ends(",,,,,,", &cell(&detail))
     }
 
-    /// Formats a turn. `repetitions`: repetitions of the turn before it.
+    /// Formats a turn (one call of a controller by the line task). `repetitions`: repetitions of the previous turn.
     pub fn turn(&mut self, now: Moment, name: &str, turn: &Turn, repetitions: u64) -> &[u8] {
         // Numbers, names and lists of them always have a JSON form.
         let detail = serde_json::to_string(&turn.clone().shifted(self.shift)).unwrap_or_default();

@@ -12,7 +12,7 @@ use isotherm_core::quantity::Moment;
 #[derive(Clone, Debug, Default)]
 pub struct OutputReplay {
     running: BTreeMap<String, Box<(Settings, Controller)>>,
-    /// Controllers with turns, by name and kind of row, and the last turn of each.
+    /// Controllers with turns (calls by the line task), by name and kind of row. Each has its last turn.
     resumed: BTreeMap<(String, &'static str), Resumed>,
 }
 

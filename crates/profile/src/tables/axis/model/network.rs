@@ -203,7 +203,7 @@ fn preview(profile: &Profile, kind: &Kind) -> Option<Computation> {
             let place = format!(" (from {from})");
             effect(profile, input.signal, change, &late(profile, input, &place))
         } else {
-            format!("at {name} = {from} the network has no value")
+            format!("near {name} = {from} the output of the neural network is not a finite number")
         }
     };
     Some(Computation { formula, effects: reads.iter().enumerate().map(one).collect() })
