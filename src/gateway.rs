@@ -62,7 +62,7 @@ pub use store::disk::{Disk, Files, make_directory};
 pub use store::{backup, log, templates};
 
 /// Reason why an axis stays off after the saved state was rejected or restored: the operator must arm it first.
-const NOT_BELIEVED: &str = "the saved state was rejected (see the events) or was put back from a backup, and \
+const NOT_BELIEVED: &str = "the saved state was rejected (see the events) or was restored from a backup, and \
                             the operator has not armed since";
 /// Longest wait at the end of a run until the state is on disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);

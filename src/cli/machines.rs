@@ -35,9 +35,9 @@ pub(super) fn text(name: &str) -> Option<(PathBuf, &'static str)> {
     Some((Path::new("profiles").join(format!("{name}.toml")), text))
 }
 
-/// Shipped machine with a similar name, if no file has this path.
+/// Shipped machine with a similar name, if neither a file nor a shipped machine has this name.
 pub(super) fn meant(path: &Path) -> Option<&'static str> {
-    let name = path.to_str().filter(|_| !path.exists())?;
+    let name = path.to_str().filter(|name| !path.exists() && text(name).is_none())?;
     isotherm_profile::nearest(name, &names().collect::<Vec<_>>())
 }
 
