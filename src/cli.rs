@@ -1,20 +1,16 @@
 //! The verbs, one module each. Results go to stdout, diagnostics to stderr.
 
-use std::io::{IsTerminal, Write};
-use std::path::{Path, PathBuf};
+use std::io::Write;
 use std::process::ExitCode;
 
 use clap::error::{ContextKind, ContextValue};
-use clap::{Args, CommandFactory, Parser, Subcommand};
-use tracing_appender::non_blocking::{NonBlockingBuilder, WorkerGuard};
+use clap::{CommandFactory, Parser, Subcommand};
 
+use isotherm_profile::one_line;
 use isotherm_profile::safe_file::without_numbers;
-use isotherm_profile::{Axis, Errors, Loaded, Profile, one_line};
 
-use crate::cli::print::{Out, say, say_beside};
-use crate::fieldbus::{opcua_check, tls};
+use crate::cli::print::{Out, print_json, say_beside};
 use crate::gateway::control::Failure;
-use crate::gateway::how_to_find_a_model;
 use crate::observe::status::Command;
 
 mod backup;
@@ -26,6 +22,7 @@ mod confirm;
 mod connection_test;
 mod demo;
 mod descriptors;
+mod diagnostics;
 mod events;
 #[cfg(feature = "parquet")]
 mod export;
@@ -35,6 +32,7 @@ mod extra_files;
 mod identify;
 mod init;
 mod journal_stream;
+mod loading;
 mod log_rate_limit;
 mod logs;
 mod machines;
@@ -64,6 +62,7 @@ mod run_profile;
 mod running;
 #[cfg(feature = "identify")]
 mod runs;
+mod runtime;
 mod scan;
 #[cfg(feature = "identify")]
 mod select;
@@ -78,8 +77,8 @@ mod trace;
 mod values;
 mod volume;
 
-use log_rate_limit::LogRateLimit;
-use values::key_and_value;
+use loading::WrongProfile;
+use values::WrongArguments;
 
 /// Compensates the thermal error of a machine tool.
 ///
@@ -186,22 +185,6 @@ enum Verb {
     Man(man::Arguments),
 }
 
-/// A profile and the keys that override its own.
-#[derive(Args, Clone, Debug)]
-struct ProfileArguments {
-    /// The machine's profile, or the name of a shipped one
-    #[arg(value_name = "PROFILE")]
-    path: PathBuf,
-    /// Overrides one key, may be repeated: `--set bus.cell.address=10.0.0.7:502`
-    #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
-    set: Vec<(String, String)>,
-}
-
-/// The profile is wrong. All its errors have been printed.
-#[derive(Debug, thiserror::Error)]
-#[error("the profile is wrong")]
-struct WrongProfile;
-
 impl Arguments {
     /// Log filter of `--log`, or the default filter of the verb.
     pub fn log_filter(&self) -> &str {
@@ -243,7 +226,7 @@ pub fn escaped(refused: clap::Error) -> clap::Error {
 
 /// Executes the verb, and returns the exit code.
 pub fn run(arguments: Arguments) -> ExitCode {
-    let log = start_log(arguments.log_filter());
+    let log = diagnostics::start_log(arguments.log_filter());
     let mut replacement = None;
     let done = match arguments.verb {
         Verb::Demo(arguments) => demo::run(&arguments),
@@ -287,7 +270,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
             clap_complete::generate(shell, &mut Arguments::command(), "isotherm", &mut script);
             Out.write_all(&script).map_err(Into::into)
         }
-        Verb::Man(arguments) => man::run(&arguments),
+        Verb::Man(arguments) => man::run(&arguments, Arguments::command()),
     };
     // Pending log lines are written before the last message.
     let done = match replacement {
@@ -305,6 +288,9 @@ pub fn run(arguments: Arguments) -> ExitCode {
             ExitCode::from(3)
         }
         Err(error) if is_closed_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) if error.is::<WrongArguments>() => {
+            Arguments::command().error(clap::error::ErrorKind::MissingRequiredArgument, error).exit()
+        }
         Err(error) => {
             say_beside!("isotherm: {}", without_numbers(&format!("{error:#}")));
             ExitCode::from(1)
@@ -315,138 +301,4 @@ pub fn run(arguments: Arguments) -> ExitCode {
 /// Returns whether the reader of stdout has closed the pipe, as in `isotherm check … | head`. This is not a failure.
 fn is_closed_pipe(error: &anyhow::Error) -> bool {
     error.downcast_ref::<std::io::Error>().is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
-}
-
-/// Maximum number of log lines that wait for a slow reader. Further lines are dropped.
-const UNREAD: usize = 2048;
-/// Filter that disables the log of the OPC UA library: it may contain secrets. The gateway logs its own messages
-/// instead.
-const SILENT: &str = "opcua_client=off,opcua_core=off,opcua_crypto=off,opcua_types=off";
-
-/// Starts the log on stderr, in the format of the journal if stderr is the journal. A separate thread writes it, so
-/// that a slow reader of stderr does not block the program. Dropping the guard writes the pending lines.
-fn start_log(filter: &str) -> WorkerGuard {
-    use tracing_subscriber::field::MakeExt;
-    use tracing_subscriber::filter::{FilterExt, Targets};
-    use tracing_subscriber::fmt::format::debug_fn;
-    use tracing_subscriber::layer::{Layer, SubscriberExt};
-    use tracing_subscriber::util::SubscriberInitExt;
-    let targets = |filter: &str| format!("{filter},{SILENT}").parse::<Targets>();
-    let filter = targets(filter).or_else(|_| targets("info")).unwrap_or_default();
-    let (writer, guard) =
-        NonBlockingBuilder::default().buffered_lines_limit(UNREAD).finish(std::io::stderr());
-    // Text from outside must not end a line or control the terminal. All values except the message are quoted.
-    let fields = debug_fn(|writer, field, value| match field.name() {
-        "message" => write!(writer, "{}", one_line(&format!("{value:?}"))),
-        name => write!(writer, "{name}={}", one_line(&format!("{value:?}"))),
-    });
-    let lines = tracing_subscriber::fmt::layer()
-        .fmt_fields(fields.delimited(" "))
-        .with_writer(writer)
-        .with_ansi(std::io::stderr().is_terminal())
-        .with_target(false);
-    let lines = match journal_stream::is_stderr() {
-        true => lines.event_format(journal_stream::Prioritised::new()).boxed(),
-        false => lines.boxed(),
-    };
-    // If this process has started a log already, as in tests, that log remains.
-    let _ =
-        tracing_subscriber::registry().with(lines.with_filter(filter.and(LogRateLimit::begin()))).try_init();
-    guard
-}
-
-/// Reports arguments that exclude or require each other as clap reports single ones, and ends the program.
-fn refuse(why: &str) -> ! {
-    Arguments::command().error(clap::error::ErrorKind::MissingRequiredArgument, why).exit()
-}
-
-/// Loads a profile, or prints all its errors.
-fn load(arguments: &ProfileArguments, json: bool) -> anyhow::Result<Profile> {
-    load_with(&arguments.path, &arguments.set, json)
-}
-
-fn load_with(path: &Path, set: &[(String, String)], json: bool) -> anyhow::Result<Profile> {
-    Ok(load_quietly(path, set, json)?.profile)
-}
-
-/// Prints the warnings of a profile and returns it. Only the verbs about the profile do this: `check` and `run`.
-fn warned(loaded: Loaded) -> Profile {
-    for warning in &loaded.warnings {
-        say_beside!("warning: {warning}");
-    }
-    loaded.profile
-}
-
-/// Loads a profile that has a model for at least one axis. Without a model, a profile can be recorded and identified,
-/// but not run.
-fn load_modelled(arguments: &ProfileArguments, json: bool) -> anyhow::Result<Loaded> {
-    modelled(&arguments.path, load_quietly(&arguments.path, &arguments.set, json)?)
-}
-
-/// Returns the profile of this path if at least one of its axes has a model.
-fn modelled(path: &Path, loaded: Loaded) -> anyhow::Result<Loaded> {
-    let axes = &loaded.profile.axes;
-    let unmodelled: Vec<&str> = axes.iter().map(|axis| axis.settings.name.as_str()).collect();
-    if axes.is_empty() || axes.iter().any(Axis::has_model) {
-        return Ok(loaded);
-    }
-    anyhow::bail!(
-        "{}: axis {} has no model, so there is nothing to compensate with; {}",
-        path.display(),
-        unmodelled.join(", "),
-        how_to_find_a_model(&loaded.profile, 0)
-    )
-}
-
-/// Loads a profile without printing its warnings.
-fn load_quietly(path: &Path, set: &[(String, String)], json: bool) -> anyhow::Result<Loaded> {
-    let environment = isotherm_profile::environment();
-    load_by(path, json, || match shipped(path) {
-        Some((path, text)) => isotherm_profile::parse_with(&path, text, &machines::FILES, set, &environment),
-        None => isotherm_profile::load(path, set, &environment),
-    })
-}
-
-/// Path and text of a shipped profile; `None` if a file with this name exists.
-fn shipped(path: &Path) -> Option<(PathBuf, &'static str)> {
-    path.to_str().filter(|_| !path.exists()).and_then(machines::text)
-}
-
-/// Loads a profile with `load`, and makes the checks that need this program: TLS files, OPC UA and MQTT.
-fn load_by(path: &Path, json: bool, load: impl FnOnce() -> Result<Loaded, Errors>) -> anyhow::Result<Loaded> {
-    // A file that a profile names may be large, so that the check takes long.
-    #[cfg(any(feature = "identify", feature = "place"))]
-    let _checking = progress::Progress::begin("checking the profile");
-    let loaded = load();
-    let loaded = loaded.and_then(|loaded| tls::check(&loaded.profile).map(|()| loaded));
-    let loaded = loaded.and_then(|loaded| opcua_check::check(&loaded.profile).map(|()| loaded));
-    let loaded = loaded.and_then(|loaded| broker::check(&loaded.profile).map(|()| loaded));
-    let loaded = loaded.map_err(|mut errors| {
-        if let (Some(meant), [error]) = (machines::meant(path), errors.0.as_mut_slice()) {
-            error.help = Some(format!("did you mean the shipped machine `{meant}`?"));
-        }
-        errors
-    });
-    reported(loaded, json)
-}
-
-/// Returns the loaded profile, or prints all its errors.
-fn reported(loaded: Result<Loaded, Errors>, json: bool) -> anyhow::Result<Loaded> {
-    loaded.or_else(|errors| {
-        if json {
-            print_json(&errors)?;
-        } else {
-            say_beside!("{errors}");
-        }
-        Err(WrongProfile.into())
-    })
-}
-
-fn print_json(document: &impl serde::Serialize) -> anyhow::Result<()> {
-    Ok(say!("{}", serde_json::to_string_pretty(document)?)?)
-}
-
-/// Runtime for the verbs that connect to devices.
-fn runtime() -> std::io::Result<tokio::runtime::Runtime> {
-    tokio::runtime::Builder::new_current_thread().enable_all().build()
 }

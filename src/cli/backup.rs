@@ -8,8 +8,9 @@ use std::path::{Component, Path, PathBuf};
 use anyhow::Context;
 use serde::{Deserialize, Serialize};
 
+use super::loading::load_quietly;
+use super::running;
 use super::values::key_and_value;
-use super::{load_quietly, running};
 use crate::cli::print::{say, say_beside};
 use crate::clock::Clock;
 use crate::gateway;

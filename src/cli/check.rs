@@ -6,9 +6,11 @@ use std::path::{Path, PathBuf};
 use super::broker;
 use super::certificate::Certificate;
 use super::connection_test::ConnectionTest;
+use super::loading::{ProfileArguments, load_quietly, warned};
 use super::notices;
+use super::print::print_json;
+use super::read_once;
 use super::run::known_directory;
-use super::{ProfileArguments, load_quietly, print_json, read_once, warned};
 use crate::cli::print::{say, say_all, say_beside};
 #[cfg(feature = "opcua")]
 use crate::discovery::opcua;
@@ -68,11 +70,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return Ok(say_all!("{preview}")?);
     }
     let (lines, sensors) = (can::inspect(&profile), sysfs::inspect(&profile));
-    let pairs = super::runtime()?.block_on(pipeline::tried(&profile));
+    let pairs = super::runtime::start()?.block_on(pipeline::tried(&profile));
     #[cfg(feature = "opcua")]
-    let nodes = super::runtime()?.block_on(opcua::inspect(&profile));
+    let nodes = super::runtime::start()?.block_on(opcua::inspect(&profile));
     #[cfg(feature = "mqtt")]
-    let broker = super::runtime()?.block_on(broker::test_connection(&profile));
+    let broker = super::runtime::start()?.block_on(broker::test_connection(&profile));
     let servers = notices::look(&profile)?;
     let directory = known_directory(arguments.state.as_deref().or(profile.history.directory.as_deref()));
     let moved = moved_since(&directory, &profile);

@@ -2,7 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{ProfileArguments, load, load_modelled, print_json, running};
+use super::loading::{ProfileArguments, load, load_modelled};
+use super::print::print_json;
+use super::running;
 use crate::cli::print::{say, say_beside};
 use crate::gateway::control::{self, Failure};
 use crate::observe::status::{Answer, Command};

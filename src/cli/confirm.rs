@@ -1,7 +1,7 @@
 //! `isotherm confirm`: accepts a device of the running gateway that an operator has checked.
 
 use super::command::RunningGateway;
-use super::{ProfileArguments, load};
+use super::loading::{ProfileArguments, load};
 use crate::gateway::control;
 
 /// Accepts a device whose readings jumped while it was not reachable, or an OPC UA server whose namespaces are

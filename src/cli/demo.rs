@@ -7,10 +7,11 @@ use std::time::Duration;
 
 use serde::Serialize;
 
+use super::machines;
+use super::print::print_json;
 use super::services::Sockets;
 use super::signals::Signals;
 use super::values::{self, key_and_value};
-use super::{machines, print_json};
 use crate::cli::print::{say, say_beside};
 use crate::clock::Clock;
 use crate::discovery::can;
@@ -97,7 +98,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             "everybody on this computer may command this demo through its web page (commands = \"local\")"
         );
     }
-    let outcome = super::runtime()?.block_on(show(arguments, profile, (plant, mill), sockets, page))?;
+    let outcome =
+        super::runtime::start()?.block_on(show(arguments, profile, (plant, mill), sockets, page))?;
     anyhow::ensure!(!outcome.failed, "an internal error occurred; run the demo again with --log info");
     Ok(())
 }

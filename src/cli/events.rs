@@ -3,9 +3,10 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use super::loading::load_with;
 use super::run::known_directory;
+use super::running;
 use super::values::key_and_value;
-use super::{load_with, running};
 use crate::cli::print::{Out, say_beside};
 use crate::clock::Clock;
 use crate::observe::events::Entry;

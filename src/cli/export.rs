@@ -7,8 +7,10 @@ use anyhow::Context;
 use jiff::Timestamp;
 use serde::Serialize;
 
+use super::loading::load_quietly;
+use super::print::print_json;
+use super::running;
 use super::values::key_and_value;
-use super::{load_quietly, print_json, running};
 use crate::cli::print::{say, say_beside};
 use crate::fieldbus::explain::system;
 use crate::gateway::{log, make_directory};

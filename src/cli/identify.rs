@@ -6,9 +6,10 @@ use std::time::Duration;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use super::extra_files::ExtraFiles;
+use super::loading::load_quietly;
+use super::print::print_json;
 use super::progress::Progress;
 use super::runs::Runs;
-use super::{load_quietly, print_json};
 use crate::cli::print::Out;
 use crate::clock::Clock;
 use isotherm_core::compensation::model::Outside;
@@ -42,7 +43,7 @@ pub(super) struct Arguments {
     #[arg(value_name = "PROFILE", required_unless_present = "balls")]
     path: Option<PathBuf>,
     /// Overrides one key, may be repeated: `--set bus.cell.address=10.0.0.7:502`
-    #[arg(long, value_name = "KEY=VALUE", value_parser = super::key_and_value)]
+    #[arg(long, value_name = "KEY=VALUE", value_parser = super::values::key_and_value)]
     set: Vec<(String, String)>,
     /// Logs
     #[arg(value_name = "LOG", required_unless_present = "balls")]

@@ -1,7 +1,8 @@
 //! `isotherm measured`: reports the measured error of an axis to the running gateway.
 
 use super::command::RunningGateway;
-use super::{ProfileArguments, load, values};
+use super::loading::{ProfileArguments, load};
+use super::values;
 use crate::gateway::control;
 use isotherm_core::compensation::MeasuredReport;
 use isotherm_core::quantity::Moment;

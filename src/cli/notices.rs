@@ -33,7 +33,7 @@ pub(super) fn look(profile: &Profile) -> anyhow::Result<Vec<ConnectionTest>> {
     if profile.notify.is_empty() {
         return Ok(Vec::new());
     }
-    let runtime = super::runtime()?;
+    let runtime = super::runtime::start()?;
     let looked = runtime.block_on(async {
         let look = |notify: &Notify| {
             let server = Server::of(notify, trust(notify));

@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use super::{ProfileArguments, reported};
+use super::loading::{ProfileArguments, reported};
 use crate::clock::Clock;
 use crate::discovery::opcua::Certificate;
 use isotherm_profile::counted;

@@ -4,8 +4,9 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use super::extra_files::ExtraFiles;
+use super::print::print_json;
 use super::progress::Progress;
-use super::{print_json, values};
+use super::values;
 use crate::cli::print::say_all;
 use crate::clock::Clock;
 use isotherm_placement::blocks::Cut;

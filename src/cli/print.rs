@@ -50,6 +50,14 @@ pub(crate) fn all(text: Arguments<'_>) -> Result<()> {
     Out.write_fmt(text).and_then(|()| Out.flush())
 }
 
+/// Prints a JSON document, indented.
+///
+/// # Errors
+/// The document cannot be serialised, or standard output cannot be written.
+pub(crate) fn print_json(document: &impl serde::Serialize) -> anyhow::Result<()> {
+    Ok(line(format_args!("{}", serde_json::to_string_pretty(document)?))?)
+}
+
 /// Clears the terminal.
 ///
 /// # Errors

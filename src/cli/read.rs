@@ -2,9 +2,11 @@
 
 use std::io::IsTerminal;
 
+use super::print::print_json;
+use super::read_once;
 use super::run::known_directory;
 use super::target::Target;
-use super::{print_json, read_once};
+use super::values::wrong_arguments;
 use crate::cli::print::{clear, say_all};
 use crate::observe::status::Status;
 
@@ -45,13 +47,15 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         return nodes::run(&arguments.target, &arguments.nodes, arguments.json);
     }
     if arguments.target.is_at_a_server() {
-        super::refuse("an OPC UA server has nodes: add --browse")
+        return Err(wrong_arguments("an OPC UA server has nodes: add --browse"));
     }
     let Some(profile) = arguments.target.load(arguments.json)? else {
-        super::refuse("name a PROFILE, or a line and what to read: --bus tcp://HOST --register holding:0")
+        return Err(wrong_arguments(
+            "name a PROFILE, or a line and what to read: --bus tcp://HOST --register holding:0",
+        ));
     };
     if arguments.target.bus.is_some() || arguments.target.timeout.is_some() {
-        super::refuse("--bus and --timeout need --register, the register to read")
+        return Err(wrong_arguments("--bus and --timeout need --register, the register to read"));
     }
     let document = |status: &Status| serde_json::json!({ "now": status.now, "signals": status.signals });
     let directory = known_directory(profile.history.directory.as_deref());

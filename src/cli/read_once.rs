@@ -40,7 +40,7 @@ pub(super) fn watch(
     // The gateway cannot request these frames: it waits for the next one.
     let comes = profile.signals.iter().filter(|signal| signal.address.is_in_frames());
     let patience = comes.map(|signal| signal.max_age.min(LONGEST_PERIOD)).fold(patience, Duration::max);
-    super::runtime()?.block_on(async {
+    super::runtime::start()?.block_on(async {
         let clock = Clock::wall();
         let options = Options { dry_run: true, remembered_in: Some(directory), ..Options::default() };
         let gateway = Gateway::new(profile, &clock, options);

@@ -8,9 +8,10 @@ use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::time::Duration;
 
+use super::loading::{ProfileArguments, load};
 use super::run::known_directory;
 use super::signals::Signals;
-use super::{ProfileArguments, load, machines, values};
+use super::{machines, values};
 use crate::cli::print::{say_all, say_beside};
 use crate::clock::Clock;
 use crate::gateway::{Gateway, Options};
@@ -65,7 +66,7 @@ fn positive(text: &str) -> Result<Duration, String> {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let runtime = super::runtime()?;
+    let runtime = super::runtime::start()?;
     let recording = if arguments.on_plant {
         let (profile, plant) =
             machines::with_plant(&arguments.profile.path.to_string_lossy(), &arguments.profile.set)?;

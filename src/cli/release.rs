@@ -6,8 +6,9 @@ use std::time::Duration;
 use serde_json::Value;
 
 use super::command::RunningGateway;
+use super::loading::{ProfileArguments, load_modelled};
+use super::restart;
 use super::values::typed;
-use super::{ProfileArguments, load_modelled, restart};
 use crate::cli::print::say_beside;
 use crate::clock::BootClock;
 use crate::gateway::control;

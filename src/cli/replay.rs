@@ -22,8 +22,9 @@ use std::path::PathBuf;
 use anyhow::Context;
 use jiff::tz::TimeZone;
 
+use super::loading::{ProfileArguments, load_modelled};
 use super::logs::LogZone;
-use super::{ProfileArguments, load_modelled, print_json};
+use super::print::print_json;
 use crate::cli::print::{say_all, say_beside};
 use crate::gateway::log::{LogReader, LogRow, number};
 use isotherm_core::compensation::{Compensation, Decision, Remembered, Snapshot};

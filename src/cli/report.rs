@@ -7,9 +7,10 @@ use clap::builder::TypedValueParser;
 
 use super::extra_files::ExtraFiles;
 use super::identify::one_of;
+use super::loading::load_with;
+use super::print::print_json;
 use super::progress::Progress;
 use super::runs::Runs;
-use super::{load_with, print_json};
 use crate::cli::print::Out;
 use crate::clock::Clock;
 use isotherm_identify::applied::{Applied, add_without_cz};

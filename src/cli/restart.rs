@@ -6,7 +6,8 @@ use std::time::Duration;
 use serde_json::Value;
 
 use super::command::RunningGateway;
-use super::{ProfileArguments, WrongProfile, load_modelled, running};
+use super::loading::{ProfileArguments, WrongProfile, load_modelled};
+use super::running;
 use crate::cli::print::say_beside;
 use crate::clock::BootClock;
 use crate::gateway::control::{self, Failure};

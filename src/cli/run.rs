@@ -10,12 +10,13 @@ use tracing_appender::non_blocking::WorkerGuard;
 
 #[cfg(feature = "mqtt")]
 use super::broker;
+use super::loading::{ProfileArguments, warned};
 use super::notices;
 use super::port::Port;
 use super::run_profile::{self, RunProfile};
 use super::services::{Services, Sockets};
 use super::signals::Signals;
-use super::{ProfileArguments, volume, warned};
+use super::volume;
 use crate::cli::print::{say, say_beside};
 use crate::clock::Clock;
 use crate::gateway::{
@@ -166,7 +167,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<Option<Replacement>> 
             tracing::info!("device {name}: {request}: {}", request.signals(&profile).join(", "));
         }
     }
-    let runtime = super::runtime()?;
+    let runtime = super::runtime::start()?;
     let outcome = runtime.block_on(async {
         let signals = Signals::listen()?.count();
         // An error would mean that the counting task has ended.

@@ -5,7 +5,8 @@ use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 
-use super::{ProfileArguments, load_by, machines, modelled, shipped};
+use super::loading::{ProfileArguments, load_by, load_modelled, modelled, shipped};
+use super::machines;
 use crate::gateway::{KeptProfile, memory_for_profile};
 use crate::observe::events::Event;
 use crate::observe::status::GatewayApi;
@@ -77,7 +78,7 @@ pub(super) fn read(
     file: Option<File>,
 ) -> anyhow::Result<(Loaded, Option<Sources>)> {
     let ProfileArguments { path, set } = arguments;
-    let Some(file) = file else { return Ok((super::load_modelled(arguments, false)?, None)) };
+    let Some(file) = file else { return Ok((load_modelled(arguments, false)?, None)) };
     let mut sources = Some(Sources::create(file, &environment(), set));
     let load = || -> Result<Loaded, Errors> {
         let Some(mut kept) = sources.take() else { return isotherm_profile::load(path, set, &environment()) };

@@ -3,9 +3,10 @@
 use std::io::{IsTerminal, Write};
 use std::time::Duration;
 
-use super::print_json;
+use super::print::print_json;
 use super::signals::Signals;
 use super::target::{self, Target};
+use super::values::wrong_arguments;
 use crate::cli::print::{say, say_all, say_beside, say_progress};
 use crate::clock::Clock;
 use crate::discovery::bus::{LineAddress, Parity, Serial, Transport, baud};
@@ -60,7 +61,9 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.target.bus.is_none() && arguments.target.profile.is_none() {
-        super::refuse("name a line: --bus tcp://192.168.0.10:502, or a PROFILE with --bus NAME");
+        return Err(wrong_arguments(
+            "name a line: --bus tcp://192.168.0.10:502, or a PROFILE with --bus NAME",
+        ));
     }
     let line = arguments.target.any(arguments.json)?;
     #[cfg(feature = "opcua")]
@@ -74,7 +77,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let is_serial = matches!(line.address.transport, Transport::Serial(_));
     let has_settings = !arguments.baud.is_empty() || !arguments.parity.is_empty();
     if has_settings && !is_serial {
-        super::refuse("--baud and --parity are for a serial line: rtu:///dev/ttyUSB0");
+        return Err(wrong_arguments("--baud and --parity are for a serial line: rtu:///dev/ttyUSB0"));
     }
     let scan = Scan {
         lines: settings(&line.address, &arguments.baud, &arguments.parity),
@@ -85,7 +88,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         trace: arguments.trace.then_some(print_exchange),
     };
     say_beside!("{}", text::plan(&scan));
-    let runtime = super::runtime()?;
+    let runtime = super::runtime::start()?;
     let (seen, stopped) = runtime.block_on(async {
         let mut signals = Signals::listen()?;
         let clock = Clock::wall();

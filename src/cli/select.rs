@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::extra_files::ExtraFiles;
-use super::print_json;
+use super::print::print_json;
 use super::progress::Progress;
 use super::runs::Runs;
 use crate::cli::print::Out;

@@ -87,7 +87,7 @@ impl Sockets {
         let (stop, stopped) = watch::channel(false);
         let source = source.clone();
         let control = self.control.as_ref().map(|(_, path)| path.clone());
-        let runtime = super::runtime()?;
+        let runtime = super::runtime::start()?;
         let shares = Shares::now(lines);
         let thread = std::thread::Builder::new().name("services".to_owned()).spawn(move || {
             runtime.block_on(self.all(source, wire_log, shares, stopped));

@@ -1,8 +1,9 @@
 //! `isotherm sign`: a guided check with a dial gauge that an axis moves in the right direction.
 
 use super::command::RunningGateway;
+use super::loading::{ProfileArguments, load};
+use super::print::print_json;
 use super::values::typed;
-use super::{ProfileArguments, load, print_json};
 use crate::cli::print::{say, say_beside};
 use crate::gateway::control;
 use crate::observe::status::{Command, DialDirection};

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use anyhow::Context;
 
+use super::loading::{ProfileArguments, load};
 use super::signals::Signals;
-use super::{ProfileArguments, load};
 use crate::cli::print::say;
 use crate::clock::Clock;
 use crate::virtual_machine::{FaultScript, PlantSpec, Setup, VirtualMachine};
@@ -61,7 +61,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let with =
         if plant.is_some() { "its plant" } else { "varying values (no plant file next to the profile)" };
     let setup = Setup { plant, seed: arguments.seed, faults, lived: arguments.from, ..Setup::default() };
-    super::runtime()?.block_on(async {
+    super::runtime::start()?.block_on(async {
         let mut signals = Signals::listen()?;
         let mut machine = VirtualMachine::start(&profile, setup, &Clock::wall()).await?;
         say!("{} with {with}, seed {}", profile.name, arguments.seed)?;

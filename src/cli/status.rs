@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use serde_json::{Map, Value};
 
-use super::{load_quietly, running};
+use super::loading::load_quietly;
+use super::running;
 use crate::cli::print::{clear, say, say_all};
 use crate::gateway::control;
 

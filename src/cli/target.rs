@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::load_with;
+use super::loading::load_with;
 use super::values::{self, key_and_value};
 use crate::discovery::Register;
 use crate::discovery::bus::LineAddress;

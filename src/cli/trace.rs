@@ -4,7 +4,8 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::{ProfileArguments, load, values};
+use super::loading::{ProfileArguments, load};
+use super::values;
 use super::{command::RunningGateway, new_file};
 use crate::cli::print::{Out, say_beside};
 use crate::gateway::control;

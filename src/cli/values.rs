@@ -3,6 +3,16 @@
 use std::io::BufRead;
 use std::time::Duration;
 
+/// Arguments that exclude or require each other. The program reports them as clap reports a single wrong argument.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub(super) struct WrongArguments(String);
+
+/// Returns the error for arguments that exclude or require each other.
+pub(super) fn wrong_arguments(why: impl Into<String>) -> anyhow::Error {
+    WrongArguments(why.into()).into()
+}
+
 /// Reads a line from stdin; `None` at its end.
 pub(super) fn typed() -> std::io::Result<Option<String>> {
     let mut text = String::new();

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 
-use super::super::print_json;
+use super::super::print::print_json;
 use isotherm_identify::balls::{DIRECTIONS, Terms, log, terms};
 use isotherm_identify::dataset::{Dataset, Split, every_column};
 use isotherm_profile::counted;

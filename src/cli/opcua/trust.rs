@@ -4,9 +4,10 @@ use std::path::PathBuf;
 
 use super::own::put;
 use super::{LineArguments, SecuredLine, shown};
+use crate::cli::print::print_json;
 use crate::cli::print::{say, say_all, say_beside};
+use crate::cli::runtime;
 use crate::cli::values::typed;
-use crate::cli::{print_json, runtime};
 use crate::discovery::opcua::{Certificate, Offer, offers};
 
 const OF_A_CERTIFICATE: u32 = 0o644;
@@ -33,7 +34,7 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let line = arguments.line.find()?;
     let asked = offers(&line.bus.address, line.bus.timeout);
-    let offers = runtime()?.block_on(asked).map_err(anyhow::Error::msg)?;
+    let offers = runtime::start()?.block_on(asked).map_err(anyhow::Error::msg)?;
     let certificate = of_the_server(&line, &offers)?;
     if !arguments.line.json {
         say!("The server at {} shows", line.bus.address)?;

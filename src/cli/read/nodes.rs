@@ -1,8 +1,10 @@
 //! The nodes of an OPC UA server, for a user who looks for the right one.
 
+use crate::cli::print::print_json;
 use crate::cli::print::{say, say_beside};
+use crate::cli::runtime;
 use crate::cli::target::Target;
-use crate::cli::{print_json, refuse, runtime};
+use crate::cli::values::wrong_arguments;
 use crate::discovery::opcua::{Described, browse, in_a_line};
 use isotherm_core::codec::{Namespace, NodeId};
 use isotherm_profile::{Bus, one_line};
@@ -35,10 +37,12 @@ impl Nodes {
 pub(super) fn run(target: &Target, nodes: &Nodes, json: bool) -> anyhow::Result<()> {
     let Some(first) = &nodes.browse else { return Ok(()) };
     let Some(bus) = server(target, json)? else {
-        refuse("--browse needs an OPC UA server: --bus opc.tcp://HOST, or a PROFILE with --bus NAME")
+        return Err(wrong_arguments(
+            "--browse needs an OPC UA server: --bus opc.tcp://HOST, or a PROFILE with --bus NAME",
+        ));
     };
     let browsing = browse(&bus, first, usize::from(nodes.depth), usize::from(nodes.most));
-    let tree = runtime()?.block_on(browsing).map_err(anyhow::Error::msg)?;
+    let tree = runtime::start()?.block_on(browsing).map_err(anyhow::Error::msg)?;
     if json {
         return print_json(&tree);
     }

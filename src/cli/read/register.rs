@@ -3,9 +3,11 @@
 use std::io::Write;
 use std::time::Duration;
 
+use crate::cli::print::print_json;
 use crate::cli::print::{Out, say, say_beside};
 use crate::cli::target::{Line, Target};
-use crate::cli::{print_json, refuse, values};
+use crate::cli::values;
+use crate::cli::values::wrong_arguments;
 use crate::clock::Clock;
 use crate::discovery::remedy::{Question, remedy};
 use crate::discovery::unit_reader::{Trace, UnitReader};
@@ -94,17 +96,19 @@ impl One {
 fn line(target: &Target, one: &One, json: bool) -> anyhow::Result<(Line, u8)> {
     let Some(name) = &one.device else {
         if target.bus.is_none() {
-            refuse("--register needs a unit: --bus tcp://HOST --unit 1, or a PROFILE with --device NAME");
+            return Err(wrong_arguments(
+                "--register needs a unit: --bus tcp://HOST --unit 1, or a PROFILE with --device NAME",
+            ));
         }
         let Some(unit) = one.unit else {
-            refuse(match target.is_at_a_server() {
+            return Err(wrong_arguments(match target.is_at_a_server() {
                 true => "an OPC UA server has nodes: add --browse, and leave --register out",
                 false => "--unit is missing: the Modbus unit, often 1",
-            })
+            }));
         };
         return Ok((target.find(json)?, unit));
     };
-    let Some(profile) = target.load(json)? else { refuse("--device needs a PROFILE") };
+    let Some(profile) = target.load(json)? else { return Err(wrong_arguments("--device needs a PROFILE")) };
     let device = profile.devices.iter().find(|device| device.name == *name).cloned().ok_or_else(|| {
         let known: Vec<&str> = profile.devices.iter().map(|device| device.name.as_str()).collect();
         anyhow::anyhow!("the profile has no device `{name}`; it has: {}", known.join(", "))
@@ -118,21 +122,26 @@ pub(super) fn run(target: &Target, one: &One, watch: bool, json: bool) -> anyhow
     let form = one.form();
     let is_bits = from.table.is_bits();
     if is_bits && one.data_type.is_some_and(|known| known != DataType::Bool) {
-        refuse(&format!("{from} is a single bit: leave --type out"));
+        return Err(wrong_arguments(format!("{from} is a single bit: leave --type out")));
     }
     let most = if is_bits { MOST_BITS } else { MOST_REGISTERS };
     let count = u32::from(one.count) * u32::from(form.registers());
     let Some(count) = u16::try_from(count).ok().filter(|count| *count <= most) else {
-        refuse(&format!("at most {} values of this type fit into one request", most / form.registers()));
+        return Err(wrong_arguments(format!(
+            "at most {} values of this type fit into one request",
+            most / form.registers()
+        )));
     };
     if u32::from(from.offset) + u32::from(count) > 65_536 {
-        refuse(&format!("{count} registers from {from} exceed the last register, 65535"));
+        return Err(wrong_arguments(format!(
+            "{count} registers from {from} exceed the last register, 65535"
+        )));
     }
     let (line, unit) = line(target, one, json)?;
     let question = Question { line: &line.address, unit, from, count, timeout: line.bus.timeout };
     let trace = one.trace.then_some(print_exchange as Trace);
     let mut requester = UnitReader::new(&line.address, &line.bus, line.quirks, trace);
-    crate::cli::runtime()?.block_on(async {
+    crate::cli::runtime::start()?.block_on(async {
         let clock = Clock::wall();
         let begun = clock.now();
         loop {

@@ -1,8 +1,8 @@
 //! Endpoints of an OPC UA server, with their users and its certificate, also as lines of a profile.
 
 use crate::cli::opcua::shown;
+use crate::cli::print::print_json;
 use crate::cli::print::{say, say_all};
-use crate::cli::print_json;
 use crate::cli::target::Line;
 use crate::discovery::opcua::{Offer, offers};
 use isotherm_profile::Security;
@@ -10,7 +10,7 @@ use isotherm_profile::Security;
 pub(super) fn run(line: &Line, json: bool) -> anyhow::Result<()> {
     let url = &line.bus.address;
     let asked = offers(url, line.bus.timeout);
-    let offers = crate::cli::runtime()?.block_on(asked).map_err(anyhow::Error::msg)?;
+    let offers = crate::cli::runtime::start()?.block_on(asked).map_err(anyhow::Error::msg)?;
     if json {
         return print_json(&serde_json::json!({ "url": url, "endpoints": offers }));
     }

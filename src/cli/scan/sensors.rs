@@ -3,8 +3,8 @@
 use std::path::Path;
 use std::time::Duration;
 
+use crate::cli::print::print_json;
 use crate::cli::print::{say, say_all};
-use crate::cli::print_json;
 use crate::cli::target::Line;
 use crate::discovery::sysfs::{Temperature, scan};
 
@@ -14,7 +14,7 @@ const TIMEOUT: Duration = Duration::from_secs(2);
 pub(super) fn run(line: &Line, timeout: Option<Duration>, json: bool) -> anyhow::Result<()> {
     let root = &line.bus.address;
     let timeout = timeout.unwrap_or(line.bus.timeout.max(TIMEOUT));
-    let found = crate::cli::runtime()?.block_on(scan(Path::new(root), timeout));
+    let found = crate::cli::runtime::start()?.block_on(scan(Path::new(root), timeout));
     if json {
         print_json(&serde_json::json!({ "address": root, "sensors": found }))?;
     } else if !found.is_empty() {
