@@ -175,6 +175,14 @@ fn too_late(kind: Kind, killed: Killed) {
     let mut came = Came::after(35, kind, killed);
     let (stood, late) = came.control.lock().unwrap().late.unwrap();
     let mut jumps = vec![(stood, late)];
+    if !matches!(kind, Kind::Unread(_)) && came.was_replaced_unread() {
+        println!("{}: void, because the value was replaced between a read and the next write", came.name);
+        came.control.lock().unwrap().words[0] = 170;
+        came.arrives(-30);
+        let (name, control, _) = came.ends();
+        jumps.push((late, stood));
+        return assert_eq!(control.lock().unwrap().jumps(), jumps, "{name}");
+    }
     let is_known = match (kind, killed) {
         (Kind::Unread(ECHO), _) => {
             // An unread register keeps the value until it is written again.
@@ -220,6 +228,16 @@ fn too_late(kind: Kind, killed: Killed) {
 }
 
 impl Came {
+    /// Waits until the program has read the value of the delayed write, or has replaced it without a read.
+    fn was_replaced_unread(&mut self) -> bool {
+        let control = self.control.clone();
+        self.program.waits_until(&self.name, || {
+            let control = control.lock().unwrap();
+            control.is_late_read || control.is_late_overwritten
+        });
+        self.control.lock().unwrap().is_late_overwritten
+    }
+
     /// Checks that no offset is written.
     #[track_caller]
     fn is_left_alone(&self) {

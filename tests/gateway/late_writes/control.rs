@@ -55,6 +55,9 @@ pub(crate) struct Control {
     /// The change by the delayed write was read. If values are written repeatedly, it may have changed nothing, or may
     /// have been overwritten before.
     pub(crate) is_late_read: bool,
+    /// The delayed write arrived between a read of the client and its next write, which replaced the value unread. No
+    /// client can know that value.
+    pub(crate) is_late_overwritten: bool,
     /// Offset that the register must have before a delayed write arrives.
     pub(crate) comes_over: Option<i16>,
     /// Movement of the scale before it is read, counts.
@@ -83,6 +86,7 @@ impl Control {
             held: None,
             late: None,
             is_late_read: false,
+            is_late_overwritten: false,
             comes_over: None,
             moves: 0,
             offsets: |words| [words[10].cast_signed(), words[11].cast_signed()],
@@ -108,10 +112,20 @@ impl Control {
         if (from..from + count).contains(&SCALE) {
             self.words[SCALE] = (self.words[SCALE] + self.moves) % 1000;
         }
-        let is_late = |(stood, late)| stood != late && (self.offsets)(&self.words)[0] == late;
-        let is_late = self.late.is_some_and(is_late);
-        self.is_late_read |= is_late && (from..from + count).contains(&OFFSET);
+        self.is_late_read |= self.is_late() && (from..from + count).contains(&OFFSET);
         question.read(&self.words)
+    }
+
+    /// Whether the offset is that of the delayed write, which has changed it.
+    fn is_late(&self) -> bool {
+        self.late.is_some_and(|(stood, late)| stood != late && (self.offsets)(&self.words)[0] == late)
+    }
+
+    /// Executes a write of the client that is neither lost nor delayed.
+    fn write(&mut self, register: u16, words: &[u16]) {
+        let was_late = self.is_late();
+        self.put(register, words);
+        self.is_late_overwritten |= was_late && !self.is_late_read && !self.is_late();
     }
 
     pub(crate) fn apply(&mut self) {
@@ -199,7 +213,7 @@ fn answer(question: &Question, stream: &mut TcpStream, shared: &Shared) -> Resul
             });
             return Ok(());
         }
-        _ => control.put(from, &words),
+        _ => control.write(from, &words),
     }
     let reply = match fate {
         Fate::DoneAndDenied(code) => question.answer(&question.denied(code)),
