@@ -12,7 +12,8 @@ use isotherm_profile::safe_file::without_numbers;
 use isotherm_profile::{Axis, Errors, Loaded, Profile, one_line};
 
 use crate::cli::print::{Out, say, say_beside};
-use crate::fieldbus::{opcua_check, tls};
+use crate::fieldbus::kinds::opcua::check as opcua_check;
+use crate::fieldbus::tls;
 use crate::gateway::control::Failure;
 use crate::gateway::how_to_find_a_model;
 use crate::observe::status::Command;

@@ -8,7 +8,7 @@ use super::signals::Signals;
 use super::target::{self, Target};
 use crate::cli::print::{say, say_all, say_beside, say_progress};
 use crate::clock::Clock;
-use crate::discovery::bus::{LineAddress, Parity, Serial, Transport, baud};
+use crate::discovery::bus::{LineAddress, Parity, ScanKind, Serial, baud};
 use crate::discovery::register_search::{RegisterRange, walk};
 use crate::discovery::remedy::{Question, remedy};
 use crate::discovery::scan::{AnswerKind, Event, FailedScan, Responder, Scan};
@@ -63,15 +63,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         super::refuse("name a line: --bus tcp://192.168.0.10:502, or a PROFILE with --bus NAME");
     }
     let line = arguments.target.any(arguments.json)?;
-    #[cfg(feature = "opcua")]
-    if line.bus.opcua.is_some() {
-        return endpoints::run(&line, arguments.json);
+    match line.address.kind().scan {
+        #[cfg(feature = "opcua")]
+        ScanKind::Endpoints(_) => return endpoints::run(&line, arguments.json),
+        ScanKind::Sensors(_) => return sensors::run(&line, arguments.target.timeout, arguments.json),
+        _ => line.has_registers()?,
     }
-    if line.address.transport == Transport::Sysfs {
-        return sensors::run(&line, arguments.target.timeout, arguments.json);
-    }
-    line.has_registers()?;
-    let is_serial = matches!(line.address.transport, Transport::Serial(_));
+    let is_serial = line.address.serial().is_some();
     let has_settings = !arguments.baud.is_empty() || !arguments.parity.is_empty();
     if has_settings && !is_serial {
         super::refuse("--baud and --parity are for a serial line: rtu:///dev/ttyUSB0");
@@ -126,7 +124,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 /// The line with every setting to try.
 fn settings(line: &LineAddress, bauds: &[u32], parities: &[Parity]) -> Vec<LineAddress> {
-    let Transport::Serial(serial) = line.transport else { return vec![line.clone()] };
+    let Some(serial) = line.serial() else { return vec![line.clone()] };
     let bauds = if bauds.is_empty() { &[serial.baud] } else { bauds };
     let parities = if parities.is_empty() { &[serial.parity] } else { parities };
     let each = bauds.iter().flat_map(|baud| parities.iter().map(move |parity| (*baud, *parity)));
@@ -164,7 +162,7 @@ impl ScanResults {
     fn take(&mut self, event: Event) {
         match event {
             Event::Line(line) => {
-                if self.several || matches!(line.transport, Transport::Serial(_)) {
+                if self.several || line.serial().is_some() {
                     clear_line();
                     say_beside!("{line}");
                 }

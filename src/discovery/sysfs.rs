@@ -6,8 +6,8 @@ use std::time::Duration;
 use serde::Serialize;
 
 use crate::clock::WallTimeout;
-use crate::fieldbus::sysfs::find::{PresentSensor, all, find};
-use crate::fieldbus::sysfs::readers::Readers;
+use crate::fieldbus::kinds::sysfs::find::{PresentSensor, all, find};
+use crate::fieldbus::kinds::sysfs::readers::Readers;
 use isotherm_core::codec::PcSensor;
 use isotherm_core::reading::Reason;
 use isotherm_profile::{Profile, Transport};

@@ -14,7 +14,7 @@
 //! answer to the one before. On RTU, answers have no transaction number, and a new connection does not help, because a
 //! late answer may arrive on it. There the unit gets no request until [`GRACE`] further timeouts have passed, under any
 //! device name. Input that arrives until then is discarded. A unit that is known to answer promptly waits less, see
-//! [`super::pending_replies`].
+//! [`super::kinds::modbus::pending_replies`].
 //!
 //! An even later answer cannot be distinguished from the next one. The timeout must therefore be at least a quarter of
 //! the longest answer time of a device. After two timeouts in a row the line opens the port again, because an adapter
@@ -32,9 +32,9 @@ use std::time::Duration;
 use super::backoff::Backoff;
 use super::connection::{Connection, Dial};
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
-use super::pending_replies::{PendingReplies, Spans};
-use super::pipeline::Pipeline;
-use super::reply_signature::ReplySignature;
+use super::kinds::modbus::pending_replies::{PendingReplies, Spans};
+use super::kinds::modbus::pipeline::Pipeline;
+use super::kinds::modbus::reply_signature::ReplySignature;
 use super::send_guard::{SendDeadline, SendGuard};
 use super::trace::Tap;
 use super::wire::{Answer, NodeRequest, Request};

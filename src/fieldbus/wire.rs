@@ -8,7 +8,7 @@ use std::pin::Pin;
 use std::time::Duration;
 
 use super::error::Fault;
-use super::reply_signature::ReplySignature;
+use super::kinds::modbus::reply_signature::ReplySignature;
 use super::send_guard::SendGuard;
 use isotherm_core::quantity::Moment;
 

@@ -16,12 +16,12 @@ use std::task::{Context, Poll};
 use std::time::Duration;
 
 use isotherm::clock::Clock;
-use isotherm::fieldbus::canopen::NodeId;
-use isotherm::fieldbus::canopen::master::{Master, Start, Supervision};
-use isotherm::fieldbus::canopen::sdo::{Client, LONGEST, Progress};
-use isotherm::fieldbus::modbus::ModbusTcp;
+use isotherm::fieldbus::kinds::can::canopen::NodeId;
+use isotherm::fieldbus::kinds::can::canopen::master::{Master, Start, Supervision};
+use isotherm::fieldbus::kinds::can::canopen::sdo::{Client, LONGEST, Progress};
+use isotherm::fieldbus::kinds::modbus::rtu::Rtu;
+use isotherm::fieldbus::kinds::modbus::tcp::ModbusTcp;
 use isotherm::fieldbus::port::Port;
-use isotherm::fieldbus::rtu::Rtu;
 use isotherm::fieldbus::send_guard::SendGuard;
 use isotherm::fieldbus::trace::Tap;
 use isotherm::fieldbus::wire::{Answer, Request, Wire};

@@ -37,7 +37,7 @@ const ARROWS: [(&str, &str, &[&str]); 21] = [
     (
         "",
         "virtual_machine",
-        &["clock", "fieldbus::can::socket", "fieldbus::canopen::abort", "fieldbus::error"],
+        &["clock", "fieldbus::kinds::can::socket", "fieldbus::kinds::can::canopen::abort", "fieldbus::error"],
     ),
     (
         "",
@@ -45,7 +45,7 @@ const ARROWS: [(&str, &str, &[&str]); 21] = [
         &[
             "clock",
             "fieldbus::explain",
-            "fieldbus::opcua_check",
+            "fieldbus::kinds::opcua::check",
             "fieldbus::tls",
             "gateway",
             "observe",

@@ -3,8 +3,8 @@
 //! exchanged their indexes.
 
 use isotherm::fieldbus::error::{CallerFault, Fault};
-use isotherm::fieldbus::modbus::ModbusTcp;
-use isotherm::fieldbus::namespaces::NamespaceTable;
+use isotherm::fieldbus::kinds::modbus::tcp::ModbusTcp;
+use isotherm::fieldbus::kinds::opcua::namespaces::NamespaceTable;
 use isotherm::fieldbus::send_guard::SendGuard;
 use isotherm::fieldbus::wire::{Answer, Boxed, NodeReading, NodeRequest, Request, Stamped, Wire};
 use isotherm_core::codec::{Encoded, Identifier, Namespace, Node, NodeId, Register, Scalar};

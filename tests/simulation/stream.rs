@@ -8,10 +8,10 @@ use std::time::Duration;
 
 use isotherm::fieldbus::connection::{Connection, Dial};
 use isotherm::fieldbus::error::{Fault, LinkFault};
-use isotherm::fieldbus::modbus::ModbusTcp;
-use isotherm::fieldbus::namespaces::NamespaceTable;
+use isotherm::fieldbus::kinds::modbus::rtu::Rtu;
+use isotherm::fieldbus::kinds::modbus::tcp::ModbusTcp;
+use isotherm::fieldbus::kinds::opcua::namespaces::NamespaceTable;
 use isotherm::fieldbus::port::Port;
-use isotherm::fieldbus::rtu::Rtu;
 use isotherm::fieldbus::trace::Tap;
 use isotherm::fieldbus::wire::Boxed;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};

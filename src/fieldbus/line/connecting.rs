@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use super::{ConnectionHistory, DeviceLine};
 use crate::fieldbus::error::{Fault, LinkFault};
-use crate::fieldbus::pending_replies::PendingReplies;
-use crate::fieldbus::reply_signature::ReplySignature;
+use crate::fieldbus::kinds::modbus::pending_replies::PendingReplies;
+use crate::fieldbus::kinds::modbus::reply_signature::ReplySignature;
 use crate::fieldbus::wire::Request;
 use isotherm_core::continuity::Break;
 use isotherm_core::quantity::Moment;

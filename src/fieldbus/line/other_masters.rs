@@ -14,8 +14,8 @@ use std::time::Duration;
 
 use super::{Attribution, CheckedAnswer, DeviceLine};
 use crate::fieldbus::error::{Fault, PeerFault};
-use crate::fieldbus::pending_replies::PendingReplies;
-use crate::fieldbus::reply_signature::ReplySignature;
+use crate::fieldbus::kinds::modbus::pending_replies::PendingReplies;
+use crate::fieldbus::kinds::modbus::reply_signature::ReplySignature;
 use crate::fieldbus::send_guard::SendDeadline;
 use crate::fieldbus::wire::{ForeignFrame, Request};
 use isotherm_core::quantity::Moment;

@@ -4,7 +4,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
 
 use super::*;
 use crate::fieldbus::error::PeerFault;
-use crate::fieldbus::modbus::ModbusTcp;
+use crate::fieldbus::kinds::modbus::tcp::ModbusTcp;
 use crate::fieldbus::send_guard::SendGuard;
 use isotherm_core::codec::{Register, Table};
 

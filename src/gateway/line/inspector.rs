@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use super::can::Can;
 use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
+use crate::fieldbus::kinds;
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, CanRequest, NodeRequest, Request};
 use crate::gateway::shared::line_handle::LineHandle;
@@ -21,7 +22,7 @@ use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
 use isotherm_profile::preview::checks;
-use isotherm_profile::{BusId, Device, DeviceId, Expected, Profile, Setup, Transport};
+use isotherm_profile::{BusId, Device, DeviceId, Expected, Profile, Setup};
 
 /// Delay before a device that did not answer is asked again. The back-off of the line comes on top.
 const ASK_AGAIN: Duration = Duration::from_secs(1);
@@ -41,7 +42,7 @@ const BUSY: u8 = 6;
 pub(super) struct Inspector {
     bus: BusId,
     inspections: Vec<Inspection>,
-    /// Whether the line is an OPC UA server.
+    /// Whether the line is a server with namespaces.
     is_server: bool,
     namespaces: NamespaceWatch,
 }
@@ -100,7 +101,7 @@ enum CheckRound {
 impl Inspector {
     pub(super) fn new(profile: &Profile, bus: BusId, start: Moment) -> Inspector {
         // The nodes of a server are identified by their namespaces.
-        let is_server = profile.bus(bus).transport == Transport::OpcUa;
+        let is_server = kinds::of(profile.bus(bus).transport).has_namespaces;
         let checked = profile.devices_on(bus).filter(|(_, device)| is_server || device.is_checked());
         let stretch = checks::stretch(profile, bus);
         let inspection = |(id, device): (DeviceId, &Device)| {

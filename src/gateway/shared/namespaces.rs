@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use super::state::GatewayState;
-use crate::fieldbus::namespaces::NamespaceTable;
+use crate::fieldbus::kinds::opcua::namespaces::NamespaceTable;
 use crate::observe::events::Event;
 use isotherm_core::codec::{Address, Namespace, Node, NodeId};
 use isotherm_core::continuity::{CheckFailure, Difference};

@@ -2,7 +2,7 @@
 
 use super::tree::{PROBE, Tree};
 use isotherm::discovery::sysfs::scan;
-use isotherm::fieldbus::sysfs::find::{all, find};
+use isotherm::fieldbus::kinds::sysfs::find::{all, find};
 use isotherm_core::codec::PcSensor;
 use isotherm_core::reading::Reason;
 use std::time::Duration;

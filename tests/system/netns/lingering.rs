@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use isotherm::fieldbus::connection::{Connection, Dial};
 use isotherm::fieldbus::error::{Fault, LinkFault};
-use isotherm::fieldbus::modbus::ModbusTcp;
+use isotherm::fieldbus::kinds::modbus::tcp::ModbusTcp;
 use isotherm::fieldbus::trace::Tap;
 use isotherm::fieldbus::wire::Boxed;
 use isotherm::gateway::Dialer;

@@ -2,7 +2,7 @@
 //! with another request.
 
 use super::*;
-use crate::fieldbus::modbus::ModbusTcp;
+use crate::fieldbus::kinds::modbus::tcp::ModbusTcp;
 use isotherm_profile::Gateway;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 

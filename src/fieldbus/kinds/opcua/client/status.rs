@@ -4,7 +4,7 @@ use ::opcua::types::{Error, StatusCode};
 use isotherm_core::reading::Status;
 
 use crate::fieldbus::error::{Fault, LinkFault, Outcome, PeerFault};
-use crate::fieldbus::opcua_fault::OpcUaFault;
+use crate::fieldbus::kinds::opcua::fault::OpcUaFault;
 use crate::fieldbus::wire::Answer;
 
 /// Returns the fault for an error while a session is opened.

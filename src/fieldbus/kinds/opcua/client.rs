@@ -17,7 +17,7 @@
 //!   namespace of a node, the gateway does not send the node. It then counts as missing.
 //! - The library discards an answer with an unknown number. Such an answer is never taken for another one.
 //!
-//! [`DeviceLine`]: super::line::DeviceLine
+//! [`DeviceLine`]: crate::fieldbus::line::DeviceLine
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -27,13 +27,14 @@ use ::opcua::crypto::{PrivateKey, X509};
 use ::opcua::types::EndpointDescription;
 use tokio::net::TcpStream;
 
-use super::connection::{Connection, Dial};
-use super::error::{Fault, LinkFault};
+use super::fault::OpcUaFault;
 use super::namespaces::NamespaceTable;
-use super::opcua_fault::OpcUaFault;
-use super::tcp::connected;
-use super::trace::Tap;
-use super::wire::Boxed;
+use crate::fieldbus::connection::{Connection, Dial};
+use crate::fieldbus::error::{Fault, LinkFault};
+use crate::fieldbus::kinds::target::host_of_url;
+use crate::fieldbus::tcp::connected;
+use crate::fieldbus::trace::Tap;
+use crate::fieldbus::wire::Boxed;
 use channel::{Link, Socket};
 use files::Files;
 use isotherm_profile::{Bus, Security};
@@ -91,7 +92,7 @@ impl OpcUaDial {
     /// Returns a dial for the server of this bus; `None` for any other kind of line.
     pub(super) fn new(bus: &Bus) -> Option<OpcUaDial> {
         let line = bus.opcua.as_ref()?;
-        let address = host_and_port(&bus.address).to_owned();
+        let address = host_of_url(&bus.address).to_owned();
         let (url, timeout) = (bus.address.clone(), bus.timeout);
         let files = Files::read(line).ok();
         Some(OpcUaDial {
@@ -169,15 +170,9 @@ impl OpcUaDial {
     }
 }
 
-/// Returns host and port of a server's URL.
-fn host_and_port(url: &str) -> &str {
-    let rest = url.split_once("://").map_or(url, |(_, rest)| rest);
-    rest.split('/').next().unwrap_or_default()
-}
-
 /// Queries the endpoints of a server, on a separate connection without security.
 async fn offered(url: &str, timeout: Duration) -> Result<Vec<EndpointDescription>, Fault> {
-    let socket = connected(host_and_port(url), timeout).await?;
+    let socket = connected(host_of_url(url), timeout).await?;
     let socket = Socket::new(url, socket, None);
     let plain = channel::secured(&EndpointDescription::from(url));
     let opening = Link::open(Arc::new(plain), &socket);

@@ -20,9 +20,9 @@
 //! failed twice in a row, until the unit has answered that as an ordinary read. The answer to a write has no control
 //! question.
 
-use super::error::{Fault, PeerFault};
 use super::reply_signature::ReplySignature;
-use super::request::Request;
+use crate::fieldbus::error::{Fault, PeerFault};
+use crate::fieldbus::request::Request;
 
 /// Maximum number of doublings of the pause that follows an answer to an earlier request.
 const LONGEST_PAUSE: u8 = 5;
@@ -30,7 +30,7 @@ const LONGEST_PAUSE: u8 = 5;
 /// State of the order check of one unit. The check detects a gateway that answers each request with the answer to an
 /// earlier one.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct OrderCheck {
+pub(in crate::fieldbus) struct OrderCheck {
     doubt: AnswerUse,
     /// Last two reads with data, whose answers have different forms.
     answered: [Option<Request<'static>>; 2],
@@ -39,7 +39,7 @@ pub(super) struct OrderCheck {
     /// Control question that has failed once since it was last answered.
     unsure: Option<Request<'static>>,
     /// Number of consecutive answers that belonged to an earlier request.
-    pub(super) lost: u8,
+    pub(in crate::fieldbus) lost: u8,
 }
 
 /// Answers that the gateway may keep.
@@ -55,17 +55,17 @@ enum AnswerUse {
 
 impl OrderCheck {
     /// Returns the state of a unit without requests so far.
-    pub(super) fn unknown() -> OrderCheck {
+    pub(in crate::fieldbus) fn unknown() -> OrderCheck {
         OrderCheck { doubt: AnswerUse::Unknown, answered: [None; 2], failed: None, unsure: None, lost: 0 }
     }
 
     /// Returns whether the gateway may keep an answer.
-    pub(super) fn is_in_doubt(&self) -> bool {
+    pub(in crate::fieldbus) fn is_in_doubt(&self) -> bool {
         self.doubt != AnswerUse::Closed
     }
 
     /// Records that the gateway may keep an answer of this form.
-    pub(super) fn suspect(&mut self, form: ReplySignature) {
+    pub(in crate::fieldbus) fn suspect(&mut self, form: ReplySignature) {
         if let AnswerUse::Kept(forms) = &mut self.doubt {
             if !forms.contains(&form) {
                 forms.push(form);
@@ -78,7 +78,7 @@ impl OrderCheck {
     /// Returns the control question to send before this read. Its answer has another form than that of the read, and
     /// than every kept answer if possible. `None` if the answer to the read cannot be confused with a kept one, or if
     /// the unit has answered no such read that `is_allowed`.
-    pub(super) fn control(
+    pub(in crate::fieldbus) fn control(
         &self,
         request: Request<'_>,
         is_allowed: impl Fn(Request<'static>) -> bool,
@@ -96,7 +96,7 @@ impl OrderCheck {
 
     /// Records the result of a request that was sent. `received`: form of its answer, if it is that of a read.
     /// `may_be_late`: a late answer may still arrive. Returns true if the answer belongs to an earlier request.
-    pub(super) fn assess(
+    pub(in crate::fieldbus) fn assess(
         &mut self,
         request: Request<'_>,
         outcome: Result<(), Fault>,
@@ -149,7 +149,7 @@ impl OrderCheck {
     /// Records the fault of a control question. Unless it shows lost order, the next read of another form is sent
     /// without one. If this happens twice in a row, and the reads are answered, the control question is not sent again
     /// until it was answered as an ordinary read.
-    pub(super) fn record_failed_control(&mut self, control: Request<'static>, fault: Fault) {
+    pub(in crate::fieldbus) fn record_failed_control(&mut self, control: Request<'static>, fault: Fault) {
         if !matches!(fault, Fault::Caller(_) | Fault::Peer(PeerFault::OutOfOrder)) {
             self.failed = Some(control);
         }

@@ -18,8 +18,8 @@ use std::time::Duration;
 
 use super::order_check::OrderCheck;
 use super::reply_signature::ReplySignature;
-use super::request::Request;
 use crate::clock::Silence;
+use crate::fieldbus::request::Request;
 use isotherm_core::quantity::Moment;
 
 /// Number of consecutive answers in time after which a unit counts as prompt.
@@ -34,11 +34,11 @@ const LATER: Duration = Duration::from_millis(50);
 const MISSES: u32 = 3;
 
 /// Late answers of the units of a line, by unit number. The list is short enough for a linear search.
-pub(super) struct UnitReplies(Vec<(u8, PendingReplies)>);
+pub(in crate::fieldbus) struct UnitReplies(Vec<(u8, PendingReplies)>);
 
 /// Late answers of one unit.
 #[derive(Debug)]
-pub(super) struct PendingReplies {
+pub(in crate::fieldbus) struct PendingReplies {
     /// Start of the time in which any answer may arrive.
     anything: Option<Silence>,
     late: Vec<MissingReply>,
@@ -49,7 +49,7 @@ pub(super) struct PendingReplies {
     /// Missing answers in a row.
     misses: u32,
     /// State of the order check, if the unit is behind a gateway.
-    pub(super) order: OrderCheck,
+    pub(in crate::fieldbus) order: OrderCheck,
 }
 
 /// Missing answer that may arrive late.
@@ -68,16 +68,16 @@ struct MissingReply {
 
 /// Waiting times for answers.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Spans {
+pub(in crate::fieldbus) struct Spans {
     /// Longest time until an answer begins.
-    pub(super) timeout: Duration,
+    pub(in crate::fieldbus) timeout: Duration,
     /// Further time during which a late answer may arrive.
-    pub(super) grace: Duration,
+    pub(in crate::fieldbus) grace: Duration,
 }
 
 impl UnitReplies {
     /// Returns the state of units without requests so far.
-    pub(super) fn of_units(numbers: impl Iterator<Item = u8>) -> UnitReplies {
+    pub(in crate::fieldbus) fn of_units(numbers: impl Iterator<Item = u8>) -> UnitReplies {
         let mut unit_replies = UnitReplies(Vec::new());
         for number in numbers {
             unit_replies.of(number);
@@ -85,11 +85,11 @@ impl UnitReplies {
         unit_replies
     }
 
-    pub(super) fn get(&self, number: u8) -> Option<&PendingReplies> {
+    pub(in crate::fieldbus) fn get(&self, number: u8) -> Option<&PendingReplies> {
         self.0.iter().find(|(unit, _)| *unit == number).map(|(_, pending)| pending)
     }
 
-    pub(super) fn of(&mut self, number: u8) -> &mut PendingReplies {
+    pub(in crate::fieldbus) fn of(&mut self, number: u8) -> &mut PendingReplies {
         let place = self.0.iter().position(|(unit, _)| *unit == number).unwrap_or_else(|| {
             self.0.push((number, PendingReplies::unknown()));
             self.0.len() - 1
@@ -97,19 +97,19 @@ impl UnitReplies {
         &mut self.0[place].1
     }
 
-    pub(super) fn each(&mut self) -> impl Iterator<Item = &mut PendingReplies> {
+    pub(in crate::fieldbus) fn each(&mut self) -> impl Iterator<Item = &mut PendingReplies> {
         self.0.iter_mut().map(|(_, pending)| pending)
     }
 
     /// Returns the forms of the answers that may still arrive, with their units.
-    pub(super) fn marks(&self) -> impl Iterator<Item = (u8, ReplySignature)> {
+    pub(in crate::fieldbus) fn marks(&self) -> impl Iterator<Item = (u8, ReplySignature)> {
         self.0.iter().flat_map(|(unit, pending)| pending.marks().map(|mark| (*unit, mark)))
     }
 }
 
 impl PendingReplies {
     /// Returns the state of a unit without requests so far. Answers to an earlier gateway process may be under way.
-    pub(super) fn unknown() -> PendingReplies {
+    pub(in crate::fieldbus) fn unknown() -> PendingReplies {
         PendingReplies {
             anything: Some(Silence::begin()),
             late: Vec::new(),
@@ -121,28 +121,28 @@ impl PendingReplies {
     }
 
     /// Records that any answer may arrive from now on.
-    pub(super) fn anything(&mut self) {
+    pub(in crate::fieldbus) fn anything(&mut self) {
         self.anything = Some(Silence::begin());
     }
 
     /// Returns how much longer any answer may arrive; `None` if the line has waited for that.
-    pub(super) fn remaining_for_any(&self, spans: Spans) -> Option<Duration> {
+    pub(in crate::fieldbus) fn remaining_for_any(&self, spans: Spans) -> Option<Duration> {
         self.anything.map(|since| since.left_of(spans.grace))
     }
 
     /// Returns whether a late answer may still arrive.
-    pub(super) fn has_pending(&self) -> bool {
+    pub(in crate::fieldbus) fn has_pending(&self) -> bool {
         self.anything.is_some() || !self.late.is_empty()
     }
 
     /// Records that the line has waited until no late answer can arrive any more. A gateway may have kept one.
-    pub(super) fn is_quiet(&mut self) {
+    pub(in crate::fieldbus) fn is_quiet(&mut self) {
         self.anything = None;
         self.late.drain(..).filter(|late| late.is_read).for_each(|late| self.order.suspect(late.mark));
     }
 
     /// Records that the unit answered late, or without a request.
-    pub(super) fn reset_timing(&mut self) {
+    pub(in crate::fieldbus) fn reset_timing(&mut self) {
         (self.in_time, self.longest) = (0, [Duration::ZERO; 2]);
     }
 
@@ -157,7 +157,7 @@ impl PendingReplies {
 
     /// Returns the time within which a second answer arrives if the unit got two requests. `under_way` is the
     /// transmission time of request and answer.
-    pub(super) fn second_within(&self, timeout: Duration, under_way: Duration) -> Duration {
+    pub(in crate::fieldbus) fn second_within(&self, timeout: Duration, under_way: Duration) -> Duration {
         let span = self.longest[0].max(self.longest[1]).max(under_way) + LATER;
         let prompt = if self.is_prompt() { self.prompt_span() } else { span };
         span.min(prompt).min(timeout + under_way)
@@ -165,7 +165,7 @@ impl PendingReplies {
 
     /// Records an answer and its time. After a repeated request, that time is unknown, and the other answer may still
     /// arrive.
-    pub(super) fn answers(&mut self, request: Request<'_>, took: Duration) {
+    pub(in crate::fieldbus) fn answers(&mut self, request: Request<'_>, took: Duration) {
         self.misses = 0;
         let mut is_repeated = false;
         for late in self.late.iter_mut().filter(|late| late.is_same(request) && !late.is_answered) {
@@ -182,13 +182,13 @@ impl PendingReplies {
     }
 
     /// Returns whether the unit has answered since its last late answer.
-    pub(super) fn has_answered(&self) -> bool {
+    pub(in crate::fieldbus) fn has_answered(&self) -> bool {
         self.in_time > 0
     }
 
     /// Records that a request sent at `asked` was not answered in time. Returns whether the unit may get requests again
     /// soon. Otherwise it must get none for the full waiting time.
-    pub(super) fn misses(&mut self, request: Request<'_>, asked: Moment, now: Moment) -> bool {
+    pub(in crate::fieldbus) fn misses(&mut self, request: Request<'_>, asked: Moment, now: Moment) -> bool {
         self.misses = self.misses.saturating_add(1);
         if !self.is_prompt() || self.misses >= MISSES {
             return false;
@@ -211,7 +211,7 @@ impl PendingReplies {
     }
 
     /// Returns the number of missing answers in a row.
-    pub(super) fn missed(&self) -> u32 {
+    pub(in crate::fieldbus) fn missed(&self) -> u32 {
         self.misses
     }
 
@@ -230,19 +230,19 @@ impl PendingReplies {
     }
 
     /// Returns the remaining silence before this request may be sent.
-    pub(super) fn left(&self, request: Request<'_>, spans: Spans) -> Duration {
+    pub(in crate::fieldbus) fn left(&self, request: Request<'_>, spans: Spans) -> Duration {
         let left = self.late.iter().map(|late| late.since.left_of(self.span(late, request, spans)));
         left.max().unwrap_or_default()
     }
 
     /// Returns the earliest time for this request, by the caller's clock.
-    pub(super) fn not_before(&self, request: Request<'_>, spans: Spans) -> Option<Moment> {
+    pub(in crate::fieldbus) fn not_before(&self, request: Request<'_>, spans: Spans) -> Option<Moment> {
         let waiting = self.late.iter().filter(|late| !late.is_answered);
         waiting.map(|late| late.missed.after(self.span(late, request, spans))).max()
     }
 
     /// Returns the earliest time to repeat the last unanswered request, by the caller's clock.
-    pub(super) fn again_at(&self, spans: Spans) -> Option<Moment> {
+    pub(in crate::fieldbus) fn again_at(&self, spans: Spans) -> Option<Moment> {
         let last = self.late.last().filter(|late| !late.is_answered)?;
         let passed = if self.is_prompt() && last.is_read {
             self.prompt_span().saturating_sub(spans.timeout).min(spans.grace)
@@ -253,24 +253,24 @@ impl PendingReplies {
     }
 
     /// Returns the time of the first attempt, if this request is a repetition.
-    pub(super) fn first_asked(&self, request: Request<'_>) -> Option<Moment> {
+    pub(in crate::fieldbus) fn first_asked(&self, request: Request<'_>) -> Option<Moment> {
         let same = self.late.iter().filter(|late| late.is_same(request) && !late.is_answered);
         same.map(|late| late.asked).min()
     }
 
     /// Returns whether an answer after this time fits a repeated request. A slower one belongs to the first attempt.
-    pub(super) fn is_likely_after(&self, took: Duration) -> bool {
+    pub(in crate::fieldbus) fn is_likely_after(&self, took: Duration) -> bool {
         took <= self.prompt_span()
     }
 
     /// Returns the forms of late answers, including those whose time has just ended: one may be in the receive buffer.
-    pub(super) fn marks(&self) -> impl Iterator<Item = ReplySignature> {
+    pub(in crate::fieldbus) fn marks(&self) -> impl Iterator<Item = ReplySignature> {
         self.late.iter().map(|late| late.mark)
     }
 
     /// Removes late answers whose waiting time is over. A gateway may still keep the answer to a read. The order check
     /// is informed of it.
-    pub(super) fn forget(&mut self, spans: Spans) {
+    pub(in crate::fieldbus) fn forget(&mut self, spans: Spans) {
         let order = &mut self.order;
         self.late.retain(|late| {
             let is_over = late.since.left_of(spans.grace).is_zero();

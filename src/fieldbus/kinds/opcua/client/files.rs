@@ -8,7 +8,7 @@ use x509_cert::ext::pkix::SubjectAltName;
 use x509_cert::ext::pkix::name::GeneralName;
 
 use crate::clock::Clock;
-use crate::fieldbus::opcua_fault::OpcUaFault;
+use crate::fieldbus::kinds::opcua::fault::OpcUaFault;
 use isotherm_profile::{NamedFile, OpcUa, ProfileError, User};
 
 /// Application URI of a gateway without a certificate.

@@ -6,7 +6,7 @@ use ::opcua::types::{ByteString, Guid, NodeId, Variant};
 use isotherm_core::codec::{self, Identifier, Namespace};
 
 use crate::fieldbus::error::{CallerFault, Fault};
-use crate::fieldbus::namespaces::NamespaceTable;
+use crate::fieldbus::kinds::opcua::namespaces::NamespaceTable;
 
 /// Namespaces of a server when the connection was opened.
 #[derive(Clone, Debug, Default)]

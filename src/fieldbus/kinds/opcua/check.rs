@@ -14,7 +14,7 @@ pub fn check(profile: &Profile) -> Result<(), Errors> {
 }
 
 #[cfg(feature = "opcua")]
-use super::opcua::wrong;
+use super::client::wrong;
 
 #[cfg(not(feature = "opcua"))]
 fn wrong(line: &isotherm_profile::OpcUa) -> Vec<ProfileError> {

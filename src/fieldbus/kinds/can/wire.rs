@@ -7,10 +7,10 @@ use tokio::sync::mpsc;
 
 use super::link::Link;
 use super::socket::Socket;
-use crate::fieldbus::canopen::NodeId;
-use crate::fieldbus::canopen::sdo::{ANSWER, Client, Data, Progress};
 use crate::fieldbus::connection::{Connection, Dial};
 use crate::fieldbus::error::{CallerFault, CanFault, Fault, LinkFault, PeerFault};
+use crate::fieldbus::kinds::can::canopen::NodeId;
+use crate::fieldbus::kinds::can::canopen::sdo::{ANSWER, Client, Data, Progress};
 use crate::fieldbus::send_guard::SendGuard;
 use crate::fieldbus::trace::Tap;
 use crate::fieldbus::wire::{Answer, Boxed, Call, CanRequest, Ending, Request, Wire};

@@ -3,8 +3,8 @@
 //! Frames are separated by length and checksum, not by gaps. Adapters on USB and on the network divide and join frames
 //! as they like.
 
-use crate::fieldbus::pdu;
-use crate::fieldbus::reply_signature::ReplySignature;
+use crate::fieldbus::kinds::modbus::pdu;
+use crate::fieldbus::kinds::modbus::reply_signature::ReplySignature;
 use crate::fieldbus::request::Request;
 use isotherm_core::codec::{Table, checksum};
 

@@ -5,7 +5,7 @@
 //! and discard earlier input without a warning. Over RTU they keep no silence, and wait for ever after a wrong
 //! checksum. They accept the first frame with the correct unit and function as the answer. None of them has a timeout,
 //! or checks the length of a read, or (in release builds) the echo of a write. The gateway therefore has its own frames
-//! ([`super::modbus`], [`super::rtu`]). This module compares an answer with its request in every part that the protocol
+//! ([`super::tcp`], [`super::rtu`]). This module compares an answer with its request in every part that the protocol
 //! repeats.
 
 use std::io;
@@ -13,8 +13,8 @@ use std::io;
 use tokio_modbus::Response;
 use tokio_modbus::bytes::Bytes;
 
-use super::error::{Fault, PeerFault};
-use super::request::{Answer, Request};
+use crate::fieldbus::error::{Fault, PeerFault};
+use crate::fieldbus::request::{Answer, Request};
 
 /// Longest message of the protocol, in bytes.
 pub(super) const LONGEST: usize = 253;

@@ -19,8 +19,8 @@ use super::namespaces::Namespaces;
 use super::status::{call_fault, dial_fault};
 use super::{OPENING, fault};
 use crate::fieldbus::error::Fault;
-use crate::fieldbus::namespaces::NamespaceTable;
-use crate::fieldbus::opcua_fault::OpcUaFault;
+use crate::fieldbus::kinds::opcua::fault::OpcUaFault;
+use crate::fieldbus::kinds::opcua::namespaces::NamespaceTable;
 
 /// Lifetime in milliseconds of a session without requests at the server. A gateway that was killed occupies a session
 /// as long.

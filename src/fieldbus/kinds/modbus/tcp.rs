@@ -12,13 +12,13 @@ use std::hash::{BuildHasher, Hasher};
 use std::io;
 use std::time::Duration;
 
-use super::error::{CallerFault, Fault, LinkFault, PeerFault};
 use super::pdu;
-use super::port::{Port, Tapped, is_in_order};
 use super::reply_signature::ReplySignature;
-use super::send_guard::SendGuard;
-use super::trace::Tap;
-use super::wire::{Answer, Call, Ending, Request, Wire};
+use crate::fieldbus::error::{CallerFault, Fault, LinkFault, PeerFault};
+use crate::fieldbus::port::{Port, Tapped, is_in_order};
+use crate::fieldbus::send_guard::SendGuard;
+use crate::fieldbus::trace::Tap;
+use crate::fieldbus::wire::{Answer, Call, Ending, Request, Wire};
 use crate::tls::TlsFault;
 use follow_up_read::FollowUpRead;
 use isotherm_core::quantity::Moment;
@@ -75,7 +75,7 @@ impl ModbusTcp {
         }
     }
 
-    pub(super) async fn exchange(
+    pub(in crate::fieldbus) async fn exchange(
         &mut self,
         unit: u8,
         request: Request<'_>,

@@ -23,7 +23,7 @@ use super::status::call_fault;
 use super::value::{for_people, number_type};
 use super::{OPENING, OpcUaDial, fault};
 use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
-use crate::fieldbus::opcua_fault::OpcUaFault;
+use crate::fieldbus::kinds::opcua::fault::OpcUaFault;
 
 /// Attributes in one call. The answer stays far below the largest message.
 const AT_ONCE: usize = 500;

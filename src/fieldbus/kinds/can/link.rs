@@ -11,9 +11,9 @@ use tokio::sync::mpsc;
 use super::image::Images;
 use super::interface::Interface;
 use super::socket::Socket;
-use crate::fieldbus::canopen::NodeId;
-use crate::fieldbus::canopen::sdo::Client;
 use crate::fieldbus::error::{CanFault, Fault, LinkFault};
+use crate::fieldbus::kinds::can::canopen::NodeId;
+use crate::fieldbus::kinds::can::canopen::sdo::Client;
 use isotherm_core::codec::{CanMatch, Frame};
 
 /// Capacity of the queue of SDO frames. A node sends one answer at a time.

@@ -4,15 +4,15 @@
 //! once. A missing answer may be lost on the way. The pipeline ends after [`IN_A_ROW`] missing answers without a good
 //! one between them.
 
-use super::error::Fault;
-use super::request::{Answer, Request};
+use crate::fieldbus::error::Fault;
+use crate::fieldbus::request::{Answer, Request};
 
 /// Missing answers in a row that are not lost by chance.
 const IN_A_ROW: u32 = 3;
 
 /// Pipeline of one line.
 #[derive(Debug, Default)]
-pub(super) struct Pipeline {
+pub(in crate::fieldbus) struct Pipeline {
     is_on: bool,
     lost: u32,
     /// Read to send after the next request.
@@ -20,24 +20,24 @@ pub(super) struct Pipeline {
 }
 
 impl Pipeline {
-    pub(super) fn new(is_on: bool) -> Pipeline {
+    pub(in crate::fieldbus) fn new(is_on: bool) -> Pipeline {
         Pipeline { is_on, ..Pipeline::default() }
     }
 
-    pub(super) fn is_on(&self) -> bool {
+    pub(in crate::fieldbus) fn is_on(&self) -> bool {
         self.is_on
     }
 
-    pub(super) fn ask(&mut self, read: Option<(u8, Request<'static>)>) {
+    pub(in crate::fieldbus) fn ask(&mut self, read: Option<(u8, Request<'static>)>) {
         self.read = read.filter(|_| self.is_on);
     }
 
-    pub(super) fn take(&mut self) -> Option<(u8, Request<'static>)> {
+    pub(in crate::fieldbus) fn take(&mut self) -> Option<(u8, Request<'static>)> {
         self.read.take()
     }
 
     /// Judges the answer to the first of two requests, or to the second. Returns whether the pipeline ends now.
-    pub(super) fn assess(&mut self, is_second: bool, answer: &Result<Answer, Fault>) -> bool {
+    pub(in crate::fieldbus) fn assess(&mut self, is_second: bool, answer: &Result<Answer, Fault>) -> bool {
         match answer {
             Err(Fault::Peer(_)) => self.lost = IN_A_ROW,
             Err(Fault::Timeout | Fault::Link(_)) => self.lost += 1,

@@ -1,6 +1,6 @@
 //! Features by which the answer to one Modbus question differs from that to another.
 
-use super::request::Request;
+use crate::fieldbus::request::Request;
 
 /// Form of an answer: its function, and its length or the echo of a write. It distinguishes the answers to two
 /// requests.
@@ -12,7 +12,7 @@ pub struct ReplySignature {
 
 impl ReplySignature {
     /// Returns the form of the answer to a request.
-    pub(super) fn of(request: Request<'_>) -> ReplySignature {
+    pub(in crate::fieldbus) fn of(request: Request<'_>) -> ReplySignature {
         let form = match request {
             Request::Read { from, count } if from.table.is_bits() => [count.div_ceil(8), 0],
             Request::Read { count, .. } => [2 * count, 0],

@@ -4,7 +4,7 @@
 //!   A whole frame of the addressed unit is no noise but an unsolicited reply. Then the request is not sent.
 //! - An answer is recognised by its unit, length and checksum. Noise before it and answers of other units are skipped.
 //!   If a second answer of the unit follows, both are rejected.
-//! - RTU has no transaction number. After a missing answer, [`super::line`] therefore sends the unit no request to
+//! - RTU has no transaction number. After a missing answer, [`crate::fieldbus::line`] therefore sends the unit no request to
 //!   which the late answer would fit ([`super::pending_replies`]). The late answer is discarded here when it arrives.
 //! - An adapter without echo suppression receives its own requests. The first read detects this. From then on, the echo
 //!   of every request is expected before its answer.
@@ -14,14 +14,14 @@
 use std::io;
 use std::time::Duration;
 
-use super::error::{CallerFault, Fault, PeerFault};
 use super::pdu;
-use super::port::{Port, Tapped, is_in_order};
 use super::reply_signature::ReplySignature;
-use super::send_guard::SendGuard;
-use super::trace::Tap;
-use super::wire::{Answer, Boxed, Call, Ending, ForeignFrame, Request, Wire};
 use crate::clock::{Silence, WallTimeout};
+use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
+use crate::fieldbus::port::{Port, Tapped, is_in_order};
+use crate::fieldbus::send_guard::SendGuard;
+use crate::fieldbus::trace::Tap;
+use crate::fieldbus::wire::{Answer, Boxed, Call, Ending, ForeignFrame, Request, Wire};
 use isotherm_profile::Serial;
 
 mod frame;

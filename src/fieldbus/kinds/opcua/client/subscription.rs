@@ -28,7 +28,7 @@ use isotherm_profile::plan::Subscription;
 use super::channel::Link;
 use super::session::{Session, header, refused, value_of};
 use super::value::{reading, since};
-use crate::fieldbus::namespaces::NamespaceTable;
+use crate::fieldbus::kinds::opcua::namespaces::NamespaceTable;
 use crate::fieldbus::wire::{NodeReading, Stamped};
 
 /// Maximum number of nodes in one call. Any server accepts a request of this size.

@@ -14,15 +14,16 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::connection::{Connection, Dial};
-use super::error::{CallerFault, Fault};
-use super::send_guard::SendGuard;
-use super::trace::Tap;
-use super::wire::{Answer, Boxed, Call, NodeReading, Request, Stamped, Wire};
+use super::kind::{BusKind, NoRegisters, ScanKind, VirtualLine};
 use crate::clock::WallTimeout;
+use crate::fieldbus::connection::{Connection, Dial};
+use crate::fieldbus::error::{CallerFault, Fault};
+use crate::fieldbus::send_guard::SendGuard;
+use crate::fieldbus::trace::Tap;
+use crate::fieldbus::wire::{Answer, Boxed, Call, NodeReading, Request, Stamped, Wire};
 use isotherm_core::codec::DataType;
 use isotherm_core::reading::Reason;
-use isotherm_profile::Bus;
+use isotherm_profile::{Bus, Transport};
 use readers::Readers;
 
 pub mod find;
@@ -32,8 +33,38 @@ mod value;
 /// Time for the work of this program, in addition to the timeout of the sensors.
 const OWN: Duration = Duration::from_secs(1);
 
+/// Sensors of this computer.
+pub const KIND: BusKind = BusKind {
+    word: "sysfs",
+    example: Some("/sys"),
+    parse: |text| {
+        let is_directory = text.starts_with('/') && !text.starts_with("/dev/");
+        is_directory.then(|| Ok((Transport::Sysfs, text.to_owned())))
+    },
+    dial: |bus| Some(Box::new(SysfsDial::new(bus))),
+    hint: |_| Some(AT_THIS_COMPUTER),
+    scan: ScanKind::Sensors(NoRegisters {
+        is: "sensors of this computer",
+        instead: "`isotherm scan --bus DIRECTORY` lists them, for example of /sys",
+    }),
+    virtual_line: VirtualLine::Absent(|bus| {
+        format!(
+            "bus {} is not simulated: the gateway reads the real sensors in {} (another directory: --set \
+             bus.{}.address=DIRECTORY)",
+            bus.name, bus.address, bus.name
+        )
+    }),
+    ..BusKind::PLAIN
+};
+
+/// Remedy for each fault: only the drivers as a whole can fail.
+const AT_THIS_COMPUTER: &str = "the kernel driver of the sensors does not return. Is an adapter or a cable \
+                                unplugged? Does a 1-Wire sensor answer with a wrong checksum, so that the \
+                                kernel repeats the reading for seconds? `dmesg` says more. The gateway reads \
+                                each sensor again when its driver has returned";
+
 /// Dial without a connection: the files exist, or they do not.
-pub(super) struct SysfsDial {
+struct SysfsDial {
     root: PathBuf,
     timeout: Duration,
     /// Reads in progress. They outlive a connection, because a read may hang.
@@ -41,7 +72,7 @@ pub(super) struct SysfsDial {
 }
 
 impl SysfsDial {
-    pub(super) fn new(bus: &Bus) -> SysfsDial {
+    fn new(bus: &Bus) -> SysfsDial {
         SysfsDial { root: PathBuf::from(&bus.address), timeout: bus.timeout, readers: Readers::default() }
     }
 }
