@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use super::error::{Fault, LinkFault};
 use super::kinds::modbus::tcp::ModbusTcp;
+use super::kinds::modbus::wire::ModbusWire;
 use super::kinds::opcua::namespaces::NamespaceTable;
 use super::send_guard::SendGuard;
 use super::trace::Tap;
@@ -43,7 +44,9 @@ pub trait Dial: Send {
 )]
 pub enum Connection {
     /// Modbus TCP, the most common kind. It is called without dynamic dispatch, which a fast loop would notice.
-    Modbus(ModbusTcp),
+    ModbusTcp(ModbusTcp),
+    /// Modbus connection of another kind, called by dynamic dispatch.
+    Modbus(Box<dyn ModbusWire>),
     /// Connection of any other kind, called by dynamic dispatch.
     Other(Box<dyn Wire>),
 }
@@ -60,6 +63,7 @@ impl Connection {
         send_guard: &mut SendGuard,
     ) -> Result<Answer, Fault> {
         match self {
+            Connection::ModbusTcp(wire) => wire.exchange(unit, request, send_guard).await,
             Connection::Modbus(wire) => wire.exchange(unit, request, send_guard).await,
             Connection::Other(wire) => wire.exchange(unit, request, send_guard).await,
         }
@@ -68,8 +72,24 @@ impl Connection {
     /// Returns the connection as a [`Wire`].
     pub fn wire(&mut self) -> &mut dyn Wire {
         match self {
-            Connection::Modbus(wire) => wire,
+            Connection::ModbusTcp(wire) => wire,
+            Connection::Modbus(wire) => wire.as_mut(),
             Connection::Other(wire) => wire.as_mut(),
         }
+    }
+
+    /// Returns the connection as a [`ModbusWire`]; `None` if it is not Modbus.
+    pub fn modbus(&mut self) -> Option<&mut dyn ModbusWire> {
+        match self {
+            Connection::ModbusTcp(wire) => Some(wire),
+            Connection::Modbus(wire) => Some(wire.as_mut()),
+            Connection::Other(_) => None,
+        }
+    }
+
+    /// Returns whether an answer is assigned to its request by a number or by the protocol. Without this, as on a serial
+    /// line, a late answer looks like the answer to the next request.
+    pub(super) fn has_transaction_id(&mut self) -> bool {
+        self.modbus().is_none_or(|modbus| modbus.has_transaction_id())
     }
 }

@@ -57,13 +57,13 @@ impl Dial for SimulatedDial {
             self.namespaces.iter().for_each(|table| table.connected(servers.array()));
         }
         let connection = stream.map(|stream| match (framing, self.has_nodes) {
-            (Framing::Rtu, _) => Connection::Other(Box::new(Rtu::new(stream, None, tap))),
+            (Framing::Rtu, _) => Connection::Modbus(Box::new(Rtu::new(stream, None, tap))),
             (Framing::Tcp, true) => {
                 let below = ModbusTcp::new(stream, tap);
                 let (shared, namespaces) = (self.shared.clone(), self.namespaces.clone());
                 Connection::Other(Box::new(Nodes { below, shared, namespaces, servers }))
             }
-            (Framing::Tcp, false) => Connection::Modbus(ModbusTcp::new(stream, tap)),
+            (Framing::Tcp, false) => Connection::ModbusTcp(ModbusTcp::new(stream, tap)),
         });
         Box::pin(std::future::ready(connection.ok_or(Fault::Link(LinkFault::Refused))))
     }

@@ -5,6 +5,7 @@
 //! - [`pending_replies`] — late replies that a unit may still send after a timeout, and requests that are safe meanwhile.
 //! - [`reply_signature`] — what distinguishes the answers to two requests; `order_check` — whether the answers of a
 //!   unit behind a gateway belong to their requests.
+//! - [`wire`] — interface of a Modbus connection, in addition to that of every line.
 //! - `pipeline` — whether two requests are sent together, and when the line stops doing so.
 
 mod dial;
@@ -16,6 +17,7 @@ pub(in crate::fieldbus) mod pipeline;
 pub mod reply_signature;
 pub mod rtu;
 pub mod tcp;
+pub mod wire;
 
 use super::kind::{BusKind, LinePlace, ScanKind, VirtualLine};
 use super::target::{host, serial};

@@ -35,7 +35,7 @@ impl DeviceLine {
     /// more, the read, and its time of sending.
     pub(super) fn drop_connection(&mut self) -> Option<(u8, Request<'static>, Moment)> {
         let mut connection = self.wire.take()?;
-        let (number, read, asked) = connection.wire().unanswered_behind()?;
+        let (number, read, asked) = connection.modbus()?.unanswered_behind()?;
         self.units.pending.of(number).order.suspect(ReplySignature::of(read));
         Some((number, read, asked))
     }

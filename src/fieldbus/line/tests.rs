@@ -3,8 +3,8 @@ use std::sync::{Arc, Mutex};
 
 use super::*;
 use crate::clock::{BootClock, TimeOfDay};
-use crate::fieldbus::wire::Boxed;
-use crate::fieldbus::wire::Wire;
+use crate::fieldbus::kinds::modbus::wire::ModbusWire;
+use crate::fieldbus::wire::{Boxed, Wire};
 use isotherm_core::codec::{Register, Table};
 use isotherm_profile::{BusId, Functions, Quirks, ReadBy};
 
@@ -54,7 +54,7 @@ impl Dial for Scripted {
             match turn {
                 Some(Turn::NeverEnds) => std::future::pending().await,
                 Some(Turn::Gives(Err(fault))) => Err(fault),
-                _ => Ok(Connection::Other(Box::new(Scripted(self.0.clone())))),
+                _ => Ok(Connection::Modbus(Box::new(Scripted(self.0.clone())))),
             }
         })
     }
@@ -90,7 +90,9 @@ impl Wire for Scripted {
             }
         })
     }
+}
 
+impl ModbusWire for Scripted {
     fn listen(&mut self, _unit: u8, span: Duration, quiet: Duration) -> Boxed<'_, Result<(), Fault>> {
         let is_received = self.0.lock().unwrap().is_received;
         Box::pin(async move {
@@ -366,7 +368,7 @@ impl Dial for Nameless {
     fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
         Box::pin(async {
             self.0.dial(tap).await?;
-            Ok(Connection::Other(Box::new(Nameless(Scripted(self.0.0.clone()))) as Box<dyn Wire>))
+            Ok(Connection::Modbus(Box::new(Nameless(Scripted(self.0.0.clone())))))
         })
     }
 }
@@ -380,7 +382,9 @@ impl Wire for Nameless {
     ) -> Boxed<'a, Result<Answer, Fault>> {
         self.0.exchange(unit, request, send_guard)
     }
+}
 
+impl ModbusWire for Nameless {
     fn has_transaction_id(&self) -> bool {
         false
     }

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use isotherm::fieldbus::connection::{Connection, Dial};
 use isotherm::fieldbus::error::Fault;
+use isotherm::fieldbus::kinds::modbus::wire::ModbusWire;
 use isotherm::fieldbus::send_guard::SendGuard;
 use isotherm::fieldbus::trace::Tap;
 use isotherm::fieldbus::wire::{Answer, Boxed, Request, Wire};
@@ -227,10 +228,12 @@ impl Dial for Refusing {
     fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
         Box::pin(async {
             let wire = isotherm::fieldbus::dial(&self.bus).unwrap().dial(tap).await?;
-            Ok(Connection::Other(Box::new(RefusingWire { wire, by: self.clone() })))
+            Ok(Connection::Modbus(Box::new(RefusingWire { wire, by: self.clone() })))
         })
     }
 }
+
+impl ModbusWire for RefusingWire {}
 
 impl Wire for RefusingWire {
     fn exchange<'a>(

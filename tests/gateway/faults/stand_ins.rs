@@ -8,6 +8,7 @@ use isotherm::cli::replay::{SensorFault, replay};
 use isotherm::clock::Clock;
 use isotherm::fieldbus::connection::{Connection, Dial};
 use isotherm::fieldbus::error::{CallerFault, Fault};
+use isotherm::fieldbus::kinds::modbus::wire::ModbusWire;
 use isotherm::fieldbus::send_guard::SendGuard;
 use isotherm::fieldbus::trace::Tap;
 use isotherm::fieldbus::wire::{Answer, Boxed, Request, Wire};
@@ -182,10 +183,12 @@ impl Dial for Waiting {
     fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
         Box::pin(async {
             let wire = isotherm::fieldbus::dial(&self.bus).unwrap().dial(tap).await?;
-            Ok(Connection::Other(Box::new(WaitingWire { wire, by: self.clone() })))
+            Ok(Connection::Modbus(Box::new(WaitingWire { wire, by: self.clone() })))
         })
     }
 }
+
+impl ModbusWire for WaitingWire {}
 
 impl Wire for WaitingWire {
     fn exchange<'a>(

@@ -23,7 +23,7 @@ impl Dial for Lingering {
             let unreachable = |_| Fault::Link(LinkFault::Unreachable);
             let stream = TcpStream::connect(&self.0).await.map_err(unreachable)?;
             stream.set_nodelay(true).map_err(unreachable)?;
-            Ok(Connection::Modbus(ModbusTcp::new(stream, tap)))
+            Ok(Connection::ModbusTcp(ModbusTcp::new(stream, tap)))
         })
     }
 }

@@ -50,18 +50,18 @@ impl ModbusDial {
             let opened = SerialPort::open(&self.address, *serial);
             *history = history.and(opened.as_ref().ok().map(SerialPort::identity));
             let port = opened.map_err(Fault::Link)?;
-            return Ok(Connection::Other(Box::new(Rtu::new(port, Some(*serial), tap))));
+            return Ok(Connection::Modbus(Box::new(Rtu::new(port, Some(*serial), tap))));
         }
         if matches!(self.over, LineTransport::Tls(None)) {
             return Err(Fault::Link(LinkFault::Tls(TlsFault::OurFiles)));
         }
         let stream = connected(&self.address, self.timeout).await?;
         Ok(match &self.over {
-            LineTransport::RtuOverTcp => Connection::Other(Box::new(Rtu::new(stream, None, tap))),
+            LineTransport::RtuOverTcp => Connection::Modbus(Box::new(Rtu::new(stream, None, tap))),
             LineTransport::Tls(Some(client)) => {
-                Connection::Modbus(ModbusTcp::new(client.secure(stream).await?, tap))
+                Connection::ModbusTcp(ModbusTcp::new(client.secure(stream).await?, tap))
             }
-            _ => Connection::Modbus(ModbusTcp::new(LocalTcp::new(stream), tap)),
+            _ => Connection::ModbusTcp(ModbusTcp::new(LocalTcp::new(stream), tap)),
         })
     }
 }

@@ -16,12 +16,13 @@ use std::time::Duration;
 
 use super::pdu;
 use super::reply_signature::ReplySignature;
+use super::wire::{ForeignFrame, ModbusWire};
 use crate::clock::{Silence, WallTimeout};
 use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
 use crate::fieldbus::port::{Port, Tapped, is_in_order};
 use crate::fieldbus::send_guard::SendGuard;
 use crate::fieldbus::trace::Tap;
-use crate::fieldbus::wire::{Answer, Boxed, Call, Ending, ForeignFrame, Request, Wire};
+use crate::fieldbus::wire::{Answer, Boxed, Call, Ending, Request, Wire};
 use isotherm_profile::Serial;
 
 mod frame;
@@ -303,10 +304,6 @@ impl Wire for Rtu {
         })
     }
 
-    fn has_transaction_id(&self) -> bool {
-        false
-    }
-
     fn time_under_way(&self, request: Request<'_>) -> Duration {
         let (question, answer) = frame::lengths(request);
         self.serial.map_or(Duration::ZERO, |serial| serial.exchange(question, answer))
@@ -315,6 +312,16 @@ impl Wire for Rtu {
     fn missed(&mut self) -> Fault {
         self.port.discard_unsent();
         self.heard.take().map_or(Fault::Timeout, Fault::Peer)
+    }
+
+    fn ending(&mut self) -> Ending {
+        self.ending
+    }
+}
+
+impl ModbusWire for Rtu {
+    fn has_transaction_id(&self) -> bool {
+        false
     }
 
     fn pass_over(&mut self, pending: Vec<(u8, ReplySignature)>) {
@@ -327,10 +334,6 @@ impl Wire for Rtu {
 
     fn overheard(&mut self) -> Vec<ForeignFrame> {
         std::mem::take(&mut self.overheard)
-    }
-
-    fn ending(&mut self) -> Ending {
-        self.ending
     }
 
     fn listen(&mut self, unit: u8, span: Duration, quiet: Duration) -> Boxed<'_, Result<(), Fault>> {

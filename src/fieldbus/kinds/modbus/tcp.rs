@@ -14,6 +14,7 @@ use std::time::Duration;
 
 use super::pdu;
 use super::reply_signature::ReplySignature;
+use super::wire::ModbusWire;
 use crate::fieldbus::error::{CallerFault, Fault, LinkFault, PeerFault};
 use crate::fieldbus::port::{Port, Tapped, is_in_order};
 use crate::fieldbus::send_guard::SendGuard;
@@ -233,6 +234,12 @@ impl Wire for ModbusTcp {
         Box::pin(self.exchange(unit, request, send_guard))
     }
 
+    fn ending(&mut self) -> Ending {
+        self.ending
+    }
+}
+
+impl ModbusWire for ModbusTcp {
     fn set_follow_up(&mut self, read: Option<(u8, Request<'static>)>) {
         self.behind.ask(read);
     }
@@ -247,10 +254,6 @@ impl Wire for ModbusTcp {
 
     fn received_form(&self) -> Option<ReplySignature> {
         self.form
-    }
-
-    fn ending(&mut self) -> Ending {
-        self.ending
     }
 }
 

@@ -73,7 +73,7 @@ struct Kept {
 impl Dial for Kept {
     fn dial<'a>(&'a mut self, _: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
         let wire = Kept { keeper: self.keeper.clone(), form: None };
-        Box::pin(std::future::ready(Ok(Connection::Other(Box::new(wire)))))
+        Box::pin(std::future::ready(Ok(Connection::Modbus(Box::new(wire)))))
     }
 }
 
@@ -96,7 +96,9 @@ impl Wire for Kept {
             if received == count { data(of) } else { Err(Fault::Peer(PeerFault::Length)) }
         })
     }
+}
 
+impl ModbusWire for Kept {
     fn received_form(&self) -> Option<ReplySignature> {
         self.form
     }
@@ -238,7 +240,7 @@ impl Dial for Mute {
                 }
             }
         });
-        Box::pin(std::future::ready(Ok(Connection::Modbus(ModbusTcp::new(ours, tap)))))
+        Box::pin(std::future::ready(Ok(Connection::ModbusTcp(ModbusTcp::new(ours, tap)))))
     }
 }
 
@@ -254,7 +256,7 @@ async fn sent_together() -> Rig {
         assert_eq!(line.ask(0, write, 0).await, Ok(Answer::Done));
     }
     let connection = line.line.wire.as_mut().unwrap();
-    let unanswered = connection.wire().unanswered_behind();
+    let unanswered = connection.modbus().unwrap().unanswered_behind();
     assert_eq!(unanswered.map(|(unit, read, _)| (unit, read)), Some((1, READ)));
     line
 }

@@ -140,7 +140,7 @@ impl Dial for Arc<Device> {
         let (ours, theirs) = duplex(1024);
         tokio::spawn(self.clone().lives(theirs));
         let serial = Serial { baud: 19_200, parity: Parity::Even, stop_bits: 1 };
-        Box::pin(std::future::ready(Ok(Connection::Other(Box::new(Rtu::new(ours, Some(serial), tap))))))
+        Box::pin(std::future::ready(Ok(Connection::Modbus(Box::new(Rtu::new(ours, Some(serial), tap))))))
     }
 }
 

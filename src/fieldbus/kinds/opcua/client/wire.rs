@@ -196,7 +196,7 @@ impl Wire for OpcUa {
         }
     }
 
-    fn subscription_news(&mut self) -> Option<String> {
+    fn news(&mut self) -> Option<String> {
         self.publishing.news()
     }
 
