@@ -15,6 +15,7 @@ pub mod error;
 pub mod explain;
 pub mod kinds;
 pub mod line;
+mod listed;
 mod local_tcp;
 pub mod port;
 mod request;

@@ -11,7 +11,9 @@ use std::time::Duration;
 use super::error::Fault;
 use super::send_guard::SendGuard;
 
-pub use super::request::{Answer, CanRequest, NodeReading, NodeRequest, Request, Stamped};
+pub use super::request::{
+    Answer, CanRequest, ModbusRequest, NodeReading, NodeRequest, Request, SensorRequest, Stamped,
+};
 
 /// Future that a method of a trait object can return.
 pub type Boxed<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;

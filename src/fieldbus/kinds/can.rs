@@ -12,6 +12,7 @@ pub mod error_frame;
 pub mod image;
 pub mod interface;
 pub mod link;
+pub mod request;
 pub mod socket;
 pub mod wire;
 

@@ -15,6 +15,7 @@ mod pdu;
 pub mod pending_replies;
 pub(in crate::fieldbus) mod pipeline;
 pub mod reply_signature;
+pub mod request;
 pub mod rtu;
 pub mod tcp;
 pub mod wire;

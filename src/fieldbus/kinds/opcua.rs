@@ -9,6 +9,7 @@ pub mod check;
 pub mod client;
 pub mod fault;
 pub mod namespaces;
+pub mod request;
 
 use super::kind::{BusKind, LinePlace, NoRegisters, ScanKind, VirtualLine};
 use super::target::host_of_url;

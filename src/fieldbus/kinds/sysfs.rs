@@ -20,7 +20,7 @@ use crate::fieldbus::connection::{Connection, Dial};
 use crate::fieldbus::error::{CallerFault, Fault};
 use crate::fieldbus::send_guard::SendGuard;
 use crate::fieldbus::trace::Tap;
-use crate::fieldbus::wire::{Answer, Boxed, Call, NodeReading, Request, Stamped, Wire};
+use crate::fieldbus::wire::{Answer, Boxed, Call, NodeReading, Request, SensorRequest, Stamped, Wire};
 use isotherm_core::codec::DataType;
 use isotherm_core::reading::Reason;
 use isotherm_profile::{Bus, Transport};
@@ -28,6 +28,7 @@ use readers::Readers;
 
 pub mod find;
 pub mod readers;
+pub mod request;
 mod value;
 
 /// Time for the work of this program, in addition to the timeout of the sensors.
@@ -95,7 +96,9 @@ struct Sysfs {
 
 impl Sysfs {
     async fn exchange(&mut self, request: Request<'_>, send_guard: &mut SendGuard) -> Result<Answer, Fault> {
-        let Request::Sensors(sensors) = request else { return Err(Fault::Caller(CallerFault::Function)) };
+        let Request::Sensors(SensorRequest(sensors)) = request else {
+            return Err(Fault::Caller(CallerFault::Function));
+        };
         send_guard.leave()?;
         let found = self.readers.read(&self.root, sensors, self.timeout, &mut self.patience).await;
         // If one sensor has answered, the fault of another is its own, not that of the line.

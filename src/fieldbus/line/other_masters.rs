@@ -204,6 +204,7 @@ impl DeviceLine {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fieldbus::wire::ModbusRequest;
     use isotherm_core::codec::{Register, Table};
 
     fn at(seconds: u64) -> Moment {
@@ -211,7 +212,7 @@ mod tests {
     }
 
     fn read(offset: u16, count: u16) -> Request<'static> {
-        Request::Read { from: Register { table: Table::Input, offset }, count }
+        Request::read_registers(Register { table: Table::Input, offset }, count)
     }
 
     fn heard(unit: u8, count: u16) -> ForeignFrame {
@@ -258,7 +259,7 @@ mod tests {
         assert_eq!(others.attribute(1, read(100, 1)), Attribution::Ambiguous);
         assert_eq!(others.attribute(1, read(100, 2)), Attribution::Ours);
         assert_eq!(others.attribute(2, read(100, 1)), Attribution::Ours);
-        let write = Request::WriteSingle { at: 100, value: 1 };
+        let write = Request::Modbus(ModbusRequest::WriteSingle { at: 100, value: 1 });
         assert_eq!(others.attribute(1, write), Attribution::Ours);
         for count in 2..=65 {
             others.note(heard(3, count), at(1));

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex};
 use super::*;
 use crate::clock::{BootClock, TimeOfDay};
 use crate::fieldbus::kinds::modbus::wire::ModbusWire;
-use crate::fieldbus::wire::{Boxed, Wire};
+use crate::fieldbus::wire::{Boxed, ModbusRequest, Wire};
 use isotherm_core::codec::{Register, Table};
 use isotherm_profile::{BusId, Functions, Quirks, ReadBy};
 
@@ -108,9 +108,8 @@ fn good() -> Answer {
     Answer::Registers(vec![7])
 }
 
-const READ: Request<'static> =
-    Request::Read { from: Register { table: Table::Holding, offset: 1 }, count: 1 };
-const WRITE: Request<'static> = Request::WriteSingle { at: 1, value: 9 };
+const READ: Request<'static> = Request::read_registers(Register { table: Table::Holding, offset: 1 }, 1);
+const WRITE: Request<'static> = Request::Modbus(ModbusRequest::WriteSingle { at: 1, value: 9 });
 
 /// Line with a clock that the test sets.
 struct Rig {
@@ -352,9 +351,9 @@ async fn what_the_profile_does_not_list_and_what_does_not_fit_never_leaves_the_h
     let (mut line, script) = line(|device| device.functions.write_single = false);
     let refused = Err(Fault::Caller(CallerFault::Function));
     assert_eq!(line.ask(0, WRITE, 0).await, refused);
-    let too_far = Request::Read { from: Register { table: Table::Holding, offset: 65535 }, count: 2 };
+    let too_far = Request::read_registers(Register { table: Table::Holding, offset: 65535 }, 2);
     assert_eq!(line.ask(0, too_far, 0).await, Err(Fault::Caller(CallerFault::Extent)));
-    let too_many = Request::Read { from: Register { table: Table::Holding, offset: 0 }, count: 126 };
+    let too_many = Request::read_registers(Register { table: Table::Holding, offset: 0 }, 126);
     assert_eq!(line.ask(0, too_many, 0).await, Err(Fault::Caller(CallerFault::Extent)));
     assert_eq!(line.ask(9, READ, 0).await, Err(Fault::Caller(CallerFault::Extent)));
     let script = script.lock().unwrap();

@@ -11,7 +11,7 @@ use super::can::Can;
 use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
 use crate::fieldbus::kinds;
 use crate::fieldbus::line::DeviceLine;
-use crate::fieldbus::wire::{Answer, CanRequest, NodeRequest, Request};
+use crate::fieldbus::wire::{Answer, Request};
 use crate::gateway::shared::line_handle::LineHandle;
 use crate::gateway::shared::namespaces::NamespaceWatch;
 use crate::gateway::shared::state::GatewayState;
@@ -171,8 +171,7 @@ impl Inspector {
             if self.is_server && self.namespaces.is_lost() {
                 // The server may have loaded the namespace in the meantime.
                 (inspection.due, inspection.read_after) = (now.after(LOOK_AGAIN), breaks);
-                let again = Request::Nodes(NodeRequest::Namespaces);
-                if line.request_unverified(id, again).await.is_err() {
+                if line.request_unverified(id, Request::read_namespaces()).await.is_err() {
                     continue;
                 }
                 self.check_namespaces(shared);
@@ -419,10 +418,10 @@ async fn set_up(
         let value = setup.object.registers(&setup.bytes());
         let value = value.ok_or(Fault::Peer(PeerFault::Width))?;
         let request = match shared.dry_run {
-            true => CanRequest::Read { object: setup.object },
-            false => CanRequest::Write { object: setup.object, values: value.registers() },
+            true => Request::read_object(setup.object),
+            false => Request::write_object(setup.object, value.registers()),
         };
-        match line.request_unverified(device, Request::Can(request)).await.map(|answered| answered.answer) {
+        match line.request_unverified(device, request).await.map(|answered| answered.answer) {
             Ok(Answer::Registers(found)) if found != value.registers() => wrong.push(not_set_up(
                 setup,
                 format!("is not {} yet, and a dry run does not change settings", setup.value),

@@ -11,7 +11,7 @@ use isotherm::fieldbus::error::{CallerFault, Fault};
 use isotherm::fieldbus::kinds::modbus::wire::ModbusWire;
 use isotherm::fieldbus::send_guard::SendGuard;
 use isotherm::fieldbus::trace::Tap;
-use isotherm::fieldbus::wire::{Answer, Boxed, Request, Wire};
+use isotherm::fieldbus::wire::{Answer, Boxed, ModbusRequest, Request, Wire};
 use isotherm::gateway::Dialer;
 use isotherm::observe::status::Command;
 use isotherm::virtual_machine::FaultScript;
@@ -197,7 +197,7 @@ impl Wire for WaitingWire {
         request: Request<'a>,
         send_guard: &'a mut SendGuard,
     ) -> Boxed<'a, Result<Answer, Fault>> {
-        let is_change = matches!(request, Request::WriteMultiple { at: 104, .. });
+        let is_change = matches!(request, Request::Modbus(ModbusRequest::WriteMultiple { at: 104, .. }));
         let is_first = self.by.left.lock().unwrap().is_none();
         if !(is_change && is_first && self.by.clock.now() >= self.by.from) {
             return Box::pin(self.wire.exchange(unit, request, send_guard));

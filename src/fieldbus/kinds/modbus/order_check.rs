@@ -21,6 +21,7 @@
 //! question.
 
 use super::reply_signature::ReplySignature;
+use super::request::ModbusRequest;
 use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::request::Request;
 
@@ -86,7 +87,10 @@ impl OrderCheck {
         let form = ReplySignature::of(request);
         // The answer to the failed control question may be kept, and has another form.
         let follows_failed = self.failed.is_some_and(|failed| ReplySignature::of(failed) != form);
-        if !matches!(request, Request::Read { .. }) || !self.may_be_kept(form) || follows_failed {
+        if !matches!(request, Request::Modbus(ModbusRequest::Read { .. }))
+            || !self.may_be_kept(form)
+            || follows_failed
+        {
             return None;
         }
         let others = self.answered.iter().flatten().copied();
@@ -168,8 +172,8 @@ impl OrderCheck {
 
     /// Records that a read was answered with data. It becomes a candidate for control questions.
     fn record_answer(&mut self, request: Request<'_>) {
-        let Request::Read { from, count } = request else { return };
-        let read = Some(Request::Read { from, count });
+        let Request::Modbus(ModbusRequest::Read { from, count }) = request else { return };
+        let read = Some(Request::read_registers(from, count));
         let [last, before] = self.answered;
         self.answered = match last {
             Some(last) if ReplySignature::of(last) != ReplySignature::of(request) => [read, Some(last)],

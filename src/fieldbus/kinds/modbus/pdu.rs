@@ -13,42 +13,41 @@ use std::io;
 use tokio_modbus::Response;
 use tokio_modbus::bytes::Bytes;
 
+use super::request::ModbusRequest;
 use crate::fieldbus::error::{Fault, PeerFault};
-use crate::fieldbus::request::{Answer, Request};
+use crate::fieldbus::request::Answer;
 
 /// Longest message of the protocol, in bytes.
 pub(super) const LONGEST: usize = 253;
 /// Flag of an exception in the function code.
 const EXCEPTION: u8 = 0x80;
 
-/// Appends the bytes of a request; none if it is not Modbus.
-pub(super) fn question(request: Request<'_>, bytes: &mut Vec<u8>) {
-    bytes.extend(head(request).into_iter().flatten());
-    if let Request::WriteMultiple { values, .. } = request {
+/// Appends the bytes of a request.
+pub(super) fn question(request: ModbusRequest<'_>, bytes: &mut Vec<u8>) {
+    bytes.extend(head(request));
+    if let ModbusRequest::WriteMultiple { values, .. } = request {
         bytes.push(u8::try_from(2 * values.len()).unwrap_or(u8::MAX));
         bytes.extend(values.iter().flat_map(|value| value.to_be_bytes()));
     }
 }
 
 /// Returns the first bytes of a request, which the answer to a write repeats: function, address, and value or count.
-fn head(request: Request<'_>) -> Option<[u8; 5]> {
+fn head(request: ModbusRequest<'_>) -> [u8; 5] {
     let (at, second) = match request {
-        Request::Read { from, count } => (from.offset, count),
-        Request::WriteCoil { at, value } => (at, if value { 0xff00 } else { 0 }),
-        Request::WriteSingle { at, value } => (at, value),
-        Request::WriteMultiple { at, values } => (at, u16::try_from(values.len()).unwrap_or(u16::MAX)),
-        // Rejected by the caller.
-        Request::Can(_) | Request::Nodes(_) | Request::Sensors(_) => return None,
+        ModbusRequest::Read { from, count } => (from.offset, count),
+        ModbusRequest::WriteCoil { at, value } => (at, if value { 0xff00 } else { 0 }),
+        ModbusRequest::WriteSingle { at, value } => (at, value),
+        ModbusRequest::WriteMultiple { at, values } => (at, u16::try_from(values.len()).unwrap_or(u16::MAX)),
     };
     let ([at_high, at_low], [high, low]) = (at.to_be_bytes(), second.to_be_bytes());
-    Some([request.function(), at_high, at_low, high, low])
+    [request.function(), at_high, at_low, high, low]
 }
 
 /// Decodes an answer, and compares it with its request.
 ///
 /// # Errors
 /// The device refuses the request, or the bytes do not answer it. An exception has exactly two bytes.
-pub(super) fn answer(request: Request<'_>, bytes: &[u8]) -> Result<Answer, Fault> {
+pub(super) fn answer(request: ModbusRequest<'_>, bytes: &[u8]) -> Result<Answer, Fault> {
     let function = bytes.first().copied().unwrap_or_default();
     if function & !EXCEPTION != request.function() {
         return Err(Fault::Peer(PeerFault::Function));
@@ -61,24 +60,23 @@ pub(super) fn answer(request: Request<'_>, bytes: &[u8]) -> Result<Answer, Fault
     }
     // The library ignores bytes after the end of an answer, and fills in missing ones.
     let length = match request {
-        Request::Read { .. } => 2 + usize::from(bytes.get(1).copied().unwrap_or_default()),
+        ModbusRequest::Read { .. } => 2 + usize::from(bytes.get(1).copied().unwrap_or_default()),
         _ => 5,
     };
     if bytes.len() != length {
         return Err(Fault::Peer(PeerFault::Length));
     }
     if !request.is_read() {
-        let is_repeated = head(request).is_some_and(|head| head == bytes);
-        return if is_repeated { Ok(Answer::Done) } else { Err(Fault::Peer(PeerFault::Echo)) };
+        return if head(request) == *bytes { Ok(Answer::Done) } else { Err(Fault::Peer(PeerFault::Echo)) };
     }
     let malformed = |_: io::Error| Fault::Peer(PeerFault::Malformed);
     compare(request, Response::try_from(Bytes::copy_from_slice(bytes)).map_err(malformed)?)
 }
 
-fn compare(request: Request<'_>, response: Response) -> Result<Answer, Fault> {
+fn compare(request: ModbusRequest<'_>, response: Response) -> Result<Answer, Fault> {
     match (request, response) {
         (
-            Request::Read { count, .. },
+            ModbusRequest::Read { count, .. },
             Response::ReadInputRegisters(registers) | Response::ReadHoldingRegisters(registers),
         ) => {
             if registers.len() == usize::from(count) {
@@ -88,7 +86,7 @@ fn compare(request: Request<'_>, response: Response) -> Result<Answer, Fault> {
             }
         }
         (
-            Request::Read { count, .. },
+            ModbusRequest::Read { count, .. },
             Response::ReadCoils(mut bits) | Response::ReadDiscreteInputs(mut bits),
         ) => {
             // Bits are sent in whole bytes.

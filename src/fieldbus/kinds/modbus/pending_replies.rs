@@ -18,6 +18,7 @@ use std::time::Duration;
 
 use super::order_check::OrderCheck;
 use super::reply_signature::ReplySignature;
+use super::request::ModbusRequest;
 use crate::clock::Silence;
 use crate::fieldbus::request::Request;
 use isotherm_core::quantity::Moment;
@@ -194,7 +195,7 @@ impl PendingReplies {
             return false;
         }
         let (from, count) = match request {
-            Request::Read { from, count } => (from.offset, count),
+            Request::Modbus(ModbusRequest::Read { from, count }) => (from.offset, count),
             _ => (0, 0),
         };
         self.late.push(MissingReply {
@@ -286,7 +287,7 @@ impl MissingReply {
     fn is_same(&self, request: Request<'_>) -> bool {
         self.is_read
             && self.mark == ReplySignature::of(request)
-            && matches!(request, Request::Read { from, count } if (from.offset, count) == (self.from, self.count))
+            && matches!(request, Request::Modbus(ModbusRequest::Read { from, count }) if (from.offset, count) == (self.from, self.count))
     }
 }
 
@@ -297,7 +298,7 @@ mod tests {
 
     #[test]
     fn a_second_answer_is_waited_for_by_the_longest_answer_and_not_for_a_whole_timeout() {
-        let read = Request::Read { from: Register { table: Table::Input, offset: 0 }, count: 1 };
+        let read = Request::read_registers(Register { table: Table::Input, offset: 0 }, 1);
         let ms = Duration::from_millis;
         for (answers, took, timeout, under_way, span) in [
             (0, 0, 500, 0, 50),

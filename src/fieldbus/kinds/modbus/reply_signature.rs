@@ -1,5 +1,6 @@
 //! Features by which the answer to one Modbus question differs from that to another.
 
+use super::request::ModbusRequest;
 use crate::fieldbus::request::Request;
 
 /// Form of an answer: its function, and its length or the echo of a write. It distinguishes the answers to two
@@ -11,15 +12,17 @@ pub struct ReplySignature {
 }
 
 impl ReplySignature {
-    /// Returns the form of the answer to a request.
+    /// Returns the form of the answer to a request. All other requests than those of Modbus have the same form.
     pub(in crate::fieldbus) fn of(request: Request<'_>) -> ReplySignature {
+        let Request::Modbus(request) = request else { return ReplySignature { function: 0, form: [0, 0] } };
         let form = match request {
-            Request::Read { from, count } if from.table.is_bits() => [count.div_ceil(8), 0],
-            Request::Read { count, .. } => [2 * count, 0],
-            Request::WriteCoil { at, value } => [at, if value { 0xff00 } else { 0 }],
-            Request::WriteSingle { at, value } => [at, value],
-            Request::WriteMultiple { at, values } => [at, u16::try_from(values.len()).unwrap_or(u16::MAX)],
-            Request::Can(_) | Request::Nodes(_) | Request::Sensors(_) => [0, 0],
+            ModbusRequest::Read { from, count } if from.table.is_bits() => [count.div_ceil(8), 0],
+            ModbusRequest::Read { count, .. } => [2 * count, 0],
+            ModbusRequest::WriteCoil { at, value } => [at, if value { 0xff00 } else { 0 }],
+            ModbusRequest::WriteSingle { at, value } => [at, value],
+            ModbusRequest::WriteMultiple { at, values } => {
+                [at, u16::try_from(values.len()).unwrap_or(u16::MAX)]
+            }
         };
         ReplySignature { function: request.function(), form }
     }

@@ -16,6 +16,7 @@ use std::time::Duration;
 
 use super::pdu;
 use super::reply_signature::ReplySignature;
+use super::request::ModbusRequest;
 use super::wire::{ForeignFrame, ModbusWire};
 use crate::clock::{Silence, WallTimeout};
 use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
@@ -82,7 +83,7 @@ impl Rtu {
     fn find_answer(
         &mut self,
         unit: u8,
-        request: Request<'_>,
+        request: ModbusRequest<'_>,
         question: &[u8],
     ) -> Option<Result<Answer, Fault>> {
         loop {
@@ -93,7 +94,7 @@ impl Rtu {
                     self.received.drain(..end);
                 }
                 Reply::Own { pdu, end } => {
-                    let own = ReplySignature::of(request);
+                    let own = ReplySignature::of(Request::Modbus(request));
                     if self.is_pending_reply(unit, &self.received[pdu.clone()], Some(own)) {
                         self.late.push(unit);
                         self.received.drain(..end);
@@ -266,9 +267,7 @@ impl Rtu {
 impl Wire for Rtu {
     fn exchange<'a>(&'a mut self, unit: u8, request: Request<'a>, send_guard: &'a mut SendGuard) -> Call<'a> {
         Box::pin(async move {
-            if matches!(request, Request::Can(_) | Request::Nodes(_) | Request::Sensors(_)) {
-                return Err(Fault::Caller(CallerFault::Function));
-            }
+            let Request::Modbus(request) = request else { return Err(Fault::Caller(CallerFault::Function)) };
             // If the serial line belongs to another device, that device keeps the silence.
             let silence = self.serial.map_or(Duration::ZERO, |serial| serial.silence());
             self.wait_for_silence(silence).await?;
@@ -305,8 +304,9 @@ impl Wire for Rtu {
     }
 
     fn time_under_way(&self, request: Request<'_>) -> Duration {
+        let (Some(serial), Request::Modbus(request)) = (self.serial, request) else { return Duration::ZERO };
         let (question, answer) = frame::lengths(request);
-        self.serial.map_or(Duration::ZERO, |serial| serial.exchange(question, answer))
+        serial.exchange(question, answer)
     }
 
     fn missed(&mut self) -> Fault {

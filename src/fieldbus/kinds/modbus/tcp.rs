@@ -14,6 +14,7 @@ use std::time::Duration;
 
 use super::pdu;
 use super::reply_signature::ReplySignature;
+use super::request::ModbusRequest;
 use super::wire::ModbusWire;
 use crate::fieldbus::error::{CallerFault, Fault, LinkFault, PeerFault};
 use crate::fieldbus::port::{Port, Tapped, is_in_order};
@@ -82,9 +83,7 @@ impl ModbusTcp {
         request: Request<'_>,
         send_guard: &mut SendGuard,
     ) -> Result<Answer, Fault> {
-        if matches!(request, Request::Can(_) | Request::Nodes(_) | Request::Sensors(_)) {
-            return Err(Fault::Caller(CallerFault::Function));
-        }
+        let Request::Modbus(request) = request else { return Err(Fault::Caller(CallerFault::Function)) };
         self.form = None;
         if let Some((transaction, asked)) = self.behind.take_unanswered(unit, request) {
             // The request was sent, even if it gets no answer.
@@ -132,7 +131,7 @@ impl ModbusTcp {
     }
 
     /// Adds a request to the bytes to send, and returns its transaction number.
-    fn frame(&mut self, unit: u8, request: Request<'_>) -> u16 {
+    fn frame(&mut self, unit: u8, request: ModbusRequest<'_>) -> u16 {
         let transaction = self.draw();
         let begin = self.question.len();
         self.question.extend(transaction.to_be_bytes());

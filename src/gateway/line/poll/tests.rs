@@ -276,7 +276,7 @@ fn ten_thousand(script: Script, seed: u64) -> (u32, Vec<String>) {
             let unit: u8 = random.random_range(1..=3);
             let (offset, count) = (2 * random.random_range(0..3), [1, 2, 2, 4][random.random_range(0..4)]);
             let id = DeviceId(usize::from(unit) - 1);
-            let request = Request::Read { from: Register { table: Table::Input, offset }, count };
+            let request = Request::read_registers(Register { table: Table::Input, offset }, count);
             for _ in 0..4 {
                 match line.request(id, request, SendDeadline::None).await {
                     Ok(answered) => {

@@ -5,14 +5,14 @@ const BED: Request<'static> = read(Table::Input, 0, 1);
 const OIL: Request<'static> = read(Table::Input, 100, 1);
 const BLOCK: Request<'static> = read(Table::Input, 5, 4);
 const KIND: Request<'static> = read(Table::Holding, 90, 1);
-const WRITE: Request<'static> = Request::WriteSingle { at: 1, value: 2 };
+const WRITE: Request<'static> = Request::Modbus(ModbusRequest::WriteSingle { at: 1, value: 2 });
 
 const LENGTH: Result<(), Fault> = Err(Fault::Peer(PeerFault::Length));
 const MISSED: Result<(), Fault> = Err(Fault::Exception(11));
 const REFUSED: Result<(), Fault> = Err(Fault::Exception(4));
 
 const fn read(table: Table, offset: u16, count: u16) -> Request<'static> {
-    Request::Read { from: Register { table, offset }, count }
+    Request::read_registers(Register { table, offset }, count)
 }
 
 impl OrderCheck {
@@ -113,12 +113,15 @@ fn the_echo_of_a_write_shows_order_too_and_a_missing_one_opens_the_doubt() {
     order.answers(WRITE);
     assert!(!order.is_in_doubt());
     for value in 0..9 {
-        order.misses(Request::WriteSingle { at: 1, value });
+        order.misses(Request::Modbus(ModbusRequest::WriteSingle { at: 1, value }));
     }
     assert!(order.is_in_doubt());
     assert_eq!(
         order.doubt,
-        AnswerUse::Kept(vec![ReplySignature::of(Request::WriteSingle { at: 1, value: 0 })])
+        AnswerUse::Kept(vec![ReplySignature::of(Request::Modbus(ModbusRequest::WriteSingle {
+            at: 1,
+            value: 0
+        }))])
     );
     assert_eq!(order.asks(BED), None, "an echo is no answer to a read");
 }

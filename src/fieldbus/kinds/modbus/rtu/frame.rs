@@ -5,7 +5,7 @@
 
 use crate::fieldbus::kinds::modbus::pdu;
 use crate::fieldbus::kinds::modbus::reply_signature::ReplySignature;
-use crate::fieldbus::request::Request;
+use crate::fieldbus::kinds::modbus::request::ModbusRequest;
 use isotherm_core::codec::{Table, checksum};
 
 /// Longest frame: unit, 253 bytes, checksum.
@@ -29,7 +29,7 @@ pub(super) enum Reply {
 }
 
 /// Returns the frame of a request.
-pub(super) fn request(unit: u8, request: Request<'_>) -> Vec<u8> {
+pub(super) fn request(unit: u8, request: ModbusRequest<'_>) -> Vec<u8> {
     let mut bytes = vec![unit];
     pdu::question(request, &mut bytes);
     bytes.extend(checksum(&bytes).to_le_bytes());
@@ -37,28 +37,29 @@ pub(super) fn request(unit: u8, request: Request<'_>) -> Vec<u8> {
 }
 
 /// Returns the lengths of the frames of a request and of its answer.
-pub(super) fn lengths(request: Request<'_>) -> (usize, usize) {
+pub(super) fn lengths(request: ModbusRequest<'_>) -> (usize, usize) {
     match request {
-        Request::Read { from, count } if from.table.is_bits() => (8, 5 + usize::from(count.div_ceil(8))),
-        Request::Read { count, .. } => (8, 5 + 2 * usize::from(count)),
-        Request::WriteCoil { .. } | Request::WriteSingle { .. } => (8, 8),
-        Request::WriteMultiple { values, .. } => (9 + 2 * values.len(), 8),
-        Request::Can(_) | Request::Nodes(_) | Request::Sensors(_) => (0, 0),
+        ModbusRequest::Read { from, count } if from.table.is_bits() => {
+            (8, 5 + usize::from(count.div_ceil(8)))
+        }
+        ModbusRequest::Read { count, .. } => (8, 5 + 2 * usize::from(count)),
+        ModbusRequest::WriteCoil { .. } | ModbusRequest::WriteSingle { .. } => (8, 8),
+        ModbusRequest::WriteMultiple { values, .. } => (9 + 2 * values.len(), 8),
     }
 }
 
 /// Returns whether an answer to this request could begin with the same bytes as the request.
-pub(super) fn is_like_its_answer(request: Request<'_>) -> bool {
+pub(super) fn is_like_its_answer(request: ModbusRequest<'_>) -> bool {
     match request {
-        Request::Read { from, .. } => matches!(from.table, Table::Coil | Table::Discrete),
-        Request::WriteCoil { .. } | Request::WriteSingle { .. } => true,
-        Request::WriteMultiple { .. } | Request::Can(_) | Request::Nodes(_) | Request::Sensors(_) => false,
+        ModbusRequest::Read { from, .. } => matches!(from.table, Table::Coil | Table::Discrete),
+        ModbusRequest::WriteCoil { .. } | ModbusRequest::WriteSingle { .. } => true,
+        ModbusRequest::WriteMultiple { .. } => false,
     }
 }
 
 /// Finds the answer to a request like [`find`], but not inside an answer whose end is missing. Bytes of that answer may
 /// look like a frame.
-pub(super) fn find_answer(bytes: &[u8], unit: u8, request: Request<'_>) -> Reply {
+pub(super) fn find_answer(bytes: &[u8], unit: u8, request: ModbusRequest<'_>) -> Reply {
     find_before(bytes, unit, incomplete_answer(bytes, unit, request).unwrap_or(bytes.len()))
 }
 
@@ -68,7 +69,7 @@ pub(super) fn find(bytes: &[u8], unit: u8) -> Reply {
 }
 
 /// Returns the start of an answer to this request whose end is missing.
-fn incomplete_answer(bytes: &[u8], unit: u8, request: Request<'_>) -> Option<usize> {
+fn incomplete_answer(bytes: &[u8], unit: u8, request: ModbusRequest<'_>) -> Option<usize> {
     let (_, length) = lengths(request);
     let mut begin = vec![unit];
     if request.is_read() {

@@ -10,9 +10,8 @@ use crate::clock::{Clock, WallTimeout};
 use isotherm_core::codec::{Register, Table, checksum};
 use isotherm_profile::Parity;
 
-const READ: Request<'static> =
-    Request::Read { from: Register { table: Table::Holding, offset: 4 }, count: 2 };
-const WRITE: Request<'static> = Request::WriteSingle { at: 4, value: 9 };
+const READ: Request<'static> = Request::read_registers(Register { table: Table::Holding, offset: 4 }, 2);
+const WRITE: Request<'static> = Request::Modbus(ModbusRequest::WriteSingle { at: 4, value: 9 });
 const SLOW: Serial = Serial { baud: 9600, parity: Parity::None, stop_bits: 1 };
 
 fn line() -> (Rtu, DuplexStream) {
@@ -44,7 +43,7 @@ async fn asked(
         answer.unwrap_or_else(|| Err(wire.missed()))
     };
     let device = async {
-        let mut question = vec![0; frame::lengths(request).0];
+        let mut question = vec![0; framed_question(3, request).len()];
         device.read_exact(&mut question).await.unwrap();
         device.write_all(answer).await.unwrap();
     };
@@ -59,6 +58,12 @@ fn without_deadline() -> SendGuard {
 
 fn good() -> Result<Answer, Fault> {
     Ok(Answer::Registers(GOOD.to_vec()))
+}
+
+/// Returns the frame of a request.
+fn framed_question(unit: u8, request: Request<'_>) -> Vec<u8> {
+    let Request::Modbus(request) = request else { panic!("{request:?} is not Modbus") };
+    frame::request(unit, request)
 }
 
 #[tokio::test(start_paused = true)]
@@ -170,7 +175,7 @@ async fn silence_is_kept_after_an_answer_and_after_bytes_that_nobody_asked_for()
 async fn an_adapter_that_lets_us_hear_ourselves_is_seen_at_the_first_read_and_no_write_is_believed_by_its_echo()
  {
     let (mut wire, mut device) = line();
-    let heard = |request, answer: &[u8]| [&frame::request(3, request), answer].concat();
+    let heard = |request, answer: &[u8]| [&framed_question(3, request), answer].concat();
     let answer = heard(READ, &registers(1, 2));
     assert_eq!(asked(&mut wire, &mut device, READ, &answer).await, good());
     let nobody = heard(WRITE, &[]);
@@ -182,8 +187,8 @@ async fn an_adapter_that_lets_us_hear_ourselves_is_seen_at_the_first_read_and_no
 #[tokio::test(start_paused = true)]
 async fn frames_of_another_master_are_noted_and_neither_echoes_nor_late_answers_are() {
     let (mut wire, mut device) = line();
-    let theirs = Request::Read { from: Register { table: Table::Holding, offset: 300 }, count: 1 };
-    let said = |unit| [frame::request(unit, theirs), framed(unit, &[3, 2, 0, 9])];
+    let theirs = Request::read_registers(Register { table: Table::Holding, offset: 300 }, 1);
+    let said = |unit| [framed_question(unit, theirs), framed(unit, &[3, 2, 0, 9])];
     let form = Some(ReplySignature::of(theirs));
     let noted = |unit| [true, false].map(|is_question| ForeignFrame { unit, form, is_question });
     device.write_all(&said(3).concat()).await.unwrap();
@@ -199,10 +204,10 @@ async fn frames_of_another_master_are_noted_and_neither_echoes_nor_late_answers_
     let both = [said(3)[1].as_slice(), &registers(1, 2)].concat();
     assert_eq!(asked(&mut wire, &mut device, READ, &both).await, Err(Fault::UNASKED));
     assert_eq!(wire.overheard(), noted(3)[1..]);
-    let echoed = [frame::request(3, READ), registers(1, 2)].concat();
+    let echoed = [framed_question(3, READ), registers(1, 2)].concat();
     assert_eq!(asked(&mut wire, &mut device, READ, &echoed).await, good());
     wire.pass_over(vec![(8, ReplySignature::of(theirs))]);
-    let late = [frame::request(3, READ), framed(8, &[3, 2, 0, 9]), registers(1, 2)].concat();
+    let late = [framed_question(3, READ), framed(8, &[3, 2, 0, 9]), registers(1, 2)].concat();
     assert_eq!(asked(&mut wire, &mut device, READ, &late).await, good());
     assert_eq!((wire.overheard(), wire.received_late()), (Vec::new(), vec![8]));
 }
@@ -211,10 +216,10 @@ async fn frames_of_another_master_are_noted_and_neither_echoes_nor_late_answers_
 async fn the_echo_of_a_question_that_was_given_up_is_no_question_of_another_master() {
     let (mut wire, mut device) = line();
     assert_eq!(asked(&mut wire, &mut device, READ, &[]).await, Err(Fault::Timeout));
-    device.write_all(&frame::request(3, READ)).await.unwrap();
+    device.write_all(&framed_question(3, READ)).await.unwrap();
     assert_eq!(asked(&mut wire, &mut device, WRITE, &framed(3, &[6, 0, 4, 0, 9])).await, Ok(Answer::Done));
     assert_eq!(wire.overheard(), []);
-    device.write_all(&frame::request(3, READ)).await.unwrap();
+    device.write_all(&framed_question(3, READ)).await.unwrap();
     assert_eq!(asked(&mut wire, &mut device, READ, &registers(1, 2)).await, good());
     let is_question = true;
     assert_eq!(
@@ -226,7 +231,7 @@ async fn the_echo_of_a_question_that_was_given_up_is_no_question_of_another_mast
 /// Frame of five bytes in the middle of an answer: it looks like an exception of this unit.
 #[tokio::test(start_paused = true)]
 async fn a_frame_inside_of_an_answer_that_arrives_in_parts_is_a_part_of_it() {
-    let read = Request::Read { from: Register { table: Table::Input, offset: 0 }, count: 6 };
+    let read = Request::read_registers(Register { table: Table::Input, offset: 0 }, 6);
     for (unit, before) in [3, 8].into_iter().flat_map(|unit| (0..6).map(move |before| (unit, before))) {
         let mut data = vec![0; 12];
         data[before..before + 5].copy_from_slice(&framed(unit, &[0x84, 2]));
@@ -270,8 +275,8 @@ async fn the_echo_of_a_read_is_no_answer_whatever_it_looks_like() {
         let offsets = [0x0300, 0x0301, 0x0380, 0x03ff];
         offsets.into_iter().flat_map(move |offset| (17..=24).map(move |count| (table, offset, count)))
     }) {
-        let read = Request::Read { from: Register { table, offset }, count };
-        let echo = frame::request(3, read);
+        let read = Request::read_registers(Register { table, offset }, count);
+        let echo = framed_question(3, read);
         let answer = framed(3, &[read.function(), 3, 0b101, 0, 0]);
         let mut bits = vec![false; usize::from(count)];
         (bits[0], bits[2]) = (true, true);
@@ -286,7 +291,7 @@ async fn the_echo_of_a_read_is_no_answer_whatever_it_looks_like() {
         let noisy = [&[0xff], both.as_slice()].concat();
         assert_eq!(asked(&mut wire, &mut device, read, &noisy).await, Ok(Answer::Bits(bits.clone())));
         // After another read has shown the echo, the echo of each request is expected.
-        let shows = [frame::request(3, READ).as_slice(), &registers(1, 2)].concat();
+        let shows = [framed_question(3, READ).as_slice(), &registers(1, 2)].concat();
         assert_eq!(asked(&mut wire, &mut device, READ, &shows).await, good());
         assert_eq!(asked(&mut wire, &mut device, read, &echo).await, Err(Fault::Timeout), "{read:?}");
         assert_eq!(asked(&mut wire, &mut device, read, &both).await, Ok(Answer::Bits(bits)), "{read:?}");

@@ -2,6 +2,7 @@
 //! first one. The next request for the same read receives the answer. Its age counts from the time of sending.
 
 use crate::fieldbus::error::Fault;
+use crate::fieldbus::kinds::modbus::request::ModbusRequest;
 use crate::fieldbus::send_guard::SendGuard;
 use crate::fieldbus::wire::{Answer, Request};
 use isotherm_core::quantity::Moment;
@@ -10,7 +11,7 @@ use isotherm_core::quantity::Moment;
 #[derive(Debug, Default)]
 pub(super) struct FollowUpRead {
     /// Read to send after the next request.
-    next: Option<(u8, Request<'static>)>,
+    next: Option<(u8, ModbusRequest<'static>)>,
     open: Option<SentRead>,
 }
 
@@ -18,7 +19,7 @@ pub(super) struct FollowUpRead {
 #[derive(Debug)]
 struct SentRead {
     unit: u8,
-    request: Request<'static>,
+    request: ModbusRequest<'static>,
     transaction: u16,
     asked: Moment,
     answer: Option<Result<Answer, Fault>>,
@@ -28,7 +29,11 @@ impl FollowUpRead {
     /// Sets the read to send after the next request. `None` means no read. While one is unanswered, no other is
     /// accepted.
     pub(super) fn ask(&mut self, read: Option<(u8, Request<'static>)>) {
-        self.next = read.filter(|_| self.unanswered().is_none());
+        let is_free = self.unanswered().is_none();
+        self.next = match read {
+            Some((unit, Request::Modbus(read))) if is_free => Some((unit, read)),
+            _ => None,
+        };
     }
 
     /// Returns whether a read is sent after the next request, or is unanswered.
@@ -36,16 +41,22 @@ impl FollowUpRead {
         self.next.is_some() || self.unanswered().is_some()
     }
 
-    pub(super) fn take_question(&mut self) -> Option<(u8, Request<'static>)> {
+    pub(super) fn take_question(&mut self) -> Option<(u8, ModbusRequest<'static>)> {
         self.next.take()
     }
 
-    pub(super) fn left(&mut self, unit: u8, request: Request<'static>, transaction: u16, asked: Moment) {
+    pub(super) fn left(
+        &mut self,
+        unit: u8,
+        request: ModbusRequest<'static>,
+        transaction: u16,
+        asked: Moment,
+    ) {
         self.open = Some(SentRead { unit, request, transaction, asked, answer: None });
     }
 
     /// Returns the transaction number, unit and request of the unanswered read.
-    pub(super) fn unanswered(&self) -> Option<(u16, u8, Request<'static>)> {
+    pub(super) fn unanswered(&self) -> Option<(u16, u8, ModbusRequest<'static>)> {
         let open = self.open.as_ref().filter(|open| open.answer.is_none())?;
         Some((open.transaction, open.unit, open.request))
     }
@@ -53,11 +64,11 @@ impl FollowUpRead {
     /// Returns the unit, request and time of sending of the unanswered read.
     pub(super) fn unanswered_since(&self) -> Option<(u8, Request<'static>, Moment)> {
         let open = self.open.as_ref().filter(|open| open.answer.is_none())?;
-        Some((open.unit, open.request, open.asked))
+        Some((open.unit, Request::Modbus(open.request), open.asked))
     }
 
     /// Takes the unanswered read, if `request` is that read. Returns its transaction number and its time of sending.
-    pub(super) fn take_unanswered(&mut self, unit: u8, request: Request<'_>) -> Option<(u16, Moment)> {
+    pub(super) fn take_unanswered(&mut self, unit: u8, request: ModbusRequest<'_>) -> Option<(u16, Moment)> {
         let is_it =
             |open: &mut SentRead| open.answer.is_none() && (open.unit, open.request) == (unit, request);
         let open = self.open.take_if(is_it)?;
@@ -75,7 +86,7 @@ impl FollowUpRead {
     pub(super) fn take(
         &mut self,
         unit: u8,
-        request: Request<'_>,
+        request: ModbusRequest<'_>,
         send_guard: &mut SendGuard,
     ) -> Option<(Result<Answer, Fault>, Moment)> {
         let is_it = |open: &mut SentRead| (open.unit, open.request) == (unit, request);

@@ -9,10 +9,9 @@ use crate::clock::Clock;
 use crate::fieldbus::send_guard::SendDeadline;
 use isotherm_core::codec::{Register, Table};
 
-const READ: Request<'static> =
-    Request::Read { from: Register { table: Table::Holding, offset: 4 }, count: 2 };
-const WRITE: Request<'static> = Request::WriteSingle { at: 4, value: 9 };
-const WRITE_TWO: Request<'static> = Request::WriteMultiple { at: 4, values: &[1, 2] };
+const READ: Request<'static> = Request::read_registers(Register { table: Table::Holding, offset: 4 }, 2);
+const WRITE: Request<'static> = Request::Modbus(ModbusRequest::WriteSingle { at: 4, value: 9 });
+const WRITE_TWO: Request<'static> = Request::Modbus(ModbusRequest::WriteMultiple { at: 4, values: &[1, 2] });
 
 /// Builds a frame. `transaction` and `unit` are added to those of the request.
 fn frame(asked: &[u8], transaction: u8, unit: u8, pdu: &[u8]) -> Vec<u8> {
@@ -85,7 +84,7 @@ async fn a_write_is_done_only_where_the_echo_repeats_it() {
     assert_eq!(plain(WRITE_TWO, &[16, 0, 4, 0, 2]).await, Ok(Answer::Done));
     assert_eq!(plain(WRITE_TWO, &[16, 0, 4, 0, 1]).await, peer(PeerFault::Echo));
     assert_eq!(plain(WRITE_TWO, &[16, 0, 3, 0, 2]).await, peer(PeerFault::Echo));
-    let coil = Request::WriteCoil { at: 4, value: true };
+    let coil = Request::write_coil(4, true);
     assert_eq!(plain(coil, &[5, 0, 4, 255, 0]).await, Ok(Answer::Done));
     assert_eq!(plain(coil, &[5, 0, 4, 0, 0]).await, peer(PeerFault::Echo));
 }
@@ -103,7 +102,7 @@ async fn an_exception_with_a_code_of_its_own_is_still_an_exception() {
 
 #[tokio::test]
 async fn bits_come_in_whole_bytes_and_only_those_asked_for_are_kept() {
-    let bits = |count| Request::Read { from: Register { table: Table::Discrete, offset: 0 }, count };
+    let bits = |count| Request::read_registers(Register { table: Table::Discrete, offset: 0 }, count);
     assert_eq!(plain(bits(3), &[2, 1, 0b101]).await, Ok(Answer::Bits(vec![true, false, true])));
     assert_eq!(plain(bits(3), &[2, 2, 0b101, 0]).await, peer(PeerFault::Length));
     assert_eq!(plain(bits(9), &[2, 1, 0xff]).await, peer(PeerFault::Length));

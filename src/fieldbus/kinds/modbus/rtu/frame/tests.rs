@@ -2,8 +2,8 @@ use super::*;
 use isotherm_core::codec::Register;
 use proptest::prelude::*;
 
-fn read(table: Table, offset: u16, count: u16) -> Request<'static> {
-    Request::Read { from: Register { table, offset }, count }
+fn read(table: Table, offset: u16, count: u16) -> ModbusRequest<'static> {
+    ModbusRequest::Read { from: Register { table, offset }, count }
 }
 
 fn framed(unit: u8, pdu: &[u8]) -> Vec<u8> {
@@ -19,12 +19,15 @@ fn a_request_has_the_bytes_of_the_specification_s_example() {
 
 #[test]
 fn each_request_has_the_bytes_of_the_specification_and_the_length_that_was_foretold() {
-    let cases: [(Request<'_>, &[u8]); 5] = [
+    let cases: [(ModbusRequest<'_>, &[u8]); 5] = [
         (read(Table::Input, 0x0102, 7), &[9, 4, 1, 2, 0, 7]),
         (read(Table::Coil, 3, 11), &[9, 1, 0, 3, 0, 11]),
-        (Request::WriteCoil { at: 2, value: true }, &[9, 5, 0, 2, 0xff, 0]),
-        (Request::WriteSingle { at: 2, value: 0x1234 }, &[9, 6, 0, 2, 0x12, 0x34]),
-        (Request::WriteMultiple { at: 2, values: &[1, 0xfffe] }, &[9, 16, 0, 2, 0, 2, 4, 0, 1, 0xff, 0xfe]),
+        (ModbusRequest::WriteCoil { at: 2, value: true }, &[9, 5, 0, 2, 0xff, 0]),
+        (ModbusRequest::WriteSingle { at: 2, value: 0x1234 }, &[9, 6, 0, 2, 0x12, 0x34]),
+        (
+            ModbusRequest::WriteMultiple { at: 2, values: &[1, 0xfffe] },
+            &[9, 16, 0, 2, 0, 2, 4, 0, 1, 0xff, 0xfe],
+        ),
     ];
     for (asked, body) in cases {
         let bytes = request(9, asked);
