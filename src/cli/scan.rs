@@ -5,20 +5,18 @@ use std::time::Duration;
 
 use super::print_json;
 use super::signals::Signals;
-use super::target::{self, Target};
+use super::target::{self, Line, Target};
 use crate::cli::print::{say, say_all, say_beside, say_progress};
 use crate::clock::Clock;
-use crate::discovery::bus::{LineAddress, Parity, ScanKind, Serial, baud};
+use crate::discovery::bus::{LineAddress, Parity, ScanKind, ScanReport, Serial, baud};
 use crate::discovery::register_search::{RegisterRange, walk};
 use crate::discovery::remedy::{Question, remedy};
 use crate::discovery::scan::{AnswerKind, Event, FailedScan, Responder, Scan};
 use crate::discovery::{Exchange, Register};
+use crate::fieldbus::explain::explain_on;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{counted, duration_text};
 
-#[cfg(feature = "opcua")]
-mod endpoints;
-mod sensors;
 mod text;
 
 /// Requests one register from every unit once, and prints the units that answer. An exception is an answer too. Writes
@@ -63,12 +61,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         super::refuse("name a line: --bus tcp://192.168.0.10:502, or a PROFILE with --bus NAME");
     }
     let line = arguments.target.any(arguments.json)?;
-    match line.address.kind().scan {
-        #[cfg(feature = "opcua")]
-        ScanKind::Endpoints(_) => return endpoints::run(&line, arguments.json),
-        ScanKind::Sensors(_) => return sensors::run(&line, arguments.target.timeout, arguments.json),
-        _ => line.has_registers()?,
+    if let ScanKind::Other { scan: Some(scan), .. } = line.address.kind().scan {
+        let report = super::runtime()?.block_on(scan(&line.bus, arguments.target.timeout));
+        let report = report.map_err(|fault| {
+            anyhow::anyhow!("{}: {}", line.address, explain_on(line.bus.transport, fault))
+        })?;
+        return print_report(&line, report, arguments.json);
     }
+    line.has_registers()?;
     let is_serial = line.address.serial().is_some();
     let has_settings = !arguments.baud.is_empty() || !arguments.parity.is_empty();
     if has_settings && !is_serial {
@@ -119,6 +119,23 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         Some(why) => anyhow::bail!(why),
         None if seen.found.is_empty() => anyhow::bail!(text::nobody(&scan)),
         None => Ok(()),
+    }
+}
+
+/// Prints the result of a scan of a line without registers.
+fn print_report(line: &Line, report: ScanReport, json: bool) -> anyhow::Result<()> {
+    if json {
+        print_json(&report.json)?;
+    } else {
+        say_all!("{}", report.text)?;
+    }
+    match report.profile {
+        Ok((name, more)) if !json && line.known.is_none() => {
+            let lines = line.address.profile_lines();
+            Ok(say_all!("\n# for a profile:\n[bus.{name}]\n{lines}{more}")?)
+        }
+        Err(why) if !json || report.is_empty => anyhow::bail!(why),
+        _ => Ok(()),
     }
 }
 

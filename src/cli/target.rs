@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::load_with;
 use super::values::{self, key_and_value};
 use crate::discovery::Register;
-use crate::discovery::bus::LineAddress;
+use crate::discovery::bus::{LineAddress, ScanKind};
 use isotherm_profile::{Bus, BusId, Profile, Quirks};
 
 /// Timeout of a request if neither option nor profile gives one.
@@ -96,9 +96,9 @@ impl Target {
 impl Line {
     /// Fails if devices on the line have no registers: on CAN, on an OPC UA server, and in this computer.
     pub(super) fn has_registers(&self) -> anyhow::Result<()> {
-        let Some(line) = self.address.kind().scan.no_registers() else { return Ok(()) };
+        let ScanKind::Other { is, instead, .. } = self.address.kind().scan else { return Ok(()) };
         let name = self.known.as_ref().map_or(self.address.to_string(), |_| format!("bus {}", self.bus.name));
-        anyhow::bail!("{name} is {}, without registers; {}", line.is, line.instead)
+        anyhow::bail!("{name} is {is}, without registers; {instead}")
     }
 }
 

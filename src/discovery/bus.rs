@@ -11,7 +11,7 @@ use crate::fieldbus::kinds::{self, KINDS};
 use isotherm_profile::{Bus, OpcUa, Quirks, Transport};
 
 pub use crate::fieldbus::kinds::baud;
-pub use crate::fieldbus::kinds::kind::{ScanKind, VirtualLine};
+pub use crate::fieldbus::kinds::kind::{ScanKind, ScanReport, VirtualLine};
 pub use isotherm_profile::{Parity, Serial};
 
 /// Transport and address of a line.

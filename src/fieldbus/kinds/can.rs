@@ -23,7 +23,7 @@ pub use link::Link;
 pub use socket::{ReceivedFrame, Socket};
 pub use wire::CanDial;
 
-use super::kind::{BusKind, LinePlace, NoRegisters, ScanKind, VirtualLine};
+use super::kind::{BusKind, LinePlace, ScanKind, VirtualLine};
 use crate::fieldbus::error::CanFault;
 
 /// CAN interface of this computer.
@@ -31,10 +31,11 @@ pub const KIND: BusKind = BusKind {
     word: "can",
     address_key: "interface",
     place: |bus| LinePlace::Name(format!("can {}", bus.address)),
-    scan: ScanKind::None(NoRegisters {
+    scan: ScanKind::Other {
         is: "a CAN line",
         instead: "`isotherm read PROFILE` reads its signals",
-    }),
+        scan: None,
+    },
     virtual_line: VirtualLine::Served("is on the CAN interface"),
     ..BusKind::PLAIN
 };

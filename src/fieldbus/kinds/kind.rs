@@ -1,7 +1,10 @@
 //! Description of a type of bus. Common code asks it, and depends on no type.
 
+use std::time::Duration;
+
 use crate::fieldbus::connection::Dial;
 use crate::fieldbus::error::Fault;
+use crate::fieldbus::wire::Boxed;
 use isotherm_profile::{Bus, Transport};
 
 /// Type of bus: how its lines are opened, addressed, scanned and explained.
@@ -50,7 +53,7 @@ pub enum LinePlace {
 }
 
 /// Content of a line, and how it is scanned.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy)]
 pub enum ScanKind {
     /// Units with registers.
     Units {
@@ -59,21 +62,32 @@ pub enum ScanKind {
         /// Advice after an answer that violates the protocol, with a space before it.
         malformed: &'static str,
     },
-    /// Endpoints of a server.
-    Endpoints(NoRegisters),
-    /// Sensors of this computer.
-    Sensors(NoRegisters),
-    /// Nothing is scanned.
-    None(NoRegisters),
+    /// Content without registers.
+    Other {
+        /// Kind of line: "a CAN line".
+        is: &'static str,
+        /// Alternative to a verb that reads registers.
+        instead: &'static str,
+        /// Scan of the line, if there is one.
+        scan: Option<ScanFunction>,
+    },
 }
 
-/// Description of a line without registers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct NoRegisters {
-    /// Kind of line: "a CAN line".
-    pub is: &'static str,
-    /// Alternative to a verb that reads registers.
-    pub instead: &'static str,
+/// Function that scans a line, with the timeout that the user has chosen, if any.
+pub type ScanFunction = for<'a> fn(&'a Bus, Option<Duration>) -> Boxed<'a, Result<ScanReport, Fault>>;
+
+/// Result of a scan.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ScanReport {
+    /// Whether nothing was found.
+    pub is_empty: bool,
+    /// Result for programs.
+    pub json: serde_json::Value,
+    /// Result for users; empty if nothing was found.
+    pub text: String,
+    /// Name of a bus for a profile, and the lines after those of its address. Or the reason why the gateway cannot use
+    /// the line.
+    pub profile: Result<(&'static str, String), String>,
 }
 
 /// Counterpart of a line in the virtual machine.
@@ -83,16 +97,6 @@ pub enum VirtualLine {
     Served(&'static str),
     /// The virtual machine does not serve the line; the sentence says why.
     Absent(fn(&Bus) -> String),
-}
-
-impl ScanKind {
-    /// Returns the description of a line without registers; `None` for units with registers.
-    pub const fn no_registers(self) -> Option<NoRegisters> {
-        match self {
-            ScanKind::Units { .. } => None,
-            ScanKind::Endpoints(other) | ScanKind::Sensors(other) | ScanKind::None(other) => Some(other),
-        }
-    }
 }
 
 impl BusKind {
@@ -110,7 +114,7 @@ impl BusKind {
         is_lossy: false,
         has_namespaces: false,
         is_closed_in_order: false,
-        scan: ScanKind::None(NoRegisters { is: "", instead: "" }),
+        scan: ScanKind::Other { is: "", instead: "", scan: None },
         virtual_line: VirtualLine::Absent(|bus| format!("bus {} is not simulated", bus.name)),
     };
 }

@@ -11,7 +11,7 @@ pub mod fault;
 pub mod namespaces;
 pub mod request;
 
-use super::kind::{BusKind, LinePlace, NoRegisters, ScanKind, VirtualLine};
+use super::kind::{BusKind, LinePlace, ScanKind, VirtualLine};
 use super::target::host_of_url;
 use crate::fieldbus::connection::Dial;
 use crate::fieldbus::error::{Fault, LinkFault, PeerFault};
@@ -31,7 +31,7 @@ pub const KIND: BusKind = BusKind {
     place: |bus| LinePlace::Host(host_of_url(&bus.address).to_owned()),
     has_namespaces: true,
     is_closed_in_order: true,
-    scan: ScanKind::Endpoints(NoRegisters {
+    scan: ScanKind::Other {
         is: "an OPC UA server",
         instead: if cfg!(feature = "opcua") {
             "`isotherm read --browse` shows its nodes"
@@ -39,7 +39,11 @@ pub const KIND: BusKind = BusKind {
             "this program was built without OPC UA: use a packaged program, or build one with \
              `cargo build --release --features opcua`"
         },
-    }),
+        #[cfg(feature = "opcua")]
+        scan: Some(client::scan::report),
+        #[cfg(not(feature = "opcua"))]
+        scan: None,
+    },
     virtual_line: VirtualLine::Absent(|bus| {
         format!("bus {} is an OPC UA server, which this verb does not simulate", bus.name)
     }),

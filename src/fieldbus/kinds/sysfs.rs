@@ -14,7 +14,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::kind::{BusKind, NoRegisters, ScanKind, VirtualLine};
+use super::kind::{BusKind, ScanKind, VirtualLine};
 use crate::clock::WallTimeout;
 use crate::fieldbus::connection::{Connection, Dial};
 use crate::fieldbus::error::{CallerFault, Fault};
@@ -29,6 +29,7 @@ use readers::Readers;
 pub mod find;
 pub mod readers;
 pub mod request;
+pub mod scan;
 mod value;
 
 /// Time for the work of this program, in addition to the timeout of the sensors.
@@ -44,10 +45,11 @@ pub const KIND: BusKind = BusKind {
     },
     dial: |bus| Some(Box::new(SysfsDial::new(bus))),
     hint: |_| Some(AT_THIS_COMPUTER),
-    scan: ScanKind::Sensors(NoRegisters {
+    scan: ScanKind::Other {
         is: "sensors of this computer",
         instead: "`isotherm scan --bus DIRECTORY` lists them, for example of /sys",
-    }),
+        scan: Some(scan::report),
+    },
     virtual_line: VirtualLine::Absent(|bus| {
         format!(
             "bus {} is not simulated: the gateway reads the real sensors in {} (another directory: --set \

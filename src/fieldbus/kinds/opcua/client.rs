@@ -52,6 +52,7 @@ mod namespaces;
 pub mod offer;
 mod panic_guard;
 mod publishing;
+pub(super) mod scan;
 mod session;
 mod status;
 mod subscription;

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use ::opcua::crypto::X509;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::sha256;
+use isotherm_profile::{counted, sha256};
 use rsa::pkcs1v15::SigningKey;
 use rsa::pkcs8::{EncodePrivateKey, EncodePublicKey, LineEnding};
 use rsa::rand_core::{OsRng, RngCore};
@@ -94,6 +94,31 @@ impl Certificate {
             to: at(validity.not_after),
             der,
         })
+    }
+
+    /// Formats the content of the certificate, one item on each line. `now` is the wall-clock time.
+    pub fn text(&self, now: Moment) -> String {
+        let Certificate { subject, application, thumbprint, sha256, .. } = self;
+        let mut text = format!("  subject      {subject}\n");
+        if let Some(application) = application {
+            let _ = writeln!(text, "  application  {application}");
+        }
+        let _ = writeln!(text, "  thumbprint   {thumbprint} (SHA-1)");
+        let _ = writeln!(text, "  or           {sha256} (SHA-256)");
+        let _ = writeln!(text, "  valid        {}", self.validity(now));
+        text
+    }
+
+    /// Formats the dates of validity, and the days that are left.
+    fn validity(&self, now: Moment) -> String {
+        const DAY: Duration = Duration::from_hours(24);
+        let day = |moment: Moment| moment.to_string().chars().take(10).collect::<String>();
+        let how = match now {
+            _ if now < self.from => "not valid yet, or this computer's clock is wrong".to_owned(),
+            _ if now > self.to => "expired, or this computer's clock is wrong".to_owned(),
+            _ => format!("{} left", counted(self.to.since(now).as_secs() / DAY.as_secs(), "day")),
+        };
+        format!("{} to {}: {how}", day(self.from), day(self.to))
     }
 
     /// Returns whether `text` is the thumbprint of the certificate, SHA-1 or SHA-256, in any usual notation.

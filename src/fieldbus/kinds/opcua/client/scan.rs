@@ -1,43 +1,45 @@
 //! Endpoints of an OPC UA server, with their users and its certificate, also as lines of a profile.
 
-use crate::cli::opcua::shown;
-use crate::cli::print::{say, say_all};
-use crate::cli::print_json;
-use crate::cli::target::Line;
-use crate::discovery::opcua::{Offer, offers};
-use isotherm_profile::Security;
+use std::time::Duration;
 
-pub(super) fn run(line: &Line, json: bool) -> anyhow::Result<()> {
-    let url = &line.bus.address;
-    let asked = offers(url, line.bus.timeout);
-    let offers = crate::cli::runtime()?.block_on(asked).map_err(anyhow::Error::msg)?;
-    if json {
-        return print_json(&serde_json::json!({ "url": url, "endpoints": offers }));
-    }
-    say!("The server at {url} offers")?;
-    say_all!("{}", table(&offers))?;
-    let mut certificates: Vec<_> = offers.iter().filter_map(|offer| offer.certificate.as_ref()).collect();
-    certificates.dedup();
-    for certificate in certificates {
-        say!("The server shows a certificate")?;
-        say_all!("{}", shown(certificate))?;
-    }
-    let Some(security) = strongest(&offers) else {
-        anyhow::bail!(
-            "the gateway supports none of these endpoints. At the server, switch on Basic256Sha256 or \
-             better, binary over TCP, for anonymous users or users with a password or certificate"
-        )
-    };
-    if line.known.is_none() {
-        let files = match security {
-            Security::None => String::new(),
-            _ => "cert = \"own.der\"\nkey = \"own.pem\"\ntrusted = \"trusted\"\n".to_owned(),
-        };
-        let files = files + user(&offers, security);
-        let lines = line.address.profile_lines();
-        say_all!("\n# for a profile:\n[bus.control]\n{lines}security = \"{}\"\n{files}", word(security))?;
-    }
-    Ok(())
+use super::offer::{Offer, offers};
+use crate::clock::Clock;
+use crate::fieldbus::error::Fault;
+use crate::fieldbus::kinds::kind::ScanReport;
+use crate::fieldbus::wire::Boxed;
+use isotherm_profile::{Bus, Security};
+
+/// Requests the endpoints of the server, and describes them.
+pub(in crate::fieldbus::kinds::opcua) fn report(
+    bus: &Bus,
+    _: Option<Duration>,
+) -> Boxed<'_, Result<ScanReport, Fault>> {
+    Box::pin(async move {
+        let url = &bus.address;
+        let offers = offers(url, bus.timeout).await?;
+        let mut certificates: Vec<_> = offers.iter().filter_map(|offer| offer.certificate.as_ref()).collect();
+        certificates.dedup();
+        let now = Clock::wall().time_of_day();
+        let shown = certificates
+            .iter()
+            .map(|certificate| format!("The server shows a certificate\n{}", certificate.text(now)));
+        let text = format!("The server at {url} offers\n{}{}", table(&offers), shown.collect::<String>());
+        let profile = strongest(&offers).map(|security| {
+            let files = match security {
+                Security::None => "",
+                _ => "cert = \"own.der\"\nkey = \"own.pem\"\ntrusted = \"trusted\"\n",
+            };
+            let user = user(&offers, security);
+            ("control", format!("security = \"{}\"\n{files}{user}", word(security)))
+        });
+        let profile = profile.ok_or_else(|| {
+            "the gateway supports none of these endpoints. At the server, switch on Basic256Sha256 or better, binary \
+             over TCP, for anonymous users or users with a password or certificate"
+                .to_owned()
+        });
+        let json = serde_json::json!({ "url": url, "endpoints": offers });
+        Ok(ScanReport { is_empty: false, json, text, profile })
+    })
 }
 
 /// Formats the endpoints, one line each.
