@@ -73,7 +73,7 @@ impl Connection {
     pub fn wire(&mut self) -> &mut dyn Wire {
         match self {
             Connection::ModbusTcp(wire) => wire,
-            Connection::Modbus(wire) => wire.as_mut(),
+            Connection::Modbus(wire) => &mut **wire,
             Connection::Other(wire) => wire.as_mut(),
         }
     }
@@ -87,8 +87,8 @@ impl Connection {
         }
     }
 
-    /// Returns whether an answer is assigned to its request by a number or by the protocol. Without this, as on a serial
-    /// line, a late answer looks like the answer to the next request.
+    /// Returns whether an answer is assigned to its request by a number or by the protocol. Without this, as on a
+    /// serial line, a late answer looks like the answer to the next request.
     pub(super) fn has_transaction_id(&mut self) -> bool {
         self.modbus().is_none_or(|modbus| modbus.has_transaction_id())
     }

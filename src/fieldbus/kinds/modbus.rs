@@ -2,7 +2,8 @@
 //!
 //! - [`tcp`] — frames of Modbus TCP; [`rtu`] — frames of a serial line. The private module `pdu` builds and checks the
 //!   content of both.
-//! - [`pending_replies`] — late replies that a unit may still send after a timeout, and requests that are safe meanwhile.
+//! - [`pending_replies`] — late replies that a unit may still send after a timeout, and requests that are safe
+//!   meanwhile.
 //! - [`reply_signature`] — what distinguishes the answers to two requests; `order_check` — whether the answers of a
 //!   unit behind a gateway belong to their requests.
 //! - [`wire`] — interface of a Modbus connection, in addition to that of every line.

@@ -285,9 +285,10 @@ impl PendingReplies {
 
 impl MissingReply {
     fn is_same(&self, request: Request<'_>) -> bool {
+        let Request::Modbus(ModbusRequest::Read { from, count }) = request else { return false };
         self.is_read
             && self.mark == ReplySignature::of(request)
-            && matches!(request, Request::Modbus(ModbusRequest::Read { from, count }) if (from.offset, count) == (self.from, self.count))
+            && (from.offset, count) == (self.from, self.count)
     }
 }
 

@@ -4,8 +4,9 @@
 //!   A whole frame of the addressed unit is no noise but an unsolicited reply. Then the request is not sent.
 //! - An answer is recognised by its unit, length and checksum. Noise before it and answers of other units are skipped.
 //!   If a second answer of the unit follows, both are rejected.
-//! - RTU has no transaction number. After a missing answer, [`crate::fieldbus::line`] therefore sends the unit no request to
-//!   which the late answer would fit ([`super::pending_replies`]). The late answer is discarded here when it arrives.
+//! - RTU has no transaction number. After a missing answer, [`crate::fieldbus::line`] therefore sends the unit no
+//!   request to which the late answer would fit ([`super::pending_replies`]). The late answer is discarded here when it
+//!   arrives.
 //! - An adapter without echo suppression receives its own requests. The first read detects this. From then on, the echo
 //!   of every request is expected before its answer.
 //! - Bytes equal to the request are no answer to a read. The echo of a read of 17 to 24 bits from 0x0300 to 0x03FF has

@@ -1,5 +1,5 @@
-//! Interface of a Modbus connection, in addition to that of every [`Wire`]: late answers, frames of other masters, and a
-//! read that is sent together with another request.
+//! Interface of a Modbus connection, in addition to that of every [`Wire`]: late answers, frames of other masters, and
+//! a read that is sent together with another request.
 
 use std::time::Duration;
 
