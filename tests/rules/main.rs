@@ -197,6 +197,19 @@ fn the_folders_of_the_gateway_use_only_those_in_their_table() {
     }
 }
 
+/// A new type of bus must not need a change of the gateway.
+#[test]
+fn the_gateway_compares_no_types_of_bus_and_looks_into_no_request() {
+    let words = ["Transport::", "ModbusRequest", "CanRequest", "NodeRequest", "SensorRequest"];
+    let wrong: Vec<String> = source::all(root())
+        .iter()
+        .filter(|source| source.path.starts_with("src/gateway"))
+        .filter(|source| words.iter().any(|word| source.code.contains(word)))
+        .map(|source| source.path.clone())
+        .collect();
+    assert!(wrong.is_empty(), "ask crate::fieldbus::kinds::of(…), and make requests by Request: {wrong:?}");
+}
+
 #[test]
 fn every_room_of_the_program_and_of_core_is_in_the_table_and_on_the_map() {
     for home in ["", "crates/core"] {
