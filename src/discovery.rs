@@ -3,7 +3,7 @@
 //! - [`bus`] — address of a line as one word: `tcp://192.168.0.10:502`.
 //! - [`unit_reader`] — one request at a time, on the same [`crate::fieldbus::line`] that the gateway uses.
 //! - [`can`] — state of a CAN interface, as the kernel reports it.
-//! - [`sysfs`] — temperature sensors of this computer, and sensors of a profile that are missing.
+//! - [`sysfs`] — sensors of this computer that a profile names and that are missing.
 //! - `opcua` — an OPC UA server, by feature: its endpoints, its certificate, its nodes.
 //! - [`mod@pipeline`] — whether a device supports two requests at a time.
 //! - [`scan`] — units that answer; [`register_search`] — registers of a unit.

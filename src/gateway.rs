@@ -16,6 +16,7 @@ use tokio::task::{Id, JoinError, JoinSet};
 
 use crate::clock::{Clock, Sleeper};
 use crate::fieldbus::connection::Dial;
+use crate::fieldbus::kinds;
 use crate::fieldbus::line::DeviceLine;
 use crate::observe::events::{Event, Journal, file};
 use crate::observe::status::GatewayApi;
@@ -436,7 +437,10 @@ impl Gateway {
     /// Logs off from the servers. A server for few clients then has a free place at once. A server that does not answer
     /// is not waited for.
     async fn take_leave(&self, tasks: &mut JoinSet<()>, lines: &HashMap<Id, BusId>) {
-        let kept = |bus: BusId| Some(self.shared.profile.bus(bus)).filter(|bus| bus.opcua.is_some());
+        let kept = |bus: BusId| {
+            let bus = self.shared.profile.bus(bus);
+            kinds::of(bus.transport).is_closed_in_order.then_some(bus)
+        };
         let mut open: HashMap<Id, Duration> =
             lines.iter().filter_map(|(id, bus)| Some((*id, kept(*bus)?.timeout))).collect();
         // One request may be running for its timeout. The closing request has its own timeout.

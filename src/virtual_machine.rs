@@ -238,8 +238,6 @@ impl VirtualMachine {
                     machine.keep(path.clone(), port::serve(name, serial, line, switched, stop));
                     (path, gate)
                 }
-                // OPC UA servers and sensors of this computer are not simulated. Their devices are left out.
-                Transport::OpcUa | Transport::Sysfs => continue,
                 Transport::Can => {
                     let line = machine.can_line(profile, index, begin);
                     let wanted = machine.shared.hardware().can_wanted(&line.places);
@@ -249,6 +247,8 @@ impl VirtualMachine {
                     machine.addresses.push((BusId(index), bus.address.clone()));
                     continue;
                 }
+                // Lines of other types are not simulated. Their devices are left out.
+                _ => continue,
             };
             machine.addresses.push((BusId(index), address));
             gates.push(gate);

@@ -9,7 +9,8 @@ use super::print::{print_json, say_beside};
 use super::progress;
 use super::values::key_and_value;
 use super::{broker, machines};
-use crate::fieldbus::{opcua_check, tls};
+use crate::fieldbus::kinds::opcua::check as opcua_check;
+use crate::fieldbus::tls;
 use crate::gateway::how_to_find_a_model;
 use isotherm_profile::{Axis, Errors, Loaded, Profile};
 

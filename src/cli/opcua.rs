@@ -1,13 +1,8 @@
 //! `isotherm opcua`: makes, shows and trusts the certificates of an OPC UA line.
 
-use std::fmt::Write;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 use super::loading::{ProfileArguments, reported};
-use crate::clock::Clock;
-use crate::discovery::opcua::Certificate;
-use isotherm_profile::counted;
 use isotherm_profile::{Bus, NamedFile, OpcUa, Profile};
 
 mod own;
@@ -108,31 +103,4 @@ impl LineArguments {
             },
         }
     }
-}
-
-/// Formats the content of a certificate, one item on each line.
-pub(super) fn shown(certificate: &Certificate) -> String {
-    let Certificate { subject, application, thumbprint, sha256, .. } = certificate;
-    let mut text = format!("  subject      {subject}\n");
-    if let Some(application) = application {
-        let _ = writeln!(text, "  application  {application}");
-    }
-    let _ = writeln!(text, "  thumbprint   {thumbprint} (SHA-1)");
-    let _ = writeln!(text, "  or           {sha256} (SHA-256)");
-    let _ = writeln!(text, "  valid        {}", validity(certificate));
-    text
-}
-
-/// Formats the dates of validity, and the days that are left.
-fn validity(certificate: &Certificate) -> String {
-    const DAY: Duration = Duration::from_hours(24);
-    let day =
-        |moment: isotherm_core::quantity::Moment| moment.to_string().chars().take(10).collect::<String>();
-    let (from, to, now) = (certificate.from, certificate.to, Clock::wall().time_of_day());
-    let how = match now {
-        _ if now < from => "not valid yet, or this computer's clock is wrong".to_owned(),
-        _ if now > to => "expired, or this computer's clock is wrong".to_owned(),
-        _ => format!("{} left", counted(to.since(now).as_secs() / DAY.as_secs(), "day")),
-    };
-    format!("{} to {}: {how}", day(from), day(to))
 }

@@ -5,21 +5,19 @@ use std::time::Duration;
 
 use super::print::print_json;
 use super::signals::Signals;
-use super::target::{self, Target};
+use super::target::{self, Line, Target};
 use super::values::wrong_arguments;
 use crate::cli::print::{say, say_all, say_beside, say_progress};
 use crate::clock::Clock;
-use crate::discovery::bus::{LineAddress, Parity, Serial, Transport, baud};
+use crate::discovery::bus::{LineAddress, Parity, ScanKind, ScanReport, Serial, baud};
 use crate::discovery::register_search::{RegisterRange, walk};
 use crate::discovery::remedy::{Question, remedy};
 use crate::discovery::scan::{AnswerKind, Event, FailedScan, Responder, Scan};
 use crate::discovery::{Exchange, Register};
+use crate::fieldbus::explain::explain_on;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{counted, duration_text};
 
-#[cfg(feature = "opcua")]
-mod endpoints;
-mod sensors;
 mod text;
 
 /// Requests one register from every unit once, and prints the units that answer. An exception is an answer too. Writes
@@ -66,15 +64,15 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         ));
     }
     let line = arguments.target.any(arguments.json)?;
-    #[cfg(feature = "opcua")]
-    if line.bus.opcua.is_some() {
-        return endpoints::run(&line, arguments.json);
-    }
-    if line.address.transport == Transport::Sysfs {
-        return sensors::run(&line, arguments.target.timeout, arguments.json);
+    if let ScanKind::Other { scan: Some(scan), .. } = line.address.kind().scan {
+        let report = super::runtime::start()?.block_on(scan(&line.bus, arguments.target.timeout));
+        let report = report.map_err(|fault| {
+            anyhow::anyhow!("{}: {}", line.address, explain_on(line.bus.transport, fault))
+        })?;
+        return print_report(&line, report, arguments.json);
     }
     line.has_registers()?;
-    let is_serial = matches!(line.address.transport, Transport::Serial(_));
+    let is_serial = line.address.serial().is_some();
     let has_settings = !arguments.baud.is_empty() || !arguments.parity.is_empty();
     if has_settings && !is_serial {
         return Err(wrong_arguments("--baud and --parity are for a serial line: rtu:///dev/ttyUSB0"));
@@ -127,9 +125,26 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
 }
 
+/// Prints the result of a scan of a line without registers.
+fn print_report(line: &Line, report: ScanReport, json: bool) -> anyhow::Result<()> {
+    if json {
+        print_json(&report.json)?;
+    } else {
+        say_all!("{}", report.text)?;
+    }
+    match report.profile {
+        Ok((name, more)) if !json && line.known.is_none() => {
+            let lines = line.address.profile_lines();
+            Ok(say_all!("\n# for a profile:\n[bus.{name}]\n{lines}{more}")?)
+        }
+        Err(why) if !json || report.is_empty => anyhow::bail!(why),
+        _ => Ok(()),
+    }
+}
+
 /// The line with every setting to try.
 fn settings(line: &LineAddress, bauds: &[u32], parities: &[Parity]) -> Vec<LineAddress> {
-    let Transport::Serial(serial) = line.transport else { return vec![line.clone()] };
+    let Some(serial) = line.serial() else { return vec![line.clone()] };
     let bauds = if bauds.is_empty() { &[serial.baud] } else { bauds };
     let parities = if parities.is_empty() { &[serial.parity] } else { parities };
     let each = bauds.iter().flat_map(|baud| parities.iter().map(move |parity| (*baud, *parity)));
@@ -167,7 +182,7 @@ impl ScanResults {
     fn take(&mut self, event: Event) {
         match event {
             Event::Line(line) => {
-                if self.several || matches!(line.transport, Transport::Serial(_)) {
+                if self.several || line.serial().is_some() {
                     clear_line();
                     say_beside!("{line}");
                 }

@@ -9,8 +9,9 @@ use super::loading::{ProfileArguments, load};
 use super::signals::Signals;
 use crate::cli::print::say;
 use crate::clock::Clock;
+use crate::discovery::bus::{LineAddress, VirtualLine};
 use crate::virtual_machine::{FaultScript, PlantSpec, Setup, VirtualMachine};
-use isotherm_profile::{Device, Profile, Transport, safe_file};
+use isotherm_profile::{Device, Profile, safe_file};
 
 /// Serves the devices of a profile as virtual hardware. These are Modbus servers at the addresses and serial ports of
 /// the profile, and nodes on its CAN interfaces.
@@ -51,7 +52,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         None => FaultScript::default(),
     };
-    if !profile.buses.is_empty() && profile.buses.iter().all(|bus| bus.transport == Transport::OpcUa) {
+    if !profile.buses.is_empty() && profile.buses.iter().all(|bus| bus.opcua.is_some()) {
         anyhow::bail!(
             "{} cannot be simulated: all its buses are OPC UA servers, which this verb does not simulate",
             profile.name
@@ -70,30 +71,17 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             let devices: Vec<String> = devices.map(named).collect();
             let bus = profile.bus(*bus);
             let name = &bus.name;
-            let is = match bus.transport {
-                Transport::Serial(_) => "is the serial port",
-                Transport::Can => "is on the CAN interface",
-                Transport::OpcUa | Transport::Sysfs => "is not simulated at",
-                Transport::Tcp | Transport::RtuOverTcp => "listens on",
-            };
-            say!("bus {name} {is} {address}: {}", devices.join(", "))?;
-            if matches!(bus.transport, Transport::Serial(_)) && *address != bus.address {
+            let line = LineAddress::of(bus);
+            if let VirtualLine::Served(is) = line.kind().virtual_line {
+                say!("bus {name} {is} {address}: {}", devices.join(", "))?;
+            }
+            if line.serial().is_some() && *address != bus.address {
                 say!("  the gateway finds it with --set bus.{name}.port={address}")?;
             }
         }
         for bus in profile.buses.iter() {
-            match bus.transport {
-                Transport::OpcUa => {
-                    say!("bus {} is an OPC UA server, which this verb does not simulate", bus.name)?
-                }
-                Transport::Sysfs => say!(
-                    "bus {} is not simulated: the gateway reads the real sensors in {} (another directory: \
-                     --set bus.{}.address=DIRECTORY)",
-                    bus.name,
-                    bus.address,
-                    bus.name
-                )?,
-                _ => {}
+            if let VirtualLine::Absent(why) = LineAddress::of(bus).kind().virtual_line {
+                say!("{}", why(bus))?;
             }
         }
         say!("stop with Ctrl-C")?;

@@ -6,8 +6,8 @@ use std::time::Duration;
 use super::loading::load_with;
 use super::values::{self, key_and_value};
 use crate::discovery::Register;
-use crate::discovery::bus::LineAddress;
-use isotherm_profile::{Bus, BusId, Profile, Quirks, Transport};
+use crate::discovery::bus::{LineAddress, ScanKind};
+use isotherm_profile::{Bus, BusId, Profile, Quirks};
 
 /// Timeout of a request if neither option nor profile gives one.
 const TIMEOUT: Duration = Duration::from_millis(500);
@@ -96,24 +96,9 @@ impl Target {
 impl Line {
     /// Fails if devices on the line have no registers: on CAN, on an OPC UA server, and in this computer.
     pub(super) fn has_registers(&self) -> anyhow::Result<()> {
-        let (kind, instead) = match self.bus.transport {
-            Transport::Can => ("a CAN line", "`isotherm read PROFILE` reads its signals"),
-            Transport::OpcUa if cfg!(feature = "opcua") => {
-                ("an OPC UA server", "`isotherm read --browse` shows its nodes")
-            }
-            Transport::OpcUa => (
-                "an OPC UA server",
-                "this program was built without OPC UA: use a packaged program, or build one with \
-                 `cargo build --release --features opcua`",
-            ),
-            Transport::Sysfs => (
-                "sensors of this computer",
-                "`isotherm scan --bus DIRECTORY` lists them, for example of /sys",
-            ),
-            Transport::Tcp | Transport::RtuOverTcp | Transport::Serial(_) => return Ok(()),
-        };
+        let ScanKind::Other { is, instead, .. } = self.address.kind().scan else { return Ok(()) };
         let name = self.known.as_ref().map_or(self.address.to_string(), |_| format!("bus {}", self.bus.name));
-        anyhow::bail!("{name} is {kind}, without registers; {instead}")
+        anyhow::bail!("{name} is {is}, without registers; {instead}")
     }
 }
 

@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
-use crate::fieldbus::can::Interface;
 use crate::fieldbus::error::{CanFault, Fault, LinkFault};
+use crate::fieldbus::kinds::can::Interface;
 use isotherm_core::codec::{Address, Frame};
 use isotherm_profile::{Bus, Profile, Signal};
 

@@ -4,16 +4,16 @@ use std::time::Duration;
 
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::explain::explain_on;
-use crate::fieldbus::opcua::browse::Browser;
-use crate::fieldbus::opcua::offer;
+use crate::fieldbus::kinds::opcua::client::browse::Browser;
+use crate::fieldbus::kinds::opcua::client::offer;
 use isotherm_core::codec::NodeId;
 use isotherm_profile::{Bus, Transport};
 
 mod nodes;
 
-pub use crate::fieldbus::opcua::browse::{Described, Tree};
-pub use crate::fieldbus::opcua::certificate::{Certificate, NewCertificate, make};
-pub use crate::fieldbus::opcua::offer::Offer;
+pub use crate::fieldbus::kinds::opcua::client::browse::{Described, Tree};
+pub use crate::fieldbus::kinds::opcua::client::certificate::{Certificate, NewCertificate, make};
+pub use crate::fieldbus::kinds::opcua::client::offer::Offer;
 pub use nodes::{Inspected, in_a_line, inspect};
 
 /// Returns the endpoints that the server at this URL offers.

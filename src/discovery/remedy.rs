@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::discovery::bus::{LineAddress, Transport};
+use crate::discovery::bus::{LineAddress, ScanKind};
 use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::explain::explain;
 use isotherm_core::codec::{Register, Table};
@@ -49,10 +49,11 @@ pub fn remedy(fault: Fault, question: Question<'_>) -> String {
             format!("unit {unit}, {span} ({modicon}): {said}{below}")
         }
         Fault::Exception(3) => format!("unit {unit}, {count} at once: {said}. Try a smaller --count"),
-        Fault::Peer(PeerFault::Malformed) if line.transport == Transport::Tcp => {
-            format!("{line}: {said} Write rtu+tcp://")
-        }
-        Fault::Link(_) | Fault::Peer(PeerFault::Malformed) => format!("{line}: {said}"),
+        Fault::Peer(PeerFault::Malformed) => match line.kind().scan {
+            ScanKind::Units { malformed, .. } => format!("{line}: {said}{malformed}"),
+            _ => format!("{line}: {said}"),
+        },
+        Fault::Link(_) => format!("{line}: {said}"),
         _ => format!("unit {unit}: {said}"),
     }
 }

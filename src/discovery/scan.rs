@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use crate::discovery::bus::{LineAddress, Transport};
+use crate::discovery::bus::LineAddress;
 use crate::discovery::unit_reader::{Trace, UnitReader};
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::wire::Answer;
@@ -79,10 +79,7 @@ impl Scan {
     pub fn at_worst(&self) -> Duration {
         let pauses = self.quirks.pause_between_requests + self.quirks.pause_after_connect;
         let each_line = self.lines.iter().map(|line| {
-            let under_way = match line.transport {
-                Transport::Serial(serial) => serial.exchange(REQUEST, ANSWER),
-                _ => Duration::ZERO,
-            };
+            let under_way = line.serial().map_or(Duration::ZERO, |serial| serial.exchange(REQUEST, ANSWER));
             self.bus.timeout * 2 + pauses + under_way
         });
         let questions = self.units.len() * self.registers.len();

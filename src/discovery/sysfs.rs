@@ -1,32 +1,16 @@
-//! Temperature sensors of this computer, and sensors of a profile that are missing.
+//! Sensors of this computer that a profile names and that are missing.
 
 use std::path::Path;
-use std::time::Duration;
 
 use serde::Serialize;
 
-use crate::clock::WallTimeout;
-use crate::fieldbus::sysfs::find::{PresentSensor, all, find};
-use crate::fieldbus::sysfs::readers::Readers;
+use crate::fieldbus::kinds::sysfs::find::{PresentSensor, all, find};
 use isotherm_core::codec::PcSensor;
 use isotherm_core::reading::Reason;
 use isotherm_profile::{Profile, Transport};
 
 /// Maximum number of names in one advice.
 const MOST: usize = 20;
-
-/// Temperature sensor of this computer.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Temperature {
-    /// Name of the sensor in a profile.
-    pub sensor: String,
-    /// File that holds the temperature.
-    pub read_in: String,
-    /// Temperature in °C; `None` if there is no value now.
-    pub value: Option<f64>,
-    /// Reason why there is no value; empty if there is one.
-    pub reason: String,
-}
 
 /// Sensor of a profile.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -41,20 +25,6 @@ pub struct Inspected {
     pub read_in: Option<String>,
     /// Problem, and which sensors exist instead.
     pub advice: Option<String>,
-}
-
-/// Reads every temperature below this directory once.
-pub async fn scan(root: &Path, timeout: Duration) -> Vec<Temperature> {
-    let present = all(root);
-    let sensors: Vec<PcSensor> = present.iter().map(|present| present.sensor.clone()).collect();
-    let values = Readers::default().read(root, &sensors, timeout, &mut WallTimeout::new()).await;
-    let found = present.iter().zip(values).map(|(present, value)| Temperature {
-        sensor: present.sensor.to_string(),
-        read_in: present.files.to_string(),
-        value: value.ok(),
-        reason: value.err().map(|reason| reason.to_string()).unwrap_or_default(),
-    });
-    found.collect()
 }
 
 /// Looks up the files of each sensor of a profile. It reads no temperature.

@@ -77,7 +77,7 @@ impl UnitReader {
             // Skip the back-off: the caller waits for the answer.
             let device = DeviceId(usize::from(unit));
             line.revive(None);
-            let request = Request::Read { from, count };
+            let request = Request::read_registers(from, count);
             let answer = line.request(device, request, SendDeadline::None).await.map(|found| found.answer);
             if let Some((listening, show)) = &mut self.trace {
                 std::iter::from_fn(|| listening.next_now()).for_each(|exchange| show(&exchange));

@@ -1,7 +1,7 @@
 //! Faults of the fieldbus, classified by their cause.
 
-use super::canopen::abort::AbortCode;
-use super::opcua_fault::OpcUaFault;
+use super::kinds::can::canopen::abort::AbortCode;
+use super::kinds::opcua::fault::OpcUaFault;
 use crate::tls::TlsFault;
 use isotherm_core::reading::{Reason, Status, exception};
 

@@ -14,7 +14,7 @@
 //! could get the answer to the request before. On RTU, answers have no transaction number, and a new connection does
 //! not help, because a late answer may arrive on it. There the unit gets no request until [`GRACE`] further timeouts
 //! have passed, under any device name. Input that arrives until then is discarded. A unit that is known to answer
-//! promptly waits less, see [`super::pending_replies`].
+//! promptly waits less, see [`super::kinds::modbus::pending_replies`].
 //!
 //! An even later answer cannot be distinguished from the next one. The timeout must therefore be at least a quarter of
 //! the longest answer time of a device. After two timeouts in a row the line opens the port again, because an adapter
@@ -32,12 +32,12 @@ use std::time::Duration;
 use super::backoff::Backoff;
 use super::connection::{Connection, Dial};
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
-use super::pending_replies::{PendingReplies, Spans};
-use super::pipeline::Pipeline;
-use super::reply_signature::ReplySignature;
+use super::kinds::modbus::pending_replies::{PendingReplies, Spans};
+use super::kinds::modbus::pipeline::Pipeline;
+use super::kinds::modbus::reply_signature::ReplySignature;
 use super::send_guard::{SendDeadline, SendGuard};
 use super::trace::Tap;
-use super::wire::{Answer, NodeRequest, Request};
+use super::wire::{Answer, Request};
 use crate::clock::{Clock, WallTimeout};
 use continuity::Evidence;
 use isotherm_core::quantity::Moment;
@@ -337,10 +337,12 @@ impl DeviceLine {
             if answer.is_ok()
                 && let Some(connection) = &mut self.wire
             {
-                if self.pipeline.is_on() {
+                if self.pipeline.is_on()
+                    && let Some(modbus) = connection.modbus()
+                {
                     // Either this request was already sent after the one before, or another read is sent after this
                     // one.
-                    is_second = connection.wire().has_follow_up();
+                    is_second = modbus.has_follow_up();
                     // Two requests whose answers a Modbus gateway could confuse are not sent together.
                     let is_like_it = |(unit, read): &(u8, Request<'_>)| {
                         is_behind_gateway
@@ -348,8 +350,8 @@ impl DeviceLine {
                             && ReplySignature::of(*read) == ReplySignature::of(request)
                     };
                     let read = self.pipeline.take().filter(|read| control.is_none() && !is_like_it(read));
-                    connection.wire().set_follow_up(read);
-                    are_two = is_second || connection.wire().has_follow_up();
+                    modbus.set_follow_up(read);
+                    are_two = is_second || modbus.has_follow_up();
                 }
                 let span = self.timeout + connection.wire().time_under_way(sent);
                 self.send_guard.begins(span);
@@ -360,7 +362,7 @@ impl DeviceLine {
                 };
                 let took = self.send_guard.took();
                 self.took = took;
-                for late in connection.wire().received_late() {
+                for late in connection.modbus().into_iter().flat_map(|modbus| modbus.received_late()) {
                     self.units.pending.of(late).reset_timing();
                 }
                 let pending = self.units.pending.of(number);
@@ -381,7 +383,8 @@ impl DeviceLine {
                 };
                 if is_behind_gateway && self.send_guard.asked().is_some() {
                     let outcome = answer.as_ref().map(|_| ()).map_err(|fault| *fault);
-                    let (received, may_be_late) = (connection.wire().received_form(), pending.has_pending());
+                    let received = connection.modbus().and_then(|modbus| modbus.received_form());
+                    let may_be_late = pending.has_pending();
                     if pending.order.assess(sent, outcome, received, may_be_late) {
                         answer = Err(Fault::Peer(PeerFault::OutOfOrder));
                     }
@@ -402,9 +405,8 @@ impl DeviceLine {
             {
                 observer.gives_up_pipeline(*fault);
             }
-            if matches!(request, Request::Nodes(NodeRequest::Latest(_)))
-                && let (Some(observer), Some(connection)) = (&self.observer, &mut self.wire)
-                && let Some(what) = connection.wire().subscription_news()
+            if let (Some(observer), Some(connection)) = (&self.observer, &mut self.wire)
+                && let Some(what) = connection.wire().news()
             {
                 observer.subscribes(device, what);
             }
@@ -428,7 +430,7 @@ impl DeviceLine {
                 (is_controlled, was_connected, now) = (true, true, self.send_guard.last_sample());
                 continue;
             }
-            let has_ids = self.wire.as_mut().is_some_and(|wire| wire.wire().has_transaction_id());
+            let has_ids = self.wire.as_mut().is_some_and(Connection::has_transaction_id);
             self.drop_connection();
             // It is unknown whether a write that was sent was executed. This is more important than the back-off of the
             // line.
@@ -470,7 +472,7 @@ impl DeviceLine {
         now: Moment,
     ) -> Result<Answer, Fault> {
         let Some(connection) = &mut self.wire else { return answer };
-        let has_ids = connection.wire().has_transaction_id();
+        let has_ids = connection.has_transaction_id();
         self.is_nameless = !has_ids;
         let is_behind_gateway = self.units.at(place).is_behind_gateway;
         let has_left = self.send_guard.asked().is_some();

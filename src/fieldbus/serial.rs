@@ -22,7 +22,8 @@ use isotherm_profile::{Parity, Serial};
 mod identity;
 
 pub(crate) use identity::PortHistory;
-pub use identity::{PortIdentity, device_number};
+pub use identity::PortIdentity;
+pub(in crate::fieldbus) use identity::place;
 
 /// Open serial port with eight data bits and without interpretation of bytes.
 #[derive(Debug)]

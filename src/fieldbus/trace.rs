@@ -126,7 +126,7 @@ impl Tap {
             asked_at,
             took,
             unit,
-            asked: exchange::asked(request),
+            asked: request.to_string(),
             sent,
             received,
             more,

@@ -1,18 +1,19 @@
 //! Interface of a transport: a wire sends one request and returns one answer.
 //!
 //! Only the implementations of [`Wire`] and [`Dial`](super::connection::Dial) depend on a transport. A new transport,
-//! or the simulated device of a test, implements these two traits.
+//! or the simulated device of a test, implements these two traits. A Modbus connection also implements
+//! [`ModbusWire`](super::kinds::modbus::wire::ModbusWire).
 
 use std::future::Future;
 use std::pin::Pin;
 use std::time::Duration;
 
 use super::error::Fault;
-use super::reply_signature::ReplySignature;
 use super::send_guard::SendGuard;
-use isotherm_core::quantity::Moment;
 
-pub use super::request::{Answer, CanRequest, NodeReading, NodeRequest, Request, Stamped};
+pub use super::request::{
+    Answer, CanRequest, ModbusRequest, NodeReading, NodeRequest, Request, SensorRequest, Stamped,
+};
 
 /// Future that a method of a trait object can return.
 pub type Boxed<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
@@ -31,28 +32,11 @@ pub enum Ending {
     Kept,
 }
 
-/// Whole frame that is neither a request nor an answer of this line: another master uses the line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ForeignFrame {
-    /// Unit that the frame addresses, or that sent it.
-    pub unit: u8,
-    /// Form of the answer; `None` if it is no read.
-    pub form: Option<ReplySignature>,
-    /// Whether the frame is a request.
-    pub is_question: bool,
-}
-
 /// Open connection of one line, of any protocol.
 pub trait Wire: Send {
     /// Sends the request and waits for its answer, without a timeout. The answer is checked against the request:
     /// transaction, unit, function, length, echo.
     fn exchange<'a>(&'a mut self, unit: u8, request: Request<'a>, send_guard: &'a mut SendGuard) -> Call<'a>;
-
-    /// Returns whether an answer has a transaction number. Without one, as on a serial line, a late answer looks like
-    /// the answer to the next request.
-    fn has_transaction_id(&self) -> bool {
-        true
-    }
 
     /// Returns the transmission time of the request and its answer, without the time that the device needs.
     fn time_under_way(&self, _request: Request<'_>) -> Duration {
@@ -64,50 +48,8 @@ pub trait Wire: Send {
         Fault::Timeout
     }
 
-    /// Sets the forms of late answers that may still arrive. The wire discards them.
-    fn pass_over(&mut self, _owed: Vec<(u8, ReplySignature)>) {}
-
-    /// Returns the units whose late answers have arrived since the last call.
-    fn received_late(&mut self) -> Vec<u8> {
-        Vec::new()
-    }
-
-    /// Returns the frames of other masters since the last call.
-    fn overheard(&mut self) -> Vec<ForeignFrame> {
-        Vec::new()
-    }
-
-    /// Discards all input for `span`, and until the unit has sent nothing for `quiet`.
-    ///
-    /// # Errors
-    /// The unit does not stop sending, or the connection has ended.
-    fn listen(&mut self, _unit: u8, _span: Duration, _quiet: Duration) -> Boxed<'_, Result<(), Fault>> {
-        Box::pin(std::future::ready(Ok(())))
-    }
-
-    /// Sets a read to send together with the next request. The next request for the same read receives its answer. A
-    /// wire without transaction numbers ignores it.
-    fn set_follow_up(&mut self, _read: Option<(u8, Request<'static>)>) {}
-
-    /// Returns true if a read that was set by [`Wire::set_follow_up`] waits to be sent, or was sent and is unanswered.
-    fn has_follow_up(&self) -> bool {
-        false
-    }
-
-    /// Returns the read that was set by [`Wire::set_follow_up`], if it was sent and is unanswered: its unit, the read,
-    /// and its time of sending. The next request for the same read takes it over.
-    fn unanswered_behind(&self) -> Option<(u8, Request<'static>, Moment)> {
-        None
-    }
-
-    /// Returns the form of the answer to the last request, valid or not; `None` if it is not that of a read, or if the
-    /// wire does not record it.
-    fn received_form(&self) -> Option<ReplySignature> {
-        None
-    }
-
-    /// Returns news about a subscription, once.
-    fn subscription_news(&mut self) -> Option<String> {
+    /// Returns news about a subscription of the device, once.
+    fn news(&mut self) -> Option<String> {
         None
     }
 

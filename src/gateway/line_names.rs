@@ -1,13 +1,13 @@
 //! Canonical names of bus addresses: each spelling of an address has the same name.
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
-use std::path::Path;
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
 use crate::clock::BootClock;
-use crate::fieldbus::serial::device_number;
-use isotherm_profile::{Bus, BusId, Profile, Transport};
+use crate::fieldbus::kinds;
+use crate::fieldbus::kinds::kind::LinePlace;
+use isotherm_profile::{Bus, BusId, Profile};
 
 /// Longest time for all host names together. A name that is not resolved by then is compared as it is written.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -24,33 +24,26 @@ pub(super) fn same_lines(profile: &Profile, bus: BusId) -> Vec<BusId> {
 
 /// Returns the canonical names of each of these buses. Two buses with a common name are the same line.
 pub(super) fn of_each(buses: &[&Bus]) -> Vec<Vec<String>> {
-    let hosts: Vec<Option<String>> = buses.iter().map(|bus| host_and_port(bus)).collect();
+    let places: Vec<LinePlace> = buses.iter().map(|bus| (kinds::of(bus.transport).place)(bus)).collect();
+    let hosts: Vec<Option<String>> = places.iter().map(host_and_port).collect();
     let mut found: Vec<Vec<SocketAddr>> = hosts.iter().map(|host| numeric(host.as_deref())).collect();
     resolve(&hosts, &mut found);
-    let name = |((bus, host), found): ((&&Bus, &Option<String>), &Vec<SocketAddr>)| match host {
-        None if matches!(bus.transport, Transport::Serial(_)) => vec![port(&bus.address)],
-        None => vec![format!("can {}", bus.address)],
-        Some(host) if found.is_empty() => vec![format!("tcp {}", host.to_lowercase())],
-        Some(_) => {
+    let name = |(place, found): (LinePlace, Vec<SocketAddr>)| match place {
+        LinePlace::Name(name) => vec![name],
+        LinePlace::Host(host) if found.is_empty() => vec![format!("tcp {}", host.to_lowercase())],
+        LinePlace::Host(_) => {
             let mut names: Vec<String> = found.iter().map(|address| tcp(*address)).collect();
             names.sort();
             names.dedup();
             names
         }
     };
-    buses.iter().zip(&hosts).zip(&found).map(name).collect()
+    places.into_iter().zip(found).map(name).collect()
 }
 
-/// Returns host and port of a bus over TCP.
-fn host_and_port(bus: &Bus) -> Option<String> {
-    match bus.transport {
-        Transport::Tcp | Transport::RtuOverTcp => Some(bus.address.clone()),
-        Transport::OpcUa => {
-            let rest = bus.address.split_once("://").map_or(bus.address.as_str(), |(_, rest)| rest);
-            rest.split('/').next().map(str::to_owned)
-        }
-        Transport::Serial(_) | Transport::Can | Transport::Sysfs => None,
-    }
+/// Returns host and port of a line over TCP.
+fn host_and_port(place: &LinePlace) -> Option<String> {
+    if let LinePlace::Host(host) = place { Some(host.clone()) } else { None }
 }
 
 /// Parses a numeric address, which needs no look-up.
@@ -111,15 +104,6 @@ fn source_address(ip: IpAddr) -> std::io::Result<IpAddr> {
     Ok(socket.local_addr()?.ip())
 }
 
-/// Returns the device number of a serial port, which all of its paths share. If there is no such port, returns its
-/// path.
-fn port(path: &str) -> String {
-    match std::fs::metadata(path).ok().and_then(|found| device_number(&found)) {
-        Some(number) => format!("serial {number:x}"),
-        None => format!("serial {}", std::path::absolute(Path::new(path)).unwrap_or_default().display()),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -141,15 +125,5 @@ mod tests {
         assert_eq!(name("127.0.0.2:502"), ["tcp 127.0.0.2:502"]);
         assert_eq!(name("127.0.0.1:503"), ["tcp this computer:503"]);
         assert_eq!(name("192.0.2.1:502"), ["tcp 192.0.2.1:502"]);
-    }
-
-    #[test]
-    fn a_serial_port_and_a_link_to_it_are_one_name() {
-        let home = tempfile::tempdir().unwrap();
-        let link = home.path().join("by-id");
-        std::os::unix::fs::symlink("/dev/null", &link).unwrap();
-        assert_eq!(port("/dev/null"), port(link.to_str().unwrap()));
-        assert_ne!(port("/dev/null"), port("/dev/zero"));
-        assert_eq!(port("/dev/ttyNONE"), "serial /dev/ttyNONE");
     }
 }

@@ -13,14 +13,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use isotherm::clock::Clock;
-use isotherm::fieldbus::canopen::NodeId;
-use isotherm::fieldbus::canopen::master::{Master, Start, Supervision};
-use isotherm::fieldbus::canopen::sdo::{Client, LONGEST, Progress};
-use isotherm::fieldbus::modbus::ModbusTcp;
-use isotherm::fieldbus::rtu::Rtu;
+use isotherm::fieldbus::kinds::can::canopen::NodeId;
+use isotherm::fieldbus::kinds::can::canopen::master::{Master, Start, Supervision};
+use isotherm::fieldbus::kinds::can::canopen::sdo::{Client, LONGEST, Progress};
+use isotherm::fieldbus::kinds::modbus::rtu::Rtu;
+use isotherm::fieldbus::kinds::modbus::tcp::ModbusTcp;
 use isotherm::fieldbus::send_guard::SendGuard;
 use isotherm::fieldbus::trace::Tap;
-use isotherm::fieldbus::wire::{Answer, Request, Wire};
+use isotherm::fieldbus::wire::{Answer, ModbusRequest, Request, Wire};
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::http::{Admission, TokenFile, serve};
 use isotherm::virtual_machine::answered;
@@ -538,10 +538,10 @@ pub(crate) fn client(data: &[u8]) {
     let count = u16::from(bytes.byte() % 125) + 1;
     let words = [bytes.word(), bytes.word()];
     let request = match how % 8 {
-        0 => Request::WriteSingle { at: from.offset, value: words[0] },
-        1 => Request::WriteMultiple { at: from.offset, values: &words },
-        2 => Request::WriteCoil { at: from.offset, value: words[0] & 1 == 1 },
-        _ => Request::Read { from, count },
+        0 => Request::Modbus(ModbusRequest::WriteSingle { at: from.offset, value: words[0] }),
+        1 => Request::Modbus(ModbusRequest::WriteMultiple { at: from.offset, values: &words }),
+        2 => Request::write_coil(from.offset, words[0] & 1 == 1),
+        _ => Request::read_registers(from, count),
     };
     if !request.fits() {
         return;
@@ -557,10 +557,10 @@ pub(crate) fn client(data: &[u8]) {
         runtime.block_on(Rtu::new(peer, None, &tap).exchange(unit, request, &mut send_guard))
     };
     match (answer, request) {
-        (Ok(Answer::Registers(words)), Request::Read { from, count }) => {
+        (Ok(Answer::Registers(words)), Request::Modbus(ModbusRequest::Read { from, count })) => {
             assert!(!from.table.is_bits() && words.len() == usize::from(count), "{words:?}");
         }
-        (Ok(Answer::Bits(bits)), Request::Read { from, count }) => {
+        (Ok(Answer::Bits(bits)), Request::Modbus(ModbusRequest::Read { from, count })) => {
             assert!(from.table.is_bits() && bits.len() == usize::from(count), "{bits:?}");
         }
         (Ok(Answer::Done), request) => assert!(!request.is_read()),

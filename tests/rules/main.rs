@@ -37,7 +37,7 @@ const ARROWS: [(&str, &str, &[&str]); 21] = [
     (
         "",
         "virtual_machine",
-        &["clock", "fieldbus::can::socket", "fieldbus::canopen::abort", "fieldbus::error"],
+        &["clock", "fieldbus::kinds::can::socket", "fieldbus::kinds::can::canopen::abort", "fieldbus::error"],
     ),
     (
         "",
@@ -45,7 +45,7 @@ const ARROWS: [(&str, &str, &[&str]); 21] = [
         &[
             "clock",
             "fieldbus::explain",
-            "fieldbus::opcua_check",
+            "fieldbus::kinds::opcua::check",
             "fieldbus::tls",
             "gateway",
             "observe",
@@ -195,6 +195,19 @@ fn the_folders_of_the_gateway_use_only_those_in_their_table() {
         let is_before = may.iter().all(|used| before.iter().any(|(name, _)| name == used));
         assert!(is_before, "{folder} uses a folder that does not stand before it in the table GATEWAY");
     }
+}
+
+/// A new type of bus must not need a change of the gateway.
+#[test]
+fn the_gateway_compares_no_types_of_bus_and_looks_into_no_request() {
+    let words = ["Transport::", "ModbusRequest", "CanRequest", "NodeRequest", "SensorRequest"];
+    let wrong: Vec<String> = source::all(root())
+        .iter()
+        .filter(|source| source.path.starts_with("src/gateway"))
+        .filter(|source| words.iter().any(|word| source.code.contains(word)))
+        .map(|source| source.path.clone())
+        .collect();
+    assert!(wrong.is_empty(), "ask crate::fieldbus::kinds::of(…), and make requests by Request: {wrong:?}");
 }
 
 #[test]

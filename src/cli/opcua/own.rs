@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use anyhow::Context;
 
-use super::{LineArguments, SecuredLine, shown};
+use super::{LineArguments, SecuredLine};
 use crate::cli::backup::write_new;
 use crate::cli::port::hostname;
 use crate::cli::print::print_json;
@@ -68,7 +68,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         true => say!("made for bus {}: {shown_cert}, and its key {shown_key}", line.bus.name)?,
         false => say!("bus {} uses {shown_cert}", line.bus.name)?,
     }
-    say_all!("{}", shown(&certificate))?;
+    say_all!("{}", certificate.text(Clock::wall().time_of_day()))?;
     let url = &line.bus.address;
     say!(
         "The server at {url} must trust this certificate: add {shown_cert} to its trusted certificates, as \

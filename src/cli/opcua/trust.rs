@@ -3,11 +3,12 @@
 use std::path::PathBuf;
 
 use super::own::put;
-use super::{LineArguments, SecuredLine, shown};
+use super::{LineArguments, SecuredLine};
 use crate::cli::print::print_json;
 use crate::cli::print::{say, say_all, say_beside};
 use crate::cli::runtime;
 use crate::cli::values::typed;
+use crate::clock::Clock;
 use crate::discovery::opcua::{Certificate, Offer, offers};
 
 const OF_A_CERTIFICATE: u32 = 0o644;
@@ -38,7 +39,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let certificate = of_the_server(&line, &offers)?;
     if !arguments.line.json {
         say!("The server at {} shows", line.bus.address)?;
-        say_all!("{}", shown(certificate))?;
+        say_all!("{}", certificate.text(Clock::wall().time_of_day()))?;
     }
     let file = match trusted_already(&line, certificate) {
         Some(file) => (file, false),

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use crate::discovery::bus::{LineAddress, Transport};
+use crate::discovery::bus::{LineAddress, ScanKind};
 use crate::discovery::register_search::RegisterRange;
 use crate::discovery::scan::{AnswerKind, Responder, Scan, heeds_no_number};
 use isotherm_profile::duration_text;
@@ -32,10 +32,7 @@ pub(super) fn plan(scan: &Scan) -> String {
 
 pub(super) fn found(line: &LineAddress, found: &Responder) -> String {
     let Responder { unit, register, how } = found;
-    let serial = match line.transport {
-        Transport::Serial(_) => format!(" on {line}"),
-        _ => String::new(),
-    };
+    let serial = line.serial().map_or(String::new(), |_| format!(" on {line}"));
     match how {
         AnswerKind::Value(value) => {
             format!("unit {unit} answers{serial}: {register} = {value} (0x{value:04X})")
@@ -123,17 +120,10 @@ fn profile_lines(found: &[&(LineAddress, Responder)], known: Option<(&Profile, B
 }
 
 pub(super) fn nobody(scan: &Scan) -> String {
-    let wiring = match scan.lines[0].transport {
-        Transport::Tcp => {
-            "Try another port, or another --register. If the units are behind a Modbus gateway, check its \
-             baud rate, parity and wiring"
-        }
-        _ => {
-            "Try --baud 1200,9600,19200,38400 --parity none,even, or another --register. Check the power of \
-             the device, and whether A and B are exchanged"
-        }
-    };
-    format!("no unit answered. {wiring}")
+    match scan.lines[0].kind().scan {
+        ScanKind::Units { unanswered, .. } => format!("no unit answered. {unanswered}"),
+        _ => "no unit answered".to_owned(),
+    }
 }
 
 pub(super) fn document(

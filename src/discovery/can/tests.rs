@@ -1,7 +1,8 @@
 use std::time::Duration;
 
 use super::*;
-use crate::discovery::bus::{LineAddress, Transport};
+use crate::discovery::bus::LineAddress;
+use isotherm_profile::Transport;
 
 fn found(name: &str, requires_fd: bool, found: Result<Interface, CanFault>) -> Inspected {
     let place = LineAddress { transport: Transport::Can, address: name.to_owned() };

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::explain::explain_on;
-use crate::fieldbus::opcua::browse::{Browser, Described, Value};
+use crate::fieldbus::kinds::opcua::client::browse::{Browser, Described, Value};
 use isotherm_core::codec::{Address, DataType, Node};
 use isotherm_profile::{Bit, Bus, BusId, Profile, Transport};
 

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use super::{ConnectionHistory, DeviceLine};
 use crate::fieldbus::error::{Fault, LinkFault};
-use crate::fieldbus::pending_replies::PendingReplies;
-use crate::fieldbus::reply_signature::ReplySignature;
+use crate::fieldbus::kinds::modbus::pending_replies::PendingReplies;
+use crate::fieldbus::kinds::modbus::reply_signature::ReplySignature;
 use crate::fieldbus::wire::Request;
 use isotherm_core::continuity::Break;
 use isotherm_core::quantity::Moment;
@@ -35,7 +35,7 @@ impl DeviceLine {
     /// more, the read, and its time of sending.
     pub(super) fn drop_connection(&mut self) -> Option<(u8, Request<'static>, Moment)> {
         let mut connection = self.wire.take()?;
-        let (number, read, asked) = connection.wire().unanswered_behind()?;
+        let (number, read, asked) = connection.modbus()?.unanswered_behind()?;
         self.units.pending.of(number).order.suspect(ReplySignature::of(read));
         Some((number, read, asked))
     }

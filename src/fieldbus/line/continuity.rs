@@ -30,7 +30,7 @@ impl DeviceLine {
         let (Err(fault), Some(connection)) = (answer, &mut self.wire) else { return };
         let ending = connection.wire().ending();
         let unit = self.units.at(place);
-        let broken = match connection.wire().has_transaction_id() {
+        let broken = match connection.has_transaction_id() {
             // Without transaction numbers a missed answer leaves the connection open.
             false if *fault == Fault::Timeout => BrokenContact::None,
             _ => self.evidence.ends(*fault, ending, unit.received, now),

@@ -1,9 +1,9 @@
 //! Control questions: requests that show whether the answers of a unit behind a Modbus gateway (from TCP to a serial
-//! line) belong to their requests. See [`crate::fieldbus::order_check`].
+//! line) belong to their requests. See [`crate::fieldbus::kinds::modbus::order_check`].
 
 use super::DeviceLine;
 use crate::fieldbus::error::Fault;
-use crate::fieldbus::reply_signature::ReplySignature;
+use crate::fieldbus::kinds::modbus::reply_signature::ReplySignature;
 use crate::fieldbus::wire::{Answer, Request};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::DeviceId;

@@ -21,6 +21,7 @@ impl DeviceLine {
         let (number, is_behind_gateway) =
             (self.units.at(place).number, self.units.at(place).is_behind_gateway);
         let Some(connection) = &mut self.wire else { return Err(Fault::Link(LinkFault::Down)) };
+        let Some(modbus) = connection.modbus() else { return Ok(()) };
         let pending = self.units.pending.of(number);
         loop {
             // On a new connection, unsolicited input has not had time to arrive yet. A Modbus gateway sends no such
@@ -37,10 +38,10 @@ impl DeviceLine {
                 tokio::time::sleep(left).await;
                 Ok(())
             } else {
-                connection.wire().listen(number, left, self.timeout).await
+                modbus.listen(number, left, self.timeout).await
             };
             self.send_guard.sample();
-            if connection.wire().received_late().contains(&number) {
+            if modbus.received_late().contains(&number) {
                 pending.reset_timing();
             }
             received?;
@@ -48,9 +49,9 @@ impl DeviceLine {
                 pending.is_quiet();
             }
         }
-        let has_ids = connection.wire().has_transaction_id();
+        let has_ids = modbus.has_transaction_id();
         if !has_ids {
-            connection.wire().pass_over(self.units.pending.marks().collect());
+            modbus.pass_over(self.units.pending.marks().collect());
         }
         if !has_ids || is_behind_gateway {
             self.units.pending.each().for_each(|pending| pending.forget(spans));

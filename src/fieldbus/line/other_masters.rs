@@ -13,11 +13,13 @@
 use std::time::Duration;
 
 use super::{Attribution, CheckedAnswer, DeviceLine};
+use crate::fieldbus::connection::Connection;
 use crate::fieldbus::error::{Fault, PeerFault};
-use crate::fieldbus::pending_replies::PendingReplies;
-use crate::fieldbus::reply_signature::ReplySignature;
+use crate::fieldbus::kinds::modbus::pending_replies::PendingReplies;
+use crate::fieldbus::kinds::modbus::reply_signature::ReplySignature;
+use crate::fieldbus::kinds::modbus::wire::ForeignFrame;
 use crate::fieldbus::send_guard::SendDeadline;
-use crate::fieldbus::wire::{ForeignFrame, Request};
+use crate::fieldbus::wire::Request;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::DeviceId;
 
@@ -157,14 +159,15 @@ impl DeviceLine {
         }
         let Some(connection) = &mut self.wire else { return false };
         let under_way = connection.wire().time_under_way(request);
+        let Some(modbus) = connection.modbus() else { return false };
         let pending = self.units.pending.of(number);
         let may_be_late = is_repeated || pending.has_pending();
         let span = pending.second_within(self.timeout, under_way);
         self.send_guard.away_for(span + self.timeout);
         // The next request detects a connection that is lost meanwhile.
-        let heard = connection.wire().listen(number, span, Duration::ZERO).await;
+        let heard = modbus.listen(number, span, Duration::ZERO).await;
         self.send_guard.sample();
-        let late = connection.wire().received_late();
+        let late = modbus.received_late();
         late.iter()
             .filter(|unit| **unit != number)
             .for_each(|unit| self.units.pending.of(*unit).reset_timing());
@@ -179,9 +182,9 @@ impl DeviceLine {
     /// Records the frames of other masters that were received in an exchange. An answer is not counted if its unit may
     /// have sent it late to the gateway.
     pub(super) fn note_others(&mut self, now: Moment) {
-        let Some(connection) = &mut self.wire else { return };
+        let Some(modbus) = self.wire.as_mut().and_then(Connection::modbus) else { return };
         let mut is_news = false;
-        for heard in connection.wire().overheard() {
+        for heard in modbus.overheard() {
             let may_be_late = !heard.is_question
                 && (self.units.pending.get(heard.unit).is_some_and(PendingReplies::has_pending)
                     || self.units.has_timed_out(heard.unit));
@@ -201,6 +204,7 @@ impl DeviceLine {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fieldbus::wire::ModbusRequest;
     use isotherm_core::codec::{Register, Table};
 
     fn at(seconds: u64) -> Moment {
@@ -208,7 +212,7 @@ mod tests {
     }
 
     fn read(offset: u16, count: u16) -> Request<'static> {
-        Request::Read { from: Register { table: Table::Input, offset }, count }
+        Request::read_registers(Register { table: Table::Input, offset }, count)
     }
 
     fn heard(unit: u8, count: u16) -> ForeignFrame {
@@ -255,7 +259,7 @@ mod tests {
         assert_eq!(others.attribute(1, read(100, 1)), Attribution::Ambiguous);
         assert_eq!(others.attribute(1, read(100, 2)), Attribution::Ours);
         assert_eq!(others.attribute(2, read(100, 1)), Attribution::Ours);
-        let write = Request::WriteSingle { at: 100, value: 1 };
+        let write = Request::Modbus(ModbusRequest::WriteSingle { at: 100, value: 1 });
         assert_eq!(others.attribute(1, write), Attribution::Ours);
         for count in 2..=65 {
             others.note(heard(3, count), at(1));

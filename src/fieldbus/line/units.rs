@@ -5,8 +5,9 @@ use std::time::Duration;
 use super::seed;
 use crate::fieldbus::backoff::Backoff;
 use crate::fieldbus::error::{Fault, LinkFault, PeerFault};
-use crate::fieldbus::pending_replies::{PendingReplies, Spans, UnitReplies};
-use crate::fieldbus::reply_signature::ReplySignature;
+use crate::fieldbus::kinds;
+use crate::fieldbus::kinds::modbus::pending_replies::{PendingReplies, Spans, UnitReplies};
+use crate::fieldbus::kinds::modbus::reply_signature::ReplySignature;
 use crate::fieldbus::wire::Request;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Device, DeviceId, Functions, Quirks, Transport};
@@ -29,7 +30,7 @@ pub(super) struct Unit {
     pub(super) quirks: Quirks,
     pub(super) breaker: Backoff,
     pub(super) last_fault: Fault,
-    /// Whether the unit has checks that must pass before use. An OPC UA server is checked by its namespaces.
+    /// Whether the unit has checks that must pass before use. A server with namespaces is checked by them.
     pub(super) is_checked: bool,
     /// Whether a Modbus gateway to a serial line is in front of the unit. A late answer of the unit may then have the
     /// transaction number of another request.
@@ -56,7 +57,7 @@ impl Units {
             quirks: device.quirks,
             breaker: Backoff::new(FIRST_PAUSE, seed(&device.name)),
             last_fault: Fault::Link(LinkFault::Down),
-            is_checked: device.is_checked() || transport == Transport::OpcUa,
+            is_checked: device.is_checked() || kinds::of(transport).has_namespaces,
             is_behind_gateway: device.quirks.gateway.is_present(transport, numbers()),
             received: Moment::default(),
         };

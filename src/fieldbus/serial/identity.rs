@@ -11,8 +11,17 @@
 use std::fs::{self, File, Metadata};
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
 
+/// Returns the name of a serial port that all of its paths share: its device number. If there is no such port, returns
+/// its path.
+pub(in crate::fieldbus) fn place(path: &str) -> String {
+    match fs::metadata(path).ok().and_then(|found| device_number(&found)) {
+        Some(number) => format!("serial {number:x}"),
+        None => format!("serial {}", std::path::absolute(path).unwrap_or_default().display()),
+    }
+}
+
 /// Returns the device number of a serial port, which all of its paths share; `None` if it is no character device.
-pub fn device_number(found: &Metadata) -> Option<u64> {
+fn device_number(found: &Metadata) -> Option<u64> {
     found.file_type().is_char_device().then(|| found.rdev())
 }
 
@@ -131,5 +140,15 @@ mod tests {
         assert_ne!(identity("/dev/null"), identity("/dev/zero"));
         let file = tempfile::NamedTempFile::new().unwrap();
         assert_eq!(identity(file.path().to_str().unwrap()), None);
+    }
+
+    #[test]
+    fn a_serial_port_and_a_link_to_it_are_one_name() {
+        let home = tempfile::tempdir().unwrap();
+        let link = home.path().join("by-id");
+        std::os::unix::fs::symlink("/dev/null", &link).unwrap();
+        assert_eq!(place("/dev/null"), place(link.to_str().unwrap()));
+        assert_ne!(place("/dev/null"), place("/dev/zero"));
+        assert_eq!(place("/dev/ttyNONE"), "serial /dev/ttyNONE");
     }
 }

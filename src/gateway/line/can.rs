@@ -12,7 +12,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::clock::Wakeup;
-use crate::fieldbus::can::{CanDial, Images, Link, Value};
+use crate::fieldbus::kinds::can::{CanDial, Images, Link, Value};
 use isotherm_core::codec::{Address, CanId};
 use isotherm_profile::{Bus, BusId, Device, DeviceId, Output, Profile, Verify};
 

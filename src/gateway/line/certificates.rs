@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::clock::Sleeper;
-use crate::fieldbus::opcua::certificate::Certificate;
+use crate::fieldbus::kinds::opcua::client::certificate::Certificate;
 use crate::gateway::shared::shared_state::Shared;
 use crate::observe::events::{CertificateOwner, Event, Expiry};
 use isotherm_core::quantity::Moment;

@@ -9,8 +9,9 @@ use std::time::Duration;
 
 use super::can::Can;
 use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
+use crate::fieldbus::kinds;
 use crate::fieldbus::line::DeviceLine;
-use crate::fieldbus::wire::{Answer, CanRequest, NodeRequest, Request};
+use crate::fieldbus::wire::{Answer, Request};
 use crate::gateway::shared::line_handle::LineHandle;
 use crate::gateway::shared::namespaces::NamespaceWatch;
 use crate::gateway::shared::state::GatewayState;
@@ -21,7 +22,7 @@ use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
 use isotherm_profile::preview::checks;
-use isotherm_profile::{BusId, Device, DeviceId, Expected, Profile, Setup, Transport};
+use isotherm_profile::{BusId, Device, DeviceId, Expected, Profile, Setup};
 
 /// Delay before a device that did not answer is asked again. The back-off of the line comes on top.
 const ASK_AGAIN: Duration = Duration::from_secs(1);
@@ -41,7 +42,7 @@ const BUSY: u8 = 6;
 pub(super) struct Inspector {
     bus: BusId,
     inspections: Vec<Inspection>,
-    /// Whether the line is an OPC UA server.
+    /// Whether the line is a server with namespaces.
     is_server: bool,
     namespaces: NamespaceWatch,
 }
@@ -100,7 +101,7 @@ enum CheckRound {
 impl Inspector {
     pub(super) fn new(profile: &Profile, bus: BusId, start: Moment) -> Inspector {
         // The nodes of a server are identified by their namespaces.
-        let is_server = profile.bus(bus).transport == Transport::OpcUa;
+        let is_server = kinds::of(profile.bus(bus).transport).has_namespaces;
         let checked = profile.devices_on(bus).filter(|(_, device)| is_server || device.is_checked());
         let stretch = checks::stretch(profile, bus);
         let inspection = |(id, device): (DeviceId, &Device)| {
@@ -170,8 +171,7 @@ impl Inspector {
             if self.is_server && self.namespaces.is_lost() {
                 // The server may have loaded the namespace in the meantime.
                 (inspection.due, inspection.read_after) = (now.after(LOOK_AGAIN), breaks);
-                let again = Request::Nodes(NodeRequest::Namespaces);
-                if line.request_unverified(id, again).await.is_err() {
+                if line.request_unverified(id, Request::read_namespaces()).await.is_err() {
                     continue;
                 }
                 self.check_namespaces(shared);
@@ -418,10 +418,10 @@ async fn set_up(
         let value = setup.object.registers(&setup.bytes());
         let value = value.ok_or(Fault::Peer(PeerFault::Width))?;
         let request = match shared.dry_run {
-            true => CanRequest::Read { object: setup.object },
-            false => CanRequest::Write { object: setup.object, values: value.registers() },
+            true => Request::read_object(setup.object),
+            false => Request::write_object(setup.object, value.registers()),
         };
-        match line.request_unverified(device, Request::Can(request)).await.map(|answered| answered.answer) {
+        match line.request_unverified(device, request).await.map(|answered| answered.answer) {
             Ok(Answer::Registers(found)) if found != value.registers() => wrong.push(not_set_up(
                 setup,
                 format!("is not {} yet, and a dry run does not change settings", setup.value),

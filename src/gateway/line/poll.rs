@@ -22,6 +22,7 @@ use self::read::Poll;
 use super::can::{Can, CanListener};
 use super::inspector::Inspector;
 use crate::clock::Sleeper;
+use crate::fieldbus::kinds;
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::Request;
 use crate::gateway::output::LineTurn;
@@ -163,7 +164,7 @@ impl LineTask {
         self.polls.iter().map(Poll::requests).sum()
     }
 
-    /// Takes turns until the gateway has stopped. Then closes the connection in order, if an OPC UA server keeps a
+    /// Takes turns until the gateway has stopped. Then closes the connection in order, if the other end keeps a
     /// state for it. With a listener, it also receives frames. A gateway may have 500 of these tasks. State that is
     /// needed only during a turn, or only on CAN, is therefore allocated separately.
     pub(in crate::gateway) async fn run(mut self: Box<Self>, listener: Option<Box<CanListener>>) {
@@ -179,8 +180,9 @@ impl LineTask {
         let mut now = self.line.sample();
         loop {
             self.take_note(now);
-            // An OPC UA server keeps a state for this line until the connection is closed in order.
-            if self.work == LineWork::Leave && self.shared.profile.bus(self.bus).opcua.is_some() {
+            // A server may keep a state for this line until the connection is closed in order.
+            let kind = kinds::of(self.shared.profile.bus(self.bus).transport);
+            if self.work == LineWork::Leave && kind.is_closed_in_order {
                 return self.line.close().await;
             }
             let turn = self.next(now);

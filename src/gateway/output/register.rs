@@ -214,7 +214,7 @@ impl OutputRegister {
         let output = turn.shared.profile.output(self.id);
         let asked = turn.line.last_sample();
         let applied = output.applied.as_ref().filter(|_| asked >= controller.applied_due(&self.settings))?;
-        let request = Request::Read { from: applied.address, count: applied.encoding.data_type.registers() };
+        let request = Request::read_registers(applied.address, applied.encoding.data_type.registers());
         Some(match turn.line.read_confirmed(output.device, request).await {
             Ok(answered) => {
                 let found = applied.encoding.decode(answered.answer.registers()).ok();

@@ -71,7 +71,7 @@ pub(super) async fn read(turn: &mut LineTurn<'_>, set: &OutputSet) -> Result<Set
     let (mut cells, mut asked) = (Cells::new(), Moment::END);
     for stretch in stretches(profile, set) {
         let from = Register { table: Table::Holding, offset: stretch.from };
-        let request = Request::Read { from, count: stretch.count };
+        let request = Request::read_registers(from, stretch.count);
         let answered = turn.line.read_confirmed(set.device, request).await?;
         asked = asked.min(answered.asked);
         cells.extend((stretch.from..).zip(answered.answer.registers().iter().copied()));

@@ -7,7 +7,7 @@ use super::set_io::{SetReadings, Written};
 use super::turn::LineTurn;
 use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::send_guard::SendDeadline;
-use crate::fieldbus::wire::{Answer, NodeRequest, Request};
+use crate::fieldbus::wire::{Answer, Request};
 use isotherm_core::codec::Encoded;
 use isotherm_core::output::OwnWords;
 use isotherm_profile::{OutputSet, OwnWord};
@@ -15,7 +15,7 @@ use isotherm_profile::{OutputSet, OwnWord};
 /// Reads every node of the set.
 pub(super) async fn read(turn: &mut LineTurn<'_>, set: &OutputSet) -> Result<SetReadings, Fault> {
     let nodes = set.nodes(&turn.shared.profile);
-    let request = Request::Nodes(NodeRequest::Read(&nodes));
+    let request = Request::read_nodes(&nodes);
     let answered = turn.line.request(set.device, request, SendDeadline::None).await?;
     let Answer::Nodes(found) = answered.answer else { return Err(Fault::Peer(PeerFault::Malformed)) };
     let mut unreadable = found.iter().zip(1..).filter_map(|(node, place)| Some((node.value.err()?, place)));
@@ -47,7 +47,7 @@ pub(super) async fn write(
     });
     let each: Vec<Encoded> = values.iter().copied().chain(words).collect();
     let values: Vec<u16> = each.iter().flat_map(Encoded::registers).copied().collect();
-    let request = Request::Nodes(NodeRequest::Write { nodes: &nodes, values: &values });
+    let request = Request::write_nodes(&nodes, &values);
     let sent = turn.line.request(set.device, request, leave).await;
     sent.map(|_| ()).map_err(|fault| (fault, fault.outcome()))
 }
@@ -61,7 +61,7 @@ pub(super) async fn write_own(turn: &mut LineTurn<'_>, set: &OutputSet, own: Own
     });
     let (nodes, words): (Vec<_>, Vec<Encoded>) = words.unzip();
     let values: Vec<u16> = words.iter().flat_map(Encoded::registers).copied().collect();
-    let request = Request::Nodes(NodeRequest::Write { nodes: &nodes, values: &values });
+    let request = Request::write_nodes(&nodes, &values);
     let sent = turn.line.request(set.device, request, SendDeadline::None).await;
     sent.map(|_| ()).map_err(|fault| (fault, fault.outcome()))
 }

@@ -1,10 +1,12 @@
 //! Requests for the strobe of a set and its acknowledge.
 
+use std::slice::from_ref;
+
 use super::turn::LineTurn;
-use crate::fieldbus::error::{CallerFault, Fault};
+use crate::fieldbus::error::Fault;
 use crate::fieldbus::send_guard::SendDeadline;
 use crate::fieldbus::wire::{Answer, Request};
-use isotherm_core::codec::{Address, DataType, Encoded};
+use isotherm_core::codec::Encoded;
 use isotherm_profile::{Bit, DeviceId};
 
 /// Raises or drops the strobe.
@@ -15,13 +17,14 @@ pub(super) async fn write(
     up: bool,
 ) -> Result<(), Fault> {
     let functions = turn.shared.profile.device(device).functions;
-    let (content, address) = match strobe {
-        Bit::Flag(flag) => (Encoded::of(&[if up { flag.raised() } else { 0 }]), flag.address.into()),
-        Bit::Node(node) => (node.word(u16::from(up)), Address::Node(node.clone())),
+    let content = match strobe {
+        Bit::Flag(flag) => Encoded::of(&[if up { flag.raised() } else { 0 }]),
+        Bit::Node(node) => node.word(u16::from(up)),
     };
-    let request = match address.register() {
-        Some(register) if register.table.is_bits() => Request::WriteCoil { at: register.offset, value: up },
-        _ => Request::write(&address, content.registers(), functions),
+    let request = match strobe {
+        Bit::Flag(flag) if flag.address.table.is_bits() => Request::write_coil(flag.address.offset, up),
+        Bit::Flag(flag) => Request::write_holding(flag.address.offset, content.registers(), functions),
+        Bit::Node(node) => Request::write_nodes(from_ref(node), content.registers()),
     };
     turn.line.request(device, request, SendDeadline::None).await.map(|_| ())
 }
@@ -32,12 +35,9 @@ pub(super) async fn read(
     device: DeviceId,
     acknowledge: &Bit,
 ) -> Result<bool, Fault> {
-    let (address, data_type) = match acknowledge {
-        Bit::Flag(flag) => (flag.address.into(), DataType::U16),
-        Bit::Node(node) => (Address::Node(node.clone()), node.taken_as()),
-    };
-    let Some(request) = Request::read(&address, data_type) else {
-        return Err(Fault::Caller(CallerFault::Function));
+    let request = match acknowledge {
+        Bit::Flag(flag) => Request::read_registers(flag.address, 1),
+        Bit::Node(node) => Request::read_nodes(from_ref(node)),
     };
     let answered = turn.line.read_confirmed(device, request).await?;
     Ok(match (answered.answer.accepted()?, acknowledge) {

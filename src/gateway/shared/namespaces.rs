@@ -4,9 +4,9 @@
 use std::path::Path;
 
 use super::state::GatewayState;
-use crate::fieldbus::namespaces::NamespaceTable;
+use crate::fieldbus::kinds::opcua::namespaces::NamespaceTable;
 use crate::observe::events::Event;
-use isotherm_core::codec::{Address, Namespace, Node, NodeId};
+use isotherm_core::codec::{Namespace, Node, NodeId};
 use isotherm_core::continuity::{CheckFailure, Difference};
 use isotherm_core::explained::Explained;
 use isotherm_core::namespaces::{KnownNamespaces, Located};
@@ -127,10 +127,8 @@ pub(in crate::gateway) fn confirm_namespaces(
              restart",
         ));
     }
-    let is_named = |output: &Output| match &output.address {
-        Address::Node(Node { id: NodeId { namespace: Namespace::Index(index), .. }, .. }) => {
-            lost.contains(index)
-        }
+    let is_named = |output: &Output| match output.address.node() {
+        Some(Node { id: NodeId { namespace: Namespace::Index(index), .. }, .. }) => lost.contains(index),
         _ => false,
     };
     let is_concerned = |output: &&Output| {

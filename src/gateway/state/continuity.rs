@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::arming::Arming;
 use super::dirty_vec::DirtyVec;
-use crate::fieldbus::namespaces::NamespaceTable;
+use crate::fieldbus::kinds::opcua::namespaces::NamespaceTable;
 use isotherm_core::compensation::model::Model;
 use isotherm_core::compensation::reference::Reference;
 use isotherm_core::compensation::{Compensation, ReturnTo};

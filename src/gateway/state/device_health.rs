@@ -6,11 +6,12 @@ use std::time::Duration;
 
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::explain::{advised_on, explain_on, remedy_of_a_reading};
+use crate::fieldbus::kinds;
 use crate::observe::events::Event;
 use isotherm_core::explained::{Cause, Explained};
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::{Reason, SignalId};
-use isotherm_profile::{BusId, Device, DeviceId, OutputId, Profile, Transport};
+use isotherm_profile::{BusId, Device, DeviceId, OutputId, Profile};
 
 use super::output_faults;
 
@@ -213,10 +214,9 @@ impl DeviceHealth {
         }
         let explained = self.explained(id, fault);
         let count = &mut self.devices[id.0];
-        let reported_after = match self.profile.bus(self.profile.device(id).bus).transport {
-            Transport::Serial(_) | Transport::RtuOverTcp if count.answered => REPORTED_AFTER_RTU,
-            _ => REPORTED_AFTER,
-        };
+        let bus = self.profile.bus(self.profile.device(id).bus);
+        let is_lossy = kinds::of(bus.transport).is_lossy && count.answered;
+        let reported_after = if is_lossy { REPORTED_AFTER_RTU } else { REPORTED_AFTER };
         let lost = count.misses(explained);
         if lost.missed >= reported_after && lost.has_news() {
             events.push(lost.report(self.profile.device(id)));

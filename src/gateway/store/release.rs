@@ -16,7 +16,7 @@
 
 use std::time::Duration;
 
-use isotherm_core::codec::{Address, DataType, Encoding, Register, Scale, Table, WordOrder};
+use isotherm_core::codec::{DataType, Encoding, Register, Scale, Table, WordOrder};
 use isotherm_core::compensation::model::{Condition, Kind, Linear, Model};
 use isotherm_core::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, OnFault};
 use isotherm_core::explained::Explained;
@@ -177,12 +177,16 @@ impl ReturningRegister {
 /// Bounds of an output, as they are saved.
 pub(super) fn bounds_of(profile: &Profile, output: &Output) -> Bounds {
     let axis = &profile.axis(output.axis).settings;
-    let obstacle = match &output.address {
-        _ if output.set.is_some() => Some(Obstacle::Set),
-        _ if output.writes != Writes::Offset => Some(Obstacle::Writes),
-        Address::Modbus(_) if output.verify == Verify::ReadBack => None,
-        Address::Modbus(_) => Some(Obstacle::Unread),
-        _ => Some(Obstacle::Address),
+    let obstacle = if output.set.is_some() {
+        Some(Obstacle::Set)
+    } else if output.writes != Writes::Offset {
+        Some(Obstacle::Writes)
+    } else if output.address.register().is_none() {
+        Some(Obstacle::Address)
+    } else if output.verify != Verify::ReadBack {
+        Some(Obstacle::Unread)
+    } else {
+        None
     };
     Bounds {
         limit_um: axis.guard.limit.get(),

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::fieldbus::canopen::abort::AbortCode;
+use crate::fieldbus::kinds::can::canopen::abort::AbortCode;
 use isotherm_core::codec::Entry;
 
 /// Bytes of an object, lowest first, and whether they are writable.

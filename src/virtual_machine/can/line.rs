@@ -7,8 +7,8 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 
 use crate::clock::{Clock, Sleeper, SocketGate};
-use crate::fieldbus::can::socket::{ReceivedFrame, Socket};
 use crate::fieldbus::error::{CanFault, Fault, LinkFault};
+use crate::fieldbus::kinds::can::socket::{ReceivedFrame, Socket};
 use crate::virtual_machine::TICK;
 use crate::virtual_machine::hardware::can::Sent;
 use crate::virtual_machine::server::Shared;

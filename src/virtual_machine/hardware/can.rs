@@ -5,7 +5,7 @@ use std::time::Duration;
 use rand::RngExt;
 
 use super::{Hardware, Unit};
-use crate::fieldbus::canopen::abort::AbortCode;
+use crate::fieldbus::kinds::can::canopen::abort::AbortCode;
 use crate::virtual_machine::can::dictionary::{NONE, Server, refusal};
 use crate::virtual_machine::can::frames::{self, Delivery, Image, ReceivedValue};
 use crate::virtual_machine::can::node::{Node, NodeAction, is_own};

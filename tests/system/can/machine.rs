@@ -6,8 +6,8 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use isotherm::clock::Clock;
-use isotherm::fieldbus::can::error_frame::ErrorSeverity;
-use isotherm::fieldbus::can::{ReceivedFrame, Socket};
+use isotherm::fieldbus::kinds::can::error_frame::ErrorSeverity;
+use isotherm::fieldbus::kinds::can::{ReceivedFrame, Socket};
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::Status;
 use isotherm::virtual_machine::{FaultScript, PlantSpec, SeenRequest, Setup, Summary, VirtualMachine};

@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use crate::fieldbus::can::{ErrorFrame, ErrorSeverity};
+use crate::fieldbus::kinds::can::{ErrorFrame, ErrorSeverity};
 use isotherm_core::explained::Explained;
 use isotherm_core::quantity::Moment;
 

@@ -4,11 +4,11 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use crate::fieldbus::canopen::NodeId;
-use crate::fieldbus::canopen::emergency::{Emergency, SERVICE};
-use crate::fieldbus::canopen::master::{Master, NodeEvent, Output, Start, Supervision};
-use crate::fieldbus::canopen::node::HEARTBEAT;
-use crate::fieldbus::canopen::sdo;
+use crate::fieldbus::kinds::can::canopen::NodeId;
+use crate::fieldbus::kinds::can::canopen::emergency::{Emergency, SERVICE};
+use crate::fieldbus::kinds::can::canopen::master::{Master, NodeEvent, Output, Start, Supervision};
+use crate::fieldbus::kinds::can::canopen::node::HEARTBEAT;
+use crate::fieldbus::kinds::can::canopen::sdo;
 use isotherm_core::codec::{Address, CanId, CanMatch, Frame};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, CanDevice, DeviceId, Profile, Sync};

@@ -36,7 +36,7 @@ impl Captures {
         for (capture, sent) in &mut self.0 {
             let (at, value) = (capture.address.offset, [capture.value]);
             let request = match capture.address.table {
-                Table::Coil => Request::WriteCoil { at, value: capture.value != 0 },
+                Table::Coil => Request::write_coil(at, capture.value != 0),
                 _ => Request::write_holding(at, &value, shared.profile.device(device).functions),
             };
             *sent =

@@ -13,8 +13,8 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 use crate::clock::{BootClock, Clock, TimeOfDay};
 use crate::fieldbus::connection::{Connection, Dial};
 use crate::fieldbus::error::Fault;
+use crate::fieldbus::kinds::modbus::rtu::Rtu;
 use crate::fieldbus::line::DeviceLine;
-use crate::fieldbus::rtu::Rtu;
 use crate::fieldbus::send_guard::SendDeadline;
 use crate::fieldbus::trace::Tap;
 use crate::fieldbus::wire::{Answer, Boxed, Request};
@@ -140,7 +140,7 @@ impl Dial for Arc<Device> {
         let (ours, theirs) = duplex(1024);
         tokio::spawn(self.clone().lives(theirs));
         let serial = Serial { baud: 19_200, parity: Parity::Even, stop_bits: 1 };
-        Box::pin(std::future::ready(Ok(Connection::Other(Box::new(Rtu::new(ours, Some(serial), tap))))))
+        Box::pin(std::future::ready(Ok(Connection::Modbus(Box::new(Rtu::new(ours, Some(serial), tap))))))
     }
 }
 
@@ -276,7 +276,7 @@ fn ten_thousand(script: Script, seed: u64) -> (u32, Vec<String>) {
             let unit: u8 = random.random_range(1..=3);
             let (offset, count) = (2 * random.random_range(0..3), [1, 2, 2, 4][random.random_range(0..4)]);
             let id = DeviceId(usize::from(unit) - 1);
-            let request = Request::Read { from: Register { table: Table::Input, offset }, count };
+            let request = Request::read_registers(Register { table: Table::Input, offset }, count);
             for _ in 0..4 {
                 match line.request(id, request, SendDeadline::None).await {
                     Ok(answered) => {
